@@ -52,6 +52,7 @@ if TYPE_CHECKING:
     from flinders.errors import FitError as FitError
     from flinders.errors import FlindersError as FlindersError
     from flinders.findings import Finding as Finding
+    from flinders.findings.explanation import explain as explain
     from flinders.fitting.aiding import Instruments as Instruments
     from flinders.fitting.axis_extremes import from_extremes as from_extremes
     from flinders.fitting.calibrate import fit as fit
@@ -96,6 +97,7 @@ _HOMES: Final = {
     "contents": "workflows.recording_contents",
     "errors": "errors",
     "estimators": "estimators",
+    "explain": "findings.explanation",
     "export": "workflows.exporting",
     "fit": "fitting.calibrate",
     "fit_multi": "comparison.multi_sensor",

@@ -372,9 +372,9 @@ def test_a_limited_fit_says_what_it_is_good_for_and_how_to_move_on(home: Path) -
     ended = flinders_("calibrate", "deck.csv", "-o", "out.json")
     shown = " ".join(ended.out.split())
     assert ended.code == 3
-    assert re.search(r"LIMITED headings good to [\d.]+° \(95 % within [\d.]+°; target 1°\), with limits:", shown)
+    assert re.search(r"LIMITED Good up to \d+° of tilt: [\d.]+° \(95 % within [\d.]+°\). Not known beyond: ", shown)
+    assert re.search(r"Hold the sensor with [^:]* and turn it slowly once around, keeping it so. \[coverage\]", shown)
     assert re.search(r"within 1° up to \d+° of tilt; [\d.]+° at (?:10|30|90)°, [\d.]+° upside down", shown)
-    assert re.search(r"for all attitudes, hold the sensor with [^:]* and turn it slowly once around", shown)
     assert Path("out.json").exists()
 
 
@@ -384,9 +384,10 @@ def test_a_refused_fit_says_why_and_how_to_move_and_shows_no_number_to_copy(home
     ended = flinders_("calibrate", "half.csv", "--target", "0.001", "-o", "out.json")
     shown = " ".join(ended.err.split())
     assert (ended.code, ended.out) == (4, "")
-    assert "REFUSED not fit for use, no calibration was written" in shown
-    assert shown.count("record for longer while turning through all directions") == 1
-    assert "for all attitudes, turn the sensor as above" in shown
+    assert "REFUSED Not fit for use. Headings may be off by " in shown
+    assert shown.casefold().count("record for longer while turning through all directions") == 1
+    assert "for all attitudes, do as above" in shown
+    assert "no calibration was written" in shown
     assert "matrix" not in shown
     assert not Path("out.json").exists()
 
@@ -398,8 +399,8 @@ def test_a_refused_fit_says_what_is_odd_about_the_recording_and_nothing_of_the_f
     rows[20:30] = rows[29:19:-1]
     Path("table.csv").write_text("\n".join(["time_s,mx_uT,my_uT,mz_uT", *rows, ""]), encoding="utf-8")
     shown = " ".join(flinders_("calibrate", "table.csv", "--method", "robust").err.split())
-    assert "REFUSED not fit for use, no calibration was written" in shown
-    assert "998 readings; robust ✗ all readings lie in one plane" in shown
+    assert "REFUSED Not fit for use: all readings lie in one plane" in shown
+    assert "998 readings; robust no calibration was written ✗ all readings lie in one plane" in shown
     assert "· left out: 1 not finite row (line 12: 'nan,nan,nan,nan'); 1 unreadable row (line 13: 'what?')" in shown
     assert "· time steps back 9 times" in shown
     assert "field strength" not in shown

@@ -62,7 +62,7 @@ def test_what_nearly_every_fit_says_is_printed_on_request_and_kept_in_the_file(t
         assert note in verbose
     codes = [finding["code"] for finding in json.loads(Path("c.json").read_text())["fit"]["findings"]]
     assert {"scale-unknown", "rotation-unknown"} <= set(codes)
-    assert brief.startswith("The calibration is good. Without it headings are off by any angle")
+    assert "GOOD Headings are good to 0.066°" in brief
     assert "holds if no iron is near" in brief  # no good verdict is without a condition
 
 
@@ -70,7 +70,7 @@ def test_a_calibration_is_shown_and_the_next_command_is_named(tumbled: str) -> N
     assert "next: flinders export --to arduino c.json" in run(f"calibrate {tumbled} -o c.json").stderr
     assert "next: " not in run(f"calibrate {tumbled} -o d.json --export arduino").stderr
     shown = run("show c.json").stdout
-    for words in ("tumble.csv, 3,000 readings", "offset", "matrix", "GOOD  headings good to 0.066°", "dip 60°"):
+    for words in ("tumble.csv, 3,000 readings", "offset", "matrix", "GOOD  Headings are good to 0.066°", "dip 60°"):
         assert words in shown
     assert "mounting angle" not in shown
     assert "mounting angle" in run("show c.json --verbose").stdout

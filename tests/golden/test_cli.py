@@ -78,7 +78,10 @@ def test_the_table_of_findings_is_made_from_the_catalogue(request: pytest.Fixtur
     page = DOCS / "findings.md"
     text = page.read_text(encoding="utf-8")
     begin = text.index("| code |")
-    rows = [(f"`{row.code}`", row.severities, row.number, row.limit_words, row.action) for row in CATALOGUE.values()]
+    rows = [
+        (f'<a id="{row.code}"></a>`{row.code}`', row.severities, row.number, row.limit_words, row.action)
+        for row in CATALOGUE.values()
+    ]
     lines = [("code", "severity", "number", "limit", "what to do"), ("---",) * 5, *rows]
     table = "".join(f"| {' | '.join(cells)} |\n".replace("|  |", "| |") for cells in lines)
     table = table.replace("| --- | --- | --- | --- | --- |", "|---|---|---|---|---|")

@@ -70,7 +70,7 @@ def test_a_limited_calibration_says_what_it_is_not_good_for() -> None:
     ended = export(*TO, "deck.json", "-o", "deck.txt")
     assert ended.exit_code == 0
     assert "! limited: some directions are" in ended.stderr
-    assert "# the calibration is limited: headings good to" in Path("deck.txt").read_text(encoding="utf-8")
+    assert "# the calibration is limited. Good up to" in Path("deck.txt").read_text(encoding="utf-8")
 
 
 def test_a_refused_calibration_is_not_exported() -> None:

@@ -29,6 +29,7 @@ ROWS: Final = {
     "import": (USE, "import_", "Read a calibration out of another tool's file."),
     "info": (LOOK, "info", "Say what a recording or a log holds, and what to type next."),
     "show": (LOOK, "show", "Say what a calibration file holds."),
+    "explain": (LOOK, "explain", "Say what the code of a finding means, and what to do."),
     "report": (LOOK, "report", "Write a report of a calibration and a recording."),
     "compare": (LOOK, "compare", "Say how far two calibrations are apart, in degrees."),
     "methods": (LOOK, "methods", "List the methods and when to use each."),

@@ -37,6 +37,7 @@ from flinders.cli._signals import ENDING, handled, interrupt
 from flinders.cli._spelling import in_options, searched
 from flinders.core.files import reason
 from flinders.errors import FitError, FlindersError, OutputError, UsageError
+from flinders.verdicts import MEANINGS
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -45,20 +46,21 @@ if TYPE_CHECKING:
     from flinders.findings import Verdict
     from flinders.native.faults import Answer
 
-GOOD, USAGE, LIMITED, REFUSED, UNREADABLE, UNWRITABLE, INTERNAL, INTERRUPTED = 0, 2, 3, 4, 5, 6, 70, 130
+GOOD, LIMITED, REFUSED = (meaning.exit_code for meaning in MEANINGS.values())
+USAGE, UNREADABLE, UNWRITABLE, INTERNAL, INTERRUPTED = 2, 5, 6, 70, 130
 
 EXIT_CODES: Final = {
-    GOOD: "good",
+    GOOD: f"good: {MEANINGS['good'].words}; check, compare: it holds",
     USAGE: "usage: an option or argument cannot be used",
-    LIMITED: "limited: written, with what it is good for and what not; check, compare: cannot tell",
-    REFUSED: "refused: nothing written, says why and how to move the sensor; check, compare: it fails",
+    LIMITED: f"limited: {MEANINGS['limited'].words}; check, compare: cannot tell",
+    REFUSED: f"refused: {MEANINGS['refused'].words}; check, compare: it fails",
     UNREADABLE: "unreadable input",
     UNWRITABLE: "output cannot be written",
     INTERNAL: "internal error: please report it",
     INTERRUPTED: "interrupted",
 }
 
-EXITS: Final[dict[Verdict, int]] = {"good": GOOD, "limited": LIMITED, "refused": REFUSED}
+EXITS: Final[dict[Verdict, int]] = {verdict: meaning.exit_code for verdict, meaning in MEANINGS.items()}
 """How a command ends by its verdict."""
 
 ANSWER_EXITS: Final[dict[Answer, int]] = {"holds": GOOD, "cannot-tell": LIMITED, "fails": REFUSED}

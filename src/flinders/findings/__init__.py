@@ -23,13 +23,13 @@ from flinders.findings.row import Condition as Condition
 from flinders.findings.row import Quantity as Quantity
 from flinders.findings.row import Record as Record
 from flinders.findings.row import Severity as Severity
-from flinders.findings.row import Verdict as Verdict
 from flinders.findings.rules import certain as certain
 from flinders.findings.rules import finding_in as finding_in
 from flinders.findings.rules import first_causes as first_causes
 from flinders.findings.rules import found_in as found_in
 from flinders.findings.rules import limit_of as limit_of
 from flinders.findings.rules import linked as linked
+from flinders.verdicts import Verdict as Verdict
 
 if TYPE_CHECKING:
     from flinders.errors import Spelling

@@ -10,6 +10,7 @@ from flinders.findings.row import CatalogueRow, Grade, Limit, Rule
 ROWS: Final = (
     CatalogueRow(
         code="circular-attitude",
+        affects="use",
         number="deviation that goes with the heading in the yaw of the attitude, degrees",
         limit="half a degree, or three times what is claimed without it",
         action=(
@@ -30,6 +31,7 @@ ROWS: Final = (
     ),
     CatalogueRow(
         code="gyro-unit",
+        affects="use",
         number="how many times better the rate fits in another unit",
         action="record the rate in rad/s; it was not used",
         rule=Rule("times_better", (Grade("limits", 0.0),), limit=Limit(2.0)),
@@ -42,6 +44,7 @@ ROWS: Final = (
     ),
     CatalogueRow(
         code="gyro-differs",
+        affects="use",
         number="of how far the field moves, what the gyro leaves",
         action="the gyro is stuck, at its limit, too slow, or another body's; it was not used",
         rule=Rule("gyro_leaves", (Grade("limits", 0.5),)),
@@ -57,6 +60,7 @@ ROWS: Final = (
     ),
     CatalogueRow(
         code="gyro-clipped",
+        affects="use",
         number="share of the readings in which an axis of the gyro is at its limit",
         action="set a wider range, or turn more slowly; it was not used",
         rule=Rule("clipped_share", (Grade("limits", 0.0),), limit=Limit(0.01)),
@@ -72,6 +76,7 @@ ROWS: Final = (
     ),
     CatalogueRow(
         code="gyro-scales",
+        affects="use",
         number="by how much the scales of the gyro would be off",
         limit="0.1, five times what those of gyros are",
         action="check its range and how often it is logged; it was not used",
@@ -85,6 +90,7 @@ ROWS: Final = (
     ),
     CatalogueRow(
         code="gyro-gaps",
+        affects="use",
         number="share of the readings that have no rate, in gaps of three at most",
         action="the rate was taken from their neighbours; log the gyro as often as the magnetometer",
         rule=Rule("gap_share", (Grade("note", 0.0),)),
@@ -97,6 +103,7 @@ ROWS: Final = (
     ),
     CatalogueRow(
         code="aids-disagree",
+        affects="use",
         number="by how much the scales of the gyro would be off beside an aid, where without it they are not",
         action="leave that aid out: an accelerometer leans in steady turns; it was not used",
         rule=Rule("scales_off", (Grade("limits", 0.0),), limit=Limit(0.1)),
@@ -109,6 +116,7 @@ ROWS: Final = (
     ),
     CatalogueRow(
         code="leans-in-turns",
+        affects="use",
         number="angle (rms) by which the accelerometer's vertical leans with the rate of turning, degrees",
         limit="1.5, or three times the heading error that is claimed without it",
         action="leave it out, or record while turning on the spot; it was not used",
@@ -125,6 +133,7 @@ ROWS: Final = (
     ),
     CatalogueRow(
         code="aid-astray",
+        affects="use",
         number=(
             "how far a vertical or an attitude is off what the field says, however the magnetometer sits, degrees (1 σ)"
         ),
@@ -140,6 +149,7 @@ ROWS: Final = (
     ),
     CatalogueRow(
         code="aid-diverged",
+        affects="use",
         number="times more heading error that is claimed with an aid than without it",
         action="leave it out, or turn the sensor through more directions; it was not used",
         rule=Rule("times_claim", (Grade("limits", 4.0),)),
@@ -153,6 +163,7 @@ ROWS: Final = (
     ),
     CatalogueRow(
         code="aid-empty",
+        affects="use",
         number="readings that have what an aid goes by",
         action="record it, or leave the aid out; it was not used",
         rule=Rule("usable", (Grade("limits", 12.0),), comparison="<"),
@@ -165,6 +176,7 @@ ROWS: Final = (
     ),
     CatalogueRow(
         code="swapped-axes",
+        affects="use",
         number="how many times better an instrument fits with its axes exchanged",
         action=(
             "map the magnetometer's axes with `--axes`, or mind that corrected readings are in the other "
@@ -177,6 +189,7 @@ ROWS: Final = (
     ),
     CatalogueRow(
         code="one-axis",
+        affects="use",
         number="turning about the second axis, of that about the first",
         action="the gyro says nothing of the offset along the one axis: turn about another as well",
         rule=Rule("second_axis", (Grade("note", 0.05),), comparison="<"),
@@ -192,6 +205,7 @@ ROWS: Final = (
     ),
     CatalogueRow(
         code="site-differs",
+        affects="use",
         number="degrees between the dip found and that of the site",
         action="check place and date, whether iron was near, and the accelerometer's sign; the site was not used",
         rule=Rule("dip_off_deg", (Grade("limits", 0.0),), limit=Limit(2.0)),

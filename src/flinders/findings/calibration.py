@@ -9,6 +9,7 @@ from flinders.findings.row import CatalogueRow, Grade, Limit, Rule
 ROWS: Final = (
     CatalogueRow(
         code="axis-ratio",
+        affects="use",
         number="longest axis of the ellipsoid over the shortest",
         action="check the gains of the axes, and the columns",
         rule=Rule("axis_ratio", (Grade("limits", 2.0),)),
@@ -19,6 +20,7 @@ ROWS: Final = (
     ),
     CatalogueRow(
         code="field-strength",
+        affects="use",
         grades="note; limits where it is one and a half times outside",
         number="field that was found, µT",
         limit="22 or 67, the earth's weakest and strongest",
@@ -59,6 +61,7 @@ ROWS: Final = (
     ),
     CatalogueRow(
         code="mirrored-axes",
+        affects="use",
         number="−1",
         action="check the axes mapping: right only for a left-handed sensor",
         rule=Rule("handedness", (Grade("limits", 1.0),), comparison="<"),

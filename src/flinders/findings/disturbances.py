@@ -9,6 +9,7 @@ from flinders.findings.row import CatalogueRow, Grade, Limit, Needs, Rule
 ROWS: Final = (
     CatalogueRow(
         code="disturbances-collinear",
+        affects="use",
         number=(
             "largest share of the course of one disturbance that follows from the others, such as motors of which each"
             " is followed by itself"
@@ -165,6 +166,7 @@ ROWS: Final = (
     ),
     CatalogueRow(
         code="disturbance-range",
+        affects="use",
         number=(
             "value that was recorded farthest from 0: beyond what the unit allows (1,000 A, −80 to 150 °C), or a "
             "current that counts negative"

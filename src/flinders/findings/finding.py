@@ -22,7 +22,7 @@ from flinders.findings.row import VERDICTS
 if TYPE_CHECKING:
     from collections.abc import Iterable
 
-    from flinders.findings.row import Severity
+    from flinders.findings.row import CatalogueRow, Severity
 
 
 @dataclass(frozen=True, slots=True)
@@ -68,13 +68,35 @@ class Finding:
         """What is wrong, without what to do, where a fit is refused in a line."""
         return self._said(is_short=True)
 
+    @property
+    def plain_words(self) -> str:
+        """What it means for whoever uses the compass, without the mathematics."""
+        row = CATALOGUE.get(self.code)
+        return row.in_plain_words(self.values) if row is not None and self._is_stated(row) else self.advice
+
+    @property
+    def in_a_sentence(self) -> str:
+        """The first sentence of that."""
+        return self.plain_words.partition(". ")[0]
+
+    @property
+    def remedy(self) -> str:
+        """What that person does about it, as a sentence; empty where there is nothing to do."""
+        row = CATALOGUE.get(self.code)
+        return row.remedy_words(self.values) if row is not None and self._is_stated(row) else ""
+
+    def _is_stated(self, row: CatalogueRow) -> bool:
+        """Whether it has all the values that its sentences take."""
+        return self.values.keys() >= set(row.names)
+
     def _said(self, *, is_short: bool = False) -> str:
         """The sentence of the catalogue, or the first part of it."""
         row = CATALOGUE.get(self.code)
         if row is None:
             return self.code
-        is_stated = self.values.keys() >= set(row.names)
-        return row.sentence(self.values, is_short=is_short) if is_stated else row.action.replace("`", "")
+        if not self._is_stated(row):
+            return row.action.replace("`", "")
+        return row.sentence(self.values, is_short=is_short)
 
     def as_dict(self) -> dict[str, Any]:
         """JSON-ready fields, and the sentence for whoever reads them; a number that there is none of is None."""

@@ -16,6 +16,7 @@ _WITHIN_TARGET: Final = (Needs("worst_deg", "<", 1.0, "target_deg"), Needs("is_p
 ROWS: Final = (
     CatalogueRow(
         code="one-plane",
+        affects="attitudes",
         number="thickness of the cloud of readings over its width",
         limit="0.01, or three times the noise where that is more",
         action=(
@@ -36,6 +37,7 @@ ROWS: Final = (
     ),
     CatalogueRow(
         code="level-plane",
+        affects="attitudes",
         number="tilt up to which the heading is within the target, degrees",
         action="keep the vehicle level, or turn the sensor onto its sides and upside down too",
         rule=Rule("is_planar", (Grade("limits", 0.0),), number="attitude_limit_deg", limit=Limit(180.0)),
@@ -44,11 +46,12 @@ ROWS: Final = (
             "{attitudes}; {per_degree_of_tilt}° for each degree from the plane that it was turned in{where_z_points}. "
             "For all attitudes {mounting}also turn the sensor onto its sides and upside down"
         ),
-        plain="The sensor was turned level only. The correction is for a vehicle that stays level.",
-        remedy="For all attitudes, turn the sensor onto its sides and upside down too while recording.",
+        plain="The sensor was turned level only.",
+        remedy="For all attitudes, record again and turn the sensor onto its sides and upside down, too.",
     ),
     CatalogueRow(
         code="heading-error",
+        affects="error",
         grades="limits; refuses above five times the target",
         number="heading error to expect at the worst heading, degrees, 1 σ",
         limit="the target (`target_deg`, `--target`)",
@@ -59,11 +62,12 @@ ROWS: Final = (
             "the heading may be off by {worst_deg:angle} (1 σ, worst heading; the target is {target_deg:g}°{because})"
         ),
         said="{remedy}",
-        plain="At the worst heading the compass may be off by {angle}, and {limit:g}° is the target.",
+        plain="{why_large}.",
         remedy="{remedy}",
     ),
     CatalogueRow(
         code="corrected-before",
+        affects="use",
         number="heading error of the readings as recorded, at the worst heading, degrees",
         limit="the heading error of the calibration",
         action="leave the readings as they are, where the advice says so: the calibration hardly improves on them",
@@ -105,6 +109,7 @@ ROWS: Final = (
     ),
     CatalogueRow(
         code="rotation-uncertain",
+        affects="use",
         number=(
             "heading error (1 σ, rms over a level turn) that is left open by a rotation that an aid has found, degrees"
         ),
@@ -138,6 +143,7 @@ ROWS: Final = (
     ),
     CatalogueRow(
         code="coverage",
+        affects="attitudes",
         number="angle from the middle of the largest gap to the nearest reading, degrees",
         action=(
             "good up to the tilt that the advice names, and how fast it gets worse beyond; for all attitudes turn"
@@ -147,8 +153,8 @@ ROWS: Final = (
         rule=Rule("hole_deg", (Grade("limits", 60.0),)),
         fault="some directions are {hole_deg:.0f}° from the nearest reading ({covered:.0%} of the sphere is covered)",
         said="{attitudes}; for all attitudes, {movement}",
-        plain="No readings were taken in a large part of all attitudes, so the accuracy there is not known.",
-        remedy="{remedy}",
+        plain="In some directions no reading was taken within {number:.0f}°. How good headings are there is not known.",
+        remedy="{movement}",
     ),
     CatalogueRow(
         code="noise",
@@ -202,7 +208,7 @@ ROWS: Final = (
         plain=(
             "One of the 9 numbers of the correction rests to {number:.0%} on what is likely, and not on the recording."
         ),
-        remedy="{remedy}",
+        remedy="{movement}",
     ),
     CatalogueRow(
         code="few-samples",
@@ -289,6 +295,6 @@ ROWS: Final = (
         fault="the ellipsoid is {inflation} times as wide as its readings, which lie on a small patch of it",
         said="{movement}",
         plain="The readings lie on a small patch of the sphere that they should go round. The rest of it is a guess.",
-        remedy="{remedy}",
+        remedy="{movement}",
     ),
 )

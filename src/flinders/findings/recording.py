@@ -145,6 +145,7 @@ ROWS: Final = (
     ),
     CatalogueRow(
         code="no-answer",
+        affects="use",
         grades="note; limits above a tenth of the rows",
         number="readings of 0, 0, 0, of −1, or of another word that a bus gives whose sensor does not answer",
         limit="a tenth of the rows",
@@ -157,6 +158,7 @@ ROWS: Final = (
     ),
     CatalogueRow(
         code="like-gravity",
+        affects="use",
         number="1: columns without telling names have the length of gravity, in g, m/s² or counts of an accelerometer",
         action="give the recording of the magnetometer; where it is one after all, name its columns",
         fleet_action="give recordings of the magnetometer",
@@ -169,6 +171,7 @@ ROWS: Final = (
     ),
     CatalogueRow(
         code="skipped-rows",
+        affects="use",
         grades="note; limits above a tenth of the rows",
         number="rows that could not be used",
         limit="a tenth of the rows",

@@ -21,15 +21,22 @@ from typing import TYPE_CHECKING, Any, Final, Literal, NamedTuple
 from flinders.errors import figures
 from flinders.findings.sensor_words import SENSOR_WORDS
 from flinders.findings.words import WORDS as FIT_WORDS
-from flinders.findings.words import angle, taken_by
+from flinders.findings.words import angle, as_sentence, taken_by
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
 
     from flinders.errors import Hint
+    from flinders.verdicts import Verdict
 
 Severity = Literal["note", "limits", "refuses"]
-Verdict = Literal["good", "limited", "refused"]
+
+Affects = Literal["error", "attitudes", "claim", "use"]
+"""What a finding that limits bears on, which decides how the verdict begins (`flinders.findings.headline`).
+
+``error``: the heading error is above the target; ``attitudes``: some attitudes are not known; ``claim``: the heading
+error may be more than is claimed; ``use``: something to be checked before the calibration is used.
+"""
 
 Condition = Literal["same-soft-iron", "unchanged-body", "uniform-field", "constant-iron"]
 """What a verdict may rest on, and no finding shows."""
@@ -57,6 +64,9 @@ CERTAINTY: Final[dict[Condition, str]] = {
 """What would show it."""
 
 Comparison = Literal["<", ">", ">="]
+
+STATED_NUMBERS: Final = ("number", "limit", "angle", "seconds")
+"""Names by which `CatalogueRow.plain` has the number and the limit of its rule."""
 
 WORDS: Final[Mapping[str, Callable[..., str]]] = {**FIT_WORDS, **SENSOR_WORDS}
 """Words that sentences take beside values, each made from values."""
@@ -143,6 +153,7 @@ class CatalogueRow:
     hint: Hint = field(default_factory=dict)
     limit: str | None = None  #: meaning of the limit; None where it is that number of the rule, or share of the target
     grades: str = ""  #: how severe when; empty where that is the one severity of the rule
+    affects: Affects = "claim"  #: what it bears on where it limits
     alarm: bool = False  #: the live page warns of it: something is wrong, and not only more turning needed
     #: what to do in a report of many units, where `action` speaks of what the advice to one unit names
     fleet_action: str = ""
@@ -151,7 +162,8 @@ class CatalogueRow:
     def names(self) -> tuple[str, ...]:
         """Names of the values that a finding has: those of number and limit, of the sentence and of its words."""
         stated = (self.rule.number or self.rule.quantity, self.rule.stated_limit.times)
-        return tuple(name for name in dict.fromkeys((*stated, *_values_of(self.template))) if name)
+        said = (name for words in (self.template, self.plain, self.remedy) for name in _values_of(words))
+        return tuple(name for name in dict.fromkeys((*stated, *said)) if name and name not in STATED_NUMBERS)
 
     @property
     def template(self) -> str:
@@ -161,6 +173,16 @@ class CatalogueRow:
     def sentence(self, values: Mapping[str, Any], *, is_short: bool = False) -> str:
         """The technical sentence; `is_short`: that part of it that says what is wrong, of a row that has one."""
         return (self.fault if is_short and self.fault else self.template).format_map(_Stated(values))
+
+    def in_plain_words(self, values: Mapping[str, Any]) -> str:
+        """What it means for whoever uses the compass."""
+        number, limit = map(Quantity, self.rule.stated(values))
+        stated = {"number": number, "limit": limit, "angle": angle(number), "seconds": figures(number)}
+        return self.plain.format_map(_Stated({**values, **stated}))
+
+    def remedy_words(self, values: Mapping[str, Any]) -> str:
+        """What that person does about it, as a sentence; empty where there is nothing to do."""
+        return as_sentence(self.remedy.format_map(_Stated(values))) if self.remedy else ""
 
     @property
     def severities(self) -> str:

@@ -68,6 +68,7 @@ ROWS: Final = (
     ),
     CatalogueRow(
         code="copied-sensor",
+        affects="use",
         number="1",
         limit="0.1 of the noise, which an affine map of another sensor's readings leaves",
         action="look at how the columns were written: it is no second sensor",
@@ -81,6 +82,7 @@ ROWS: Final = (
     ),
     CatalogueRow(
         code="mirrored-sensor",
+        affects="use",
         number="−1",
         action=(
             "one of two sensors is not right-handed, or one of its axes is turned over: find out which, and map "
@@ -148,6 +150,7 @@ ROWS: Final = (
     ),
     CatalogueRow(
         code="pointing-error",
+        affects="error",
         grades="limits; refuses above five times the target",
         number="error to expect of [azimuth or inclination](survey/survey.md) in the worst pose, degrees, 1 σ",
         limit="the target (`target_deg`, `--target`)",

@@ -13,6 +13,7 @@ from flinders.findings.row import CatalogueRow, Grade, Limit, Needs, Rule
 ROWS: Final = (
     CatalogueRow(
         code="recordings-differ",
+        affects="error",
         grades="note; limits above the target; refuses above twice the target",
         number=(
             "how far one recording is off the others at the worst heading, degrees; reported where chance makes such "
@@ -28,7 +29,7 @@ ROWS: Final = (
         ),
         fault="{contradiction}",
         said="{after_contradiction}",
-        plain="The recordings do not agree with each other: one is {angle} of heading off the others.",
+        plain="One recording is {angle} of heading off the others.",
         remedy=(
             "Find out what changed from one recording to the next, and use those made in the state in which the "
             "compass will be used."
@@ -61,7 +62,7 @@ ROWS: Final = (
             "heading{halves}"
         ),
         said="record again while temperature, currents and everything magnetic stay as they are in use",
-        plain="Something changed while the recording was made: from its beginning to its end, by {angle} of heading.",
+        plain="From the beginning of the recording to its end the offset changed by {angle} of heading.",
         remedy="Record again while temperature, currents and everything magnetic stay as they are in use.",
         alarm=True,
     ),
@@ -133,6 +134,7 @@ ROWS: Final = (
     ),
     CatalogueRow(
         code="tilt-error",
+        affects="use",
         number=(
             "what the accelerometer's tilt adds to a heading, degrees: scatter of the dip without noise and without the"
             " error of the calibration, times the tangent of the dip; of a sensor that was hardly accelerated (scatter"
@@ -154,6 +156,7 @@ ROWS: Final = (
     ),
     CatalogueRow(
         code="nonlinear-axis",
+        affects="error",
         grades="note; limits above the target; refuses above five times",
         number=(
             "heading error, at the worst heading, of the quadratic and cubic terms of the axes; told where chance "
@@ -188,6 +191,7 @@ ROWS: Final = (
     ),
     CatalogueRow(
         code="linearized",
+        affects="error",
         number="heading error, 1 σ at the worst attitude, by what is not known of the terms of the axes, degrees",
         limit="none",
         action="write the calibration for a target that holds it: `c`, `arduino`, `micropython`; or apply it here",
@@ -201,6 +205,7 @@ ROWS: Final = (
     ),
     CatalogueRow(
         code="axis-lag",
+        affects="error",
         grades="note from a tenth of the target on; limits above the target; refuses above five times",
         number=(
             "heading error, at the worst heading, of axes that are read at different moments; told where chance makes "
@@ -229,6 +234,7 @@ ROWS: Final = (
     ),
     CatalogueRow(
         code="structure",
+        affects="error",
         grades="note; limits above the target",
         number=("standard deviation of what depends on the direction as no ellipsoid does, as a fraction of the field"),
         action=(
@@ -251,6 +257,7 @@ ROWS: Final = (
             "A part of the field, {number:.1%}, depends on the direction in a way that no correction of this kind"
             " removes. The errors given here allow for it."
         ),
+        remedy="Record away from iron, and check that the field is well within the range of the sensor.",
         alarm=True,
     ),
 )

@@ -55,7 +55,7 @@ STEPS: Final = {
     "turn-level": "turn it all the way round, more than once, keeping it level",
     "record-longer": "record for longer while turning through all directions, away from iron and currents",
     "hold": "hold the sensor {} and turn it slowly once around, keeping it so",
-    "as-above": "turn the sensor as above",
+    "as-above": "do as above",
     "use-ellipse": "the points are not equally spaced in heading, use the method 'ellipse'",
     "use-auto": "the method's model does not fit this sensor, use 'auto'",
     "use-own-state": "the recordings contradict each other, use those made in the state of use",
@@ -74,6 +74,20 @@ def angle(degrees: float) -> str:
     return f"{figures(degrees)}°" if degrees < ANY_ANGLE_DEG else "any angle"
 
 
+def capitalised(words: str) -> str:
+    """Words as the beginning of a sentence."""
+    return f"{words[:1].upper()}{words[1:]}"
+
+
+def as_sentence(words: str) -> str:
+    """Words as a sentence.
+
+    >>> as_sentence("nothing moved"), as_sentence("it moved.")
+    ('Nothing moved.', 'It moved.')
+    """
+    return f"{capitalised(words).rstrip('.')}."
+
+
 def attitudes(attitude_limit_deg: float, target_deg: float, worst_deg: float, tilted: Sequence[Row]) -> str:
     """Say up to which tilt the heading is within the target, and how fast it degrades beyond.
 
@@ -89,6 +103,24 @@ def attitudes(attitude_limit_deg: float, target_deg: float, worst_deg: float, ti
 
 def _at(tilt_deg: float) -> str:
     return "upside down" if tilt_deg == UPSIDE_DOWN else f"at {tilt_deg:g}°"
+
+
+WHY_LARGE: Final = {
+    "turn-level": "the readings are too few for their noise",
+    "record-longer": "the readings are too few for their noise",
+    "hold": "too few directions were recorded",
+    "use-ellipse": "the method does not suit these readings",
+    "use-auto": "the method does not suit these readings",
+    "use-own-state": "the recordings contradict each other",
+    "merge-others": "the calibrations contradict each other",
+    "add-poses": "too few poses were recorded",
+}
+"""Why a heading error is large, by what would make it smaller."""
+
+
+def why_large(next_step: Row) -> str:
+    """Why a heading error is large: a name of `WHY_LARGE` comes first."""
+    return WHY_LARGE[next_step[0]]
 
 
 def movement(next_movement: Row) -> str:
@@ -384,7 +416,19 @@ def _named(*functions: Callable[..., str]) -> dict[str, Callable[..., str]]:
 
 
 WORDS: Final = _named(
-    *(attitudes, movement, remedy, because, where_flat, plane_axes, where_placed, assumed, where_z_points, mounting),
+    *(
+        attitudes,
+        movement,
+        remedy,
+        why_large,
+        because,
+        where_flat,
+        plane_axes,
+        where_placed,
+        assumed,
+        where_z_points,
+        mounting,
+    ),
     *(
         leave,
         why_biased,

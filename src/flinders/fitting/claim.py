@@ -16,8 +16,8 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 
 from flinders.core.geomag import ASSUMED_DIP_DEG
-from flinders.errors import ArrayError, figures
-from flinders.findings.words import ANY_ANGLE_DEG
+from flinders.errors import ArrayError
+from flinders.findings.headline import Claimed, error_words
 from flinders.geometry.plane import down_of
 from flinders.heading.error_propagation import (
     DirectionError,
@@ -143,6 +143,11 @@ class Claim:
         bound_deg = level_bound_deg(self.ellipsoid, self.claimed_covariance, dip_deg=dip, down=down)
         return float(f"{bound_deg:.4g}")  # a file that is read and written again has the same digits
 
+    @property
+    def of_headings(self) -> Claimed:
+        """What a headline says of it."""
+        return Claimed(self.heading_error_deg.worst, self.heading_bound_deg, self.target_deg)
+
     def tilted_error(self, tilt_deg: float) -> HeadingError:
         """What to expect of the heading of a vehicle that is rolled or pitched, and knows how far."""
         dip, down = self.known_dip_deg, down_of(self.plane)
@@ -168,9 +173,7 @@ class Claim:
 
 def heading_words(claim: Claim) -> str:
     """The worst heading error, 1 σ, and its bound, as ``0.32° (95 % within 0.71°)``."""
-    bound_deg = claim.heading_bound_deg
-    bound = f"95 % within {figures(bound_deg)}°" if bound_deg < ANY_ANGLE_DEG else "1 σ"
-    return f"{figures(claim.heading_error_deg.worst)}° ({bound})"
+    return error_words(claim.of_headings)
 
 
 def dip_words(claim: Claim) -> str:

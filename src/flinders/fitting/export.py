@@ -21,7 +21,7 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 
 from flinders.errors import NotExportable, UsageError
-from flinders.fitting.claim import heading_words
+from flinders.fitting.verdict import headline_of
 from flinders.geometry.ellipsoid import gathered
 from flinders.geometry.sphere import fibonacci
 from flinders.targets import ExportOptions, mounting_table
@@ -158,17 +158,19 @@ def refuse_on_top(fit: Fit, autopilot: str) -> None:
 def origin_lines(fit: Fit) -> list[str]:
     """Where the numbers come from, what is claimed of them, and what limits them."""
     sensor = f", sensor {fit.calibration.sensor}" if fit.calibration.sensor else ""
-    lines = [f"from {fit.name}{sensor}"]
-    if fit.evidence.is_described:
-        is_stated = not math.isnan(fit.heading_error_deg.worst)
-        worst = f": headings good to {heading_words(fit.claim)}" if is_stated else ""
-        lines.append(f"the calibration is {fit.verdict}{worst}")
-    return [*lines, *limit_lines(fit)]
+    return [f"from {fit.name}{sensor}", *(verdict_lines(fit) if fit.evidence.is_described else limit_lines(fit))]
 
 
-def limit_lines(fit: Fit) -> list[str]:
-    """What the calibration is not good for, as its file says."""
-    return [f"limited: {finding.advice}" for finding in fit.findings if finding.severity == "limits"]
+def verdict_lines(fit: Fit) -> list[str]:
+    """The first sentence of the verdict, and what else limits the calibration."""
+    words, code = headline_of(fit)
+    return [f"the calibration is {fit.verdict}. {words}", *limit_lines(fit, but=code)]
+
+
+def limit_lines(fit: Fit, but: str = "") -> list[str]:
+    """What the calibration is not good for, as its file says, except for the finding of one code."""
+    limits = (finding for finding in fit.findings if finding.severity == "limits" and finding.code != but)
+    return [f"limited: {finding.advice}" for finding in limits]
 
 
 def gates_of(fit: Fit) -> Gates | None:

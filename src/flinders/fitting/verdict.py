@@ -19,7 +19,7 @@ import numpy as np
 
 from flinders.core.disturbance import known, motor
 from flinders.core.units import label
-from flinders.findings import Finding, Record, by_severity, found_in, limit_of
+from flinders.findings import Finding, Record, by_severity, first_causes, found_in, limit_of
 from flinders.findings.catalogue import (
     OF_A_FIT,
     OF_CALIBRATION,
@@ -29,6 +29,7 @@ from flinders.findings.catalogue import (
     QUANTITIES_OF_A_FIT,
 )
 from flinders.findings.finding import stated
+from flinders.findings.headline import NOT_CLAIMED, headline
 from flinders.findings.row import CONDITIONS
 from flinders.findings.rules import SEVERITIES, causes_of
 from flinders.fitting.advice import is_covered, next_movement, next_step, tilted_errors
@@ -45,6 +46,7 @@ if TYPE_CHECKING:
     from flinders.diagnostics.repeatability import Repeats
     from flinders.estimators.regressors import DisturbanceEstimate
     from flinders.findings import Condition, Severity
+    from flinders.findings.headline import Headline
     from flinders.fitting.result import Fit
     from flinders.native.layouts import Records
     from flinders.summary.summary import RestSpan, Statistics
@@ -87,6 +89,23 @@ def with_findings(result: Fit, judgement: Records, statistics: Statistics) -> Fi
     findings = by_severity([*supported, *said.findings(record, OF_RECORDING)])
     is_refused = any(finding.severity == "refuses" for finding in findings)
     return replace(result, judgement=Judgement(findings, () if is_refused else _conditions(judgement)))
+
+
+def headline_of(fit: Fit, limit_deg: float | None = None) -> Headline:
+    """The first sentence of the verdict on a fit.
+
+    `limit_deg`: the tilt up to which headings are within the target, where that is known already.
+
+    >>> from flinders import simulate
+    >>> from flinders.fitting.calibrate import fit
+    >>> headline_of(fit(simulate.tumble(seed=1, motion="tilted").samples)).code
+    'coverage'
+    """
+    cause = next(iter(first_causes(fit.findings)), None)
+    if fit.judgement.is_flat:
+        return headline(fit.verdict, cause, NOT_CLAIMED, 0.0)
+    limit = fit.claim.attitude_limit_deg if limit_deg is None else limit_deg
+    return headline(fit.verdict, cause, fit.claim.of_headings, limit)
 
 
 def judged_quantities(judgement: Records) -> dict[str, float]:

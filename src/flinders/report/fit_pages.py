@@ -15,8 +15,9 @@ from flinders.errors import FitError, counted, figures, in_python
 from flinders.estimators.minmax import MinMax
 from flinders.findings import advice, first_causes, limit_of
 from flinders.fitting.axis_extremes import Extremes
-from flinders.fitting.claim import dip_words, heading_words
+from flinders.fitting.claim import dip_words
 from flinders.fitting.result import Fit, fit_of
+from flinders.fitting.verdict import headline_of, improves
 from flinders.report.formatting import (
     aligned,
     condition,
@@ -28,10 +29,8 @@ from flinders.report.formatting import (
     offset_entries,
     on_the_point,
     p_value,
-    reach,
     said_once,
     shown_findings,
-    summary,
     written_time,
 )
 from flinders.report.terminal import COLOURS, facts, lines, notes, page, styled, table, verdict, whole_columns
@@ -51,6 +50,8 @@ if TYPE_CHECKING:
 
 NOISE_REFUSED: Final = limit_of("noise", "refuses")
 
+NO_BETTER: Final = "headings are no better with it than without"
+
 IN_NEARLY_EVERY_FIT: Final = ("scale-unknown", "rotation-unknown")
 """Notes that hold whatever the recording, unless somebody gave the field and the mounting."""
 
@@ -69,8 +70,8 @@ def of_fit(fit: Fit, spell: Spelling = in_python, *, is_verbose: bool = False) -
     if fit.method == "merged" and repeats is not None:
         blocks = (_merged_parts(repeats), result, _merged_verdict(fit, repeats))
         return Group(page(*blocks), findings(shown_findings(fit), spell))
-    tops = () if is_refused else (Text(summary(fit)), of_recipe(fit), _before_and_after(fit), _since(fit))
-    shown = said_once(_shown(fit, is_verbose=is_verbose))
+    tops = () if is_refused else (of_recipe(fit), _before_and_after(fit), _since(fit))
+    shown = said_once(_shown(fit, is_verbose=is_verbose), fit)
     return Group(page(*tops, result, _fit_verdict(fit)), findings(shown, spell))
 
 
@@ -105,9 +106,7 @@ def of_file(fit: Fit, spell: Spelling = in_python, *, is_verbose: bool) -> Rende
     ]
     sigma = fit.claim.offset_sigma if fit.claim.states_uncertainty else np.full(3, np.nan)
     basis = f"{counted(fit.samples, 'reading')}; {fit.method}"
-    said: RenderableType = "Its uncertainty is not stated."
-    if fit.claim.states_uncertainty:
-        said = _quality(fit, "", "as its file says", basis, *_more(fit))
+    said = _judged(fit, basis, *_more(fit)) if fit.claim.states_uncertainty else "Its uncertainty is not stated."
     known = facts([(name, words) for name, words in origin if words])
     return Group(
         page(known, numbers(calibration, sigma, fit.noise), said), findings(_shown(fit, is_verbose=is_verbose), spell)
@@ -116,7 +115,7 @@ def of_file(fit: Fit, spell: Spelling = in_python, *, is_verbose: bool) -> Rende
 
 def of_extremes(extremes: Extremes, spell: Spelling = in_python) -> RenderableType:
     """Lay out what six typed numbers give, of which nothing is claimed."""
-    said = _graded(extremes.verdict, "accuracy not known, with limits:", "six typed numbers; minmax")
+    said = graded(extremes.verdict, "accuracy not known, with limits:", "six typed numbers; minmax")
     result = numbers(extremes.calibration, np.full(3, np.nan), math.nan)
     return Group(page(extremes_table(extremes), result, said), findings(extremes.findings, spell))
 
@@ -168,16 +167,17 @@ def numbers(calibration: Calibration, offset_sigma: Floats, noise: float) -> Tex
 
 
 def findings(findings: Iterable[Finding], spell: Spelling) -> RenderableType:
-    """What limits it and what to do."""
-    return notes((finding.severity, advice(finding, spell)) for finding in findings)
+    """What limits it and what to do, each with its code."""
+    return notes((finding.severity, advice(finding, spell), finding.code) for finding in findings)
 
 
-def good_to(fit: Fit) -> str:
-    """Say to how much the worst heading is good, and to how much it should be."""
-    return f"headings good to {heading_words(fit.claim).removesuffix(')')}; target {fit.claim.target_deg:g}°)"
+def lead(fit: Fit) -> Text:
+    """The first sentence of the verdict, with the code of the finding that it is about."""
+    words, code = headline_of(fit)
+    return Text(words).append(f" [{code}]" if code else "", "dim")
 
 
-def _graded(quality: Verdict, words: str, *more: str) -> Table:
+def graded(quality: Verdict, words: str | Text, *more: str) -> Table:
     """The verdict of a calibration, with what it means and what that rests on."""
     return verdict(quality.upper(), quality, words, *more)
 
@@ -207,28 +207,25 @@ def _since(fit: Fit) -> Text | None:
     )
 
 
-def _quality(fit: Fit, good: str, refused: str, basis: str, *more: str) -> Table:
-    """The verdict of a calibration, for whom its number holds, and what it rests on."""
-    if fit.verdict == "refused":
-        return _graded(fit.verdict, f"not fit for use, {refused}", basis)
-    within = good_to(fit)
-    words = f"{within}{good}" if fit.verdict == "good" else f"{within}, with limits:"
-    return _graded(fit.verdict, words, f"{basis}; level, {dip_words(fit.claim)}", *more)
+def _judged(fit: Fit, basis: str, *more: str) -> Table:
+    """The verdict of a calibration: its first sentence, what it rests on, and more."""
+    if fit.verdict != "refused" and fit.claim.states_uncertainty:
+        basis += f"; level, {dip_words(fit.claim)}"
+    return graded(fit.verdict, lead(fit), basis, *more)
 
 
 def _fit_verdict(fit: Fit) -> Table:
     is_noisy = fit.noise > NOISE_REFUSED * fit.calibration.ellipsoid.radius
     is_surface = not (fit.judgement.is_flat or fit.claim.plane or is_noisy)
     seen = f", {fit.coverage.fraction:.0%} of the sphere covered" if is_surface else ""
-    basis = f"{counted(fit.samples, 'reading')}{seen}; {fit.method}"
-    good = "" if fit.verdict != "good" else f", {reach(fit.claim.attitude_limit_deg)}"
-    return _quality(fit, good, "no calibration was written", basis, *_more(fit))
+    return _judged(fit, f"{counted(fit.samples, 'reading')}{seen}; {fit.method}", *_more(fit))
 
 
 def _more(fit: Fit) -> Iterator[str]:
-    """What else a verdict says: what the mounting adds, and on which conditions it holds."""
-    adds = "" if fit.verdict == "refused" else mounting(fit)
-    return filter(None, (adds, condition(fit)))
+    """What else a verdict says: what the mounting adds, on which conditions it holds, and whether it is needed."""
+    if fit.verdict == "refused":
+        return iter(("no calibration was written",))
+    return filter(None, (mounting(fit), condition(fit), "" if improves(fit) else NO_BETTER))
 
 
 # ----------------------------------------------------------------------------------------------- merged, and typed
@@ -249,7 +246,7 @@ def _merged_verdict(fit: Fit, repeats: Repeats) -> Table:
     readings = f" of {counted(fit.samples, 'reading')}" if fit.samples else ""
     chance = f"; chance scatters them as far with {p_value(repeats.p_value)}"
     basis = f"{counted(len(repeats.parts), 'calibration')}{readings}{chance}"
-    return _quality(fit, "", "nothing was written", basis)
+    return _judged(fit, basis, *(["nothing was written"] if fit.verdict == "refused" else []))
 
 
 def extremes_table(extremes: Extremes) -> Table:

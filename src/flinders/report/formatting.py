@@ -19,8 +19,7 @@ from flinders.errors import figures
 from flinders.findings import first_causes
 from flinders.findings.catalogue import OF_RECORDING
 from flinders.findings.row import stated
-from flinders.findings.words import ANY_ANGLE_DEG, UPSIDE_DOWN
-from flinders.fitting.verdict import improves
+from flinders.findings.words import ANY_ANGLE_DEG
 from flinders.likelihood.parameters import TERMS
 
 if TYPE_CHECKING:
@@ -127,20 +126,6 @@ def date_of(when: datetime) -> str:
     return f"{when.day} {when:%B %Y, %H:%M %Z}"
 
 
-def capitalised(words: str) -> str:
-    """Words as the beginning of a sentence."""
-    return f"{words[:1].upper()}{words[1:]}"
-
-
-def as_sentence(words: str) -> str:
-    """Words as a sentence.
-
-    >>> as_sentence("nothing moved"), as_sentence("it moved.")
-    ('Nothing moved.', 'It moved.')
-    """
-    return f"{capitalised(words).rstrip('.')}."
-
-
 def minus(shown: str) -> str:
     """Numbers with the sign that is as wide as a plus."""
     return shown.replace("-", "−")
@@ -213,15 +198,6 @@ def aligned(*rows: Sequence[str]) -> list[list[str]]:
 # ------------------------------------------------------------------------------------------------------- words on a fit
 
 
-def summary(fit: Fit) -> str:
-    """How good a calibration is, how far off the compass was and will be, in two sentences."""
-    good = "is good" if fit.verdict == "good" else "can be used, with limits"
-    good = good if improves(fit) else "makes headings no better"
-    error = fit.heading_error_deg
-    with_it = f"with it, by {degrees(error.rms)} on average and by {degrees(error.worst)} at the worst heading"
-    return f"The calibration {good}. Without it headings are off by {uncorrected(fit)}; {with_it}."
-
-
 def uncorrected(fit: Fit) -> str:
     """How far headings are off without the calibration."""
     worst = fit.claim.uncorrected_heading_error_deg.worst
@@ -236,14 +212,19 @@ def shown_findings(fit: Fit) -> list[Finding]:
     return [finding for finding in causes if finding.severity != "note" or finding.code in OF_RECORDING]
 
 
-def said_once(findings: Iterable[Finding]) -> Iterator[Finding]:
-    """Findings of which one alone says how to move on, and others point to it."""
-    above: set[Any] = set()
+def said_once(findings: Iterable[Finding], fit: Fit) -> Iterator[Finding]:
+    """Findings that point to the headline, or to one above, where that says how to move on."""
+    above = {step for finding in first_causes(fit.findings)[:1] for step in _steps(finding).values()}
     for finding in findings:
-        steps = {name: finding.values[name] for name in ("next_step", "next_movement") if name in finding.values}
+        steps = _steps(finding)
         again = {name: ("as-above",) for name, step in steps.items() if step in above}
         above.update(steps.values())
         yield replace(finding, values={**finding.values, **again})
+
+
+def _steps(finding: Finding) -> dict[str, Any]:
+    """What a finding says to do next, by the names of its values."""
+    return {name: finding.values[name] for name in ("next_step", "next_movement") if name in finding.values}
 
 
 def mounting(fit: Fit) -> str:
@@ -260,11 +241,6 @@ def mounting(fit: Fit) -> str:
     if not error < ANY_ANGLE_DEG:
         return f"how the axes sit in the body is not told by {who}: no heading of the body is known"
     return f"how the axes sit in the body, as {who} tell{'' if ' and ' in who else 's'} it, adds {degrees(error)} (1 σ)"
-
-
-def reach(limit_deg: float) -> str:
-    """Up to which tilt a heading is as good as was asked for."""
-    return "at any attitude" if limit_deg >= UPSIDE_DOWN else f"up to {limit_deg:.0f}° of tilt"
 
 
 def sources(fit: Fit) -> str:

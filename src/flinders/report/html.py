@@ -34,17 +34,17 @@ from flinders.core.calibration_file import ProvenanceRecord
 from flinders.core.disturbance import motor
 from flinders.core.units import label
 from flinders.errors import FlindersError, counted, figures
-from flinders.findings.words import UPSIDE_DOWN
+from flinders.findings.words import UPSIDE_DOWN, as_sentence
 from flinders.fitting.claim import dip_words
 from flinders.fitting.export import export_fit
 from flinders.fitting.result import Fit, fit_of
+from flinders.fitting.verdict import headline_of
 from flinders.report import figures as drawing
 from flinders.report import maps
 from flinders.report.colours import STEPS
 from flinders.report.figure_data import FigureData
 from flinders.report.formatting import (
     SOURCES,
-    as_sentence,
     condition,
     curve_entries,
     date_of,
@@ -60,7 +60,7 @@ from flinders.report.formatting import (
 )
 from flinders.report.html_file import filled, html_file, script_of, style_of
 from flinders.report.modules import joined
-from flinders.report.view import matrix_sigma, sentence, tiles_view
+from flinders.report.view import matrix_sigma, tiles_view
 from flinders.targets import registry
 
 if TYPE_CHECKING:
@@ -203,13 +203,15 @@ def _outcome(outcome: Fit | FitError, fit: Fit | None) -> dict[str, str]:
         why = as_sentence(cast("FitError", outcome).message)
         return {"verdict": "refused", "title": "No calibration", "sentence": why}
     title = TITLES[fit.verdict] if fit.claim.states_uncertainty else "Of unknown quality"
-    said = " ".join(map(as_sentence, filter(None, (sentence(fit, advises=False), condition(fit)))))
+    said = " ".join(map(as_sentence, filter(None, (headline_of(fit).words, condition(fit)))))
     return {"verdict": fit.verdict, "title": title, "sentence": said}
 
 
 def _findings(fit: Fit) -> list[tuple[Finding, str]]:
     """Findings with their sentences, the most severe first; what to do stands once, beside the cause."""
-    said = [(finding, finding.fault if finding.follows_from else finding.advice) for finding in said_once(fit.findings)]
+    said = [
+        (finding, finding.fault if finding.follows_from else finding.advice) for finding in said_once(fit.findings, fit)
+    ]
     return [(finding, as_sentence(words)) for finding, words in said]
 
 

@@ -10,7 +10,6 @@
 from __future__ import annotations
 
 import base64
-import math
 from typing import TYPE_CHECKING, Final
 
 from flinders.core.notebook import SIGNS, correction, refusal
@@ -18,7 +17,8 @@ from flinders.core.units import label
 from flinders.errors import counted
 from flinders.findings import advice, first_causes
 from flinders.findings.row import stated
-from flinders.fitting.claim import dip_words, heading_words
+from flinders.fitting.claim import dip_words
+from flinders.fitting.verdict import headline_of
 from flinders.report import figures, maps
 from flinders.report.charts import as_file
 from flinders.report.colours import STEPS, colour_of
@@ -40,19 +40,18 @@ def html_of(fit: Fit) -> str:
     is_described = fit.evidence.is_described
     title = f"{SIGNS[fit.verdict]} {fit.verdict}: "
     title += f"{fit.method}, {counted(fit.samples, 'reading')}" if is_described else "nothing is stated"
-    causes = said_once(finding for finding in first_causes(fit.findings) if finding.severity != "note")
-    words = [f"{SIGNS[finding.severity]} {advice(finding)}" for finding in causes]
+    causes = said_once((finding for finding in first_causes(fit.findings) if finding.severity != "note"), fit)
+    words = [f"{SIGNS[finding.severity]} {advice(finding)} [{finding.code}]" for finding in causes]
     if fit.verdict == "refused":
-        return refusal(title, words)
+        return refusal(title, [headline_of(fit).words, *words])
     calibration, claim = fit.calibration, fit.claim
-    good = f"headings good to {heading_words(claim)}, level, {dip_words(claim)}; the target is {claim.target_deg:g}°"
-    good = "no heading error stated" if math.isnan(claim.heading_error_deg.worst) else good
+    level = f"level, {dip_words(claim)}" if claim.states_uncertainty else ""
     return correction(
         calibration.matrix.tolist(),
         calibration.offset.tolist(),
         label(calibration.unit),
         title=title,
-        words=[good, *filter(None, [stated(fit.conditions)]), *words],
+        words=[headline_of(fit).words, *filter(None, [level, stated(fit.conditions)]), *words],
         offset_sigma=claim.offset_sigma.tolist() if claim.states_uncertainty else None,
         terms=None if calibration.linearization is None else calibration.linearization.as_dict(),
         pictures=_pictures(fit) if claim.states_uncertainty else "",

@@ -18,15 +18,13 @@ from typing import TYPE_CHECKING, Any, Final, cast
 
 from flinders.core.units import label
 from flinders.errors import counted, figures
-from flinders.findings import CATALOGUE, REFUSALS, limit_of
-from flinders.findings.words import UPSIDE_DOWN
-from flinders.fitting.advice import remedy, unseen_side
+from flinders.findings import REFUSALS, limit_of
+from flinders.findings.words import UPSIDE_DOWN, as_sentence
+from flinders.fitting.advice import unseen_side
 from flinders.fitting.result import TILTS, Fit, fit_of
 from flinders.fitting.verdict import improves
 from flinders.report.formatting import (
     aligned,
-    as_sentence,
-    capitalised,
     date_of,
     degrees,
     length,
@@ -44,7 +42,6 @@ if TYPE_CHECKING:
 
     from flinders.core.calibration_file import ProvenanceRecord
     from flinders.errors import FitError
-    from flinders.findings import Finding
 
 WIDTH: Final = 78
 """Columns: two less than the terminal's 80, so that an e-mail can be quoted."""
@@ -90,9 +87,8 @@ def _of_fit(fit: Fit) -> dict[str, Any]:
 def _of_findings(fit: Fit) -> tuple[list[str], list[str]]:
     """What limits a fit, and what to do about each finding, each thing once."""
     said = shown_findings(fit)
-    move = f"{capitalised(remedy(fit))}."
-    remedies = (CATALOGUE[finding.code].remedy.format(remedy=move) for finding in said)
-    return [_in_words(fit, finding) for finding in said], [what for what in dict.fromkeys(remedies) if what]
+    remedies = dict.fromkeys(finding.remedy for finding in said)
+    return [finding.plain_words for finding in said], [what for what in remedies if what]
 
 
 def _of_no_fit(error: FitError) -> tuple[list[str], list[str]]:
@@ -101,16 +97,6 @@ def _of_no_fit(error: FitError) -> tuple[list[str], list[str]]:
     if refusal is None or not refusal.plain:
         return [error.message], []
     return [refusal.plain.format(**error.evidence)], [refusal.remedy]
-
-
-def _in_words(fit: Fit, finding: Finding) -> str:
-    return CATALOGUE[finding.code].plain.format(
-        number=finding.number,
-        limit=finding.limit,
-        angle="any angle" if finding.number > 90.0 else degrees(finding.number),
-        seconds=figures(finding.number),
-        length=length(fit.calibration.field_strength, label(fit.calibration.unit)),
-    )
 
 
 def _read(outcome: Fit | FitError, fit: Fit | None, provenance: ProvenanceRecord) -> list[str]:

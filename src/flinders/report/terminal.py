@@ -99,7 +99,7 @@ def lines(rows: Sequence[tuple[str, str, str]]) -> Text:
     return text
 
 
-def verdict(title: str, colour: str, words: str, *more: str) -> Table:
+def verdict(title: str, colour: str, words: str | Text, *more: str) -> Table:
     """The verdict, what it means in words and, below, what that rests on."""
     grid = Table.grid(Column(no_wrap=True), Column(), padding=(0, 2))
     grid.add_row(Text(title, f"bold {COLOURS[colour]}"), words)
@@ -108,12 +108,13 @@ def verdict(title: str, colour: str, words: str, *more: str) -> Table:
     return grid
 
 
-def notes(said: Iterable[tuple[str, str]]) -> RenderableType:
-    """Words with the mark of their severity before each; no line where there are none."""
+def notes(said: Iterable[tuple[str, ...]]) -> RenderableType:
+    """Severity, words and, where they are of a finding, its code: a line each, with a mark; no line for none."""
     grid = Table.grid(padding=(0, 1))
-    for severity, words in said:
+    for severity, words, *codes in said:
         mark, style = MARKS[severity]
-        grid.add_row(Text(f"  {mark}", style), Text(words, "dim" if style == "dim" else ""))
+        text = Text(words, "dim" if style == "dim" else "")
+        grid.add_row(Text(f"  {mark}", style), text.append("".join(f" [{code}]" for code in codes), "dim"))
     return grid if grid.row_count else Group()
 
 

@@ -11,8 +11,8 @@ readings are drawn, so that the picture gets better while the sensor is being tu
 >>> seen = view(fit, samples)
 >>> seen.verdict, seen.unit, seen.heading_error_deg.worst == fit.heading_error_deg.worst
 ('good', 'µT', True)
->>> seen.sentence
-'Headings are good to 0.066° (95 % within 0.16°), at any attitude. The target is 1°.'
+>>> seen.sentence.partition(';')[0]
+'Headings are good to 0.066° (95 % within 0.16°) at any attitude'
 >>> sum(seen.tiles_seen) == len(samples), len(seen.tiles_deg)
 (True, 642)
 """
@@ -34,11 +34,10 @@ from flinders.findings.finding import plain
 from flinders.findings.row import resting_on
 from flinders.findings.words import ANY_ANGLE_DEG
 from flinders.fitting.advice import WORTH_IT, guided, movement
-from flinders.fitting.claim import heading_words
+from flinders.fitting.verdict import headline_of
 from flinders.geometry.plane import down_of
 from flinders.geometry.sphere import tile_of, tiles
 from flinders.native.engine import engine
-from flinders.report.formatting import reach
 from flinders.summary.coverage import cells_of
 from flinders.summary.quality import DataQuality
 
@@ -59,10 +58,6 @@ Matrix = tuple[Triple, Triple, Triple]
 BINS: Final = 40
 WIDEST: Final = 4.0
 """The histogram goes to so many standard deviations; what is beyond is counted in the outermost bins."""
-
-UNSTATED: Final = (
-    "The calibration states no uncertainty, so the accuracy of headings is not known: calibrate from a recording."
-)
 
 
 class HeadingErrorView(Struct, frozen=True):
@@ -204,7 +199,7 @@ def view(
         tiles_seen=tuple(np.bincount(tile_of(corrected), minlength=len(errors)).tolist()),
         rejected=tuple((int(numbered[first]), int(numbered[last])) for first, last in sorted(rejected)),
         **({} if fit.verdict == "refused" else _copied(fit)),
-        sentence=sentence(fit, claims.get("attitude_limit_deg")),
+        sentence=headline_of(fit, claims.get("attitude_limit_deg")).words,
         condition=resting_on(fit.conditions),
         **({} if fit.judgement.is_flat else _drawn(fit, corrected)),
         **claims,
@@ -217,7 +212,7 @@ def view_of_numbers(fit: Fit) -> View:
     limit_deg = fit.claim.attitude_limit_deg if is_known else None
     return View(
         verdict=fit.verdict,
-        sentence=sentence(fit, limit_deg),
+        sentence=headline_of(fit, limit_deg).words,
         condition=resting_on(fit.conditions),
         method=fit.method,
         unit=label(fit.calibration.unit),
@@ -242,7 +237,7 @@ def view_alone(fit: Fit) -> View:
         by_tile = fit.coverage.counts[cells_of(tiles().centres @ rotation_of(fit))]
     return View(
         verdict=fit.verdict,
-        sentence=sentence(fit),
+        sentence=headline_of(fit).words,
         method=fit.method,
         unit=label(fit.calibration.unit),
         field_strength_known=fit.calibration.field_strength_known,
@@ -354,33 +349,6 @@ def _finding(finding: Finding) -> FindingView:
     """A finding with its sentence."""
     number, limit = plain(finding.number), plain(finding.limit)
     return FindingView(finding.code, finding.severity, number, limit, finding.advice)
-
-
-def sentence(fit: Fit, limit_deg: float | None = None, *, advises: bool = True) -> str:
-    """The verdict in plain words, in a sentence or two; `limit_deg` is the attitude limit, where that is known already.
-
-    What to do about a refusal is left out unless it `advises`, as on a page whose findings say it.
-
-    >>> from flinders import simulate
-    >>> from flinders.fitting import calibrate
-    >>> sentence(calibrate.fit(simulate.tumble(seed=1, motion="tilted").samples))
-    'Headings are good to 0.57° (95 % within 1.4°), up to 17° of tilt. The target is 1°.'
-    """
-    if fit.judgement.is_flat:
-        return "All readings lie in one plane, so nothing is known about other attitudes."
-    if not fit.claim.states_uncertainty:
-        return UNSTATED
-    worst, target = fit.heading_error_deg.worst, f"The target is {fit.claim.target_deg:g}°."
-    if fit.verdict == "refused":
-        if worst > fit.claim.target_deg:
-            much = heading_words(fit.claim) if worst < ANY_ANGLE_DEG else "any angle"
-            return f"Headings may be off by {much}. {target}"
-        cause = first_causes(fit.findings)[0]
-        return f"Not fit for use: {cause.advice if advises else cause.fault}"
-    limit = fit.claim.attitude_limit_deg if limit_deg is None else limit_deg
-    attitudes = "while level" if limit < 1.0 else reach(limit)
-    good = "are good to" if worst <= fit.claim.target_deg else "may be off by"
-    return f"Headings {good} {heading_words(fit.claim)}, {attitudes}. {target}"
 
 
 def matrix_sigma(fit: Fit) -> Floats:

@@ -10,7 +10,7 @@ from flinders.findings.rules import limit_of
 from flinders.workflows.timeline import UNKNOWN, Code, Doing
 
 if TYPE_CHECKING:
-    from flinders.findings.row import Verdict
+    from flinders.verdicts import Verdict
 
 DOING: Final[tuple[Doing, ...]] = ("learning", "undisturbed", "disturbed")
 """By the engine's numbers."""

@@ -19,14 +19,14 @@ from rich.console import Group
 from rich.table import Column
 from rich.text import Text
 
-from flinders.apps.classic.composition import ANY_ANGLE, turns_of
+from flinders.apps.classic.composition import turns_of
 from flinders.apps.classic.two_axis_recipe import TwoAxisRecipe
 from flinders.core.units import label
 from flinders.errors import counted, figures, in_python
 from flinders.findings.words import turns
 from flinders.fitting.result import Fit
 from flinders.geometry.plane import across
-from flinders.report.fit_pages import _graded, findings, good_to, numbers, of_fit
+from flinders.report.fit_pages import findings, graded, lead, numbers, of_fit
 from flinders.report.formatting import (
     angle,
     degrees,
@@ -122,9 +122,8 @@ def evenness(turn: Turn, target_deg: float, *, is_mean: bool) -> str:
 def _composed(composed: Fit, after: str | None, spell: Spelling) -> RenderableType:
     """Lay out the numbers to be loaded, what is claimed of them, and what is open."""
     error = composed.heading_error_deg
-    words = good_to(composed) if error.worst < ANY_ANGLE else "nothing is claimed of a heading"
     basis = f"{turns(turns_of(composed))}; level, dip {error.dip_deg:.3g}°"
-    said = _graded(composed.verdict, f"{words}, with limits:", basis)
+    said = graded(composed.verdict, lead(composed), basis)
     title = Text(f"composed with {after}, to be loaded in its place", "bold")
     result = Group(title, numbers(composed.calibration, np.full(3, np.nan), composed.noise))
     return Group(page(result, said), findings(composed.findings, spell))

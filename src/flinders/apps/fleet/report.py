@@ -26,8 +26,9 @@ from flinders.core.units import label
 from flinders.errors import counted, figures, percent
 from flinders.findings import CATALOGUE, action
 from flinders.findings.row import TUMBLE_STATED
+from flinders.findings.words import as_sentence
 from flinders.report.charts import Axis, Plot, chart, segment, text
-from flinders.report.formatting import as_sentence, date_of, degrees
+from flinders.report.formatting import date_of, degrees
 from flinders.report.html_file import html_file, script_of, style_of
 
 if TYPE_CHECKING:

@@ -12,8 +12,9 @@ from flinders.apps.fleet.report import FILTERS
 from flinders.apps.fleet.walks import STATES
 from flinders.apps.fleet.walks_page import remarks, shown_time, walk_words
 from flinders.core.units import label
+from flinders.findings.words import as_sentence
 from flinders.report.charts import Axis, Panel, round_up, stacked
-from flinders.report.formatting import as_sentence, date_of, minus
+from flinders.report.formatting import date_of, minus
 from flinders.report.html_file import html_file, script_of, style_of
 from flinders.workflows.offset_history import OffsetHistory, histories_in
 

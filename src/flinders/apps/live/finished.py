@@ -17,7 +17,7 @@ from flinders.core.samples import Samples
 from flinders.errors import FlindersError, UnreadableInput, UsageError
 from flinders.estimators.data import CountedRecording
 from flinders.fitting.calibrate import fit
-from flinders.fitting.claim import heading_words
+from flinders.fitting.export import verdict_lines
 from flinders.fitting.refreshing import refresh
 from flinders.fitting.result import Refused
 from flinders.likelihood.site_field import Site
@@ -111,11 +111,7 @@ class Finished:
     @property
     def about(self) -> list[str]:
         """Where the numbers come from and what is claimed of them, for the head of an export."""
-        return [
-            f"from {self.name}",
-            f"the calibration is {self.fit.verdict}: headings good to {heading_words(self.fit.claim)}",
-            *(f"limited: {limit}" for limit in self.limits),
-        ]
+        return [f"from {self.name}", *verdict_lines(self.fit)]
 
 
 def finished(number: str, wanted: Wanted) -> Finished:

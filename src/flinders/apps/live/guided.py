@@ -36,9 +36,9 @@ from flinders.fitting.advice import guided
 from flinders.fitting.calibrate import fit
 from flinders.fitting.request import Request
 from flinders.fitting.result import Refused
+from flinders.fitting.verdict import headline_of
 from flinders.heading import path_planning
 from flinders.likelihood.site_field import Site
-from flinders.report.view import sentence
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike
@@ -67,7 +67,7 @@ class State:
     @property
     def words(self) -> str:
         """A sentence for the person who turns the sensor."""
-        return self.refusal if self.fit is None else sentence(self.fit)
+        return self.refusal if self.fit is None else headline_of(self.fit).words
 
     @property
     def verdict(self) -> str:

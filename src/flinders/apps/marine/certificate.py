@@ -19,7 +19,8 @@ from typing import TYPE_CHECKING, Final
 from flinders.apps.marine.drawing import swing_drawing
 from flinders.apps.marine.swing_words import TITLES
 from flinders.errors import UsageError
-from flinders.report.formatting import as_sentence, minus
+from flinders.findings.words import as_sentence
+from flinders.report.formatting import minus
 from flinders.report.html_file import html_file, script_of, style_of
 
 if TYPE_CHECKING:

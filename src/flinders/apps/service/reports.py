@@ -14,7 +14,7 @@ from flinders.workflows.online_events import CODES, DOING, WORDS
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
-    from flinders.findings.row import Verdict
+    from flinders.verdicts import Verdict
     from flinders.workflows.timeline import Doing
 
 Kind: TypeAlias = Literal["state", "event", "source", "send"]

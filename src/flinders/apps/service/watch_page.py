@@ -21,7 +21,8 @@ from flinders.apps.service.reports import moment, words_of
 from flinders.apps.service.timeline_figures import DAY_S, MARKS, timeline
 from flinders.core.units import label
 from flinders.errors import figures
-from flinders.report.formatting import as_sentence, capitalised, date_of, degrees
+from flinders.findings.words import as_sentence, capitalised
+from flinders.report.formatting import date_of, degrees
 from flinders.report.html_file import html_file, style_of
 from flinders.report.modules import joined
 

@@ -10,6 +10,7 @@ words.
 
 from __future__ import annotations
 
+import math
 from typing import TYPE_CHECKING, Any, Final
 
 from flinders.core.calibration_file import PARAMETERS
@@ -18,9 +19,10 @@ from flinders.diagnostics import axis_swap
 from flinders.errors import Unmoved
 from flinders.findings import CATALOGUE, limit_of
 from flinders.findings.catalogue import OF_A_FIT, QUANTITIES_OF_A_FIT
+from flinders.findings.headline import LEADS, LEFT_OUT, REACHES, SMALL_ERROR_DEG
 from flinders.findings.poses import POSE_WORDS
 from flinders.findings.row import CONDITIONS, resting_on
-from flinders.findings.words import STEPS, Z_ELSEWHERE, Z_OPEN
+from flinders.findings.words import STEPS, WHY_LARGE, Z_ELSEWHERE, Z_OPEN
 from flinders.fitting import advice, diagnosis, refreshing, verdict
 from flinders.heading import path_planning
 from flinders.native.faults import ANSWERS
@@ -62,6 +64,7 @@ NUMBERS: Final = {
     "EARTH_STRONGEST": EARTH_UT[1],
     "COVERAGE_LIMIT": limit_of("coverage"),
     "OUTLIERS_LIMIT": limit_of("outliers"),
+    "SMALL_ERROR_DEG": SMALL_ERROR_DEG,
     **_of(verdict, "NOT_BY_CHANCE PLACED SKEWED"),
     **_of(advice, "WORTH_IT"),
     **_of(diagnosis, "LOOKED_AT"),
@@ -89,6 +92,7 @@ def data() -> dict[str, Any]:
         "numbers": NUMBERS,
         "answers": ANSWERS,
         "said": {
+            "left-out": LEFT_OUT,
             "unmoved": Unmoved.SAID,
             "every-way": Unmoved.EVERY_WAY,
             "to-all-sides": refreshing.TO_ALL_SIDES,
@@ -100,7 +104,10 @@ def data() -> dict[str, Any]:
         "conditions": list(CONDITIONS),
         "resting": [resting_on(_conditions(bits)) for bits in range(1 << len(CONDITIONS))],
         "parameters": PARAMETERS,
+        "leads": LEADS,
+        "reaches": [(None if math.isinf(end) else end, *words) for end, *words in REACHES],
         "steps": STEPS,
+        "reasons": WHY_LARGE,
         "poses": POSE_WORDS,
         "turns": path_planning.TURNS,
         "swaps": axis_swap.SWAPS,
@@ -117,6 +124,9 @@ def _row(row: CatalogueRow) -> dict[str, Any]:
     return {
         "code": row.code,
         "said": row.template,
+        "why": row.plain.partition(". ")[0],
+        "remedy": row.remedy,
+        "affects": row.affects,
         "alarm": row.alarm,
         "number": row.rule.number or row.rule.quantity,
         "limit": row.rule.stated_limit,

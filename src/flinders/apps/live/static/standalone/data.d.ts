@@ -9,6 +9,9 @@ export type Limit = [factor: number, of: string];
 export interface Row {
   code: string;
   said: string;
+  why: string; // in plain words
+  remedy: string;
+  affects: "error" | "attitudes" | "claim" | "use";
   alarm: boolean;
   number: string; // the quantity that is stated
   limit: Limit;
@@ -27,7 +30,10 @@ export interface EngineData {
   conditions: string[]; // what a verdict may rest on, by bits
   resting: string[]; // in words, for each set of them
   parameters: string[];
+  leads: Record<string, string>; // how a verdict begins
+  reaches: [below: number | null, reach: string, beyond: string][]; // tilts up to which headings are good, in words
   steps: Record<string, string>; // what to do next, by name
+  reasons: Record<string, string>; // why a heading error is large, by what would make it smaller
   poses: Record<"sensor" | "vehicle", string[]>; // after "hold it"
   turns: Record<"sensor" | "vehicle", [right: string, left: string][]>; // about x, y and z
   swaps: string[]; // axes that change, in the order of the engine

@@ -74,6 +74,40 @@ export function adviceOf({ code, values }, data) {
 }
 
 /**
+ * What it means for whoever uses the compass, in a sentence.
+ * @param {Finding} finding
+ * @param {EngineData} data
+ * @returns {string}
+ */
+export function whyOf(finding, data) {
+    return plainly(finding, data.rows.find(({ code }) => code === finding.code)?.why ?? finding.code, data);
+}
+
+/**
+ * What that person does about it, in a sentence; empty where there is nothing to do.
+ * @param {Finding} finding
+ * @param {EngineData} data
+ * @returns {string}
+ */
+export function remedyOf(finding, data) {
+    const words = plainly(finding, data.rows.find(({ code }) => code === finding.code)?.remedy ?? "", data);
+    return words && `${words.charAt(0).toUpperCase()}${words.slice(1).replace(/\.$/, "")}.`;
+}
+
+/**
+ * Plain words of a finding, with its number and limit.
+ * @param {Finding} finding
+ * @param {string} words
+ * @param {EngineData} data
+ * @returns {string}
+ */
+function plainly({ number, limit, values }, words, data) {
+    /** @type {Values} */
+    const stated = { ...values, number, limit, angle: angle(number), seconds: figures(number) };
+    return filled(words, (name) => (WORDS[name] ? WORDS[name](values, data) : stated[name]));
+}
+
+/**
  * @param {Fit} fit
  * @param {number} rule
  * @param {number} severity
@@ -142,6 +176,7 @@ const WORDS = {
     attitudes,
     movement: ({ next_movement: next }, data) => stepWords(next, data),
     remedy: ({ next_step: next }, data) => stepWords(next, data),
+    why_large: ({ next_step: [name] }, { reasons }) => reasons[name],
     because,
     length: ({ corrected_length: strength, unit }) => `${figures(strength, 4)} ${unit}`,
     rings: ({ unobserved }) => (unobserved === 1 ? ", as two rings of readings would" : ""),

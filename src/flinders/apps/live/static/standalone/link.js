@@ -345,8 +345,8 @@ function readable(read, before = "") {
  */
 function calibrationOf(view, unit, name) {
     if (!view?.offset || !view.matrix || view.field_strength === null) return null;
-    const { verdict, findings, heading_error_deg: error } = view;
-    const limits = findings.filter(({ severity }) => severity === "limits").map(({ advice }) => `limited: ${advice}`);
+    const { verdict, findings, sentence } = view;
+    const limits = findings.slice(1).filter(({ severity }) => severity === "limits").map(({ advice }) => `limited: ${advice}`);
     return {
         matrix: view.matrix,
         offset: view.offset,
@@ -354,6 +354,6 @@ function calibrationOf(view, unit, name) {
         fieldStrengthKnown: view.field_strength_known,
         unit: unit.inside === "uT" ? "uT" : "counts",
         raw: { unit: unit.recorded, scale: unit.scale },
-        about: [`from ${name}`, `the calibration is ${verdict}: headings good to ${degrees(error?.worst)} (1 σ)`, ...limits],
+        about: [`from ${name}`, `the calibration is ${verdict}. ${sentence}`, ...limits],
     };
 }

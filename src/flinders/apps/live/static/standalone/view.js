@@ -3,7 +3,7 @@
 import { guide, isIdle, nextMovement } from "./advice.js";
 import { corrected, threes, tileCounts, tilesOf } from "./coverage.js";
 import { adviceOf, firstCauses, stepWords, verdictOf } from "./findings.js";
-import { figures, general } from "./numbers.js";
+import { headline } from "./headline.js";
 import { tiles } from "./tiles.js";
 
 /** @typedef {import("../../../../static/view.d.ts").View} View */
@@ -37,7 +37,7 @@ export function viewOf(fit, findings, { field, numbers, goal, frame }) {
     const turn = fit.turn;
     return {
         verdict,
-        sentence: sentence(fit, shown, verdict),
+        sentence: headline(fit, shown, verdict),
         condition: fit.data.resting[fit.judgement.conditions],
         method: fit.method,
         unit: fit.unit,
@@ -267,38 +267,4 @@ function rejectedRuns({ left: { isRail, outliers } }, numbers) {
     });
     const ordered = runs.sort(([one], [other]) => one - other);
     return ordered.map(([first, last]) => [numbered(first), numbered(last)]);
-}
-
-/**
- * The verdict in plain words, in a sentence or two.
- * @param {Fit} fit
- * @param {Finding[]} shown
- * @param {View["verdict"]} verdict
- * @returns {string}
- */
-function sentence(fit, shown, verdict) {
-    if (shown.some(({ code }) => code === "one-plane")) {
-        return "All readings lie in one plane, so nothing is known about other attitudes.";
-    }
-    const { headingError, targetDeg } = fit;
-    const target = `The target is ${general(targetDeg)}°.`;
-    if (verdict === "refused" && headingError.worst > targetDeg) {
-        const much = headingError.worst < ANY_ANGLE_DEG ? headingWords(fit) : "any angle";
-        return `Headings may be off by ${much}. ${target}`;
-    }
-    if (verdict === "refused") return `Not fit for use: ${adviceOf(shown[0], fit.data)}`;
-    const limit = fit.attitudeLimitDeg;
-    const reach = limit >= 180 ? "at any attitude" : `up to ${limit.toFixed(0)}° of tilt`;
-    const good = headingError.worst <= targetDeg ? "are good to" : "may be off by";
-    return `Headings ${good} ${headingWords(fit)}, ${limit < 1 ? "while level" : reach}. ${target}`;
-}
-
-/**
- * The worst heading error, 1 σ, and its bound.
- * @param {Fit} fit
- * @returns {string}
- */
-function headingWords({ headingError, headingBoundDeg }) {
-    const bound = headingBoundDeg < ANY_ANGLE_DEG ? `95 % within ${figures(headingBoundDeg)}°` : "1 σ";
-    return `${figures(headingError.worst)}° (${bound})`;
 }

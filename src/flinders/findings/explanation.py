@@ -1,0 +1,90 @@
+"""What a code means, which terminal, pages and files print beside a finding or an error.
+
+>>> told = explain("coverage")
+>>> told.verdict, told.meaning.partition(". ")[0]
+('limited', 'In some directions no reading was taken within N°')
+>>> explain("coverge")
+Traceback (most recent call last):
+flinders.errors.UsageError: there is no finding or error 'coverge': did you mean coverage?
+"""
+
+from __future__ import annotations
+
+import difflib
+from dataclasses import asdict, dataclass
+from typing import Any
+
+from flinders.errors import UsageError
+from flinders.findings.catalogue import CATALOGUE
+from flinders.findings.refusal import REFUSALS
+from flinders.findings.row import VERDICTS
+from flinders.findings.words import as_sentence
+
+
+@dataclass(frozen=True, slots=True)
+class Explanation:
+    """What a code of a finding, or of an error in place of a fit, means."""
+
+    code: str
+    meaning: str  #: for whoever uses the compass; N stands for the number
+    verdict: str  #: what it makes of a fit: ``good``, ``limited`` or ``refused``, and when
+    number: str  #: what the number is, with its unit; empty for an error
+    limit: str  #: what the number is compared with; empty for an error
+    action: str  #: what to do
+    anchor: str  #: its place in the documentation; empty for an error
+
+    def as_dict(self) -> dict[str, Any]:
+        """JSON-ready fields."""
+        return asdict(self)
+
+
+def explain(code: str) -> Explanation:
+    """Say what a code means: what was found, what it is compared with, and what to do.
+
+    Parameters
+    ----------
+    code : str
+        Of a finding (``fit.findings[0].code``), or of an error (``error.code``).
+
+    Raises
+    ------
+    UsageError
+        For a code that there is not.
+    """
+    if row := CATALOGUE.get(code):
+        return Explanation(
+            code,
+            row.plain.format_map(_Named()),
+            _verdict(row.severities),
+            row.number,
+            row.limit_words,
+            as_sentence(row.action),
+            f"docs/findings.md#{code}",
+        )
+    if refusal := REFUSALS.get(code):
+        action = as_sentence(refusal.remedy or refusal.action)
+        return Explanation(code, refusal.plain.format_map(_Named()), VERDICTS["refuses"], "", "", action, "")
+    near = difflib.get_close_matches(code, [*CATALOGUE, *REFUSALS], n=1)
+    hint = f"did you mean {near[0]}?" if near else "codes stand in brackets behind a finding"
+    raise UsageError(f"there is no finding or error {code!r}: {hint}")
+
+
+def _verdict(severities: str) -> str:
+    """What severities make of a fit: ``note; limits above the target`` becomes ``good; limited above the target``."""
+    for severity, verdict in VERDICTS.items():
+        severities = severities.replace(severity, verdict)
+    return severities
+
+
+class _Named(dict[str, Any]):
+    """Names in the place of numbers, whatever their format."""
+
+    def __missing__(self, name: str) -> _Name:
+        return _Name({"number": "N", "seconds": "N", "angle": "N°"}.get(name, "…"))
+
+
+class _Name(str):
+    __slots__ = ()
+
+    def __format__(self, spec: str) -> str:
+        return f"{self} %" if spec.endswith("%") else str(self)

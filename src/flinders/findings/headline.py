@@ -1,0 +1,126 @@
+"""The first sentence of a verdict: of a limited calibration what limits it, why, and what to do.
+
+>>> from flinders.findings.finding import Finding
+>>> gap = Finding("coverage", "limits", {"hole_deg": 74.0})
+>>> headline("limited", gap, Claimed(0.57, 1.4, 1.0), 17.0).words[:68]
+'Good up to 17° of tilt: 0.57° (95 % within 1.4°). Not known beyond: '
+"""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING, Final, NamedTuple
+
+from flinders.errors import figures
+from flinders.findings.catalogue import CATALOGUE
+from flinders.findings.words import ANY_ANGLE_DEG, UPSIDE_DOWN, as_sentence
+
+if TYPE_CHECKING:
+    from flinders.findings.finding import Finding
+    from flinders.verdicts import Verdict
+
+LEADS: Final = {
+    "good": "Headings are good to {error} {reach}; the target is {target}",
+    "error": "Headings may be off by {error}, above the target of {target}: {why}",
+    "attitudes": "Good {reach}: {error}. Not known {beyond}: {why}",
+    "directions": "Good in the directions that were recorded: {error}. Not known in the others: {why}",
+    "claim": "Headings may be off by more than {error}: {why}",
+    "use": "Headings are good to {error} {reach}, with one reservation: {why}",
+    "unknown": "How good headings are is not known: {why}",
+    "refused": "Not fit for use: {why}",
+    "refused-error": "Not fit for use. Headings may be off by {error}, above the target of {target}: {why}",
+}
+"""How a verdict begins, by what its first cause affects; `why` is the cause in a sentence, and its remedy follows."""
+
+REACHES: Final = (
+    (1.0, "while level", "when tilted"),
+    (UPSIDE_DOWN, "up to {limit:.0f}° of tilt", "beyond"),
+    (math.inf, "at any attitude", ""),
+)
+"""Tilt up to which headings are good, at most; that in words, and what lies beyond."""
+
+SMALL_ERROR_DEG: Final = 0.2
+"""A good heading error below this is followed by what it leaves out."""
+
+LEFT_OUT: Final = "That is the error of the calibration alone: mounting, tilt and iron nearby come on top."
+
+
+class Headline(NamedTuple):
+    """The first sentence of a verdict, and the code of the finding that it is about."""
+
+    words: str
+    code: str  #: empty where the verdict is good
+
+
+class Claimed(NamedTuple):
+    """What a fit claims of headings, for its headline."""
+
+    worst_deg: float  #: worst heading error, 1 σ; NaN where it is not stated
+    bound_deg: float  #: 95 %
+    target_deg: float
+
+
+NOT_CLAIMED: Final = Claimed(math.nan, math.nan, math.nan)
+
+
+def headline(verdict: Verdict, cause: Finding | None, claimed: Claimed, limit_deg: float) -> Headline:
+    """Begin a verdict.
+
+    Parameters
+    ----------
+    cause : Finding or None
+        The first cause (`flinders.findings.first_causes`); it is not looked at where the verdict is good.
+    limit_deg : float
+        Tilt up to which headings are within the target.
+    """
+    kind = _kind(verdict, cause, claimed)
+    if kind == "attitudes" and limit_deg >= UPSIDE_DOWN:
+        kind = "directions"
+    reach, beyond = reach_words(limit_deg)
+    why, remedy = ("", "") if verdict == "good" or cause is None else (cause.in_a_sentence, cause.remedy)
+    lead = LEADS[kind].format(
+        error=error_words(claimed),
+        target=f"{claimed.target_deg:g}°",
+        reach=reach,
+        beyond=beyond,
+        why=f"{why[:1].lower()}{why[1:]}",
+    )
+    is_small = kind == "good" and claimed.worst_deg < SMALL_ERROR_DEG
+    said = (as_sentence(lead), remedy, LEFT_OUT if is_small else "")
+    return Headline(" ".join(filter(None, said)), cause.code if cause is not None and verdict != "good" else "")
+
+
+def _kind(verdict: Verdict, cause: Finding | None, claimed: Claimed) -> str:
+    """Which of `LEADS` a verdict begins with."""
+    if verdict == "good" or cause is None:
+        return "good"
+    row = CATALOGUE.get(cause.code)
+    affects = "claim" if row is None else row.affects
+    if verdict == "refused":
+        return "refused-error" if affects == "error" else "refused"
+    if not claimed.worst_deg < ANY_ANGLE_DEG:
+        return "unknown"
+    is_above = claimed.worst_deg > claimed.target_deg
+    if affects == "error" or is_above:
+        return "error" if is_above and affects != "claim" else "claim"
+    return affects
+
+
+def error_words(claimed: Claimed) -> str:
+    """The worst heading error, 1 σ, and its bound; with the digits that tell it from the target.
+
+    >>> error_words(Claimed(0.32, 0.71, 1.0)), error_words(Claimed(1.013, 2.5, 1.0))
+    ('0.32° (95 % within 0.71°)', '1.01° (95 % within 2.5°)')
+    """
+    worst_deg, bound_deg, target_deg = claimed
+    if not worst_deg < ANY_ANGLE_DEG:
+        return "any angle"
+    digits = next((n for n in (2, 3, 4) if figures(worst_deg, n) != figures(target_deg, n)), 2)
+    bound = f"95 % within {figures(bound_deg)}°" if bound_deg < ANY_ANGLE_DEG else "1 σ"
+    return f"{figures(worst_deg, digits)}° ({bound})"
+
+
+def reach_words(limit_deg: float) -> tuple[str, str]:
+    """Attitudes at which headings are within the target, and the others."""
+    _, reach, beyond = next(row for row in REACHES if limit_deg < row[0])
+    return reach.format(limit=limit_deg), beyond
