@@ -69,7 +69,11 @@ def of(motion: str, **options: object) -> Fit:
     ("fit", "verdict", "code"),
     [
         (lambda: of("uniform"), "good", ""),
-        (lambda: of("level", axes="x,y,z", site=flinders.Site(inclination_deg=60.0, z_down=True)), "limited", "level-plane"),
+        (
+            lambda: of("level", axes="x,y,z", site=flinders.Site(inclination_deg=60.0, z_down=True)),
+            "limited",
+            "level-plane",
+        ),
         (lambda: of("tilted"), "limited", "coverage"),
         (lambda: of("uniform", target_deg=0.01), "refused", "heading-error"),
     ],
