@@ -103,8 +103,8 @@ function phaseOf(session) {
 function ofKept(session, { view, seconds }) {
     const [, newest, , reasons] = phaseOf(session);
     const worst = figures(session.worstDeg(view) ?? NaN);
-    const title = view.verdict === "good" ? "Good" : "Good enough, with limits";
-    const held = `${title}: the worst ${errorOf(session)} to expect is ${worst}° (${bound(session, view)}), of what came up to ${clock(seconds)}, which is kept.`;
+    const good = `Good: the worst ${errorOf(session)} to expect is ${worst}° (${bound(session, view)}).`;
+    const held = `${view.verdict === "good" ? good : view.sentence} That is of what came up to ${clock(seconds)}, which is kept.`;
     const told = /** @type {Reason[]} */ (reasons.map((reason) => ({ ...reason, severity: "info" })));
     const changed = { code: "changed-since", advice: `something changed since ${clock(seconds)}: ${newest}`, severity: /** @type {const} */ ("info"), spans: [] };
     return [view.verdict === "good" ? "good" : "limited", held, null, session.isChanged ? [changed, ...told] : told];
@@ -148,7 +148,7 @@ function ofView(session, view) {
     }
     if (view.verdict === "refused") return ["wrong", view.sentence];
     if (!isSure(session)) return ["collecting", `Almost: ${done}; keep turning a little.`];
-    if (view.verdict === "limited") return ["limited", `Good enough, with limits: ${done}${asFarAs(session, view)}.`];
+    if (view.verdict === "limited") return ["limited", view.sentence];
     return ["good", `Good: ${done}.${view.condition && ` ${sentence(view.condition)}`}`];
 }
 
@@ -167,17 +167,6 @@ function isEnded({ opened, source }) {
  */
 function bound({ goal }, { heading_error_deg: error }) {
     return goal !== "heading" || error === null ? "1 σ" : `95 % within ${figures(error.bound_95)}°`;
-}
-
-/**
- * Up to which tilt that holds, and what is missing beyond.
- * @param {Session} session
- * @param {View} view
- */
-function asFarAs({ rules }, { attitude_limit_deg: limit }) {
-    if (limit === null || limit >= rules.level_deg) return "";
-    const tilt = limit < 1 ? "while level" : `up to ${fixed(limit, 0)}° of tilt`;
-    return `, ${tilt}; for more tilt than that, turn it tilted and upside down too`;
 }
 
 /**
