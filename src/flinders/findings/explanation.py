@@ -2,7 +2,7 @@
 
 >>> told = explain("coverage")
 >>> told.verdict, told.meaning.partition(". ")[0]
-('limited', 'In some directions no reading was taken within N°')
+('limited', 'Some directions are N° from the nearest reading')
 >>> explain("coverge")
 Traceback (most recent call last):
 flinders.errors.UsageError: there is no finding or error 'coverge': did you mean coverage?

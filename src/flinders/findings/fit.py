@@ -153,7 +153,7 @@ ROWS: Final = (
         rule=Rule("hole_deg", (Grade("limits", 60.0),)),
         fault="some directions are {hole_deg:.0f}° from the nearest reading ({covered:.0%} of the sphere is covered)",
         said="{attitudes}; for all attitudes, {movement}",
-        plain="In some directions no reading was taken within {number:.0f}°. How good headings are there is not known.",
+        plain="Some directions are {number:.0f}° from the nearest reading. How good headings are there is not known.",
         remedy="{movement}",
     ),
     CatalogueRow(
