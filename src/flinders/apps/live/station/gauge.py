@@ -30,6 +30,7 @@ if TYPE_CHECKING:
     from flinders.arrays import Floats
 
 Component = Literal["repeatability", "operator", "interaction", "reproducibility", "gauge", "part", "total"]
+Grade = Literal["acceptable", "marginal", "unacceptable"]
 Source = Literal["part", "operator", "interaction", "repeatability"]
 
 POOLED_ABOVE: Final = 0.25  # p of the interaction above which it is pooled with the repeatability (AIAG, appendix A)
@@ -84,12 +85,11 @@ class GaugeStudy:
         return max(1, math.floor(min(ratio, 999.0)))
 
     @property
-    def grade(self) -> Literal["acceptable", "marginal", "unacceptable"]:
-        """By the guidelines of AIAG: a share of the gauge below 10 %, or up to 30 %, and five categories."""
-        share = self.percent("gauge")
-        if not share <= MARGINAL:
-            return "unacceptable"
-        return "acceptable" if share < ACCEPTABLE and self.distinct_categories >= MIN_CATEGORIES else "marginal"
+    def grade(self) -> Grade:
+        """By the guidelines of AIAG for the share of the gauge, which needs five categories to be acceptable."""
+        grade = graded(self.percent("gauge"))
+        is_coarse = grade == "acceptable" and self.distinct_categories < MIN_CATEGORIES
+        return "marginal" if is_coarse else grade
 
     def as_dict(self) -> dict[str, Any]:
         """JSON-ready."""
@@ -109,6 +109,17 @@ class GaugeStudy:
                 for row in self.rows
             ],
         }
+
+
+def graded(percent: float) -> Grade:
+    """Grade of a share of the gauge in the total variation or in the tolerance, by the guidelines of AIAG.
+
+    >>> graded(9.0), graded(30.0), graded(31.0)
+    ('acceptable', 'marginal', 'unacceptable')
+    """
+    if not percent <= MARGINAL:
+        return "unacceptable"
+    return "acceptable" if percent < ACCEPTABLE else "marginal"
 
 
 def _known(value: float) -> float | None:

@@ -3,6 +3,7 @@
 The verdict is the engine's. What is decided here are comparisons of the fit's numbers with limits that somebody wrote.
 
 >>> from flinders import simulate
+>>> from flinders.apps.live.station.plan import PassLimits
 >>> from flinders.fitting import calibrate
 >>> fit = calibrate.fit(simulate.tumble(seed=1).samples)
 >>> misses(fit, PassLimits())
@@ -18,7 +19,6 @@ from typing import TYPE_CHECKING, Final
 
 from msgspec import Struct
 
-from flinders.apps.live.station.plan import PassLimits
 from flinders.errors import FlindersError
 from flinders.findings import first_causes
 from flinders.fitting.result import Refused
@@ -26,6 +26,7 @@ from flinders.fitting.result import Refused
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
+    from flinders.apps.live.station.plan import PassLimits
     from flinders.fitting.result import Fit
 
 AXES: Final = "xyz"

@@ -3,9 +3,9 @@ r"""The file of a station: pass limits, motion, serial numbers, exports and cert
 >>> plan = plan_of('[limits]\nheading_error_deg = 0.5\noffset = [-60, 60]\n[motion]\nbody = "drone"')
 >>> plan.limits.heading_error_deg, plan.limits.offset, plan.motion.body, plan.limits.time_s
 (0.5, (-60.0, 60.0), 'drone', 120.0)
->>> plan_of("[serial]\npatern = 'A[0-9]+'")
+>>> plan_of("[export]\nfor = ['arduino']")
 Traceback (most recent call last):
-flinders.errors.UsageError: plan: [serial] has no key patern (did you mean 'pattern'?): it takes board_line, pattern, repeats
+flinders.errors.UsageError: plan: [export] has no key for: it takes to
 """
 
 from __future__ import annotations
@@ -45,6 +45,17 @@ class PassLimits(Struct, frozen=True, kw_only=True):
     noise: float | None = None  #: of the readings about the ellipsoid, 1 σ, at most
     coverage: float | None = None  #: share of the sphere that has to be seen, 0 to 1
     time_s: float = 120.0  #: after which a unit is judged by what has come
+
+    def tolerance(self, quantity: str) -> float:
+        """Width of the pass range of a column of the table, from 0 where it is an upper limit; NaN where it has none."""
+        ranges = {
+            **dict.fromkeys(("offset_x", "offset_y", "offset_z"), self.offset),
+            "field_strength": self.strength,
+            "worst_deg": (0.0, self.heading_error_deg),
+            "noise": None if self.noise is None else (0.0, self.noise),
+        }
+        ends = ranges.get(quantity)
+        return ends[1] - ends[0] if ends else float("nan")
 
 
 class MotionStep(Struct, frozen=True, kw_only=True):

@@ -1,6 +1,7 @@
-r"""A recording for each unit: what a running sensor sends goes into the file of the unit that is tested, and else nowhere.
+r"""A recording for each unit: readings go into the file of the unit that is tested, and else nowhere.
 
 >>> import tempfile
+>>> from pathlib import Path
 >>> folder = Path(tempfile.mkdtemp())
 >>> sink = UnitSink(print)
 >>> sink.write("# flinders 1.0 record: the board, begun\nt_s,mag_x,mag_y,mag_z\n0.1,20,4,-58\n")
@@ -19,16 +20,16 @@ t_s,mag_x,mag_y,mag_z
 from __future__ import annotations
 
 import re
-from pathlib import Path
 from typing import TYPE_CHECKING, Final
 from urllib.parse import quote
 
-from flinders.core.files import reason
+from flinders.core.files import make_folder
 from flinders.errors import LinkError, OutputError
 from flinders.links.recorder import Patient, ToFile, title
 
 if TYPE_CHECKING:
     from collections.abc import Callable
+    from pathlib import Path
 
     from flinders.links.transports import ByteSource
 
@@ -53,11 +54,7 @@ class UnitSink:
         self._say = say
         self._header: str | None = None
         self._sink: Patient | None = None
-
-    @property
-    def why(self) -> str:
-        """As `Sink.why`."""
-        return self._sink.why if self._sink else ""
+        self.why = ""  #: as `Sink.why`
 
     def write(self, text: str) -> None:
         """As `Sink.write`."""
@@ -65,26 +62,25 @@ class UnitSink:
             self._header = _header_in(text)
         if self._sink:
             self._sink.write(text)
+            self.why = self._sink.why
 
     def sync(self) -> None:
         """As `Sink.sync`."""
         if self._sink:
             self._sink.sync()
+            self.why = self._sink.why
 
     def begin(self, path: Path, source: str) -> None:
         """Write into a new file from now on; `OutputError` where it cannot be made."""
         self.end()
-        try:
-            path.parent.mkdir(parents=True, exist_ok=True)
-        except OSError as error:
-            raise OutputError(f"{path.parent}: cannot be made: {reason(error)}") from None
+        make_folder(path.parent)
         self._sink = Patient(ToFile(path), self._say)
         header = f"{self._header}\n" if self._header else ""
         self._sink.write(title(source, is_new=True) + header)
 
     def end(self) -> str:
         """Close the file, once it is on the disk; returns why not all that came is in it, and nothing where it is."""
-        sink, self._sink = self._sink, None
+        sink, self._sink, self.why = self._sink, None, ""
         if sink is None:
             return ""
         try:

@@ -1,14 +1,16 @@
 """The table of a station: a row for each test of each unit, appended at once and whole.
 
-Columns that a table of `flinders fleet` has, too, have its names; lists are columns of their own: ``offset_x``. A row is
-one write at the end of the file, forced to the disk; half a row that a power failure has left is cut off when the table
-is opened again.
+Columns that a table of `flinders fleet` has, too, have its names; lists are columns of their own: ``offset_x``. A row
+is one write at the end of the file, forced to the disk; half a row that a power failure has left is cut off when the
+table is opened again.
 
 >>> import tempfile
+>>> from pathlib import Path
 >>> folder = Path(tempfile.mkdtemp())
 >>> with StationTable(folder / "table.csv") as table:
 ...     table.append(StationRow(unit="A17", recording="A17/1.csv", result="fail", code="noise"))
->>> _ = (folder / "table.csv").open("a").write("B02,tor")
+>>> with (folder / "table.csv").open("a") as file:
+...     _ = file.write("B02,tor")
 >>> with StationTable(folder / "table.csv") as table:
 ...     table.append(StationRow(unit="A17", recording="A17/2.csv", result="pass"))
 ...     [(row["unit"], row["result"]) for row in table.rows], table.last("A17")["recording"]
@@ -23,7 +25,6 @@ import io
 import math
 import os
 from dataclasses import dataclass, fields, replace
-from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final, Self
 
 from flinders.core.files import locked, reason
@@ -31,6 +32,7 @@ from flinders.errors import OutputError
 from flinders.fitting.batch import FitColumns, fill_row
 
 if TYPE_CHECKING:
+    from pathlib import Path
     from types import TracebackType
 
     from flinders.errors import FlindersError
@@ -78,10 +80,11 @@ class StationRow:
         columns = FitColumns.empty(1)
         fit = getattr(outcome, "fit", None) or outcome
         fill_row(columns, 0, fit)
-        own = {"code", "message", "readings"}
+        own = {"code", "message", "readings", "unit_of_field"}
         names = {each.name for each in fields(FitColumns)} & {each.name for each in fields(self)} - own
         cells = {name: _cell(getattr(columns, name)[0]) for name in names}
-        return replace(self, **cells, readings=readings)
+        unit = fit.calibration.unit if hasattr(fit, "calibration") else ""
+        return replace(self, **cells, readings=readings, unit_of_field=unit)
 
     def cells(self) -> dict[str, str]:
         """What stands in the table, by column."""
@@ -104,7 +107,7 @@ def _cell(value: Any) -> Any:  # noqa: ANN401 - of NumPy
 
 def _text(value: object) -> str:
     if isinstance(value, float):
-        return f"{value:.9g}" if math.isfinite(value) else ""
+        return f"{value:.12g}" if math.isfinite(value) else ""
     if isinstance(value, tuple):
         return " ".join(map(str, value))
     return " ".join(str(value).split())
@@ -139,8 +142,6 @@ class StationTable:
         except OSError as error:
             raise OutputError(f"{path}: cannot be written: {reason(error)}") from None
         try:
-            if not locked(self._file):
-                raise OutputError(f"{path}: another station writes this table: stop it, or name another folder")
             self.rows = self._read()
         except OutputError:
             os.close(self._file)
@@ -155,10 +156,10 @@ class StationTable:
         if not size:
             writer.writeheader()
         writer.writerow(cells)
-        content = text.getvalue().encode()
+        content = memoryview(text.getvalue().encode())
         try:
-            if os.write(self._file, content) != len(content):
-                raise OSError(28, "No space left on device")
+            while content:
+                content = content[os.write(self._file, content) :]
             os.fsync(self._file)
         except OSError as error:
             with contextlib.suppress(OSError):
@@ -176,6 +177,8 @@ class StationTable:
 
     def _read(self) -> list[dict[str, str]]:
         """The rows that are there; half a row at the end goes."""
+        if not locked(self._file):
+            raise OutputError(f"{self.path}: another station writes this table: stop it, or name another folder")
         content = self.path.read_bytes()
         whole = content[: content.rfind(b"\n") + 1]
         if len(whole) < len(content):

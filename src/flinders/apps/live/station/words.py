@@ -83,13 +83,13 @@ def _outside(miss: Miss, needed: tuple[float, float], words: LimitWords, unit: s
     if miss.found is None:
         return f"The {words.name} is not known."
     scale = 100.0 if words.unit == "%" else 1.0
-    found, low, high = (_number(scale * value) for value in (miss.found, low, high))
+    found, least, most = (_number(scale * value) for value in (miss.found, low, high))
     begin = f"The {words.name} is {found}{unit}:"
     if words.unit == "%":
-        return f"{begin} at least {low}{unit} pass."
-    if needed[0] == 0.0:
-        return f"{begin} at most {high}{unit} pass."
-    return f"{begin} {low} to {high}{unit} pass."
+        return f"{begin} at least {least}{unit} pass."
+    if low == 0.0:
+        return f"{begin} at most {most}{unit} pass."
+    return f"{begin} {least} to {most}{unit} pass."
 
 
 def _number(value: float) -> str:
