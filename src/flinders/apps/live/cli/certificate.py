@@ -53,9 +53,8 @@ def command(options: CertificateOptions) -> None:
 
     plan = read_plan(options.plan)
     if plan.certificate is None:
-        raise UsageError(
-            f"{options.plan} has no table [certificate]: name laboratory, country, city, person and customer"
-        )
+        needed = "laboratory, country, city, person and customer"
+        raise UsageError(f"{options.plan} has no table [certificate]: write one with {needed}")
     fit = load("certificate", options.calibration)
     when = _made(fit)
     about = CertifiedTest(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -81,9 +82,8 @@ def _studied(options: GaugeOptions) -> Sequence[Studied]:
     studied = []
     for quantity in options.quantities or QUANTITIES:
         measured = measured_of(rows, quantity, part=options.part, operator=options.who)
-        studied.append(
-            Studied(measured, gauge_study(measured.values), *([limits.tolerance(quantity)] if limits else []))
-        )
+        tolerance = limits.tolerance(quantity) if limits else math.nan
+        studied.append(Studied(measured, gauge_study(measured.values), tolerance))
     return studied
 
 

@@ -1,9 +1,9 @@
 """The unit on the bench: from its serial number to its row in the table.
 
-A test goes through four phases: ``ready`` for a serial number, ``confirm`` where that one was tested before, ``testing``
-and ``result``; ``judging`` lies between the last two while the calibration of the whole recording is made. The page of
-the operator asks, and shows the state; nothing is decided there. A test that has begun ends in a row: with a result,
-stopped by the operator, or as interrupted when the program starts again after a power failure.
+A test goes through four phases: ``ready`` for a serial number, ``confirm`` where that one was tested before,
+``testing`` and ``result``; ``judging`` lies between the last two while the calibration of the recording is made. The
+page of the operator asks, and shows the state; nothing is decided there. A test that has begun ends in a row: with a
+result, stopped by the operator, or as interrupted when the program starts again after a power failure.
 """
 
 from __future__ import annotations

@@ -1,6 +1,7 @@
 """Measured values of a gauge study, out of a table with a row for each test.
 
->>> rows = [dict(unit=unit, operator="Ada", noise=str(noise)) for unit, noise in [("A", 1), ("A", 2), ("B", 3), ("B", 5)]]
+>>> noises = [("A", 1), ("A", 2), ("B", 3), ("B", 5)]
+>>> rows = [{"unit": unit, "operator": "Ada", "noise": str(noise)} for unit, noise in noises]
 >>> table = measured_of(rows, "noise")
 >>> table.parts, table.operators, table.values.tolist()
 (('A', 'B'), ('Ada',), [[[1.0, 2.0]], [[3.0, 5.0]]])
@@ -99,7 +100,7 @@ def _repeats(
     """How often every part was measured by every operator."""
     if len(parts) < 2:
         raise UsageError(
-            f"{counted(len(parts), 'part')} with a {quantity}: a gauge study needs two at least, better ten"
+            f"{counted(len(parts), 'part')} with a {quantity}: a gauge study needs two, better ten"
         )
     for part in parts:
         for operator in operators:

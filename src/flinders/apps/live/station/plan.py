@@ -47,7 +47,7 @@ class PassLimits(Struct, frozen=True, kw_only=True):
     time_s: float = 120.0  #: after which a unit is judged by what has come
 
     def tolerance(self, quantity: str) -> float:
-        """Width of the pass range of a column of the table, from 0 where it is an upper limit; NaN where it has none."""
+        """Width of the pass range of a column of the table, from 0 of an upper limit; NaN where it has none."""
         ranges = {
             **dict.fromkeys(("offset_x", "offset_y", "offset_z"), self.offset),
             "field_strength": self.strength,
