@@ -1,10 +1,10 @@
-"""A shift at a station: an operator with a scanner, a board on a wire, a cable that comes loose, and a power failure."""
+"""A shift at a station: an operator with a scanner, a board, a cable that comes loose, and a power failure."""
 
 from __future__ import annotations
 
 import csv
 import os
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pytest
@@ -41,7 +41,7 @@ steps = [{words = "Start the fixture.", seconds = 2}, {words = "Wait.", seconds 
 class Operator(Visitor):
     """A person at a station, who scans and presses keys."""
 
-    def come(self, **options: object) -> Page:
+    def come(self, **options: Any) -> Page:
         page = self.context(**options).new_page()
         page.goto(self.program.address)
         until(page, "window.flinders?.station() && flinders.store.hello")

@@ -79,8 +79,7 @@ CONTENT: Final = {
     "realListXMLList": "labelXMLList? quantityTypeXMLList? valueXMLList unitXMLList significantDigitXMLList? "
     "dateTimeXMLList? measurementUncertaintyUnivariateXMLList?",
     "measurementUncertaintyUnivariateXMLList": "expandedMUXMLList",
-    "expandedMUXMLList": "valueExpandedMUXMLList coverageFactorXMLList coverageProbabilityXMLList "
-    "distributionXMLList?",
+    "expandedMUXMLList": "valueExpandedMUXMLList coverageFactorXMLList coverageProbabilityXMLList distributionXMLList?",
 }
 """Children of each element, in order."""
 DECIMAL: Final = r"[-+]?(\d+(\.\d*)?|\.\d+)([eE][-+]?\d+)?"

@@ -8,11 +8,15 @@ import numpy as np
 import numpy.testing as npt
 import pytest
 from scipy import stats
+from tests.program import flinders_
 
 from flinders.apps.live.station.gauge import f_tail, gauge_study
+from flinders.apps.live.station.gauge_table import measured_of
 from flinders.errors import UsageError
 
 if TYPE_CHECKING:
+    from pathlib import Path
+
     from tests.trials import Choose
 
     from flinders.arrays import Floats
@@ -111,3 +115,48 @@ def test_the_tail_of_f_is_that_of_scipy(f: float, freedom: tuple[int, int]) -> N
 def test_too_few_parts_or_repeats_are_refused(shape: tuple[int, ...]) -> None:
     with pytest.raises(UsageError):
         gauge_study(np.zeros(shape))
+
+
+def rows_of(values: Floats) -> list[dict[str, str]]:
+    """Rows of a station's table, of parts, operators and repeats."""
+    return [
+        {"unit": f"P{part}", "operator": "ABCDEF"[who], "noise": str(values[part, who, again]), "unit_of_field": "uT"}
+        for part, who, again in np.ndindex(values.shape)
+    ]
+
+
+def test_a_table_gives_the_values_of_its_rows_in_any_order() -> None:
+    rows = rows_of(AIAG)
+    shuffled = [rows[place] for place in np.random.default_rng(1).permutation(len(rows))]
+    study = gauge_study(measured_of(shuffled, "noise").values)
+    assert study.percent("gauge") == pytest.approx(gauge_study(AIAG).percent("gauge"))
+
+
+def test_further_repeats_and_tests_without_a_number_are_left_out() -> None:
+    stopped = {"unit": "P1", "operator": "A", "noise": "", "unit_of_field": ""}
+    more = {"unit": "P1", "operator": "A", "noise": "9", "unit_of_field": "uT"}
+    measured = measured_of([stopped, *rows_of(AIAG), more], "noise")
+    assert (measured.values.shape, measured.left_out, measured.unit) == ((10, 3, 3), 1, "uT")
+    npt.assert_array_equal(measured.values, AIAG)
+
+
+def test_a_part_that_one_operator_has_not_measured_is_named() -> None:
+    rows = [row for row in rows_of(AIAG) if (row["unit"], row["operator"]) != ("P4", "B")]
+    with pytest.raises(UsageError, match=r"P4.*B"):
+        measured_of(rows, "noise")
+
+
+def test_the_exit_code_and_the_report_say_whether_the_gauge_is_acceptable(tmp_path: Path) -> None:
+    table, report = tmp_path / "table.csv", tmp_path / "gauge.html"
+    lines = ["unit,operator,noise,unit_of_field", *(",".join(row.values()) for row in rows_of(AIAG))]
+    table.write_text("\n".join(lines), encoding="utf-8")
+    (tmp_path / "line.toml").write_text("[limits]\nnoise = 100\n", encoding="utf-8")
+    asked = ("gauge-study", str(table), "--quantity", "noise")
+    assert flinders_(*asked).code == 3
+    ended = flinders_(*asked, "--plan", str(tmp_path / "line.toml"), "--report", str(report), "--json")
+    assert ended.code == 0
+    assert ended.json["noise"]["grade"] == "acceptable"
+    assert ended.json["noise"]["percent_of_tolerance"] == pytest.approx(6 * 0.302373, rel=1e-5)
+    assert report.read_text(encoding="utf-8").count("<svg class") >= 1
+    (tmp_path / "bad.csv").write_text("part,value\n1,2\n", encoding="utf-8")
+    assert flinders_("gauge-study", str(tmp_path / "bad.csv")).code == 5

@@ -102,7 +102,7 @@ class Line:
         self.station.recover()
         gate = Gate.of("127.0.0.1", 8410, ("bench",))
         app = application(self.station.hub, gate, None, print, live_data, routes_of(self.station))
-        self.client = TestClient(app, base_url=f"http://{HOST}")
+        self.client = TestClient(app, base_url=f"http://{HOST}", raise_server_exceptions=False)
 
     def __enter__(self) -> Line:
         self.client.__enter__()
@@ -309,6 +309,18 @@ def test_a_table_that_cannot_be_written_holds_the_next_unit_back(line: Line, mon
         line.do("start", status=409, serial="B02")
     assert line.do("start", serial="B02")["phase"] == "testing"
     assert [row["unit"] for row in line.rows] == ["A17"]
+
+
+def test_a_fault_of_the_program_costs_no_row(line: Line, monkeypatch: pytest.MonkeyPatch) -> None:
+    def broken(*_: object, **__: object) -> None:
+        raise RuntimeError("broken")
+
+    line.do("start", serial="A17")
+    with monkeypatch.context() as patch:
+        patch.setattr("flinders.apps.live.station.bench.judged", broken)
+        line.client.post("/station", content='{"do": "finish"}', headers=OWN)
+    assert (line.rows[0]["result"], line.rows[0]["code"]) == ("aborted", "fault")
+    assert line.state["phase"] == "result"
 
 
 def test_the_board_says_its_serial_number(tmp_path: Path) -> None:

@@ -2,7 +2,7 @@
 
 WIRE = "Sensors on a wire"
 
-PUBLIC = {"Session": "guided"}
+PUBLIC = {"Session": "guided", "gauge_study": "station.gauge"}
 COMMANDS = {
     "live": (WIRE, "cli.live", "Calibrate on a page, while the sensor is turned."),
     "station": (WIRE, "cli.station", "Test units of a production line, one after the other."),

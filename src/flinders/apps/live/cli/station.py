@@ -5,7 +5,7 @@ from __future__ import annotations
 import contextlib
 import sys
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Final
 
 from flinders.apps.live.cli.live import SWITCH_S, LiveSource, ServedPage, announce
 from flinders.cli import _options as option
@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from flinders.apps.live.station.recordings import Announcing
     from flinders.links.transports import ByteSource
 
-FOLDER = "flinders-station"
+FOLDER: Final = "flinders-station"
 
 
 class StationOptions(program.Group):
@@ -35,6 +35,12 @@ class StationOptions(program.Group):
     )  # fmt: skip
     operator: str = program.member("--operator", default="", metavar="NAME", help="Who tests; the page can change it.")
     name: str = program.member("--name", default="", metavar="NAME", help="Name of the station, in each row.")
+    to: tuple[str, ...] = program.member(
+        "--to",
+        multiple=True,
+        metavar="TARGET",
+        help="Write each unit that passes for a target, beside those of the plan.",
+    )
     page: ServedPage = program.group(ServedPage)
     as_json: bool = option.as_json()
 
@@ -42,7 +48,7 @@ class StationOptions(program.Group):
 @program.command_of(
     "station",
     StationOptions,
-    common=("port", "udp", "tcp", "simulate", "folder", "operator", "name"),
+    common=("port", "udp", "tcp", "simulate", "folder", "operator", "name", "to"),
     headings={"Source": ("baud", "mavlink", "compass", "replay", "speed"), "Page": ("host", "web_port", "opens")},
     epilog="""\b
 Example:
@@ -61,15 +67,18 @@ def command(options: StationOptions) -> None:
     for package in ("starlette", "uvicorn", "websockets", "segno"):
         needs(package, "live", "the page of a station")
     sys.setswitchinterval(SWITCH_S)
+    from msgspec.structs import replace
+
     from flinders.apps.live.access import Gate, Tokens, listening, own_names, serve
     from flinders.apps.live.server import application
     from flinders.apps.live.standalone.package import live_data
     from flinders.apps.live.station.folder import StationFolder
-    from flinders.apps.live.station.plan import Plan, read_plan
+    from flinders.apps.live.station.plan import Exports, Plan, read_plan
     from flinders.apps.live.station.routes import routes_of
     from flinders.targets import find
 
     plan = Plan() if options.plan is None else read_plan(options.plan)
+    plan = replace(plan, export=Exports(to=tuple(dict.fromkeys((*plan.export.to, *options.to)))))
     for target in plan.export.to:
         find(target)
     with contextlib.ExitStack() as stack:

@@ -122,7 +122,7 @@ class Station:
         if test is None:
             self.folder.forget()
         else:
-            self.folder.end(stopped(test, test.began, "interrupted").row)
+            self.folder.end(stopped(test, self.folder.last_written(test), "interrupted").row)
         return test
 
     async def start(self, serial: str, *, again: bool = False) -> None:
@@ -214,12 +214,15 @@ class Station:
         edits = self.hub.edits
         self.hub.edit(msgspec.structs.replace(edits, paused_s=max(self.hub.timeline.at, 0.0)))
         if is_aborted:
-            ended = stopped(test, ended_at, "aborted")
-        else:
-            events = [*["not-recorded"] * bool(not_recorded), *["sensor-gone"] * is_gone]
-            ended = await asyncio.to_thread(
-                judged, test, ended_at, self._wanted(test, edits), self.plan, self.folder, events=tuple(events)
-            )
+            self._keep(stopped(test, ended_at, "aborted"))
+            return
+        events = (*["not-recorded"] * bool(not_recorded), *["sensor-gone"] * is_gone)
+        wanted = self._wanted(test, edits)
+        try:
+            ended = await asyncio.to_thread(judged, test, ended_at, wanted, self.plan, self.folder, events=events)
+        except Exception:  # a fault of ours must not cost the row
+            self._keep(stopped(test, ended_at, "fault"))
+            raise
         self._keep(ended)
 
     def _wanted(self, test: UnitTest, edits: Edits) -> Wanted:

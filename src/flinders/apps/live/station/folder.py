@@ -120,6 +120,13 @@ class StationFolder:
         is_written = any(row["recording"] == test.recording for row in self.table.rows)
         return None if is_written else test
 
+    def last_written(self, test: UnitTest) -> datetime:
+        """When the recording of a test was written last; when it began where there is none."""
+        try:
+            return datetime.fromtimestamp(self.recording(test.recording).stat().st_mtime, UTC)
+        except OSError:
+            return test.began
+
     def close(self) -> None:
         """Let go of the table."""
         self.table.close()

@@ -94,14 +94,13 @@ class GaugeStudy:
     def as_dict(self) -> dict[str, Any]:
         """JSON-ready."""
         return {
-            "parts": self.values.shape[0],
-            "operators": self.values.shape[1],
+            "parts": self.values.shape[0],  # how many were measured
+            "operators": self.values.shape[1],  # how many measured them
             "repeats": self.values.shape[2],  # of each part by each operator
             "mean": float(self.values.mean()),  # in `unit`
             "sigma": {name: self.sigma(name) for name in self.variances},  # in `unit`, by component
             "percent": {name: _known(self.percent(name)) for name in self.variances},  # of the total variation
             "distinct_categories": self.distinct_categories,  # ndc
-            "grade": self.grade,  # by AIAG: acceptable, marginal or unacceptable
             "is_pooled": self.is_pooled,  # the interaction counts as repeatability
             # source, degrees of freedom, sum of squares, mean square, F and p
             "anova": [

@@ -99,9 +99,7 @@ def _repeats(
 ) -> int:
     """How often every part was measured by every operator."""
     if len(parts) < 2:
-        raise UsageError(
-            f"{counted(len(parts), 'part')} with a {quantity}: a gauge study needs two, better ten"
-        )
+        raise UsageError(f"{counted(len(parts), 'part')} with a {quantity}: a gauge study needs two, better ten")
     for part in parts:
         for operator in operators:
             count = len(cells.get((part, operator), ()))

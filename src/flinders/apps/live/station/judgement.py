@@ -14,7 +14,7 @@ from flinders.apps.live.finished import finished
 from flinders.apps.live.station.limits import Miss, misses
 from flinders.apps.live.station.outputs import write_outputs
 from flinders.apps.live.station.words import numbers_of, said
-from flinders.errors import FlindersError, NotExportable, OutputError, UnitError, UnreadableInput
+from flinders.errors import FlindersError, OutputError, UnreadableInput
 from flinders.fitting.result import Fit
 
 if TYPE_CHECKING:
@@ -82,10 +82,10 @@ def judged(
     if isinstance(outcome, Fit):
         try:
             write_outputs(made, test, ended, plan, folder, is_passed=not missed)
-        except (NotExportable, UnitError):
-            missed.append(Miss("not-exported"))
         except OutputError as error:
             trouble = error.message
+        except FlindersError:
+            missed.append(Miss("not-exported"))
     result: Result = "fail" if missed else "pass"
     row = test.row(result, ended).with_outcome(outcome, sum(file.rows for file in made.files))
     return replace(_ended(test, row, result, tuple(missed), outcome), trouble=trouble)

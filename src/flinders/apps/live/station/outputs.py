@@ -26,10 +26,10 @@ def write_outputs(
 
     Raises
     ------
-    NotExportable, UnitError
-        Where a target cannot hold the calibration.
     OutputError
         Where a file cannot be written.
+    FlindersError
+        Where a target cannot hold the calibration.
     """
     fit = made.fit
     record = ProvenanceRecord(flinders=version("flinders"), date=ended.replace(microsecond=0), files=made.files)

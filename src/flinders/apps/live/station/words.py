@@ -3,7 +3,7 @@
 >>> from flinders.apps.live.station.limits import Miss
 >>> from flinders.errors import TooFewSamples
 >>> said(Miss("offset-x", -71.2, (-60.0, 60.0)), None)[0]
-'The offset of x is −71.2: −60.0 to 60.0 pass.'
+'The offset of x is −71.2. The limits are −60 and 60.'
 >>> said(Miss("too-few-samples"), TooFewSamples(found=5, needed=10, method="likelihood"))[0]
 'The number of usable readings is 5, and at least 10 are needed.'
 """
@@ -40,7 +40,7 @@ LIMITS: Final = {
         for axis in "xyz"
     },
     "noise": LimitWords("noise", "Keep phones, tools and cables away, and test it again; else replace the sensor."),
-    "coverage-share": LimitWords("share of the sphere", "Make all turns, each to its end.", "%"),
+    "coverage-share": LimitWords("share of directions", "Make all turns, each to its end."),
 }
 """Limits of a station's file."""
 
@@ -49,6 +49,7 @@ EVENTS: Final = {
     "no-readings": ("No readings came from the unit.", f"Check that it is on and connected. {AGAIN}"),
     "interrupted": ("The station stopped in the middle of the unit.", AGAIN),
     "aborted": ("The test was stopped.", AGAIN),
+    "fault": ("The unit could not be judged: a fault of the program.", f"Please report it. {AGAIN}"),
     "not-recorded": ("The recording could not be written.", f"Make room on the disk. {AGAIN}"),
     "not-exported": ("The calibration cannot be written for its target.", "Ask whoever wrote the station's file."),
     "unit": (
@@ -78,18 +79,15 @@ def said(miss: Miss, outcome: Fit | FlindersError | None) -> tuple[str, str]:
 
 
 def _outside(miss: Miss, needed: tuple[float, float], words: LimitWords, unit: str) -> str:
+    """A number that is outside its limits."""
     unit = words.unit or (f" {unit}" if unit else "")
-    low, high = needed
     if miss.found is None:
         return f"The {words.name} is not known."
-    scale = 100.0 if words.unit == "%" else 1.0
-    found, least, most = (_number(scale * value) for value in (miss.found, low, high))
-    begin = f"The {words.name} is {found}{unit}:"
-    if words.unit == "%":
-        return f"{begin} at least {least}{unit} pass."
-    if low == 0.0:
-        return f"{begin} at most {most}{unit} pass."
-    return f"{begin} {least} to {most}{unit} pass."
+    if miss.code == "coverage-share":
+        return f"{miss.found:.0%} of all directions were seen, and {needed[0]:.0%} are needed."
+    low, high = (minus(f"{end:g}") for end in needed)
+    limits = f"The limit is {high}{unit}." if needed[0] == 0.0 else f"The limits are {low} and {high}{unit}."
+    return f"The {words.name} is {_number(miss.found)}{unit}. {limits}"
 
 
 def _number(value: float) -> str:
