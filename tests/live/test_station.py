@@ -181,7 +181,7 @@ def test_each_unit_has_its_own_readings_alone(line: Line) -> None:
         ("strength = [10, 20]", "strength"),
         ("offset = [-1, 1]", "offset-x"),
         ("coverage = 1.0", "coverage-share"),
-        ('unit = "counts"\nnoise = 5', "unit"),
+        ('unit = "counts"\nnoise = 5', "other-unit"),
         ("heading_error_deg = 0.001", "heading-error"),
     ],
 )

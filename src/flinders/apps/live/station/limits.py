@@ -60,7 +60,7 @@ def _of_findings(fit: Fit, severity: str) -> Iterator[Miss]:
 def _outside(fit: Fit, limits: PassLimits) -> Iterator[Miss]:
     """Numbers of a fit that lie outside their limits; one that is not known lies outside."""
     if fit.calibration.unit != limits.unit and (limits.strength or limits.offset or limits.noise is not None):
-        yield Miss("unit")
+        yield Miss("other-unit")
         return
     if limits.verdict != "good" or fit.verdict == "good":  # else the engine's findings have said it
         yield from _beyond("heading-error", fit.heading_error_deg.worst, (0.0, limits.heading_error_deg))

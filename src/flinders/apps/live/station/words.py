@@ -14,9 +14,10 @@ from typing import TYPE_CHECKING, Final, NamedTuple
 
 from flinders.core.units import label
 from flinders.errors import FlindersError, figures
+from flinders.findings.words import as_sentence
 from flinders.fitting.result import Fit
-from flinders.report.formatting import as_sentence, minus
-from flinders.report.plain import error_words, finding_words
+from flinders.report.formatting import minus
+from flinders.report.plain import error_words
 
 if TYPE_CHECKING:
     from flinders.apps.live.station.limits import Miss
@@ -52,7 +53,7 @@ EVENTS: Final = {
     "fault": ("The unit could not be judged: a fault of the program.", f"Please report it. {AGAIN}"),
     "not-recorded": ("The recording could not be written.", f"Make room on the disk. {AGAIN}"),
     "not-exported": ("The calibration cannot be written for its target.", "Ask whoever wrote the station's file."),
-    "unit": (
+    "other-unit": (
         "The readings are in another unit than the limits.",
         "Ask whoever wrote the station's file to state the unit of limits and readings.",
     ),
@@ -70,7 +71,7 @@ def said(miss: Miss, outcome: Fit | FlindersError | None) -> tuple[str, str]:
         return EVENTS[miss.code]
     finding = next((each for each in fit.findings if each.code == miss.code), None) if fit else None
     if fit and finding:
-        words, remedy = finding_words(fit, finding)
+        words, remedy = finding.plain_words, finding.remedy
     elif isinstance(outcome, FlindersError):
         words, remedy = error_words(outcome)
     else:
