@@ -21,13 +21,14 @@ from tests.program import flinders_
 
 from flinders import simulate
 from flinders.apps.live.station.certificate import CertifiedTest, certificate
+from flinders.apps.live.station.limits import misses
 from flinders.apps.live.station.plan import CertificateFacts, PassLimits
+from flinders.core.calibration import Calibration
 from flinders.fitting import calibrate
+from flinders.fitting.result import Fit
 
 if TYPE_CHECKING:
     from lxml.etree import _Element
-
-    from flinders.fitting.result import Fit
 
 SPACES: Final = {"dcc": "https://ptb.de/dcc", "si": "https://ptb.de/si"}
 CONTENT: Final = {
@@ -199,3 +200,7 @@ def test_the_command_writes_one_of_a_calibration_file(fit: Fit, tmp_path: Path) 
     root = rooted(Path(written).read_text(encoding="utf-8"))
     assert faults(root) == []
     assert root.findtext(".//dcc:conformity", namespaces=SPACES) == "fail"
+
+
+def test_a_calibration_of_which_nothing_is_stated_does_not_conform() -> None:
+    assert [miss.code for miss in misses(Fit.of(Calibration.identity()), PassLimits())] == ["unstated"]

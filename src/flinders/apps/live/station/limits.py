@@ -42,19 +42,19 @@ class Miss(Struct, frozen=True):
 
 def misses(outcome: Fit | FlindersError, limits: PassLimits) -> tuple[Miss, ...]:
     """What a fit misses, the gravest first; nothing of one that passes."""
-    if isinstance(outcome, Refused):
-        return tuple(_of_findings(outcome.fit, "refuses"))
-    if isinstance(outcome, FlindersError):
-        return (Miss(outcome.code),)
-    limiting = _of_findings(outcome, "limits") if limits.verdict == "good" and outcome.verdict != "good" else ()
-    return (*limiting, *_outside(outcome, limits))
+    fit = outcome.fit if isinstance(outcome, Refused) else outcome
+    if isinstance(fit, FlindersError):
+        return (Miss(fit.code),)
+    if fit.verdict == "refused":
+        return _causes(fit)
+    limiting = _causes(fit) if limits.verdict == "good" and fit.verdict == "limited" else ()
+    return (*limiting, *_outside(fit, limits))
 
 
-def _of_findings(fit: Fit, severity: str) -> Iterator[Miss]:
-    for finding in first_causes(fit.findings):
-        if finding.severity == severity:
-            found = finding.number if math.isfinite(finding.number) else None
-            yield Miss(finding.code, found)
+def _causes(fit: Fit) -> tuple[Miss, ...]:
+    """The findings that make the verdict; of a calibration that states none, that nothing is stated."""
+    codes = [finding.code for finding in first_causes(fit.findings) if finding.severity != "note"]
+    return tuple(map(Miss, codes or ["unstated"]))
 
 
 def _outside(fit: Fit, limits: PassLimits) -> Iterator[Miss]:

@@ -53,6 +53,7 @@ EVENTS: Final = {
     "fault": ("The unit could not be judged: a fault of the program.", f"Please report it. {AGAIN}"),
     "not-recorded": ("The recording could not be written.", f"Make room on the disk. {AGAIN}"),
     "not-exported": ("The calibration cannot be written for its target.", "Ask whoever wrote the station's file."),
+    "unstated": ("Nothing states how good the calibration is.", "Calibrate the unit by a recording."),
     "other-unit": (
         "The readings are in another unit than the limits.",
         "Ask whoever wrote the station's file to state the unit of limits and readings.",
