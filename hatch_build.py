@@ -58,6 +58,7 @@ PACKAGE = Path("src/flinders")
 ENTRIES = (
     "apps/live/static/live.js",
     "apps/live/static/standalone/main.js",
+    "apps/live/static/station/station.js",
     "apps/live/static/standalone/worker.js",
     "static/views/scene.js",
 )

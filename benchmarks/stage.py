@@ -76,7 +76,7 @@ def chromium() -> Iterator[Browser]:
 
 
 class Program:
-    """``flinders live`` with a page at `address`, which records into `recording`.
+    """``flinders live`` with a page at `address`, which records into `recording`; or another command with a page.
 
     Parameters
     ----------
@@ -84,6 +84,8 @@ class Program:
         To run in.
     options : str
         As on the command line.
+    command : str
+        What to run in place of ``live``.
 
     Attributes
     ----------
@@ -97,12 +99,12 @@ class Program:
         Where it ends before it has a page; with what it said.
     """
 
-    def __init__(self, folder: Path, *options: str) -> None:
+    def __init__(self, folder: Path, *options: str, command: str = "live") -> None:
         self.recording = folder / "session.csv"
-        chosen = ["--output", self.recording.name] if "--resume" not in options else []
-        command = [sys.executable, "-m", "flinders", "live", "--no-open", "--port", "0", *chosen, *options]
+        chosen = ["--output", self.recording.name] if command == "live" and "--resume" not in options else []
+        words = [sys.executable, "-m", "flinders", command, "--no-open", "--port", "0", *chosen, *options]
         self._process = subprocess.Popen(
-            command, cwd=folder, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True, encoding="utf-8"
+            words, cwd=folder, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True, encoding="utf-8"
         )
         self.pid = self._process.pid
         self._said: list[str] = []
@@ -112,12 +114,17 @@ class Program:
         self._reader.start()
         if not self._has_address.wait(STARTING_S) or not self.address:
             self.stop()
-            raise RuntimeError(f"flinders live gave no address:\n{self.said}")
+            raise RuntimeError(f"flinders {command} gave no address:\n{self.said}")
 
     @property
     def said(self) -> str:
         """All it has printed so far."""
         return "".join(self._said)
+
+    def kill(self) -> None:
+        """End it at once, as a power failure does."""
+        self._process.kill()
+        self.stop()
 
     def stop(self) -> int:
         """Interrupt it as Ctrl-C does, and return its exit status."""

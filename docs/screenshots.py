@@ -87,6 +87,8 @@ REPORTS: Final = {
 """Reports: how they are looked at, and how much of them, in pixels."""
 STANDALONE: Final = ("page-start-light", "page-columns-light")
 """Pictures of the page that needs no program: its first view, and the choice of columns."""
+STATION: Final = ("station-fail-dark", "station-fail-light", "station-testing-dark")
+"""Pictures of the page of a station: while a unit is turned, and with one that fails."""
 UNITS: Final = 300
 """Of the fleet, a tenth of them with a fault."""
 
@@ -203,6 +205,28 @@ def _take(browser: Browser, program: Program, state: State, path: Path, how: tup
     context.close()
 
 
+def station(browser: Browser, name: str, folder: Path) -> Path:
+    """Take a picture of the page of a station."""
+    place = folder / name
+    place.mkdir()
+    (place / "line.toml").write_text("[limits]\noffset = [-60, 60]\n", encoding="utf-8")
+    is_testing, scheme = "testing" in name, name.rpartition("-")[2]
+    asked = ("line.toml", "--simulate", "--speed", "2" if is_testing else "30", "--operator", "Ada", "--name", "3")
+    with Program(place, *asked, command="station") as program:
+        options: dict[str, Any] = {"color_scheme": scheme, "viewport": DESK}
+        context = browser.new_context(reduced_motion="reduce", **options)
+        page = context.new_page()
+        page.goto(program.address)
+        until(page, "Boolean(window.flinders?.station())")
+        page.keyboard.type("K000017")
+        page.keyboard.press("Enter")
+        until(page, f"flinders.station().phase === '{'testing' if is_testing else 'result'}'")
+        page.wait_for_timeout(4000 if is_testing else 500)
+        path = _saved(page, name)
+        context.close()
+    return path
+
+
 def standalone(browser: Browser, name: str, folder: Path) -> Path:
     """Take a picture of the page that needs no program: at its beginning, or as it asks for the columns of a log."""
     from flinders.apps.live.standalone import package
@@ -317,7 +341,7 @@ def main() -> None:
         with chromium() as browser:
             states(browser, Path(asked[1]), asked[2:])
         return
-    names = [*(shot.name for shot in SHOTS), *REPORTS, *STANDALONE]
+    names = [*(shot.name for shot in SHOTS), *REPORTS, *STANDALONE, *STATION]
     unknown = [name for name in asked if name not in names]
     if unknown:
         sys.exit(f"there is no picture {', '.join(unknown)}: there are {', '.join(names)}")
@@ -331,6 +355,9 @@ def main() -> None:
         for name in STANDALONE:
             if not asked or name in asked:
                 _tell(standalone(browser, name, Path(folder)))
+        for name in STATION:
+            if not asked or name in asked:
+                _tell(station(browser, name, Path(folder)))
 
 
 def _tell(path: Path) -> None:

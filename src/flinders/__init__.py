@@ -36,6 +36,7 @@ if TYPE_CHECKING:
     from flinders.apps.classic.methods import compare_methods as compare_methods
     from flinders.apps.fleet import fit_many as fit_many
     from flinders.apps.live.guided import Session as Session
+    from flinders.apps.live.station.gauge import gauge_study as gauge_study
     from flinders.apps.marine.compass_swing import swing as swing
     from flinders.apps.survey.aeromagnetic import tolles_lawson as tolles_lawson
     from flinders.apps.survey.calibration import fit_survey as fit_survey

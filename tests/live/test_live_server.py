@@ -25,7 +25,7 @@ import numpy as np
 import numpy.testing as npt
 import pytest
 from starlette.websockets import WebSocketDisconnect
-from tests.message_types import typescript
+from tests.message_types import station_types, typescript
 from tests.waiting import PATIENCE_S, Heartbeat, wait_until
 
 import flinders
@@ -1254,10 +1254,9 @@ def test_an_open_server_asks_for_its_token_once(tmp_path: Path) -> None:
     bench.sink.close()
 
 
-def test_the_types_of_the_page_are_those_of_the_messages() -> None:
-    assert (STATIC / "wire.d.ts").read_text(encoding="utf-8") == typescript(), (
-        "python -m tests.message_types > src/flinders/apps/live/static/wire.d.ts"
-    )
+def test_the_types_of_the_pages_are_those_of_the_messages() -> None:
+    for path, types in {"wire.d.ts": typescript(), "station/station.d.ts": station_types()}.items():
+        assert (STATIC / path).read_text(encoding="utf-8") == types, "python -m tests.message_types"
 
 
 def test_a_session_is_named_by_its_time_and_never_over_another(tmp_path: Path) -> None:

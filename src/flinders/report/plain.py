@@ -41,7 +41,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
 
     from flinders.core.calibration_file import ProvenanceRecord
-    from flinders.errors import FitError
+    from flinders.errors import FitError, FlindersError
 
 WIDTH: Final = 78
 """Columns: two less than the terminal's 80, so that an e-mail can be quoted."""
@@ -93,10 +93,16 @@ def _of_findings(fit: Fit) -> tuple[list[str], list[str]]:
 
 def _of_no_fit(error: FitError) -> tuple[list[str], list[str]]:
     """Why there is no fit, and what to do."""
+    words, what = error_words(error)
+    return [words], [what] if what else []
+
+
+def error_words(error: FlindersError) -> tuple[str, str]:
+    """Why there is no fit, and what to do, in plain words; its message where there are none, and nothing to do."""
     refusal = REFUSALS.get(error.code)
     if refusal is None or not refusal.plain:
-        return [error.message], []
-    return [refusal.plain.format(**error.evidence)], [refusal.remedy]
+        return error.message, ""
+    return refusal.plain.format(**error.evidence), refusal.remedy
 
 
 def _read(outcome: Fit | FitError, fit: Fit | None, provenance: ProvenanceRecord) -> list[str]:

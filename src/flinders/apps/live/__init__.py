@@ -7,6 +7,7 @@ For whoever holds a board or a phone, and for programs with a display of their o
 - `server`: routes; `access`: who may look; `transfers`: uploads and downloads
 - `session_file`: a recording with what a person did; `finished`: the calibration of all that it holds
 - `guided`: a session for programs with a display of their own
+- ``station``: units of a production line, one after the other
 - ``standalone``: writes the page that needs no program; ``cli``: commands
 
 The page has the session, in JavaScript (``static/standalone/session.js``).
@@ -20,8 +21,9 @@ from flinders.core.lazy import attributes
 
 if TYPE_CHECKING:
     from flinders.apps.live.guided import Session as Session
+    from flinders.apps.live.station.gauge import gauge_study as gauge_study
 
-PUBLIC = {"Session": "guided"}
+PUBLIC = {"Session": "guided", "gauge_study": "station.gauge"}
 
 if not TYPE_CHECKING:
     __getattr__ = attributes(__name__, PUBLIC)

@@ -122,6 +122,7 @@ class Hub:
         self.logs: dict[str, tuple[str, Log]] = {}
         self.finished: dict[str, Finished] = {}
         self.failure: Exception | None = None
+        self.on_take: Callable[[], object] = lambda: None  # called after each look at what came
         self.name = secrets.token_hex(4)
         self._feed_thread = FeedThread(supply.feed)
         self._finishing = asyncio.Lock()
@@ -137,6 +138,7 @@ class Hub:
             while True:
                 self._came.clear()
                 self._take()
+                self.on_take()
                 await self._something()
         except Exception as error:  # noqa: BLE001 - a fault of ours ends the program, which reports it
             self.failure = error

@@ -42,9 +42,10 @@ from flinders.report.modules import script
 from flinders.report.view import View
 
 if TYPE_CHECKING:
-    from collections.abc import AsyncIterator, Callable, Iterator
+    from collections.abc import AsyncIterator, Callable, Iterator, Sequence
 
     from starlette.requests import Request
+    from starlette.routing import BaseRoute
     from starlette.types import ASGIApp
     from starlette.websockets import WebSocket
 
@@ -56,6 +57,7 @@ STATIC: Final = Path(__file__).parent / "static"
 LIBRARY: Final = "flinders", "static"  # The modules of reports, which the page has as well
 SCRIPTS: Final[dict[str, tuple[str, tuple[str, ...]]]] = {
     "page.js": ("apps/live/static/live.js", ()),
+    "station.js": ("apps/live/static/station/station.js", ()),
     "worker.js": ("apps/live/static/standalone/worker.js", ()),
     "views/scene.js": ("static/views/scene.js", ("Scene",)),
 }
@@ -99,8 +101,12 @@ def application(
     tokens: Tokens | None = None,
     say: Callable[[str], None] = print,
     tables: Callable[[], bytes] = bytes,
+    more: Sequence[BaseRoute] = (),
 ) -> ASGIApp:
-    """Put routes and guard around a hub; `tables` are for the page, the rest is as `Guard` takes it."""
+    """Put routes and guard around a hub; `tables` are for the page, the rest is as `Guard` takes it.
+
+    `more`: routes that go before, such as of another page.
+    """
 
     @contextlib.asynccontextmanager
     async def lifespan(_: Starlette) -> AsyncIterator[None]:
@@ -112,6 +118,7 @@ def application(
             await hub.stop()
 
     routes = [
+        *more,
         Route("/", _index, middleware=PACKED),
         WebSocketRoute("/socket", _socket),
         Route("/page.json", _data, middleware=PACKED),

@@ -21,12 +21,14 @@ from flinders.errors import FlindersError, OutputError, UsageError
 from flinders.foreign_errors import needs
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
     from typing import TextIO
 
     from flinders.apps.live.hub import Hub
     from flinders.apps.live.messages import Kind, Previous
     from flinders.apps.live.session_file import Source
     from flinders.fitting.result import Fit
+    from flinders.links.transports import ByteSource
 
 ANY_PORT: Final = "?"
 """``--serial`` without a port."""
@@ -89,8 +91,16 @@ class LiveSource(program.Group):
 
             Unit.of(self.lines.unit, self.lines.scale)
 
-    def opened(self, stack: contextlib.ExitStack, resume: str | None = None) -> Source:
-        """Open what is named; a port where one is plugged in; else the simulation, or the session to resume alone."""
+    def opened(
+        self,
+        stack: contextlib.ExitStack,
+        resume: str | None = None,
+        heard: Callable[[ByteSource], ByteSource] = lambda wire: wire,
+    ) -> Source:
+        """Open what is named; a port where one is plugged in; else the simulation, or the session to resume alone.
+
+        `heard` is put around a wire that sends lines.
+        """
         from flinders.apps.live.session_file import Source
         from flinders.links.feeds import NoSensor, Replay, feed_kind
         from flinders.links.recorder import RecordedFeed, Recorder
@@ -117,7 +127,8 @@ class LiveSource(program.Group):
             return Source(kind, partial(RecordedFeed, SimulatedFeed(SEED, speed=self.speed or 1.0)))
         wire = opened_lines(port=port, baud=self.baud, udp=self.udp, tcp=self.tcp)
         stack.enter_context(contextlib.closing(wire))
-        return Source(kind, partial(Recorder, wire, **reading), reading, None if kind == "udp" else wire)
+        lines = heard(wire)
+        return Source(kind, partial(Recorder, lines, **reading), reading, None if kind == "udp" else lines)
 
     def _lines(self, *, is_resumed: bool) -> tuple[Kind, str | None]:
         """What sends lines, and through which port; the simulation, or a session of before, where nothing does."""
@@ -134,6 +145,27 @@ class LiveSource(program.Group):
         if port is None and not self.simulate:
             say("nothing is plugged in: this is a simulated sensor; flinders live --help names the sources there are")
         return "simulated" if port is None else "serial", port
+
+
+class ServedPage(program.Group):
+    """Where the page is."""
+
+    host: str = program.member(
+        "--host", default="127.0.0.1", show_default=True, metavar="ADDRESS",
+        help="Where to listen; other machines reach 0.0.0.0, with a token.",
+    )  # fmt: skip
+    web_port: int = program.member(
+        "--port", type=click.IntRange(0, 65535), default=PORT, show_default=True, metavar="N",
+        help="Port of the page; 0 for any that is free.",
+    )  # fmt: skip
+    opens: bool | None = program.member(
+        "--open/--no-open", default=None, help="Open a browser [default: where there is a screen]."
+    )
+
+    def check(self) -> None:
+        """See that there is an address; raises `UsageError`."""
+        if not self.host:
+            raise UsageError("--host needs an address: 127.0.0.1 for this machine only, 0.0.0.0 for all")
 
 
 class Live(program.Group):
@@ -153,17 +185,7 @@ class Live(program.Group):
     resume: str | None = program.member(
         "--resume", metavar="SESSION", help="Go on with a recording of this command, however it was ended."
     )
-    host: str = program.member(
-        "--host", default="127.0.0.1", show_default=True, metavar="ADDRESS",
-        help="Where to listen; other machines reach 0.0.0.0, with a token.",
-    )  # fmt: skip
-    web_port: int = program.member(
-        "--port", type=click.IntRange(0, 65535), default=PORT, show_default=True, metavar="N",
-        help="Port of the page; 0 for any that is free.",
-    )  # fmt: skip
-    opens: bool | None = program.member(
-        "--open/--no-open", default=None, help="Open a browser [default: where there is a screen]."
-    )
+    page: ServedPage = program.group(ServedPage)
     as_json: bool = option.as_json()
 
     def check(self) -> None:
@@ -172,8 +194,7 @@ class Live(program.Group):
         Raises `UsageError`; `OutputError` where a file is in the way.
         """
         self.source.check()
-        if not self.host:
-            raise UsageError("--host needs an address: 127.0.0.1 for this machine only, 0.0.0.0 for all")
+        self.page.check()
         if self.refresh and self.previous is None:
             raise UsageError("--refresh renews an earlier calibration: name its file with --previous")
         if self.output is not None and Path(self.output).is_file():
@@ -226,17 +247,18 @@ def command(options: Live) -> None:
     axes = Axes.of(options.axes)
     previous, renewed = _previous(options)
     with contextlib.ExitStack() as stack:
-        listener = stack.enter_context(contextlib.closing(listening(options.host, options.web_port)))
+        listener = stack.enter_context(contextlib.closing(listening(options.page.host, options.page.web_port)))
         source = options.source.opened(stack, options.resume)
         supply = stack.enter_context(begun(source, axes, output=options.output, resume=options.resume, say=say))
         supply = replace(supply, edits=msgspec.structs.replace(supply.edits, **_chosen(options)))
         port = listener.getsockname()[1]
-        gate = Gate.of(options.host, port, own_names())
+        gate = Gate.of(options.page.host, port, own_names())
         tokens = Tokens() if gate.is_open else None
         hub = Hub(supply, previous, renewed)
         if hub.warning:
             say(f"{supply.path}: {hub.warning}")
-        _announce(hub, port, tokens.current if tokens else None, options)
+        say(f"{hub.source.name}, recorded in {hub.supply.path}")
+        announce(port, tokens.current if tokens else None, options.page, as_json=options.as_json)
         serve(application(hub, gate, tokens, say, live_data), listener)
         if hub.failure is not None:
             raise hub.failure
@@ -294,15 +316,14 @@ def draw_address(address: str, stream: TextIO) -> None:
     segno.make(address, micro=False).terminal(out=stream, compact=True)
 
 
-def _announce(hub: Hub, port: int, token: str | None, options: Live) -> None:
+def announce(port: int, token: str | None, page: ServedPage, *, as_json: bool) -> None:
     """Say where the page is, and open it where there is somebody to see it."""
     from flinders.apps.live.access import page_addresses
 
-    address, *others = page_addresses(options.host, port, token)
-    say(f"{hub.source.name}, recorded in {hub.supply.path}")
+    address, *others = page_addresses(page.host, port, token)
     if token is not None:
         say("for one browser; who opens it next needs the address that is printed then:")
-    if options.as_json:
+    if as_json:
         say(address)
     else:
         click.echo(address)
@@ -310,7 +331,7 @@ def _announce(hub: Hub, port: int, token: str | None, options: Live) -> None:
         say(f"or {other}")
     if token is not None and sys.stderr.isatty():
         draw_address(address, sys.stderr)
-    if _has_screen() if options.opens is None else options.opens:
+    if _has_screen() if page.opens is None else page.opens:
         threading.Thread(target=_open_browser, args=(address,), daemon=True).start()
 
 

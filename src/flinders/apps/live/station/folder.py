@@ -1,0 +1,136 @@
+"""The folder of a station: one table, and files of each unit by serial number and time.
+
+::
+
+    table.csv                       a row for each test
+    recordings/A17/2026-11-29_10-32-05.csv
+    calibrations/A17/2026-11-29_10-32-05.json
+    exports/…, certificates/…       the same, where the station's file asks for them
+    unfinished.json                 the unit that is being tested: what a power failure interrupts
+
+``recordings`` is what `flinders fleet` reads: a folder for each unit, named by its serial number.
+"""
+
+from __future__ import annotations
+
+import contextlib
+from datetime import UTC, datetime
+from typing import TYPE_CHECKING, Final
+
+import msgspec
+from msgspec import Struct
+
+from flinders.apps.live.station.recordings import folder_of
+from flinders.apps.live.station.table import StationRow, StationTable
+from flinders.core.files import make_folder, write_text
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+FORMAT: Final = "%Y-%m-%d_%H-%M-%S"
+
+
+class UnitTest(Struct, frozen=True, kw_only=True):
+    """A test of a unit that has begun."""
+
+    serial: str
+    name: str  # of its files: folder and time, without ending
+    began: datetime
+    operator: str = ""
+    station: str = ""
+
+    @property
+    def recording(self) -> str:
+        """Its file, in the folder of recordings."""
+        return f"{self.name}.csv"
+
+    def row(self, result: str, ended: datetime) -> StationRow:
+        """Its row, without a calibration."""
+        return StationRow(
+            unit=self.serial,
+            recording=self.recording,
+            result=result,
+            operator=self.operator,
+            station=self.station,
+            began=self.began.astimezone(UTC).isoformat(timespec="seconds").replace("+00:00", "Z"),
+            seconds=round((ended - self.began).total_seconds(), 1),
+            start_s=self.began.timestamp(),
+            end_s=ended.timestamp(),
+        )
+
+
+class StationFolder:
+    """The folder of a station, opened.
+
+    Raises
+    ------
+    OutputError
+        Where it or its table cannot be written.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+        make_folder(path)
+        self.table = StationTable(path / "table.csv")
+        self._waiting: list[StationRow] = []
+
+    def begun(self, serial: str, began: datetime, operator: str, station: str) -> UnitTest:
+        """A new test, of files that are not there yet, noted so that it is in the table whatever happens."""
+        folder, when = folder_of(serial), began.astimezone().strftime(FORMAT)
+        name, again = f"{folder}/{when}", 2
+        while self.recording(f"{name}.csv").exists():
+            name, again = f"{folder}/{when}_{again}", again + 1
+        test = UnitTest(serial=serial, name=name, began=began, operator=operator, station=station)
+        write_text(msgspec.json.encode(test).decode(), self._journal, force=True)
+        return test
+
+    def recording(self, name: str) -> Path:
+        """File of readings."""
+        return self.path / "recordings" / name
+
+    def file_of(self, kind: str, test: UnitTest, suffix: str) -> Path:
+        """Another file of a test, in a folder that is made."""
+        path = self.path / kind / f"{test.name}{suffix}"
+        make_folder(path.parent)
+        return path
+
+    def end(self, row: StationRow) -> None:
+        """Add the row of the test that is over; raises `OutputError` where it has to wait: see `write_waiting`."""
+        self._waiting.append(row)
+        self.write_waiting()
+
+    def write_waiting(self) -> None:
+        """Write rows that could not be written before; raises `OutputError` where they still cannot be."""
+        while self._waiting:
+            self.table.append(self._waiting[0])
+            self._waiting.pop(0)
+        self.forget()
+
+    def forget(self) -> None:
+        """Note that no test is under way."""
+        with contextlib.suppress(OSError):
+            self._journal.unlink(missing_ok=True)
+
+    def interrupted(self) -> UnitTest | None:
+        """The test that a power failure or a crash has interrupted, and that has no row yet."""
+        try:
+            test = msgspec.json.decode(self._journal.read_bytes(), type=UnitTest)
+        except (OSError, msgspec.DecodeError):
+            return None
+        is_written = any(row["recording"] == test.recording for row in self.table.rows)
+        return None if is_written else test
+
+    def last_written(self, test: UnitTest) -> datetime:
+        """When the recording of a test was written last; when it began where there is none."""
+        try:
+            return datetime.fromtimestamp(self.recording(test.recording).stat().st_mtime, UTC)
+        except OSError:
+            return test.began
+
+    def close(self) -> None:
+        """Let go of the table."""
+        self.table.close()
+
+    @property
+    def _journal(self) -> Path:
+        return self.path / "unfinished.json"

@@ -1,0 +1,78 @@
+"""What a unit misses: the verdict of the engine on its readings first, then the pass limits of the station's file.
+
+The verdict is the engine's. What is decided here are comparisons of the fit's numbers with limits that somebody wrote.
+
+>>> from flinders import simulate
+>>> from flinders.apps.live.station.plan import PassLimits
+>>> from flinders.fitting import calibrate
+>>> fit = calibrate.fit(simulate.tumble(seed=1).samples)
+>>> misses(fit, PassLimits())
+()
+>>> misses(fit, PassLimits(noise=0.1, strength=(20.0, 30.0)))
+(Miss(code='strength', found=49.3..., needed=(20.0, 30.0)), Miss(code='noise', found=0.49..., needed=(0.0, 0.1)))
+"""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING, Final
+
+from msgspec import Struct
+
+from flinders.errors import FlindersError
+from flinders.findings import first_causes
+from flinders.fitting.result import Refused
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+    from flinders.apps.live.station.plan import PassLimits
+    from flinders.fitting.result import Fit
+
+AXES: Final = "xyz"
+
+
+class Miss(Struct, frozen=True):
+    """Something that keeps a unit from passing: a code of `station.words`, of a finding or of an error."""
+
+    code: str
+    found: float | None = None  # the number that is outside
+    needed: tuple[float, float] | None = None  # where it has to lie
+
+
+def misses(outcome: Fit | FlindersError, limits: PassLimits) -> tuple[Miss, ...]:
+    """What a fit misses, the gravest first; nothing of one that passes."""
+    fit = outcome.fit if isinstance(outcome, Refused) else outcome
+    if isinstance(fit, FlindersError):
+        return (Miss(fit.code),)
+    if fit.verdict == "refused":
+        return _causes(fit)
+    limiting = _causes(fit) if limits.verdict == "good" and fit.verdict == "limited" else ()
+    return (*limiting, *_outside(fit, limits))
+
+
+def _causes(fit: Fit) -> tuple[Miss, ...]:
+    """The findings that make the verdict; of a calibration that states none, that nothing is stated."""
+    codes = [finding.code for finding in first_causes(fit.findings) if finding.severity != "note"]
+    return tuple(map(Miss, codes or ["unstated"]))
+
+
+def _outside(fit: Fit, limits: PassLimits) -> Iterator[Miss]:
+    """Numbers of a fit that lie outside their limits; one that is not known lies outside."""
+    if fit.calibration.unit != limits.unit and (limits.strength or limits.offset or limits.noise is not None):
+        yield Miss("other-unit")
+        return
+    if limits.verdict != "good" or fit.verdict == "good":  # else the engine's findings have said it
+        yield from _beyond("heading-error", fit.heading_error_deg.worst, (0.0, limits.heading_error_deg))
+    yield from _beyond("strength", fit.calibration.field_strength, limits.strength)
+    for axis, value in zip(AXES, fit.calibration.offset.tolist(), strict=True):
+        yield from _beyond(f"offset-{axis}", value, limits.offset)
+    yield from _beyond("noise", fit.noise, None if limits.noise is None else (0.0, limits.noise))
+    share = None if limits.coverage is None else (limits.coverage, 1.0)
+    yield from _beyond("coverage-share", fit.coverage.fraction, share)
+
+
+def _beyond(code: str, value: float | None, ends: tuple[float, float] | None) -> Iterator[Miss]:
+    number = math.nan if value is None else float(value)
+    if ends is not None and not ends[0] <= number <= ends[1]:
+        yield Miss(code, number if math.isfinite(number) else None, ends)
