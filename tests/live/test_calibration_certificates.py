@@ -195,7 +195,7 @@ def test_the_command_writes_one_of_a_calibration_file(fit: Fit, tmp_path: Path) 
     facts = 'laboratory = "Lab"\ncountry = "AU"\ncity = "Hobart"\nperson = "Ada"\ncustomer = "Me"\n'
     (tmp_path / "line.toml").write_text(f"[certificate]\n{facts}[limits]\nnoise = 0.001\n", encoding="utf-8")
     plan, written = str(tmp_path / "line.toml"), str(tmp_path / "a.xml")
-    ended = flinders_("certificate", str(tmp_path / "a.json"), "--plan", plan, "--serial", "A17", "-o", written)
+    ended = flinders_("certificate", str(tmp_path / "a.json"), "--plan", plan, "--serial-number", "A17", "-o", written)
     assert ended.code == 0, ended.err
     root = rooted(Path(written).read_text(encoding="utf-8"))
     assert faults(root) == []

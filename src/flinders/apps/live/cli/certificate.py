@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 from flinders.cli import _options as option
 from flinders.cli import _program as program
 from flinders.cli._inputs import load
-from flinders.cli._output import say
+from flinders.cli._output import print_json, say
 from flinders.errors import UsageError
 
 if TYPE_CHECKING:
@@ -22,21 +22,22 @@ class CertificateOptions(program.Group):
     plan: str = program.member(
         "--plan", required=True, metavar="PLAN.toml", help="File of a station with a table [certificate]."
     )
-    serial: str = program.member("--serial", required=True, metavar="NUMBER", help="Serial number of the unit.")
+    serial: str = program.member("--serial-number", required=True, metavar="NUMBER", help="Serial number of the unit.")
     identifier: str | None = program.member(
         "--identifier", metavar="NAME", help="Of the certificate [default: serial number and date]."
     )
     output: str = option.output("the certificate", "Where to write.", required=True)
     force: bool = option.force()
+    as_json: bool = option.as_json()
 
 
 @program.command_of(
     "certificate",
     CertificateOptions,
-    common=("plan", "serial", "identifier", "output", "force"),
+    common=("plan", "serial", "identifier", "output", "force", "as_json"),
     epilog="""\b
 Example:
-  flinders certificate calibration.json --plan line-3.toml --serial A17 -o A17.xml
+  flinders certificate calibration.json --plan line-3.toml --serial-number A17 -o A17.xml
 """,
 )
 def command(options: CertificateOptions) -> None:
@@ -62,6 +63,8 @@ def command(options: CertificateOptions) -> None:
         is_passed=not misses(fit, plan.limits),
     )  # fmt: skip
     write_text(certificate(fit, plan.certificate, about, plan.limits), options.output, force=options.force)
+    if options.as_json:
+        print_json({"path": options.output, "identifier": about.identifier, "is_passed": about.is_passed})
     say(f"{options.output}: certificate {about.identifier}, {'conforms' if about.is_passed else 'does not conform'}")
 
 
