@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from flinders.core.samples import COLUMNS, Recording, Samples, added, frame_of
+from flinders.core.samples import COLUMNS, Recording, Samples, added, frame_of, onboard_of
 from flinders.errors import AxesError, UnitError
 
 if TYPE_CHECKING:
@@ -21,6 +21,7 @@ if TYPE_CHECKING:
 
     from flinders.arrays import Floats
     from flinders.core.axes import Axes
+    from flinders.core.calibration import Calibration
     from flinders.core.units import Unit
 
 
@@ -72,6 +73,13 @@ class Joined:
         """That of all."""
         return frame_of(self.recordings[0])
 
+    @property
+    def onboard(self) -> Calibration | None:
+        """That of all; None where they differ."""
+        first, *others = map(onboard_of, self.recordings)
+        is_one = first is not None and all(other is not None and first.isclose(other) for other in others)
+        return first if is_one else None
+
     def blocks(self) -> Iterator[Samples]:
         """Yield the blocks of each in turn."""
         for recording in self.recordings:
@@ -110,6 +118,7 @@ def concatenated(blocks: Sequence[Samples], recording: Recording) -> Samples:
         frame=frame_of(recording),
         skipped=reduce(added, (block.skipped for block in blocks), ()),
         nameless=next((block.nameless for block in filled if block.nameless), ""),
+        onboard=onboard_of(recording),
         **others,
     )
 
