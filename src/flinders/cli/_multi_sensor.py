@@ -57,7 +57,7 @@ class MultiSensor:
             log = open_log(self.path, progress=watch, **reading)
             _refuse_chosen(log, reading)
             parts = {instrument.name: CountedRecording(instrument) for instrument in log.instruments}
-            paths = [_named(self.output, number) for number in range(1, len(parts) + 1)]
+            paths = [named_for(self.output, number) for number in range(1, len(parts) + 1)]
             Outputs.of(*(("the calibration", each) for each in paths), force=self.force).check([self.path])
             if (site := self.told_by(log)) is not None:
                 options = {**options, "site": self.site_with(site)}
@@ -173,10 +173,10 @@ def _row(name: str, outcome: Outcome, path: str | None) -> dict[str, Any]:
     return {"sensor": name, "written": None, "verdict": "refused", **(fit.as_dict() if fit else {}), "error": error}
 
 
-def _named(output: str | None, number: int) -> str | None:
+def named_for(output: str | None, number: int) -> str | None:
     """The file of one magnetometer: its number in place of ``{sensor}``, or before the ending.
 
-    >>> _named("compass-{sensor}.json", 2), _named("out/calibration.json", 2)
+    >>> named_for("compass-{sensor}.json", 2), named_for("out/calibration.json", 2)
     ('compass-2.json', 'out/calibration-2.json')
     """
     if output is None:

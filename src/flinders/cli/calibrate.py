@@ -191,15 +191,16 @@ class _Run:
     def write(self, fit: Fit) -> None:
         """Write and print the fit and its reports, and last what may fail although it is good: files for targets."""
         from flinders.core.calibration_file import dumps
+        from flinders.workflows.onboard import judge_onboard
 
-        files, outputs = self.files, self.files.outputs
+        files, outputs, onboard = self.files, self.files.outputs, judge_onboard(self.recording, fit)
         if files.output:
             outputs.write(dumps(fit.to_document(self.provenance)), files.output)
         self._trace()
         if not files.as_json and files.report_text != "-":
             if files.plots:
                 plot_fit(fit, self.recording, err=outputs.is_printed)
-            print_fit(fit, err=outputs.is_printed, is_verbose=files.verbose)
+            print_fit(fit, err=outputs.is_printed, is_verbose=files.verbose, onboard=onboard)
         self._report(fit)
         if fit.calibration.unit != MICROTESLA and not fit.calibration.field_strength_known:
             _propose_unit(fit.calibration)
@@ -209,7 +210,7 @@ class _Run:
 
             write_exports(fit, files.exports, outputs, files=self.provenance.files, calibration=files.output)
         if files.as_json:
-            print_json(fit.as_dict())
+            print_json({**fit.as_dict(), **({} if onboard is None else {"onboard": onboard.as_dict()})})
 
     def _say_written(self) -> None:
         """Say where the calibration is, and what to do with it."""

@@ -34,7 +34,8 @@ from flinders.report.formatting import (
     summary,
     written_time,
 )
-from flinders.report.terminal import COLOURS, facts, lines, notes, page, styled, table, verdict, whole_columns
+from flinders.report.onboard_pages import errors_table, of_onboard
+from flinders.report.terminal import COLOURS, facts, lines, notes, page, table, verdict, whole_columns
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator, Sequence
@@ -48,6 +49,7 @@ if TYPE_CHECKING:
     from flinders.diagnostics.repeatability import Repeats
     from flinders.errors import FlindersError, Spelling
     from flinders.findings import Finding, Verdict
+    from flinders.workflows.onboard import OnboardCheck
 
 NOISE_REFUSED: Final = limit_of("noise", "refuses")
 
@@ -55,8 +57,12 @@ IN_NEARLY_EVERY_FIT: Final = ("scale-unknown", "rotation-unknown")
 """Notes that hold whatever the recording, unless somebody gave the field and the mounting."""
 
 
-def of_fit(fit: Fit, spell: Spelling = in_python, *, is_verbose: bool = False) -> RenderableType:
-    """Lay out a fit: plain words, before and after, the numbers with their uncertainty, the verdict and its limits.
+def of_fit(
+    fit: Fit, spell: Spelling = in_python, *, is_verbose: bool = False, onboard: OnboardCheck | None = None
+) -> RenderableType:
+    """Lay out a fit: plain words, errors without and with it, its numbers and uncertainty, the verdict and its limits.
+
+    Errors with what was `onboard` stand between, with whether a change is worth while.
 
     What is true of nearly every fit is shown if `is_verbose`. Of a refused one no number of the calibration is shown:
     none can be trusted, and what stands on a screen is copied into a firmware sooner or later. It says why, how to do
@@ -69,9 +75,11 @@ def of_fit(fit: Fit, spell: Spelling = in_python, *, is_verbose: bool = False) -
     if fit.method == "merged" and repeats is not None:
         blocks = (_merged_parts(repeats), result, _merged_verdict(fit, repeats))
         return Group(page(*blocks), findings(shown_findings(fit), spell))
-    tops = () if is_refused else (Text(summary(fit)), of_recipe(fit), _before_and_after(fit), _since(fit))
-    shown = said_once(_shown(fit, is_verbose=is_verbose))
-    return Group(page(*tops, result, _fit_verdict(fit)), findings(shown, spell))
+    tops = () if is_refused else (Text(summary(fit)), of_recipe(fit), errors_table(fit, onboard), _since(fit))
+    shown = list(said_once(_shown(fit, is_verbose=is_verbose)))
+    is_limited = any(finding.severity == "limits" for finding in shown)
+    change = None if onboard is None or is_refused else of_onboard(onboard, is_limited=is_limited)
+    return Group(page(*tops, change, result, _fit_verdict(fit)), findings(shown, spell))
 
 
 def _shown(fit: Fit, *, is_verbose: bool) -> list[Finding]:
@@ -96,7 +104,9 @@ def of_refused_recipe(fit: Fit) -> RenderableType:
 def of_file(fit: Fit, spell: Spelling = in_python, *, is_verbose: bool) -> RenderableType:
     """Lay out a calibration that was loaded: where it comes from, its numbers, and what its file claims of them."""
     provenance, calibration = fit.provenance.record, fit.calibration
-    files = [f"{file.name}, {counted(file.rows, 'reading')}" for file in fit.provenance.files]
+    files = [
+        f"{file.name}, {counted(file.rows, 'reading')}" if file.rows else file.name for file in fit.provenance.files
+    ]
     origin = [
         ("made", f"{date_of(provenance.date)}, Flinders {provenance.flinders}" if provenance else ""),
         ("from", "; ".join(files)),
@@ -180,19 +190,6 @@ def good_to(fit: Fit) -> str:
 def _graded(quality: Verdict, words: str, *more: str) -> Table:
     """The verdict of a calibration, with what it means and what that rests on."""
     return verdict(quality.upper(), quality, words, *more)
-
-
-def _before_and_after(fit: Fit) -> Table:
-    ellipsoid = fit.calibration.ellipsoid
-    unit, (strength, spread) = label(fit.calibration.unit), fit.coverage.raw_strength(ellipsoid)
-    before, after = (
-        (name, f"{figures(mean, 4)} {unit}", f"{scatter:.1%}", degrees(error.rms), degrees(error.worst))
-        for name, mean, scatter, error in (
-            ("before", strength, spread, fit.claim.uncorrected_heading_error_deg),
-            ("after", fit.calibration.field_strength, fit.noise / ellipsoid.radius, fit.heading_error_deg),
-        )
-    )
-    return table(("", "strength", "spread", "heading error, rms", "worst"), [before, styled("bold", *after)])
 
 
 def _since(fit: Fit) -> Text | None:

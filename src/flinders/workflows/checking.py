@@ -31,7 +31,7 @@ from flinders.fitting.verdict import of_extrapolation
 from flinders.likelihood.site_field import Site, recorded_site
 from flinders.readers import open_recording
 from flinders.workflows.correction import ELSEWHERE
-from flinders.workflows.onboard import onboard_fit, strength_under
+from flinders.workflows.onboard import onboard_fit
 from flinders.workflows.recordings import fit_for, made_from, recording_for, used_at
 
 if TYPE_CHECKING:
@@ -189,7 +189,7 @@ def check(
     recording = compensated(recorded, compensator.calibration)
     dip_deg = site.inclination_deg if site is not None and site.inclination_deg is not None else abs(judged_at(known))
     asked = {"target_deg": target_deg, "dip_deg": dip_deg}
-    extrapolated, strength = _extrapolated(recorded, compensator), strength_under(known.calibration, recording)
+    extrapolated, strength = _extrapolated(recorded, compensator), _strength(known.calibration, recording)
     own = tuple(made_from(known, singles(recorded)))
     try:
         fresh = fit(recording, target_deg=target_deg, site=_site_of(recorded, site, dip_deg))
@@ -199,7 +199,7 @@ def check(
     compared_deg = judged_at(known, fresh) if site is None else judged_at(fresh)
     named = fresh.with_name("fresh fit")
     comparison = compare_on(recording, known, named, dip_deg=compared_deg, target_deg=target_deg)
-    fresh_strength = strength_under(fresh.calibration, recording)
+    fresh_strength = _strength(fresh.calibration, recording)
     walk = _walk_of(fresh, recording) if follow else None
     return Check(known, fresh, comparison, None, strength, fresh_strength, own, walk, extrapolated, **asked)
 
@@ -232,6 +232,11 @@ def _extrapolated(recorded: Recording, compensator: Compensator) -> tuple[Findin
         for block in part.blocks():
             watch(block)
     return tuple(of_extrapolation(calibration, compensator.beyond))
+
+
+def _strength(calibration: Calibration, recording: Recording) -> Strength:
+    """How evenly long the readings come out."""
+    return sum((Strength.under(calibration, block.field) for block in recording.blocks()), Strength())
 
 
 def _walk_of(fresh: Fit, recording: Recording) -> RandomWalk:

@@ -16,17 +16,17 @@ True
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Final, NoReturn
 
 import numpy as np
 
-from flinders.comparison.comparison import Strength, judged_at
+from flinders.comparison.comparison import judged_at
 from flinders.comparison.level_plane import compare_on
-from flinders.core.compensation import compensated
 from flinders.core.joining import singles
 from flinders.core.samples import onboard_of
-from flinders.errors import InputError, NoOnboardCalibration
+from flinders.errors import NoOnboardCalibration
 from flinders.fitting.result import Fit
 
 if TYPE_CHECKING:
@@ -36,8 +36,9 @@ if TYPE_CHECKING:
     from flinders.core.calibration import Calibration
     from flinders.core.samples import Recording
     from flinders.native.faults import Answer
+    from flinders.readers import Stored
 
-NAME = "the calibration on board"
+NAME: Final = "the calibration on board"
 """What messages call it."""
 
 
@@ -51,7 +52,8 @@ class OnboardCheck:
     #: roll, pitch and yaw in degrees, in which the compass is mounted; None where it is turned with the board, or that
     #: is not known. No calibration has it.
     mounting: tuple[float, float, float] | None
-    strength: Strength  #: of the readings, corrected with it
+    strength: float  #: mean length of the readings corrected with it, in the unit of the calibration
+    spread: float  #: standard deviation of their lengths, as a fraction of that
     comparison: Comparison  #: of it and the fit
 
     @property
@@ -62,11 +64,6 @@ class OnboardCheck:
         """
         return self.comparison.answer
 
-    @property
-    def mean_strength(self) -> float:
-        """Mean length of the readings corrected with it, in the unit of the calibration."""
-        return self.strength.mean * self.calibration.field_strength
-
     def as_dict(self) -> dict[str, Any]:
         """JSON-ready."""
         return {
@@ -74,7 +71,8 @@ class OnboardCheck:
             "words": self.words,  # as the vehicle calls its parameters
             "changes": self.changes,  # how often it changed in the log
             "mounting_deg": self.mounting,  # roll, pitch and yaw of the compass, which are not in the calibration
-            "residual": self.strength.as_dict(),  # strength of the readings, corrected with it
+            "strength": self.strength,  # mean length of the readings corrected with it, in the unit of the calibration
+            "spread": self.spread,  # standard deviation of their lengths, as a fraction of that
             "calibration": self.calibration.as_dict(),
         }
 
@@ -100,19 +98,19 @@ def judge_onboard(recording: Recording, fit: Fit) -> OnboardCheck | None:
     onboard = onboard_of(recording)
     if onboard is None:
         return None
-    plain, at_rest = fit.with_calibration(fit.calibration.affine), _followed(recording, onboard)
-    known = Fit.of(_at(onboard, fit.calibration, recording), name=NAME)
-    target_deg = fit.claim.target_deg
-    comparison = compare_on(recording, known, plain, dip_deg=judged_at(fit), target_deg=target_deg)
-    parts = [getattr(part, "recording", part) for part in singles(recording)]
-    stored = [each for part in parts if (each := getattr(part, "stored", None)) is not None]
+    plain, steady = fit.with_calibration(fit.calibration.affine), _at(onboard, fit.calibration, recording)
+    known, target_deg = Fit.of(steady, name=NAME), fit.claim.target_deg
+    ellipsoid = fit.calibration.ellipsoid
+    strength, spread = fit.coverage.corrected_strength(ellipsoid, steady)
+    stored = _stored(recording)
     return OnboardCheck(
         onboard,
         stored[-1].words if stored else "",
         sum(each.changes for each in stored),
-        getattr(parts[-1], "mounting", None),
-        strength_under(at_rest, recording),
-        comparison,
+        getattr(_parts(recording)[-1], "mounting", None),
+        strength,
+        math.hypot(spread, fit.noise / ellipsoid.radius),
+        compare_on(recording, known, plain, dip_deg=judged_at(fit), target_deg=target_deg),
     )
 
 
@@ -123,36 +121,38 @@ def onboard_fit(recording: Recording) -> Fit:
     """
     onboard = onboard_of(recording)
     if onboard is None:
-        raise NoOnboardCalibration(f"{recording.source}: {_nothing_known(recording)}")
+        _refuse_unknown(recording)
     return Fit.of(onboard, name=NAME)
 
 
-def _nothing_known(recording: Recording) -> str:
-    """Why there is no calibration on board to judge."""
-    parts = [getattr(part, "recording", part) for part in singles(recording)]
-    stored = [each for part in parts if (each := getattr(part, "stored", None)) is not None]
-    if len(parts) > 1 and stored:
-        return "the logs were made with different calibrations in force: check them one by one"
+def _refuse_unknown(recording: Recording) -> NoReturn:
+    """Say why there is no calibration on board, and what to do."""
+    parts, stored = _parts(recording), _stored(recording)
     name = str(getattr(parts[0], "name", ""))
+    if len(parts) > 1 and stored:
+        raise NoOnboardCalibration(f"{recording.source} were made with different calibrations in force: give one log")
     if stored and stored[0].applied and getattr(parts[0], "as_logged", False):
-        return f"readings of {name} as they were logged are after {stored[0].words}: let it be removed"
-    what = f"{name} had no calibration in force" if getattr(parts[0], "autopilot", None) else "no calibration is told"
-    return f"{what}: nothing on board to check"
+        raise NoOnboardCalibration(
+            f"readings of {name} in {recording.source} as they were logged are after {stored[0].words}: take them "
+            "without it",
+            hint={"as_logged": None},
+        )
+    is_vehicle = getattr(parts[0], "autopilot", None) is not None
+    found = f"{name} had no calibration in force" if is_vehicle else "no calibration in force is told"
+    raise NoOnboardCalibration(
+        f"{recording.source}: {found}; make one from it (flinders calibrate), or check one that you have on it "
+        "(flinders check CALIBRATION RECORDING)"
+    )
 
 
-def strength_under(calibration: Calibration, recording: Recording) -> Strength:
-    """How evenly long readings come out that a calibration corrects, what it follows with them."""
-    blocks = compensated(recording, calibration).blocks()
-    return sum((Strength.under(calibration.affine, block.field) for block in blocks), Strength())
+def _parts(recording: Recording) -> list[Recording]:
+    """The recordings that it is made of, as they were opened."""
+    return [getattr(part, "recording", part) for part in singles(recording)]
 
 
-def _followed(recording: Recording, calibration: Calibration) -> Calibration:
-    """The calibration without what the recording lacks of its disturbances, which are taken at their references."""
-    try:
-        next(iter(compensated(recording, calibration).blocks()))
-    except InputError:
-        return calibration.at()
-    return calibration
+def _stored(recording: Recording) -> list[Stored]:
+    """What each of the logs says of the calibration in force."""
+    return [stored for part in _parts(recording) if (stored := getattr(part, "stored", None)) is not None]
 
 
 def _at(onboard: Calibration, fitted: Calibration, recording: Recording) -> Calibration:
