@@ -22,6 +22,7 @@ if TYPE_CHECKING:
     from flinders.core.calibration_file import ProvenanceRecord
     from flinders.core.samples import Recording
     from flinders.fitting.result import Fit
+    from flinders.workflows.onboard import OnboardCheck
 
 
 @program.command_of(
@@ -204,7 +205,7 @@ class _Run:
         self._report(fit)
         if fit.calibration.unit != MICROTESLA and not fit.calibration.field_strength_known:
             _propose_unit(fit.calibration)
-        self._say_written()
+        self._say_written(onboard)
         if files.exports:
             from flinders.cli.export import write_exports
 
@@ -212,8 +213,8 @@ class _Run:
         if files.as_json:
             print_json({**fit.as_dict(), **({} if onboard is None else {"onboard": onboard.as_dict()})})
 
-    def _say_written(self) -> None:
-        """Say where the calibration is, and what to do with it."""
+    def _say_written(self, onboard: OnboardCheck | None) -> None:
+        """Say where the calibration is, and what to do with it, which may be nothing for what is on board."""
         files = self.files
         if not files.output:
             nothing = "no calibration file" if files.exports or files.convergence else "nothing"
@@ -222,7 +223,9 @@ class _Run:
             say(f"written to {files.output}")
             if not files.exports:
                 target = likely_target(self.provenance.files)
-                say(f"next: flinders export --to {target} {files.output}, or to another of flinders targets")
+                is_enough = onboard is not None and onboard.answer == "holds"
+                enough = "nothing, what is on board is good enough; to change it all the same " * is_enough
+                say(f"next: {enough}flinders export --to {target} {files.output}, or to another of flinders targets")
 
     def _trace(self) -> None:
         """Write how the estimate converges, where that was asked for."""

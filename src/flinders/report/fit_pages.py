@@ -34,11 +34,11 @@ from flinders.report.formatting import (
     summary,
     written_time,
 )
-from flinders.report.onboard_pages import errors_table, of_onboard
+from flinders.report.onboard_pages import TITLES, errors_table, of_onboard
 from flinders.report.terminal import COLOURS, facts, lines, notes, page, table, verdict, whole_columns
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Iterator, Sequence
+    from collections.abc import Iterable, Iterator, Mapping, Sequence
 
     from rich.console import RenderableType
     from rich.table import Table
@@ -131,14 +131,27 @@ def of_extremes(extremes: Extremes, spell: Spelling = in_python) -> RenderableTy
     return Group(page(extremes_table(extremes), result, said), findings(extremes.findings, spell))
 
 
-def of_sensors(outcomes: Sequence[tuple[str, Fit | FitError]], target_deg: float) -> RenderableType:
-    """Lay out each magnetometer of a log that was calibrated by itself: a row each, and why some were refused."""
+def of_sensors(
+    outcomes: Sequence[tuple[str, Fit | FitError]],
+    target_deg: float,
+    onboard: Mapping[str, OnboardCheck] | None = None,
+) -> RenderableType:
+    """Lay out each magnetometer of a log that was calibrated by itself: a row each, and why some were refused.
+
+    Beside the new calibration stands what was `onboard`, by the name of the sensor, where the log tells that of any.
+    """
     name, quality = Column("magnetometer", overflow="fold"), Column("verdict")
-    rows = [(str(number), *_sensor_row(*pair)) for number, pair in enumerate(outcomes, 1)]
+    known = onboard or {}
+    rows = [
+        (str(number), *_sensor_row(*pair), *([_onboard_cell(known.get(pair[0]))] if known else []))
+        for number, pair in enumerate(outcomes, 1)
+    ]
     reasons = [(number, _why_refused(outcome)) for number, (_, outcome) in enumerate(outcomes, 1)]
     said = [Text(f"  {number}: {why}") for number, why in reasons if why]
     basis = f"worst heading error, 1 σ, level vehicle; the target is {target_deg:g}°"
-    return page(table(("", name, "readings", "seen", "worst heading", quality), rows), Group(*said, basis))
+    headings: list[str | Column] = ["", name, "readings", "seen", "worst heading", quality]
+    headings += [Column("on board, off by")] if known else []
+    return page(table(headings, rows), Group(*said, basis))
 
 
 def of_several(together: Together, target_deg: float, spell: Spelling = in_python) -> RenderableType:
@@ -297,6 +310,13 @@ def _sensor_row(name: str, outcome: Fit | FitError) -> tuple[RenderableType, ...
     error = "" if fit is None or quality == "refused" else degrees(fit.heading_error_deg.worst)
     cells = ("", "") if fit is None else (f"{fit.samples:,}", f"{fit.coverage.fraction:.0%}")
     return name, *cells, error, _coloured(quality)
+
+
+def _onboard_cell(onboard: OnboardCheck | None) -> str:
+    """By how much what was on board is off, at the worst heading, and what is to be done with it."""
+    if onboard is None:
+        return ""
+    return f"{degrees(onboard.comparison.worst_deg)}: {TITLES[onboard.answer].lower()}"
 
 
 def _why_refused(outcome: Fit | FitError) -> str:
