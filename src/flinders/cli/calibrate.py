@@ -202,7 +202,7 @@ class _Run:
             if files.plots:
                 plot_fit(fit, self.recording, err=outputs.is_printed)
             print_fit(fit, err=outputs.is_printed, is_verbose=files.verbose, onboard=onboard)
-        self._report(fit)
+        self._report(fit, onboard)
         if fit.calibration.unit != MICROTESLA and not fit.calibration.field_strength_known:
             _propose_unit(fit.calibration)
         self._say_written(onboard)
@@ -245,7 +245,7 @@ class _Run:
         self.files.outputs.write(convergence_drawing(trace) if is_drawing else convergence_table(trace), path)
         say(f"convergence written to {path}")
 
-    def _report(self, outcome: Fit | FitError) -> None:
+    def _report(self, outcome: Fit | FitError, onboard: OnboardCheck | None = None) -> None:
         """Write the page of plain words, and the one with figures, where they were asked for."""
         outputs, text, html = self.files.outputs, self.files.report_text, self.files.report
         if text is not None:
@@ -257,5 +257,6 @@ class _Run:
         if html is not None:
             from flinders.cli.report import report_of
 
-            outputs.write(report_of(outcome, self.recording, self.provenance, self.options.typed_words()), html)
+            typed = self.options.typed_words()
+            outputs.write(report_of(outcome, self.recording, self.provenance, typed, onboard), html)
             say(f"report written to {html}")

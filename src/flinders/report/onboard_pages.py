@@ -85,14 +85,14 @@ def of_onboard(onboard: OnboardCheck, *, is_limited: bool) -> RenderableType:
 
     `is_limited`: the fit has limits, which are said below.
     """
-    words = _words(onboard, is_limited=is_limited)
+    words = onboard_words(onboard, is_limited=is_limited)
     basis = f"on board: {onboard.words}" if onboard.words else "on board: as the recording tells"
     said = verdict(TITLES[onboard.answer], COLOURS[onboard.answer], words, basis)
     return Group(said, notes(("note", each) for each in _remarks(onboard)))
 
 
-def _words(onboard: OnboardCheck, *, is_limited: bool) -> str:
-    """The answer in words."""
+def onboard_words(onboard: OnboardCheck, *, is_limited: bool = True) -> str:
+    """Whether a change is worth while, in words; `is_limited` as for `of_onboard`."""
     comparison = onboard.comparison
     worst, target = up_to(comparison.worst_deg), f"{comparison.target_deg:g}°"
     if onboard.answer == "holds":
