@@ -27,7 +27,7 @@ import numpy as np
 from flinders.core.units import label
 from flinders.errors import NotExportable, figures
 from flinders.targets._comments import HASH, Comment
-from flinders.targets._difference import DIP_DEG, DIRECTIONS, Difference, corrected_by
+from flinders.targets._difference import DIP_DEG, DIRECTIONS, LOSS_DEG, Difference, corrected_by
 from flinders.targets._numbers import (
     OWN,
     RECORDED,
@@ -335,7 +335,7 @@ class Target:
     def _warnings(self, deviation: Difference, lacks: str, fitting: str) -> Iterable[str]:
         """What it costs, and what nobody could verify."""
         if lacks:
-            fitted = f"; a fit of what it holds: {fitting}" if fitting else ""
+            fitted = f"; a fit of what it holds: {fitting}" if fitting and deviation.heading_deg > LOSS_DEG else ""
             yield (
                 f"{lacks}: what is left out costs up to {figures(deviation.heading_deg)}° of heading (at any attitude, "
                 f"dip {DIP_DEG:.0f}°){fitted}"
