@@ -30,7 +30,8 @@ def dataflash(
 ) -> Iterator[bytes]:
     """Yield its messages.
 
-    `first` is what the first compass reads at 10 Hz, µT, `offset` its COMPASS_OFS, mG, and `week` that of the satellites.
+    `first` is what the first compass reads at 10 Hz, µT, `offset` its COMPASS_OFS in mG, and `week` that of the
+    satellites.
     """
     offsets = {**OFFSETS, "MAG": offset}
     yield _said("FMT", 128, 89, "BBnNZ", "Type,Length,Name,Format,Columns")

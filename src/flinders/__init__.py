@@ -68,8 +68,8 @@ if TYPE_CHECKING:
     from flinders.workflows.checking import check as check
     from flinders.workflows.correction import apply as apply
     from flinders.workflows.exporting import export as export
-    from flinders.workflows.heading_history import heading_history as heading_history
     from flinders.workflows.heading_series import headings as headings
+    from flinders.workflows.log_headings import heading_history as heading_history
     from flinders.workflows.offset_history import OffsetHistory as OffsetHistory
     from flinders.workflows.onboard import judge_onboard as judge_onboard
     from flinders.workflows.online import OnlineCalibration as OnlineCalibration
@@ -104,7 +104,7 @@ _HOMES: Final = {
     "fit_bench": "workflows.bench",
     "fit_each": "workflows.sensors",
     "from_extremes": "fitting.axis_extremes",
-    "heading_history": "workflows.heading_history",
+    "heading_history": "workflows.log_headings",
     "headings": "workflows.heading_series",
     "judge_onboard": "workflows.onboard",
     "merge": "comparison.merging",

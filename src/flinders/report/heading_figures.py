@@ -1,7 +1,7 @@
 """Heading over a log by what was on board and by the new calibration, and the difference of both.
 
 >>> import numpy as np
->>> from flinders.workflows.heading_history import HeadingHistory
+>>> from flinders.workflows.log_headings import HeadingHistory
 >>> seconds = np.linspace(0.0, 60.0, 5000)
 >>> turning = (6.0 * seconds) % 360.0
 >>> history = HeadingHistory(seconds, (turning + 3.0) % 360.0, turning, None, "nothing", None, is_vehicle=True)
@@ -25,7 +25,7 @@ from flinders.report.formatting import minus
 if TYPE_CHECKING:
     from flinders.arrays import Floats
     from flinders.report.charts import Canvas
-    from flinders.workflows.heading_history import HeadingHistory
+    from flinders.workflows.log_headings import HeadingHistory
 
 MOST_POINTS: Final = 1500
 """Of a line; a longer log is drawn by every k-th reading."""

@@ -64,7 +64,7 @@ from flinders.report.modules import joined
 from flinders.report.onboard_pages import onboard_words
 from flinders.report.view import matrix_sigma, sentence, tiles_view
 from flinders.targets import registry
-from flinders.workflows.heading_history import heading_history
+from flinders.workflows.log_headings import heading_history
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -80,7 +80,7 @@ if TYPE_CHECKING:
     from flinders.findings import Finding
     from flinders.fitting.aiding import Aiding
     from flinders.report.view import View
-    from flinders.workflows.heading_history import HeadingHistory
+    from flinders.workflows.log_headings import HeadingHistory
     from flinders.workflows.onboard import OnboardCheck
 
 TITLES: Final = {"good": "Good", "limited": "Limited", "refused": "Refused"}
