@@ -578,6 +578,7 @@ def test_parameters_that_change_are_those_of_their_time(tmp_path: Path) -> None:
     assert compass.stored is not None
     assert compass.stored.calibration is not None
     assert compass.stored.calibration.offset[0] == -5.0
+    assert compass.stored.changes == 1
 
 
 def test_offsets_learned_in_flight_are_taken_from_the_messages(tmp_path: Path) -> None:

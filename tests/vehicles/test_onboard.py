@@ -99,7 +99,8 @@ def test_that_of_px4_is_before_the_mounting(topic: str, tmp_path: Path) -> None:
 
 def test_logs_joined_have_that_of_all_and_of_different_ones_none() -> None:
     one, other = (Calibration(np.eye(3), np.array([x, 0.0, 0.0]), 50.0) for x in (1.0, 2.0))
-    assert in_memory(joined([log_with(one), log_with(one)])).onboard is not None
+    elsewhere = replace(one, field_strength=42.0)
+    assert in_memory(joined([log_with(one), log_with(elsewhere)])).onboard is not None
     assert in_memory(joined([log_with(one), log_with(other)])).onboard is None
     assert in_memory(joined([log_with(one), log_with(None)])).onboard is None
 

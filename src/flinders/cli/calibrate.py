@@ -192,9 +192,12 @@ class _Run:
     def write(self, fit: Fit) -> None:
         """Write and print the fit and its reports, and last what may fail although it is good: files for targets."""
         from flinders.core.calibration_file import dumps
+        from flinders.core.samples import onboard_of
         from flinders.workflows.onboard import judge_onboard
 
         files, outputs, onboard = self.files, self.files.outputs, judge_onboard(self.recording, fit)
+        if onboard is None and any(onboard_of(part) is not None for part in self.parts):
+            say("! the logs were made with different calibrations on board: none of them is judged")
         if files.output:
             outputs.write(dumps(fit.to_document(self.provenance)), files.output)
         self._trace()

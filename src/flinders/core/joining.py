@@ -7,7 +7,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import reduce
 from typing import TYPE_CHECKING, Any
 
@@ -75,10 +75,12 @@ class Joined:
 
     @property
     def onboard(self) -> Calibration | None:
-        """That of all; None where they differ."""
+        """That of all, but for the strength of the field; None where they differ."""
         first, *others = map(onboard_of, self.recordings)
-        is_one = first is not None and all(other is not None and first.isclose(other) for other in others)
-        return first if is_one else None
+        if first is None or None in others:
+            return None
+        alike = [replace(other, field_strength=first.field_strength) for other in others if other is not None]
+        return first if all(map(first.isclose, alike)) else None
 
     def blocks(self) -> Iterator[Samples]:
         """Yield the blocks of each in turn."""
