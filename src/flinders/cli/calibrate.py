@@ -227,7 +227,7 @@ class _Run:
             if not files.exports:
                 target = likely_target(self.provenance.files)
                 is_enough = onboard is not None and onboard.answer == "holds"
-                enough = "nothing, what is on board is good enough; to change it all the same " * is_enough
+                enough = "nothing, what is on board is good enough; to change it all the same: " * is_enough
                 say(f"next: {enough}flinders export --to {target} {files.output}, or to another of flinders targets")
 
     def _trace(self) -> None:
