@@ -57,7 +57,8 @@ def history_words(history: HeadingHistory) -> str:
     how = LEVELLED[history.levelled_by]
     stride = stride_of(history)
     thinned = f" One of {stride} readings is drawn." if stride > 1 else ""
-    yaw = "" if history.yaw_deg is None else f" {YAW}"
+    apart = " It is true, and apart by the declination, which the log does not tell." * (north is None)
+    yaw = "" if history.yaw_deg is None else f" {YAW}{apart}"
     return f"{whose} over the log, {from_north}; {how}.{yaw}{thinned}"
 
 
