@@ -49,6 +49,18 @@ def dataflash(
             yield _message(name, 20_000 + 100_000 * row + 5_000_000 * (row > 600), *axes, *offsets[name])
 
 
+ROUND: Final = simulate.Sensor(np.eye(3), np.array([-30.0, 20.0, 40.0]), noise=0.3)
+"""A compass without soft iron, so that its offset is all that a log has to say."""
+RIGHT: Final = (300, -200, -400)
+"""COMPASS_OFS that is right for it."""
+
+
+def round_flight(offset: tuple[int, int, int] = RIGHT, motion: str = "uniform") -> bytes:
+    """A log whose first compass is `ROUND`, with an offset on board that is right for it, or another one."""
+    field = simulate.tumble(seed=3, sensor=ROUND, motion=motion, n=1000).samples.field
+    return b"".join(dataflash(field, offset=offset))
+
+
 def _said(name: str, number: int, length: int, letters: str, labels: str) -> bytes:
     cells = (name.encode(), letters.encode(), labels.encode())
     return HEAD + struct.pack("<BBB4s16s64s", 128, number, length, *cells)

@@ -52,7 +52,7 @@ def test_the_refusal_names_a_fit_that_the_target_holds(readings: Samples, whole:
 def test_a_target_that_holds_all_is_offered_none(whole: Fit) -> None:
     text = flinders.export(whole, "c").text
     assert "--method" not in text
-    assert "headings good to" in text
+    assert f"the calibration is {whole.verdict}" in text
 
 
 def test_the_file_states_what_the_target_holds_and_not_the_whole(whole: Fit) -> None:

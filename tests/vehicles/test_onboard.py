@@ -11,7 +11,7 @@ import numpy as np
 import numpy.testing as npt
 import pytest
 from click.testing import CliRunner
-from tests.flight_log import dataflash
+from tests.flight_log import RIGHT, ROUND, round_flight
 from tests.trials import daily
 from tests.vehicles.test_px4 import EARTH, MODERN, turning
 
@@ -32,10 +32,8 @@ if TYPE_CHECKING:
 
     from flinders.core.samples import Samples
 
-ROUND = simulate.Sensor(np.eye(3), np.array([-30.0, 20.0, 40.0]), noise=0.3)
-"""A compass without soft iron, so that its offset is all that a log has to say."""
-RIGHT, STALE = (300, -200, -400), (400, -200, -400)
-"""COMPASS_OFS that is right for it, and one that is off by 10 µT."""
+STALE = (400, -200, -400)
+"""COMPASS_OFS that is off by 10 µT for the compass of `round_flight`."""
 
 
 def run(*words: str, code: int) -> Result:
@@ -46,9 +44,8 @@ def run(*words: str, code: int) -> Result:
 
 def flown(offset: tuple[int, int, int], motion: str = "uniform") -> Path:
     """A log of this compass in the working directory."""
-    field = simulate.tumble(seed=3, sensor=ROUND, motion=motion, n=1000).samples.field
     path = Path("flight.bin")
-    path.write_bytes(b"".join(dataflash(field, offset=offset)))
+    path.write_bytes(round_flight(offset, motion))
     return path
 
 
