@@ -32,6 +32,7 @@ from flinders.estimators.multi_sensor import Several, solve
 from flinders.fitting.result import Fit, Refused
 from flinders.geometry.ellipsoid import upper
 from flinders.geometry.rotation import rotations
+from flinders.likelihood.site_field import recorded_site
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -179,7 +180,8 @@ def real_table() -> Iterator[str]:
     arm = sorted((Path(data) / "leiria_robot").glob("V_300_path1_*.npz"))
     yield "| sensor | worst heading alone, ° | together, ° | axes | but for, ° | ± | off by, ° | clock, ms |"
     yield "|---|---:|---:|---|---:|---:|---:|---:|"
-    yield from _rows(fit_multi({each.name: each for each in log.instruments}))
+    stated = recorded_site(log)
+    yield from _rows(fit_multi({each.name: each for each in log.instruments}, site=stated and stated[0]))
     yield from _rows(fit_multi({path.stem.rpartition("_")[2]: read(path, unit="uT") for path in arm}))
 
 

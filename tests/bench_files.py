@@ -20,7 +20,7 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 from tests import samples
 from tests.boats import START, Boat, nmea0183_of, octagon
-from tests.flight_log import dataflash
+from tests.flight_log import dataflash, round_flight
 from tests.heading_logs import calibrated, swinging, turned, write
 from tests.marine.test_courses import boat_of
 from tests.marine.test_courses import table as table_of_courses
@@ -331,6 +331,7 @@ FILES: Final[dict[str, Maker]] = {
     "log.csv": swung,
     "boat.csv": of_commands("simulate three-axis -o {} --motion drive --readings 1200"),
     "flight.bin": lambda path: path.write_bytes(b"".join(dataflash())),
+    "check flight.bin": lambda path: path.write_bytes(round_flight()),
     "flight-1.bin": lambda path: path.write_bytes(b"".join(dataflash())),
     "flight-2.bin": lambda path: path.write_bytes(b"".join(dataflash(week=2401))),
     "flight.csv": motors,

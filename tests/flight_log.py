@@ -22,24 +22,43 @@ SHAPES: Final = {
     "MAG2": (36, "<Qhhhhhh", "Qhhhhhh", "TimeUS,MagX,MagY,MagZ,OfsX,OfsY,OfsZ"),
 }
 """Number, layout and description of each message that is written."""
-OFFSETS: Final = {"MAG": (-47, 112, 20), "MAG2": (0, 0, 0)}
+OFFSETS: Final = {"MAG": (905, -668, -342), "MAG2": (0, 0, 0)}
 
 
-def dataflash(first: Floats | None = None, *, week: int = 2400) -> Iterator[bytes]:
-    """Yield its messages; `first` is what the first compass reads at 10 Hz, µT, and `week` that of the satellites."""
+def dataflash(
+    first: Floats | None = None, *, week: int = 2400, offset: tuple[int, int, int] = OFFSETS["MAG"]
+) -> Iterator[bytes]:
+    """Yield its messages.
+
+    `first` is what the first compass reads at 10 Hz, µT, `offset` its COMPASS_OFS in mG, and `week` that of the
+    satellites.
+    """
+    offsets = {**OFFSETS, "MAG": offset}
     yield _said("FMT", 128, 89, "BBnNZ", "Type,Length,Name,Format,Columns")
     for name, (number, layout, letters, labels) in SHAPES.items():
         yield _said(name, number, 3 + struct.calcsize(layout), letters, labels)
-    for name, offset in zip("XYZ", OFFSETS["MAG"], strict=True):
-        yield _message("PARM", 0, f"COMPASS_OFS_{name}".encode(), float(offset))
+    for axis, part in zip("XYZ", offset, strict=True):
+        yield _message("PARM", 0, f"COMPASS_OFS_{axis}".encode(), float(part))
     yield _message("GPS", 1_000, 3, 388_800_000, week, 12, 80, 437_700_000, 112_600_000, 5_000)
     for number, seed in enumerate((2, 5)):
         field = simulate.tumble(seed=seed, motion="uniform" if number == 0 else "tilted").samples.field
         field = field if first is None or number else first
         name = ("MAG", "MAG2")[number]
-        corrected = np.rint(10.0 * field + OFFSETS[name]).astype(int).tolist()
+        corrected = np.rint(10.0 * field + offsets[name]).astype(int).tolist()
         for row, axes in enumerate(corrected):
-            yield _message(name, 20_000 + 100_000 * row + 5_000_000 * (row > 600), *axes, *OFFSETS[name])
+            yield _message(name, 20_000 + 100_000 * row + 5_000_000 * (row > 600), *axes, *offsets[name])
+
+
+ROUND: Final = simulate.Sensor(np.eye(3), np.array([-30.0, 20.0, 40.0]), noise=0.3)
+"""A compass without soft iron, so that its offset is all that a log has to say."""
+RIGHT: Final = (300, -200, -400)
+"""COMPASS_OFS that is right for it."""
+
+
+def round_flight(offset: tuple[int, int, int] = RIGHT, motion: str = "uniform") -> bytes:
+    """A log whose first compass is `ROUND`, with an offset on board that is right for it, or another one."""
+    field = simulate.tumble(seed=3, sensor=ROUND, motion=motion, n=1000).samples.field
+    return b"".join(dataflash(field, offset=offset))
 
 
 def _said(name: str, number: int, length: int, letters: str, labels: str) -> bytes:

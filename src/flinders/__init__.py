@@ -71,7 +71,9 @@ if TYPE_CHECKING:
     from flinders.workflows.correction import apply as apply
     from flinders.workflows.exporting import export as export
     from flinders.workflows.heading_series import headings as headings
+    from flinders.workflows.log_headings import heading_history as heading_history
     from flinders.workflows.offset_history import OffsetHistory as OffsetHistory
+    from flinders.workflows.onboard import judge_onboard as judge_onboard
     from flinders.workflows.online import OnlineCalibration as OnlineCalibration
     from flinders.workflows.recording_contents import contents as contents
     from flinders.workflows.sensors import fit_each as fit_each
@@ -105,7 +107,9 @@ _HOMES: Final = {
     "fit_bench": "workflows.bench",
     "fit_each": "workflows.sensors",
     "from_extremes": "fitting.axis_extremes",
+    "heading_history": "workflows.log_headings",
     "headings": "workflows.heading_series",
+    "judge_onboard": "workflows.onboard",
     "merge": "comparison.merging",
     "open_log": "readers",
     "open_recording": "readers",

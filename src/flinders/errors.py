@@ -11,6 +11,7 @@
     │   ├── UnreadableInput          unreadable        5    a file that cannot be opened or decoded
     │   ├── NoMagnetometer           no-magnetometer   5    a readable file without a magnetometer in it
     │   ├── NoAccelerometer          no-accelerometer  5    one without an accelerometer, where headings need it
+    │   ├── NoOnboardCalibration     no-onboard        5    a log that tells of no calibration in force
     │   ├── ForeignAxes              foreign-axes      5    accelerometer and magnetometer with unlike axes
     │   ├── MissingExtra             missing-extra     5    a format whose optional package is not installed
     │   ├── LinkError                link              5    a sensor or vehicle that is not there or is gone
@@ -211,6 +212,12 @@ class NoAccelerometer(InputError):
     """A readable recording in which no accelerometer was recognised, and tilt cannot be removed without one."""
 
     code = "no-accelerometer"
+
+
+class NoOnboardCalibration(InputError):
+    """A log that tells of no calibration in force, where that is to be judged or taken."""
+
+    code = "no-onboard"
 
 
 class MissingExtra(InputError):

@@ -878,4 +878,4 @@ def test_a_letter_that_the_terminal_lacks_is_no_fault(home: Path) -> None:
         env={**os.environ, "PYTHONIOENCODING": "latin-1"},
     )
     assert done.returncode == 0, done.stderr
-    assert "????\nbefore" in done.stdout.decode("latin-1")  # the rule below the head of a table
+    assert "????\nuncorrected" in done.stdout.decode("latin-1")  # the rule below the head of a table

@@ -25,6 +25,7 @@ import flinders
 from flinders import simulate
 from flinders.cli import main
 from flinders.core import files
+from flinders.core.calibration import Calibration
 from flinders.core.samples import Samples
 from flinders.core.units import Unit
 from flinders.errors import FlindersError, MissingExtra, NoMagnetometer, UnreadableInput, UsageError
@@ -424,11 +425,12 @@ def test_relatives_that_are_not_read_are_told_apart(head: bytes, says: str, tmp_
 def log_of(path: Path, beginning: float = 50.0) -> Log:
     """Two magnetometers that were logged with an offset of (1, 2, 3) µT removed, the second a second later."""
     truth = simulate.tumble(seed=4).samples.field[:ROWS]
-    stored = Stored(np.eye(3), np.array([1.0, 2.0, 3.0]), words="OFFSET 1, 2, 3 µT")
+    offset = np.array([1.0, 2.0, 3.0])
+    stored = Stored(Calibration(np.eye(3), offset, 50.0), words="OFFSET 1, 2, 3 µT")
 
     def columns(late: float) -> Callable[[bool], Iterator[Samples]]:
         def blocks(logged: bool) -> Iterator[Samples]:
-            field = truth - stored.offset if logged else truth
+            field = truth - offset if logged else truth
             yield from Samples.of(field, unit="uT", time=beginning + late + np.arange(ROWS) / 50.0).blocks(100)
 
         return blocks

@@ -337,7 +337,8 @@ def test_what_the_compass_read_comes_back_to_the_whole_mg_that_was_logged(tmp_pa
     assert second.stored is None
     assert "no calibration was in force: readings are as they were measured" in second.notes
     assert first.stored is not None
-    npt.assert_allclose(first.stored.offset, [9.75, -11.8, -21.325])
+    assert first.stored.calibration is not None
+    npt.assert_allclose(first.stored.calibration.offset, [9.75, -11.8, -21.325])
     assert first.stored.words.startswith("COMPASS_OFS -97.5, 118, 213.25 mG; COMPASS_DIA 0.9957, 1.0081, 1.0027")
     assert first.stored.words.endswith("; COMPASS_MOT 3.5, -1, 0.25 mG/A")
     assert any("motor compensation of up to 145 mG" in note for note in first.notes)
@@ -575,7 +576,9 @@ def test_parameters_that_change_are_those_of_their_time(tmp_path: Path) -> None:
     assert np.abs(off).max() < 2.3
     assert any(note.startswith("its parameters changed 1 time") for note in compass.notes)
     assert compass.stored is not None
-    assert compass.stored.offset[0] == -5.0
+    assert compass.stored.calibration is not None
+    assert compass.stored.calibration.offset[0] == -5.0
+    assert compass.stored.changes == 1
 
 
 def test_offsets_learned_in_flight_are_taken_from_the_messages(tmp_path: Path) -> None:

@@ -427,8 +427,9 @@ def test_the_field_of_real_flights_is_constant_in_north_east_down(recordings: Ca
     (old,) = real(recordings("px4_pyulog_auavx21/sample.ulg")).instruments
     (logged,), (raw,) = rows(old, as_logged=True), rows(old)
     assert old.stored is not None
+    assert old.stored.calibration is not None
     ned = _in_ned(logged, logged.field)
-    npt.assert_allclose(_in_ned(raw, (raw.field - old.stored.offset) @ old.stored.matrix.T), ned, atol=1e-3)
+    npt.assert_allclose(_in_ned(raw, old.stored.calibration.apply(raw.field)), ned, atol=1e-3)
     assert np.isfinite(ned[:, 0]).mean() > 0.999
     before, after = (np.linalg.norm(np.nanstd(each, axis=0)) for each in (logged.field, ned))
     assert (before, after) == pytest.approx((2.54, 1.30), abs=0.05)
@@ -439,7 +440,8 @@ def test_the_field_of_real_flights_is_constant_in_north_east_down(recordings: Ca
     for compass, wanted in ((inside, (76.05, 0.74)), (outside, (-7.6, 0.5)), (vehicle_mag, (-7.7, 0.9))):
         (raw,) = rows(compass)
         assert compass.stored is not None
-        found = _in_ned(raw, (raw.field - compass.stored.offset) @ compass.stored.matrix.T)
+        assert compass.stored.calibration is not None
+        found = _in_ned(raw, compass.stored.calibration.apply(raw.field))
         assert _dip(found) == pytest.approx(wanted, abs=0.1)
     assert raw.throttle is not None
     assert np.nanmax(raw.throttle) == pytest.approx(0.39, abs=0.01)

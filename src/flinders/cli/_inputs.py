@@ -138,7 +138,11 @@ def in_use(command: str, path: str, recordings: Sequence[str], fixed: Iterable[s
 
     Where ``--fix`` gives values, they are taken for those of the recording, and what that costs is said.
     """
-    fit = load(command, path, recordings)
+    return at_fixed(load(command, path, recordings), fixed)
+
+
+def at_fixed(fit: Fit, fixed: Iterable[str]) -> Fit:
+    """A fit whose disturbances are taken at the values that ``--fix`` gives."""
     return fit.with_calibration(_at_fixed(fit.calibration, fixed_values(fixed)))
 
 

@@ -18,11 +18,13 @@ if TYPE_CHECKING:
     from rich.console import RenderableType
 
     from flinders.comparison.members import Together
+    from flinders.core.samples import Recording
     from flinders.estimators.data import CountedRecording
     from flinders.fitting.result import Fit
     from flinders.heading.smoothing import Filter
     from flinders.likelihood.site_field import Site
     from flinders.readers import Log
+    from flinders.workflows.onboard import OnboardCheck
     from flinders.workflows.sensors import Outcome
 
 PLACE: Final = "{sensor}"
@@ -57,7 +59,7 @@ class MultiSensor:
             log = open_log(self.path, progress=watch, **reading)
             _refuse_chosen(log, reading)
             parts = {instrument.name: CountedRecording(instrument) for instrument in log.instruments}
-            paths = [_named(self.output, number) for number in range(1, len(parts) + 1)]
+            paths = [named_for(self.output, number) for number in range(1, len(parts) + 1)]
             Outputs.of(*(("the calibration", each) for each in paths), force=self.force).check([self.path])
             if (site := self.told_by(log)) is not None:
                 options = {**options, "site": self.site_with(site)}
@@ -65,12 +67,13 @@ class MultiSensor:
                 multi = self._fitted_jointly(log, parts, options)
             made = self._each(parts, options) if multi is None else ((one.name, one.fit) for one in multi.members)
             outcomes = list(self._saved(made, parts.values(), paths))  # each at once: the next may be interrupted
+        onboard = _judged_onboard(outcomes, parts)
         unread = [outcome for _, outcome in outcomes if isinstance(outcome, InputError)]
         if len(unread) == len(outcomes):
             raise unread[0]
         print_result(
-            lambda: _as_dict(outcomes, paths, multi),
-            lambda: _page(outcomes, multi, options["target_deg"]),
+            lambda: _as_dict(outcomes, paths, multi, onboard),
+            lambda: _page(outcomes, multi, options["target_deg"], onboard),
             as_json=self.as_json,
         )
         written = [path for path, (_, outcome) in zip(paths, outcomes, strict=True) if path and not _is_error(outcome)]
@@ -131,6 +134,17 @@ def _is_error(outcome: Outcome) -> bool:
     return isinstance(outcome, FlindersError)
 
 
+def _judged_onboard(outcomes: Sequence[tuple[str, Outcome]], parts: Mapping[str, Recording]) -> dict[str, OnboardCheck]:
+    """What was on board of each magnetometer that was fitted, by its name, where the log tells it."""
+    from flinders.workflows.onboard import judge_onboard
+
+    found = {}
+    for name, outcome in outcomes:
+        if not isinstance(outcome, FlindersError) and (judged := judge_onboard(parts[name], outcome)) is not None:
+            found[name] = judged
+    return found
+
+
 def _refuse_chosen(log: Log, reading: dict[str, Any]) -> None:
     """Refuse what says already which magnetometer it is."""
     if reading["columns"] is not None:
@@ -141,7 +155,12 @@ def _refuse_chosen(log: Log, reading: dict[str, Any]) -> None:
         raise UsageError(f"{log.source} has one magnetometer: leave --sensor all out")
 
 
-def _page(outcomes: Sequence[tuple[str, Outcome]], multi: Together | None, target_deg: float) -> RenderableType:
+def _page(
+    outcomes: Sequence[tuple[str, Outcome]],
+    multi: Together | None,
+    target_deg: float,
+    onboard: Mapping[str, OnboardCheck],
+) -> RenderableType:
     """What a terminal shows."""
     from flinders.report.fit_pages import of_sensors, of_several
 
@@ -150,14 +169,20 @@ def _page(outcomes: Sequence[tuple[str, Outcome]], multi: Together | None, targe
     rows = [
         (name, FitError(outcome.message) if isinstance(outcome, InputError) else outcome) for name, outcome in outcomes
     ]
-    return of_sensors(cast("list[tuple[str, Fit | FitError]]", rows), target_deg)
+    return of_sensors(cast("list[tuple[str, Fit | FitError]]", rows), target_deg, onboard)
 
 
 def _as_dict(
-    outcomes: Sequence[tuple[str, Outcome]], paths: Sequence[str | None], multi: Together | None
+    outcomes: Sequence[tuple[str, Outcome]],
+    paths: Sequence[str | None],
+    multi: Together | None,
+    onboard: Mapping[str, OnboardCheck],
 ) -> dict[str, Any]:
-    """JSON-ready: a list of fits, each with what a joint fit says of it."""
+    """JSON-ready: a list of fits, each with what was on board and what a joint fit says of it."""
     rows = [_row(*outcome, path) for outcome, path in zip(outcomes, paths, strict=True)]
+    for row in rows:
+        if judged := onboard.get(row["sensor"]):
+            row["onboard"] = judged.as_dict()
     if multi is None:
         return {"sensors": rows}
     joint = [{**row, "joint": member.as_dict()} for row, member in zip(rows, multi.members, strict=True)]
@@ -173,10 +198,10 @@ def _row(name: str, outcome: Outcome, path: str | None) -> dict[str, Any]:
     return {"sensor": name, "written": None, "verdict": "refused", **(fit.as_dict() if fit else {}), "error": error}
 
 
-def _named(output: str | None, number: int) -> str | None:
+def named_for(output: str | None, number: int) -> str | None:
     """The file of one magnetometer: its number in place of ``{sensor}``, or before the ending.
 
-    >>> _named("compass-{sensor}.json", 2), _named("out/calibration.json", 2)
+    >>> named_for("compass-{sensor}.json", 2), named_for("out/calibration.json", 2)
     ('compass-2.json', 'out/calibration-2.json')
     """
     if output is None:

@@ -66,7 +66,7 @@ def mounting() -> Field:
     return member(
         "--mounting", metavar="MOUNTING",
         help="How the compass was mounted when it was recorded, as the autopilot has it: a number or name, or "
-        "ROLL,PITCH,YAW in degrees [default: as its log says].",
+        "ROLL,PITCH,YAW in degrees; none where it sits as the vehicle does [default: as its log says].",
     )  # fmt: skip
 
 

@@ -33,6 +33,7 @@ if TYPE_CHECKING:
     from flinders.fitting.aiding import Aiding
     from flinders.fitting.result import Fit
     from flinders.workflows.correction import Preparation
+    from flinders.workflows.onboard import OnboardCheck
 
 T = TypeVar("T")
 WORTH_A_BAR: Final = 4_000_000
@@ -70,11 +71,21 @@ def print_result(
         show(page(), err=err)
 
 
-def print_fit(fit: Fit, spell: Spelling = in_options, *, err: bool = False, is_verbose: bool = False) -> None:
-    """Print a fit for people, and what each aiding sensor changed; on stderr where stdout is not for it."""
+def print_fit(
+    fit: Fit,
+    spell: Spelling = in_options,
+    *,
+    err: bool = False,
+    is_verbose: bool = False,
+    onboard: OnboardCheck | None = None,
+) -> None:
+    """Print a fit for people, and what each aiding sensor changed; on stderr where stdout is not for it.
+
+    What was `onboard` is judged beside it.
+    """
     from flinders.report.fit_pages import of_fit
 
-    show(of_fit(fit, spell, is_verbose=is_verbose), err=err)
+    show(of_fit(fit, spell, is_verbose=is_verbose, onboard=onboard), err=err)
     for line in aiding_lines(fit.evidence.aiding, fit.findings):
         say(line)
 

@@ -22,6 +22,7 @@ if TYPE_CHECKING:
     from flinders.core.calibration_file import ProvenanceRecord
     from flinders.core.samples import Recording
     from flinders.fitting.result import Fit
+    from flinders.workflows.onboard import OnboardCheck
 
 
 @program.command_of(
@@ -191,28 +192,32 @@ class _Run:
     def write(self, fit: Fit) -> None:
         """Write and print the fit and its reports, and last what may fail although it is good: files for targets."""
         from flinders.core.calibration_file import dumps
+        from flinders.core.samples import onboard_of
+        from flinders.workflows.onboard import judge_onboard
 
-        files, outputs = self.files, self.files.outputs
+        files, outputs, onboard = self.files, self.files.outputs, judge_onboard(self.recording, fit)
+        if onboard is None and any(onboard_of(part) is not None for part in self.parts):
+            say("! the logs were made with different calibrations on board: none of them is judged")
         if files.output:
             outputs.write(dumps(fit.to_document(self.provenance)), files.output)
         self._trace()
         if not files.as_json and files.report_text != "-":
             if files.plots:
                 plot_fit(fit, self.recording, err=outputs.is_printed)
-            print_fit(fit, err=outputs.is_printed, is_verbose=files.verbose)
-        self._report(fit)
+            print_fit(fit, err=outputs.is_printed, is_verbose=files.verbose, onboard=onboard)
+        self._report(fit, onboard)
         if fit.calibration.unit != MICROTESLA and not fit.calibration.field_strength_known:
             _propose_unit(fit.calibration)
-        self._say_written()
+        self._say_written(onboard)
         if files.exports:
             from flinders.cli.export import write_exports
 
             write_exports(fit, files.exports, outputs, files=self.provenance.files, calibration=files.output)
         if files.as_json:
-            print_json(fit.as_dict())
+            print_json({**fit.as_dict(), **({} if onboard is None else {"onboard": onboard.as_dict()})})
 
-    def _say_written(self) -> None:
-        """Say where the calibration is, and what to do with it."""
+    def _say_written(self, onboard: OnboardCheck | None) -> None:
+        """Say where the calibration is, and what to do with it, which may be nothing for what is on board."""
         files = self.files
         if not files.output:
             nothing = "no calibration file" if files.exports or files.convergence else "nothing"
@@ -221,7 +226,9 @@ class _Run:
             say(f"written to {files.output}")
             if not files.exports:
                 target = likely_target(self.provenance.files)
-                say(f"next: flinders export --to {target} {files.output}, or to another of flinders targets")
+                is_enough = onboard is not None and onboard.answer == "holds"
+                enough = "nothing, what is on board is good enough; to change it all the same: " * is_enough
+                say(f"next: {enough}flinders export --to {target} {files.output}, or to another of flinders targets")
 
     def _trace(self) -> None:
         """Write how the estimate converges, where that was asked for."""
@@ -241,7 +248,7 @@ class _Run:
         self.files.outputs.write(convergence_drawing(trace) if is_drawing else convergence_table(trace), path)
         say(f"convergence written to {path}")
 
-    def _report(self, outcome: Fit | FitError) -> None:
+    def _report(self, outcome: Fit | FitError, onboard: OnboardCheck | None = None) -> None:
         """Write the page of plain words, and the one with figures, where they were asked for."""
         outputs, text, html = self.files.outputs, self.files.report_text, self.files.report
         if text is not None:
@@ -253,5 +260,6 @@ class _Run:
         if html is not None:
             from flinders.cli.report import report_of
 
-            outputs.write(report_of(outcome, self.recording, self.provenance, self.options.typed_words()), html)
+            typed = self.options.typed_words()
+            outputs.write(report_of(outcome, self.recording, self.provenance, typed, onboard), html)
             say(f"report written to {html}")

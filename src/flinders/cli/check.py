@@ -1,7 +1,8 @@
-"""``flinders check``: whether a calibration holds on another recording."""
+"""``flinders check``: whether a calibration, or that on board, holds on another recording."""
 
 from __future__ import annotations
 
+import shlex
 import sys
 from typing import TYPE_CHECKING
 
@@ -9,22 +10,34 @@ import click
 
 from flinders.cli import _options as option
 from flinders.cli import _program as program
-from flinders.cli._inputs import in_use, open_all_with, say_exact, saying_what_was_read, stated_site
+from flinders.cli._inputs import (
+    at_fixed,
+    in_use,
+    open_all_with,
+    opened,
+    refuse_calibration,
+    say_exact,
+    saying_what_was_read,
+    stated_site,
+)
 from flinders.cli._output import can_show, print_json, progress, say, show
 from flinders.cli._program import ANSWER_EXITS, LIMITED, print_error
 from flinders.cli._spelling import in_options
-from flinders.errors import FitError, NeedsSamples
+from flinders.errors import FitError, NeedsSamples, UsageError
 
 if TYPE_CHECKING:
     from flinders.diagnostics.random_walk import RandomWalk
+    from flinders.estimators.data import CountedRecording
+    from flinders.fitting.result import Fit
+    from flinders.readers._source import Progress
     from flinders.workflows.checking import Check as Checked
 
 
 class Check(program.Group):
     """A calibration, recordings to hold it against, and how they are read and judged."""
 
-    calibration: str = program.argument("CALIBRATION")
-    recordings: tuple[str, ...] = program.argument("RECORDING...", nargs=-1)
+    calibration: str | None = program.argument("[CALIBRATION]", required=False)
+    recordings: tuple[str, ...] = program.argument("RECORDING...", nargs=-1, required=False)
     is_followed: bool = program.flag("--drift", "Also follow the offset through the recording.")
     reading: option.PartOfColumns = program.group(option.PartOfColumns)
     sensor: str | None = option.sensor_of_calibration()
@@ -32,6 +45,11 @@ class Check(program.Group):
     target_deg: float = option.target()
     dip_deg: float | None = option.dip("Inclination of the field [default: what CALIBRATION was judged at].")
     as_json: bool = option.as_json()
+
+    @property
+    def is_onboard(self) -> bool:
+        """One file alone was given: a log, whose calibration on board is meant."""
+        return not self.recordings
 
 
 @program.command_of(
@@ -42,6 +60,7 @@ class Check(program.Group):
 Example:
   flinders check calibration.json today.csv
   flinders check calibration.json monday.csv tuesday.csv --target 2
+  flinders check flight.bin
 
 \b
 Exit codes:
@@ -54,6 +73,8 @@ Exit codes:
 )
 def command(options: Check) -> int:
     """Fit RECORDING afresh and say how far CALIBRATION is from that, and whether it is more than chance.
+
+    With a log alone, the calibration is that which was in force on board when it was made.
 
     Record as for a calibration: turn the sensor through all directions. Unit and axes come from the
     calibration file; a recording that contradicts it is refused. RECORDING is a file, or - for standard
@@ -68,7 +89,15 @@ def command(options: Check) -> int:
     for finding in checked.extrapolated or ():
         say(f"! {finding.advice}")
     _print(checked, as_json=options.as_json)
+    if options.is_onboard and checked.answer == "fails":
+        say(f"next: {_calibrating(options)}")
     return ANSWER_EXITS[checked.answer]
+
+
+def _calibrating(options: Check) -> str:
+    """The command that calibrates from the same log."""
+    sensor = [] if options.sensor is None else ["--sensor", options.sensor]
+    return shlex.join(["flinders", "calibrate", str(options.calibration), *sensor, "-o", "calibration.json"])
 
 
 def _checked(options: Check) -> Checked:
@@ -77,17 +106,9 @@ def _checked(options: Check) -> Checked:
     from flinders.likelihood.site_field import Site
     from flinders.workflows.checking import check
 
-    known, dip_deg = in_use("check", options.calibration, options.recordings, options.fixed), options.dip_deg
+    dip_deg = options.dip_deg
     with progress("reading") as watch:
-        parts = open_all_with(
-            options.calibration,
-            known,
-            options.recordings,
-            sensor=options.sensor,
-            progress=watch,
-            **options.reading.as_dict(),
-        )
-        say_exact(known)
+        known, parts = (_onboard if options.is_onboard else _opened)(options, watch)
         if len(parts) == 1 and dip_deg is None:
             stated_site(parts[0], "--dip")
         with saying_what_was_read(parts):
@@ -98,6 +119,31 @@ def _checked(options: Check) -> Checked:
                 site=None if dip_deg is None else Site(inclination_deg=dip_deg),
                 follow=options.is_followed,
             )
+
+
+def _opened(options: Check, watch: Progress | None) -> tuple[Fit, list[CountedRecording]]:
+    """The calibration, and the recordings in its unit and axes."""
+    path = str(options.calibration)
+    known = in_use("check", path, options.recordings, options.fixed)
+    reading = {"progress": watch, **options.reading.as_dict()}
+    parts = open_all_with(path, known, options.recordings, sensor=options.sensor, **reading)
+    say_exact(known)
+    return known, parts
+
+
+def _onboard(options: Check, watch: Progress | None) -> tuple[Fit, list[CountedRecording]]:
+    """The calibration that was on board when a log was made, and the log."""
+    from flinders.estimators.data import CountedRecording
+    from flinders.workflows.onboard import onboard_fit
+
+    if (log := options.calibration) is None:
+        raise UsageError(
+            "need a log, or a calibration and a recording: flinders check flight.bin, or flinders check "
+            "calibration.json today.csv"
+        )
+    refuse_calibration(log, f"give a recording to check it on: flinders check {log} RECORDING")
+    recording, _ = opened([log], options.sensor, progress=watch, **options.reading.as_dict())
+    return at_fixed(onboard_fit(recording), options.fixed), [CountedRecording(recording)]
 
 
 def _print(checked: Checked, *, as_json: bool) -> None:

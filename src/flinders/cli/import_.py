@@ -1,4 +1,4 @@
-"""``flinders import``: what another tool holds, as a calibration file."""
+"""``flinders import``: what another tool, or a vehicle by its log, holds, as a calibration file."""
 
 from __future__ import annotations
 
@@ -30,6 +30,10 @@ class Import(program.Group):
     compass: int | None = program.member(
         "--compass", type=click.IntRange(0, 3), metavar="N", help="Which compass of several, as the file counts."
     )
+    sensor: str | None = option.sensor(
+        "Of a log, which magnetometer, by number or name, or all of them [default: the only one with a calibration].",
+        "N|NAME|all",
+    )
     field_strength: float | None = option.field_strength(
         "Strength of the field at the site, where the file does not hold it: in µT, in counts for files in counts.",
         heading="",
@@ -44,15 +48,18 @@ class Import(program.Group):
     "import",
     Import,
     cls=NamingTargets,
-    common=("output", "target", "compass", "force", "as_json"),
+    common=("output", "target", "compass", "sensor", "force", "as_json"),
     epilog="""\b
 Example:
   flinders import compass.param -o calibration.json
   flinders import vehicle.params --compass 1 -o calibration.json
+  flinders import flight.bin --sensor 1 -o on-board.json
 """,
 )
 def command(options: Import) -> None:
     """Read the calibration that another tool holds out of FILE, and write it as a calibration file.
+
+    FILE may be a log: what is written is the calibration that was in force on board when it was made.
 
     FILE is what `flinders export` writes for the targets that `flinders targets` marks, or what the tool itself
     saved: {saved}. It knows no uncertainty, and nothing of the recording.
@@ -64,6 +71,13 @@ def command(options: Import) -> None:
     file = options.file
     if file == "-":
         raise UsageError("the file to import must have a name: flinders import compass.param -o calibration.json")
+    from flinders.cli._import_log import is_log
+
+    if options.target is None and is_log(file):
+        _import_log(options)
+        return
+    if options.sensor is not None:
+        raise UsageError(f"--sensor goes with a log, and {file} is none: choose one of several with --compass")
     outputs = options.checked_outputs()
     content = read_bytes(file, largest=LARGEST, what="file of parameters", refused=DocumentError)
     _refuse_own(content, file)
@@ -81,6 +95,22 @@ def command(options: Import) -> None:
     for line in _words(file, name, calibration):
         say(line)
     outputs.say_written()
+
+
+def _import_log(options: Import) -> None:
+    """Take what was in force on board when a log was made."""
+    from flinders.cli._import_log import import_log
+
+    if options.compass is not None:
+        raise UsageError("--compass goes with a file of parameters: choose a magnetometer of the log with --sensor")
+    import_log(
+        options.file,
+        sensor=options.sensor,
+        field_strength=options.field_strength,
+        output=options.output,
+        force=options.force,
+        as_json=options.as_json,
+    )
 
 
 def _provenance(content: bytes, file: str, name: str, compass: int | None) -> ProvenanceRecord | None:

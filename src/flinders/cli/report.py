@@ -19,6 +19,7 @@ if TYPE_CHECKING:
     from flinders.errors import FitError
     from flinders.fitting.result import Fit
     from flinders.report.html import Listing
+    from flinders.workflows.onboard import OnboardCheck
     from flinders.workflows.restoring import Restored
 
 
@@ -99,6 +100,7 @@ def command(options: Report) -> None:
     from flinders.core.calibration_file import read
     from flinders.report.html import listings_of, page
     from flinders.report.pdf import browser, printed
+    from flinders.workflows.onboard import judge_onboard
 
     options.check()
     path, pdf, outputs = options.path, options.pdf, options.outputs
@@ -112,6 +114,7 @@ def command(options: Report) -> None:
         asked={"Calibration file": options.calibration, **options.typed_words()},
         listings=listings_of(found.known),
         notes=notes,
+        onboard=judge_onboard(found.recording, found.fit),
     )
     outputs.write(text, path)
     if path and path != "-":
@@ -124,7 +127,11 @@ def command(options: Report) -> None:
 
 
 def report_of(
-    outcome: Fit | FitError, recording: Recording, provenance: ProvenanceRecord, asked: dict[str, str]
+    outcome: Fit | FitError,
+    recording: Recording,
+    provenance: ProvenanceRecord,
+    asked: dict[str, str],
+    onboard: OnboardCheck | None = None,
 ) -> str:
     """The report of a fit, or of a refusal, as `provenance` and the options that were typed tell of it."""
     from flinders.fitting.result import Fit, Provenance
@@ -134,4 +141,4 @@ def report_of(
     if isinstance(outcome, Fit):
         name = ", ".join(file.name for file in provenance.files)
         listed = listings_of(replace(outcome, provenance=Provenance(name, provenance)))
-    return page(outcome, recording, provenance=provenance, asked=asked, listings=listed)
+    return page(outcome, recording, provenance=provenance, asked=asked, listings=listed, onboard=onboard)

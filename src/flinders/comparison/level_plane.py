@@ -33,7 +33,7 @@ from typing import TYPE_CHECKING, Final, NamedTuple, Self
 
 import numpy as np
 
-from flinders.comparison.comparison import as_equator, compare_level
+from flinders.comparison.comparison import as_equator, compare, compare_level
 from flinders.core.joining import singles
 from flinders.estimators.covariance import Residuals, time_of
 from flinders.geometry.ellipsoid import symmetric
@@ -97,6 +97,16 @@ def compare_turned(known: Fit, fresh: Fit, recording: Recording, *, target_deg: 
     """
     level = Levelled.of(known, fresh, recording)
     return compare_level(level.known, level.fresh, dip_deg=level.dip_deg, target_deg=target_deg)
+
+
+def compare_on(recording: Recording, known: Fit, fresh: Fit, *, dip_deg: float, target_deg: float) -> Comparison:
+    """Compare a calibration with a fit of a recording; where that is a level turn, in the plane that was turned.
+
+    `dip_deg` and `target_deg` are those of `flinders.compare`; of a level turn the dip is that of the fit.
+    """
+    if fresh.claim.plane == "xy" and known.claim.plane is None:
+        return compare_turned(known, fresh, recording, target_deg=target_deg)
+    return compare(known, fresh, dip_deg=dip_deg, target_deg=target_deg)
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -94,8 +94,8 @@ def fit_multi(
     target_deg : float
         As for `flinders.fit`.
     site : Site, optional
-        As for `flinders.fit`, with a strength for sensors in one unit. What it states with an uncertainty counts with
-        `aiding` alone.
+        As for `flinders.fit`, with a strength for sensors in one unit. What it states with an uncertainty counts for
+        each sensor alone, and with `aiding` for how they sit in the body.
     prior : float
         Soft iron thought likely where nothing was seen.
     aiding : str, sequence of str or Instruments
@@ -126,7 +126,7 @@ def fit_multi(
     if chosen in silent or len(samples) < 2:
         raise silent[chosen] if chosen in silent else next(iter(silent.values()))
     mounting = _in_body(sources[chosen], aiding, site, prior, target_deg) if aiding else None
-    body = _Body.of({name: sources[name] for name in samples}, samples, chosen, mounting, prior, options)
+    body = _Body.of({name: sources[name] for name in samples}, samples, chosen, mounting, prior, options, site)
     together = body.calibrated()
     order = {member.name: member for member in together.members}
     members = [order.get(name) or Member(name, silent[name], silent[name]) for name in sources]
@@ -147,6 +147,7 @@ class _Body:
     copies: Mapping[int, int]
     prior: float
     options: dict[str, Any]
+    site: Site | None  # with what it states with an uncertainty, which counts for each sensor by itself
 
     @property
     def dip_deg(self) -> float:
@@ -162,12 +163,14 @@ class _Body:
         mounting: Aiding | None,
         prior: float,
         options: dict[str, Any],
+        site: Site | None,
     ) -> Self:
         """Pair the readings, and see what each sensor finds by itself."""
         place = list(sources).index(reference)
         starts = [found_alone(each.field) for each in samples.values()]
         common = at_common_moments(list(samples.values()), place)
-        return cls(sources, place, mounting, starts, common, copies_of(common.fields, starts, place), prior, options)
+        copies = copies_of(common.fields, starts, place)
+        return cls(sources, place, mounting, starts, common, copies, prior, options, site)
 
     @property
     def names(self) -> list[str]:
@@ -270,9 +273,9 @@ class _Body:
         return member if several is None else self.joined(member, place, several)
 
     def fitted_alone(self, name: str) -> Fit | FitError:
-        """The judged fit of one sensor by itself."""
+        """The judged fit of one sensor by itself, as `flinders.fit` makes it."""
         try:
-            return fit(self.sources[name], sensor=name, method=Auto(self.prior), **self.options)
+            return fit(self.sources[name], sensor=name, method=Auto(self.prior), **{**self.options, "site": self.site})
         except FitError as refusal:
             return refusal
 

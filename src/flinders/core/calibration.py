@@ -393,6 +393,24 @@ class Calibration(Value):
             disturbances=first.disturbances,
         )
 
+    def turned(self, axes: Axes) -> Calibration:
+        """The same calibration for recorded readings that are mapped to other axes before it acts.
+
+        With P the mapping, P W Pᵀ and P b. A calibration of mapped readings raises `AxesError`.
+
+        >>> centred = Calibration(np.eye(3), [10, 20, 30], 50.0).turned(Axes.of("y,x,-z"))
+        >>> centred.offset, str(centred.axes)
+        (array([ 20.,  10., -30.]), 'y,x,-z')
+        """
+        if axes == self.axes:
+            return self
+        if not self.axes.is_identity:
+            raise AxesError(f"the calibration is for axes {self.axes} already: map it from the recorded axes at once")
+        turn = axes.apply(np.eye(3)).T
+        disturbances = tuple(replace(each, per_unit=turn @ each.per_unit) for each in self.disturbances)
+        matrix, offset = turn @ self.matrix @ turn.T, turn @ self.offset
+        return replace(self, matrix=matrix, offset=offset, axes=axes, disturbances=disturbances)
+
     def isclose(self, other: Calibration, *, tolerance: float = 1e-9) -> bool:
         """Whether both correct alike, in the same unit and axes: within `tolerance` as a fraction of the field.
 

@@ -7,13 +7,13 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import reduce
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from flinders.core.samples import COLUMNS, Recording, Samples, added, frame_of
+from flinders.core.samples import COLUMNS, Recording, Samples, added, frame_of, onboard_of
 from flinders.errors import AxesError, UnitError
 
 if TYPE_CHECKING:
@@ -21,6 +21,7 @@ if TYPE_CHECKING:
 
     from flinders.arrays import Floats
     from flinders.core.axes import Axes
+    from flinders.core.calibration import Calibration
     from flinders.core.units import Unit
 
 
@@ -72,6 +73,15 @@ class Joined:
         """That of all."""
         return frame_of(self.recordings[0])
 
+    @property
+    def onboard(self) -> Calibration | None:
+        """That of all, but for the strength of the field; None where they differ."""
+        first, *others = map(onboard_of, self.recordings)
+        if first is None or None in others:
+            return None
+        alike = [replace(other, field_strength=first.field_strength) for other in others if other is not None]
+        return first if all(map(first.isclose, alike)) else None
+
     def blocks(self) -> Iterator[Samples]:
         """Yield the blocks of each in turn."""
         for recording in self.recordings:
@@ -110,6 +120,7 @@ def concatenated(blocks: Sequence[Samples], recording: Recording) -> Samples:
         frame=frame_of(recording),
         skipped=reduce(added, (block.skipped for block in blocks), ()),
         nameless=next((block.nameless for block in filled if block.nameless), ""),
+        onboard=onboard_of(recording),
         **others,
     )
 

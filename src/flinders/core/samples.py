@@ -34,6 +34,8 @@ if TYPE_CHECKING:
 
     from numpy.typing import ArrayLike, NDArray
 
+    from flinders.core.calibration import Calibration
+
 BLOCK: Final = 8192
 """Rows worked on at a time: long enough for the arithmetic to dominate, short enough for the cache."""
 SILENT: Final = "silent"
@@ -162,6 +164,9 @@ class Samples:
     skipped: tuple[Skipped, ...] = ()  #: what was left out while reading
     #: columns that were taken for a magnetometer's though neither their names nor the user say so, as ``1,2,3``
     nameless: str = ""
+    #: that was in force when the log was made; it is not in `field`, or was removed from it. None where none is known,
+    #: and where readings are as they were logged, after it.
+    onboard: Calibration | None = None
 
     @classmethod
     def of(
@@ -314,6 +319,7 @@ class Samples:
             acceleration=None if self.acceleration is None else axes.apply(self.acceleration),
             rate=None if self.rate is None else axes.apply(self.rate),
             attitude=None if self.attitude is None else _of_axes(self.attitude, axes),
+            onboard=None if self.onboard is None else self.onboard.turned(axes),
             axes=axes,
         )
 
@@ -401,6 +407,11 @@ class Wrapped:
         """That of the recording."""
         return frame_of(self.recording)
 
+    @property
+    def onboard(self) -> Calibration | None:
+        """That of the recording."""
+        return onboard_of(self.recording)
+
 
 def frame_of(recording: Recording) -> str:
     """What a recording's own axes are: ``sensor``, or ``vehicle`` where it says that it was turned into those.
@@ -409,6 +420,12 @@ def frame_of(recording: Recording) -> str:
     'sensor'
     """
     return str(getattr(recording, "frame", "sensor"))
+
+
+def onboard_of(recording: Recording) -> Calibration | None:
+    """The calibration that was in force when a log was made, for its readings without it; None where none is known."""
+    onboard: Calibration | None = getattr(recording, "onboard", None)
+    return onboard
 
 
 def _three_axes(values: ArrayLike, rows: int, name: str) -> Floats:

@@ -16,14 +16,19 @@ those of the worst direction, so that a clean reading is beyond them no more oft
 from __future__ import annotations
 
 import math
+import shlex
 from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
-from flinders.errors import NotExportable, UsageError
+from flinders.errors import NotExportable, UsageError, figures
+from flinders.estimators import METHODS
+from flinders.findings.words import ANY_ANGLE_DEG
 from flinders.fitting.verdict import headline_of
 from flinders.geometry.ellipsoid import gathered
+from flinders.geometry.plane import down_of
 from flinders.geometry.sphere import fibonacci
+from flinders.heading.error_propagation import HeadingError, level_turn, upright
 from flinders.targets import ExportOptions, mounting_table
 from flinders.targets._mounting import euler
 from flinders.targets._target import SIGMAS, TILT_DEG, Gates
@@ -34,7 +39,12 @@ if TYPE_CHECKING:
     from flinders.fitting.result import Fit
     from flinders.targets import Export, Target
     from flinders.targets._mounting import Angles
+    from flinders.targets._target import Trial
 
+FITTED: Final = {"offset": "sphere", "diagonal": "axes"}
+"""Method that finds no more than what a target of a kind holds."""
+UPRIGHT: Final = "none"
+"""What a mounting is called that turns nothing."""
 DIRECTIONS: Final = fibonacci(400)
 """(N, 3) in which the error of a reading is looked at, for the limits of a disturbed one."""
 
@@ -72,9 +82,42 @@ def export_fit(
         refuse_on_top(fit, target.name)
     number, notes = _compass_of(fit, target, compass)
     asked = ExportOptions(
-        compass=number, lossy=lossy, name=name, mounting=mounting_of(fit, target, mounting), gates=gates_of(fit)
+        compass=number,
+        lossy=lossy,
+        name=name,
+        mounting=mounting_of(fit, target, mounting),
+        gates=gates_of(fit),
+        fitting=fitting_command(fit, target),
     )
-    return target.render(fit.calibration, about=[*origin_lines(fit), *notes], asked=asked), notes
+    trial = target.tried(fit.calibration, asked=asked)
+    return trial.export([*origin_lines(fit, _held_words(fit, trial) if trial.loses else ""), *notes]), notes
+
+
+def fitting_command(fit: Fit, target: Target) -> str:
+    """The command that makes a fit of just what a target holds; empty where no method here makes one."""
+    method = FITTED.get(target.keeps, "")
+    if method not in METHODS:
+        return ""
+    files = shlex.join(file.name for file in fit.provenance.files if file.rows) or "RECORDING"
+    return f"flinders calibrate {files} --method {method} -o {method}.json"
+
+
+def _held_words(fit: Fit, trial: Trial) -> str:
+    """How good headings are with what a target holds of a fit: what it leaves out is added to the claim."""
+    error, claim = level_turn_error(fit, trial), fit.claim
+    worst, bound = math.hypot(error.worst, claim.heading_error_deg.worst), error.worst + claim.heading_bound_deg
+    within = f"95 % within {figures(bound)}°" if bound < ANY_ANGLE_DEG else "1 σ"
+    return f"with what {trial.target.title} holds of it headings are good to {figures(worst)}° ({within})"
+
+
+def level_turn_error(fit: Fit, trial: Trial) -> HeadingError:
+    """What a level heading errs by for what a target leaves out, its mean removed, as of a vehicle that turns once."""
+    claim, down = fit.claim, down_of(fit.claim.plane)
+    heading, fields = level_turn(claim.known_dip_deg, down)
+    corrected = trial.corrected(fields.T) @ (np.eye(3) if down is None else upright(down))
+    off = np.angle(np.exp(1j * (np.arctan2(-corrected[:, 1], corrected[:, 0]) - heading)))
+    off = np.rad2deg(np.angle(np.exp(1j * (off - np.angle(np.exp(1j * off).mean())))))
+    return HeadingError(float(np.sqrt(np.mean(off**2))), float(np.abs(off).max()), claim.known_dip_deg)
 
 
 def _compass_of(fit: Fit, target: Target, asked: int | None) -> tuple[int | None, list[str]]:
@@ -101,8 +144,11 @@ def known_numbers(fit: Fit, autopilot: str, attribute: str) -> set[int]:
 def mounting_of(fit: Fit, target: Target, words: str | None) -> Floats | None:
     """(3, 3) how the compass was mounted when it was recorded; None where neither the words nor the logs say.
 
+    Of one that sits exactly as the vehicle does the words are ``none``.
     Raises `UsageError` for words that the target does not know, or a target without mountings.
     """
+    if words is not None and words.strip().casefold() == UPRIGHT and target.refuses_mounted:
+        return np.eye(3)
     if words is not None:
         return mounting_table(target).read(words)
     known = known_mountings(fit, target.family)
@@ -155,9 +201,14 @@ def refuse_on_top(fit: Fit, autopilot: str) -> None:
         )
 
 
-def origin_lines(fit: Fit) -> list[str]:
-    """Where the numbers come from, what is claimed of them, and what limits them."""
+def origin_lines(fit: Fit, held: str = "") -> list[str]:
+    """Where the numbers come from, what is claimed of them, and what limits them.
+
+    `held`: what is claimed of that part of them which a target holds, in words; empty where it is all.
+    """
     sensor = f", sensor {fit.calibration.sensor}" if fit.calibration.sensor else ""
+    if held and not math.isnan(fit.heading_error_deg.worst):
+        return [f"from {fit.name}{sensor}", held, *limit_lines(fit)]
     return [f"from {fit.name}{sensor}", *(verdict_lines(fit) if fit.evidence.is_described else limit_lines(fit))]
 
 

@@ -22,7 +22,9 @@ from typing import TYPE_CHECKING, Final, Literal
 import numpy as np
 
 from flinders.core.axes import Axes
+from flinders.core.geomag import recorded_field
 from flinders.core.time_span import TimeSpan
+from flinders.core.units import MICROTESLA
 from flinders.errors import UnreadableInput
 from flinders.readers._choice import Choice, numbered
 from flinders.readers._source import sound
@@ -34,6 +36,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from flinders.arrays import Floats
+    from flinders.core.calibration import Calibration
     from flinders.core.samples import Samples
     from flinders.core.units import Unit
     from flinders.readers._resample import TimeSeries
@@ -46,16 +49,15 @@ HIGHEST_M: Final = 1e5
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Stored:
-    """A calibration that was in force when a log was made: ``corrected = matrix @ (raw - offset)``, before mounting."""
+    """A calibration that was in force when a log was made; of several, the last."""
 
-    matrix: Floats  #: (3, 3)
-    offset: Floats  #: (3,), µT
-    #: (3, 3): rotation from what `matrix` gives to what the log holds; identity where the sensor sits as the vehicle
-    #: does
-    mounting: Floats = field(default_factory=lambda: np.eye(3))
+    #: of readings without it, before the mounting, in no known strength of the field; None of numbers that flatten
+    #: readings
+    calibration: Calibration | None
     #: what it is, as the target calls it: ``COMPASS_OFS −12, 40, −93 mG; COMPASS_DIA 1.02, 0.99, 1.00``
     words: str = ""
     applied: bool = True  #: readings are logged after it; where they are not, there is nothing to un-apply
+    changes: int = 0  #: how often it changed in the log
 
     def sentence(self, *, as_logged: bool) -> str:
         """Say what became of it."""
@@ -126,6 +128,19 @@ class Instrument:
         """What the axes of its readings are, before `axes` maps them: ``sensor`` or ``vehicle``."""
         return self.frames[self.as_logged]
 
+    @property
+    def onboard(self) -> Calibration | None:
+        """What was in force, for readings as `blocks` yields them; None where nothing is known, or they are after it.
+
+        Its field strength is that of the site, where the log states one.
+        """
+        if self.stored is None or self.stored.calibration is None or (self.as_logged and self.stored.applied):
+            return None
+        known = replace(self.stored.calibration, raw=self.unit, sensor=self.name)
+        site = recorded_field(self) if self.unit.inside == MICROTESLA else None
+        strength = known.field_strength if site is None else site.strength
+        return None if known.is_identity else replace(known, field_strength=strength).turned(self.axes)
+
     @sound
     def blocks(self) -> Iterator[Samples]:
         """Go through the readings, in `axes` and within `span`.
@@ -134,6 +149,7 @@ class Instrument:
         nothing lies within the span.
         """
         clock, gone, given = self.span.clock(self.source, self.beginning), 0, 0
+        onboard = self.onboard
         for block in self.columns(self.as_logged):
             gone += len(block)
             if self.progress and self.file and self.file.size and self.readings:
@@ -141,7 +157,8 @@ class Instrument:
             within = clock.within(block)
             if within.any():
                 given += 1
-                yield replace(clock.selected(block, within), source=self.source, frame=self.frame).turned(self.axes)
+                turned = replace(clock.selected(block, within), source=self.source, frame=self.frame).turned(self.axes)
+                yield replace(turned, onboard=onboard)
         clock.judge()
         if not given:
             raise UnreadableInput(

@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING
 
 from flinders.errors import in_python
 from flinders.report.comparison_pages import of_comparison, of_untold
+from flinders.workflows.onboard import NAME
 
 if TYPE_CHECKING:
     from rich.console import RenderableType
@@ -19,4 +20,6 @@ def of_check(checked: Check, spell: Spelling = in_python) -> RenderableType:
     if checked.comparison is None or checked.fresh_strength is None:
         return of_untold(checked.known, checked.fresh, checked.strength, spell)
     strengths = checked.strength, checked.fresh_strength
-    return of_comparison(checked.comparison, spell, fresh=checked.fresh, strengths=strengths, own=checked.made_from)
+    own, fresh = checked.made_from, checked.fresh
+    name = NAME if checked.known.name == NAME else "the calibration"
+    return of_comparison(checked.comparison, spell, fresh=fresh, strengths=strengths, own=own, name=name)

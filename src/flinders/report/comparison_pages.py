@@ -6,6 +6,7 @@
 
 from __future__ import annotations
 
+import math
 import textwrap
 from typing import TYPE_CHECKING, Final
 
@@ -69,12 +70,13 @@ def of_comparison(
     fresh: Fit | None = None,
     strengths: tuple[Strength, Strength] | None = None,
     own: Sequence[str] = (),
+    name: str = "the calibration",
 ) -> RenderableType:
     """Lay out two calibrations side by side: the difference, what chance explains, the verdict.
 
     Where one is checked on a recording, `fresh` is a fit of that, whose limits are said below, and `strengths` are the
-    recording's under both. `own` names the recordings, if any, that went into the calibration: agreement with those
-    proves nothing.
+    recording's under both, the first of them called `name`. `own` names the recordings, if any, that went into the
+    calibration: agreement with those proves nothing.
     """
     found = () if fresh is None else fresh.findings
     limits = [advice(finding, spell) for finding in found if finding.severity == "limits"]
@@ -84,17 +86,22 @@ def of_comparison(
         limits.insert(0, f"{' and '.join(own)} went into this calibration: check it on a recording made since")
     if comparison.is_turned:
         limits.insert(0, TURNED)
-    blocks = (_differences(comparison), _parameters(comparison), None if strengths is None else _strengths(*strengths))
+    blocks = (
+        _differences(comparison),
+        _parameters(comparison),
+        None if strengths is None else _strengths(name, *strengths),
+    )
     return Group(page(*blocks, said), notes(("limits", limit) for limit in limits))
 
 
 def of_untold(known: Fit, fit: Fit, strength: Strength, spell: Spelling = in_python) -> RenderableType:
     """Lay out what a recording, of which no fit can be used, tells of a known calibration, and why it is not more."""
     basis = f"{counted(fit.samples, 'reading')}; {fit.method}"
+    made = known.noise / known.calibration.ellipsoid.radius
+    when_made = "" if math.isnan(made) else f", where {known.name} was made one of {made:.1%}"
     words = (
         f"whether {known.name} holds, as no fit of this recording can be used; corrected, its strength is "
-        f"{strength.mean:.3f} of the field with a spread of {strength.spread:.1%}, where {known.name} was made one of "
-        f"{known.noise / known.calibration.ellipsoid.radius:.1%}:"
+        f"{strength.mean:.3f} of the field with a spread of {strength.spread:.1%}{when_made}:"
     )
     reasons = ((finding.severity, advice(finding, spell)) for finding in shown_findings(fit))
     return Group(page(verdict(TITLES["cannot-tell"][1], "limited", words, basis)), notes(reasons))
@@ -143,8 +150,8 @@ def _parameters(comparison: Comparison) -> Text:
     return lines([("offset", offset, unit), ("scale", _percent(comparison.scale_difference), scale)])
 
 
-def _strengths(known: Strength, fresh: Strength) -> Table:
-    pairs = (("the calibration", known), ("a fresh fit", fresh))
+def _strengths(name: str, known: Strength, fresh: Strength) -> Table:
+    pairs = ((name, known), ("a fresh fit", fresh))
     rows = [(name, figures(one.mean, 4), _percent(one.spread)) for name, one in pairs]
     return table(("corrected with", "strength", "spread"), rows)
 
@@ -185,7 +192,7 @@ def _words(comparison: Comparison, fresh: Fit | None, *, is_limited: bool) -> st
     explained, worst_deg = chance_words(comparison.p_value), comparison.worst_deg
     if comparison.answer == "fails":
         return (
-            f"headings {_up_to(worst_deg)} apart, more than the {target} and {explained}: the sensor or what is near "
+            f"headings {up_to(worst_deg)} apart, more than the {target} and {explained}: the sensor or what is near "
             "it has changed, calibrate again"
         )
     is_changed = comparison.p_value is not None and comparison.p_value < CHANCE
@@ -196,15 +203,15 @@ def _words(comparison: Comparison, fresh: Fit | None, *, is_limited: bool) -> st
         within = f"headings within {angle(worst_deg)}{bound}"
         return f"{within} (target {comparison.target_deg:g}°), {explained}{changed}{limits}"
     changed = ": a new calibration will be better" if is_changed else ""
-    error = _at_most(comparison.claimed_bound_deg or 0.0)
-    found = f"headings {_up_to(worst_deg)} apart, give or take {error} (95 %): within or beyond the {target}"
+    error = at_most(comparison.claimed_bound_deg or 0.0)
+    found = f"headings {up_to(worst_deg)} apart, give or take {error} (95 %): within or beyond the {target}"
     remedy = _remedy(comparison, is_checked=fresh is not None, is_limited=is_limited)
     return f"{found}; {explained}{changed}. {remedy}"
 
 
 def _remedy(comparison: Comparison, *, is_checked: bool, is_limited: bool) -> str:
     """What would tell, where the claims are too wide."""
-    claim = _at_most(max(comparison.own_bounds_deg or (0.0,)))
+    claim = at_most(max(comparison.own_bounds_deg or (0.0,)))
     if not is_checked:
         whose, what = f"that of {(comparison.wider_claim or '').upper()}", "calibrate again, from a longer recording"
     elif comparison.wider_claim == "a":
@@ -215,19 +222,19 @@ def _remedy(comparison: Comparison, *, is_checked: bool, is_limited: bool) -> st
     return f"Claims of {needed} together would tell, the wider is {whose} with {claim}: {what}"
 
 
-def _at_most(angle_deg: float) -> str:
+def at_most(angle_deg: float) -> str:
     """Write the largest that an angle can be.
 
-    >>> _at_most(0.66), _at_most(170.0)
+    >>> at_most(0.66), at_most(170.0)
     ('0.66°', 'any angle')
     """
     return angle(angle_deg) if angle_deg < ANY_ANGLE_DEG else "any angle"
 
 
-def _up_to(angle_deg: float) -> str:
+def up_to(angle_deg: float) -> str:
     """Write the worst of many angles; beyond a right angle there is no worst.
 
-    >>> _up_to(0.31), _up_to(170.0)
+    >>> up_to(0.31), up_to(170.0)
     ('up to 0.31°', 'any angle')
     """
     return f"up to {angle(angle_deg)}" if angle_deg < ANY_ANGLE_DEG else "any angle"
@@ -305,7 +312,7 @@ def _evaluation_verdict(evaluation: Evaluation) -> Table:
     if evaluation.verdict == "unclaimed":
         reason = "the calibration states no uncertainty"
     off = evaluation.body_heading_error_deg or evaluation.heading_error_deg
-    worst, side = _up_to(off.worst), "within" if is_on_target else "beyond"
+    worst, side = up_to(off.worst), "within" if is_on_target else "beyond"
     words = f"headings are off by {worst}, {side} the target of {evaluation.target_deg:g}°; {reason}"
     basis = _square_basis(evaluation.heading_error_deg, evaluation.chi_square, evaluation.freedom)
     return verdict(EVALUATED[evaluation.verdict], colour, words, basis)

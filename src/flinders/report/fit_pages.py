@@ -33,10 +33,11 @@ from flinders.report.formatting import (
     shown_findings,
     written_time,
 )
-from flinders.report.terminal import COLOURS, facts, lines, notes, page, styled, table, verdict, whole_columns
+from flinders.report.onboard_pages import TITLES, errors_table, of_onboard
+from flinders.report.terminal import COLOURS, facts, lines, notes, page, table, verdict, whole_columns
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Iterator, Sequence
+    from collections.abc import Iterable, Iterator, Mapping, Sequence
 
     from rich.console import RenderableType
     from rich.table import Table
@@ -47,6 +48,7 @@ if TYPE_CHECKING:
     from flinders.diagnostics.repeatability import Repeats
     from flinders.errors import FlindersError, Spelling
     from flinders.findings import Finding, Verdict
+    from flinders.workflows.onboard import OnboardCheck
 
 NOISE_REFUSED: Final = limit_of("noise", "refuses")
 
@@ -56,8 +58,12 @@ IN_NEARLY_EVERY_FIT: Final = ("scale-unknown", "rotation-unknown")
 """Notes that hold whatever the recording, unless somebody gave the field and the mounting."""
 
 
-def of_fit(fit: Fit, spell: Spelling = in_python, *, is_verbose: bool = False) -> RenderableType:
-    """Lay out a fit: plain words, before and after, the numbers with their uncertainty, the verdict and its limits.
+def of_fit(
+    fit: Fit, spell: Spelling = in_python, *, is_verbose: bool = False, onboard: OnboardCheck | None = None
+) -> RenderableType:
+    """Lay out a fit: plain words, errors without and with it, its numbers and uncertainty, the verdict and its limits.
+
+    Errors with what was `onboard` stand between, with whether a change is worth while.
 
     What is true of nearly every fit is shown if `is_verbose`. Of a refused one no number of the calibration is shown:
     none can be trusted, and what stands on a screen is copied into a firmware sooner or later. It says why, how to do
@@ -70,9 +76,11 @@ def of_fit(fit: Fit, spell: Spelling = in_python, *, is_verbose: bool = False) -
     if fit.method == "merged" and repeats is not None:
         blocks = (_merged_parts(repeats), result, _merged_verdict(fit, repeats))
         return Group(page(*blocks), findings(shown_findings(fit), spell))
-    tops = () if is_refused else (of_recipe(fit), _before_and_after(fit), _since(fit))
-    shown = said_once(_shown(fit, is_verbose=is_verbose), fit)
-    return Group(page(*tops, result, _fit_verdict(fit)), findings(shown, spell))
+    tops = () if is_refused else (of_recipe(fit), errors_table(fit, onboard), _since(fit))
+    shown = list(said_once(_shown(fit, is_verbose=is_verbose), fit))
+    is_limited = any(finding.severity == "limits" for finding in shown)
+    change = None if onboard is None or is_refused else of_onboard(onboard, is_limited=is_limited)
+    return Group(page(*tops, change, result, _fit_verdict(fit)), findings(shown, spell))
 
 
 def _shown(fit: Fit, *, is_verbose: bool) -> list[Finding]:
@@ -97,7 +105,9 @@ def of_refused_recipe(fit: Fit) -> RenderableType:
 def of_file(fit: Fit, spell: Spelling = in_python, *, is_verbose: bool) -> RenderableType:
     """Lay out a calibration that was loaded: where it comes from, its numbers, and what its file claims of them."""
     provenance, calibration = fit.provenance.record, fit.calibration
-    files = [f"{file.name}, {counted(file.rows, 'reading')}" for file in fit.provenance.files]
+    files = [
+        f"{file.name}, {counted(file.rows, 'reading')}" if file.rows else file.name for file in fit.provenance.files
+    ]
     origin = [
         ("made", f"{date_of(provenance.date)}, Flinders {provenance.flinders}" if provenance else ""),
         ("from", "; ".join(files)),
@@ -120,14 +130,27 @@ def of_extremes(extremes: Extremes, spell: Spelling = in_python) -> RenderableTy
     return Group(page(extremes_table(extremes), result, said), findings(extremes.findings, spell))
 
 
-def of_sensors(outcomes: Sequence[tuple[str, Fit | FitError]], target_deg: float) -> RenderableType:
-    """Lay out each magnetometer of a log that was calibrated by itself: a row each, and why some were refused."""
+def of_sensors(
+    outcomes: Sequence[tuple[str, Fit | FitError]],
+    target_deg: float,
+    onboard: Mapping[str, OnboardCheck] | None = None,
+) -> RenderableType:
+    """Lay out each magnetometer of a log that was calibrated by itself: a row each, and why some were refused.
+
+    Beside the new calibration stands what was `onboard`, by the name of the sensor, where the log tells that of any.
+    """
     name, quality = Column("magnetometer", overflow="fold"), Column("verdict")
-    rows = [(str(number), *_sensor_row(*pair)) for number, pair in enumerate(outcomes, 1)]
+    known = onboard or {}
+    rows = [
+        (str(number), *_sensor_row(*pair), *([_onboard_cell(known.get(pair[0]))] if known else []))
+        for number, pair in enumerate(outcomes, 1)
+    ]
     reasons = [(number, _why_refused(outcome)) for number, (_, outcome) in enumerate(outcomes, 1)]
     said = [Text(f"  {number}: {why}") for number, why in reasons if why]
     basis = f"worst heading error, 1 σ, level vehicle; the target is {target_deg:g}°"
-    return page(table(("", name, "readings", "seen", "worst heading", quality), rows), Group(*said, basis))
+    headings: list[str | Column] = ["", name, "readings", "seen", "worst heading", quality]
+    headings += [Column("on board, off by")] if known else []
+    return page(table(headings, rows), Group(*said, basis))
 
 
 def of_several(together: Together, target_deg: float, spell: Spelling = in_python) -> RenderableType:
@@ -180,19 +203,6 @@ def lead(fit: Fit) -> Text:
 def graded(quality: Verdict, words: str | Text, *more: str) -> Table:
     """The verdict of a calibration, with what it means and what that rests on."""
     return verdict(quality.upper(), quality, words, *more)
-
-
-def _before_and_after(fit: Fit) -> Table:
-    ellipsoid = fit.calibration.ellipsoid
-    unit, (strength, spread) = label(fit.calibration.unit), fit.coverage.raw_strength(ellipsoid)
-    before, after = (
-        (name, f"{figures(mean, 4)} {unit}", f"{scatter:.1%}", degrees(error.rms), degrees(error.worst))
-        for name, mean, scatter, error in (
-            ("before", strength, spread, fit.claim.uncorrected_heading_error_deg),
-            ("after", fit.calibration.field_strength, fit.noise / ellipsoid.radius, fit.heading_error_deg),
-        )
-    )
-    return table(("", "strength", "spread", "heading error, rms", "worst"), [before, styled("bold", *after)])
 
 
 def _since(fit: Fit) -> Text | None:
@@ -297,6 +307,13 @@ def _sensor_row(name: str, outcome: Fit | FitError) -> tuple[RenderableType, ...
     error = "" if fit is None or quality == "refused" else degrees(fit.heading_error_deg.worst)
     cells = ("", "") if fit is None else (f"{fit.samples:,}", f"{fit.coverage.fraction:.0%}")
     return name, *cells, error, _coloured(quality)
+
+
+def _onboard_cell(onboard: OnboardCheck | None) -> str:
+    """By how much what was on board is off, at the worst heading, and what is to be done with it."""
+    if onboard is None:
+        return ""
+    return f"{degrees(onboard.comparison.worst_deg)}: {TITLES[onboard.answer].lower()}"
 
 
 def _why_refused(outcome: Fit | FitError) -> str:

@@ -58,10 +58,13 @@ from flinders.report.formatting import (
     with_uncertainty,
     with_unit,
 )
+from flinders.report.heading_figures import headings_over_time, history_words
 from flinders.report.html_file import filled, html_file, script_of, style_of
 from flinders.report.modules import joined
+from flinders.report.onboard_pages import onboard_words
 from flinders.report.view import matrix_sigma, tiles_view
 from flinders.targets import registry
+from flinders.workflows.log_headings import heading_history
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -77,6 +80,8 @@ if TYPE_CHECKING:
     from flinders.findings import Finding
     from flinders.fitting.aiding import Aiding
     from flinders.report.view import View
+    from flinders.workflows.log_headings import HeadingHistory
+    from flinders.workflows.onboard import OnboardCheck
 
 TITLES: Final = {"good": "Good", "limited": "Limited", "refused": "Refused"}
 """What each verdict is called, as on the page, on the terminal and in JSON."""
@@ -106,6 +111,7 @@ def page(
     asked: Mapping[str, str] | None = None,
     listings: Sequence[Listing] = (),
     notes: Sequence[str] = (),
+    onboard: OnboardCheck | None = None,
 ) -> str:
     """Write a fit, or why there is none, as one HTML file.
 
@@ -126,6 +132,8 @@ def page(
         The calibration for programs and boards, as targets take it; left out of a refusal.
     notes : sequence of str
         What else to know, in sentences.
+    onboard : OnboardCheck, optional
+        What was on board when the log was made: headings by it and by the fit are drawn over the log.
     """
     fit = fit_of(outcome)
     usable = None if fit is None or fit.verdict == "refused" else fit
@@ -133,6 +141,7 @@ def page(
     walk = None if drawn is None or fit is None or not goes_with(fit, drawn) else drawn.walk(fit)
     view = None if drawn is None else drawn.view
     script, has_scene = _script(has_view=view is not None)
+    history = _history(recording, fit, onboard)
     given = {
         "outcome": _outcome(outcome, fit),
         "fit": fit,
@@ -146,17 +155,34 @@ def page(
         "walk": walk,
         "walk_words": "" if walk is None or fit is None else _walk_words(walk, fit),
         "names": SOURCES,
-        "notes": notes,
+        "notes": notes if onboard is None else [as_sentence(onboard_words(onboard)), *notes],
+        "onboard": onboard,
+        "history": history,
+        "history_words": "" if history is None else history_words(history),
         "asked": asked or {},
         "provenance": provenance or ProvenanceRecord(flinders=version("flinders"), date=datetime.now(UTC), files=()),
         "source": "" if recording is None else recording.source,
         "drawn": drawn,
         "view": view,
-        "figures": _figures(drawn, fit, walk),
+        "figures": _figures(drawn, fit, walk) | _over_time(history, fit),
         "data": _data(drawn, view, fit) if drawn is not None and view is not None and has_scene else "",
         "has_scene": has_scene,
     }
     return html_file("report.html.j2", given, style=_style(), script=script, filters=FILTERS)
+
+
+def _history(recording: Recording | None, fit: Fit | None, onboard: OnboardCheck | None) -> HeadingHistory | None:
+    """Headings over the log by what was on board and by the fit; None without either."""
+    if recording is None or fit is None or onboard is None:
+        return None
+    return heading_history(recording, onboard.calibration, fit.calibration)
+
+
+def _over_time(history: HeadingHistory | None, fit: Fit | None) -> dict[str, str]:
+    """The figure of headings over the log."""
+    if history is None or fit is None:
+        return {}
+    return {"headings": headings_over_time(history, fit.claim.target_deg)}
 
 
 def listings_of(fit: Fit) -> list[Listing]:

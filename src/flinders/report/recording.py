@@ -29,6 +29,7 @@ STALE: Final = 0.02
 OFF: Final = 0.25
 """Of the field there: what a measured strength may differ by, with iron on board, before it is worth a word."""
 TITLES: Final = 11
+NOTHING_FIT: Final = "No magnetometer of it can be calibrated from this recording, for the reasons marked ! above."
 
 
 def of_contents(contents: Contents) -> RenderableType:
@@ -36,16 +37,17 @@ def of_contents(contents: Contents) -> RenderableType:
     sensors = [_sensor_block(sensor, contents.site) for sensor in contents.sensors]
     title = Text("next" if len(contents.commands) == 1 else "next, one of", "bold")
     commands = [Text(f"   {command}", no_wrap=True, overflow="ignore") for command in contents.commands]
-    said = Group(title, *commands) if commands else None
+    said = Group(title, *commands) if commands else Text(NOTHING_FIT)
     return Group(_file_block(contents), page(*sensors, said))
 
 
 def commands_for(path: str, sensors: Sequence[RecordedSensor], options: Sequence[str]) -> tuple[str, ...]:
-    """The commands to type next: for the magnetometer that has seen most and, where there are several, for all.
+    """The commands to type next: for the magnetometer that has seen most and, where several are fit for it, for all.
 
-    `options` are those with which the recording was read here. None for what looks like another sensor.
+    `options` are those with which the recording was read here. None for what looks like another sensor, or what
+    `flinders calibrate` refuses for few readings or little motion.
     """
-    usable = [sensor for sensor in sensors if sensor.readings and not (sensor.resembles or sensor.unmoved)]
+    usable = [sensor for sensor in sensors if sensor.is_fit_for_use]
     if not usable:
         return ()
     best = max(usable, key=lambda sensor: sensor.coverage or 0.0)
@@ -54,6 +56,8 @@ def commands_for(path: str, sensors: Sequence[RecordedSensor], options: Sequence
     if len(sensors) == 1:
         return (shlex.join([*words, "-o", "calibration.json"]),)
     one = shlex.join([*words, "--sensor", str(best.number), "-o", "calibration.json"])
+    if len(usable) == 1:
+        return (one,)
     return one, f"{shlex.join([*words, '--sensor', 'all'])} -o calibration-{{sensor}}.json"
 
 
@@ -115,7 +119,7 @@ def _readings(sensor: RecordedSensor) -> str:
 
 def _doubts(sensor: RecordedSensor, site: SiteField | None) -> list[str]:
     """What is odd about the readings; of a sensor that was hardly turned nothing that follows from that."""
-    doubts = [sensor.unmoved] if sensor.unmoved else _of_values(sensor)
+    doubts = list(filter(None, (sensor.too_few, sensor.unmoved))) or _of_values(sensor)
     if sensor.ignored_time:
         doubts.append(
             f"no time is read, {sensor.ignored_time} is left out: write it as numbers that rise, or as "

@@ -26,6 +26,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from flinders.arrays import Floats
+    from flinders.core.calibration import Calibration
     from flinders.geometry.ellipsoid import Ellipsoid
     from flinders.native.layouts import Records
     from flinders.summary.cloud import Cloud
@@ -120,7 +121,14 @@ class Coverage:
 
     def raw_strength(self, ellipsoid: Ellipsoid) -> tuple[float, float]:
         """Mean length of the raw readings over the directions recorded, and its spread as a fraction of the mean."""
-        readings = ellipsoid.centre + CELLS @ ellipsoid.shape
+        return self._strength(ellipsoid.centre + CELLS @ ellipsoid.shape)
+
+    def corrected_strength(self, ellipsoid: Ellipsoid, calibration: Calibration) -> tuple[float, float]:
+        """The same of readings that another calibration corrects, as plain matrix and offset."""
+        return self._strength(calibration.affine.apply(ellipsoid.centre + CELLS @ ellipsoid.shape))
+
+    def _strength(self, readings: Floats) -> tuple[float, float]:
+        """Mean length of a reading in each cell, and its spread as a fraction of the mean."""
         lengths = np.linalg.norm(readings, axis=1)
         mean = float(np.average(lengths, weights=self.counts))
         spread = float(np.sqrt(np.average((lengths - mean) ** 2, weights=self.counts)))

@@ -2,7 +2,7 @@
 
 >>> from flinders.core.calibration import Calibration
 >>> calibration = Calibration(np.eye(3), [20.0, 0.0, 0.0], 50.0)
->>> difference = Difference.of(calibration, lambda raw: raw - [19.0, 0.0, 0.0])
+>>> difference = Difference.of(calibration, corrected_by(calibration, lambda raw: raw - [19.0, 0.0, 0.0], DIRECTIONS))
 >>> round(difference.worst, 3), round(difference.worst_deg, 2)
 (1.0, 1.15)
 """
@@ -46,31 +46,13 @@ class Difference:
     worst_deg: float  # degrees: largest angle between both
 
     @classmethod
-    def of(
-        cls,
-        calibration: Calibration,
-        target: Callable[[Floats], Floats],
-        *,
-        acts: Acts = "recorded",
-        relative: bool = False,
-    ) -> Self:
-        """Run the target's formula on what the sensor reads in `DIRECTIONS` fields of the calibration's strength.
-
-        `target` takes (N, 3) readings to (N, 3) corrected ones, both in the calibration's unit, in the axes that `acts`
-        names. If `relative`, lengths are its own, and scaled to the calibration's field before they are compared.
-        """
-        back = unmapped(calibration)
-        strength, expected = calibration.field_strength, DIRECTIONS
+    def of(cls, calibration: Calibration, corrected: Floats) -> Self:
+        """What `corrected_by` gives of `DIRECTIONS` held against the calibration."""
         with np.errstate(all="ignore"):
-            raw = calibration.unapply(strength * expected)
-            corrected = target(raw if acts == "mapped" else raw @ back.T) / strength
-            if acts == "recorded":
-                corrected = calibration.axes.apply(corrected)
-            if relative:
-                corrected = corrected * (np.sum(corrected * expected) / np.sum(corrected**2))
-            across = np.linalg.norm(np.cross(corrected, expected), axis=1)
-            angle = float(np.rad2deg(np.arctan2(across, np.sum(corrected * expected, axis=1))).max())
-            return cls(strength * float(np.linalg.norm(corrected - expected, axis=1).max()), angle)
+            across = np.linalg.norm(np.cross(corrected, DIRECTIONS), axis=1)
+            angle = float(np.rad2deg(np.arctan2(across, np.sum(corrected * DIRECTIONS, axis=1))).max())
+            worst = calibration.field_strength * float(np.linalg.norm(corrected - DIRECTIONS, axis=1).max())
+        return cls(worst, angle)
 
     def worse(self, other: Difference) -> Difference:
         """The worse of two trials."""
@@ -81,10 +63,13 @@ class Difference:
         """Largest heading error at any attitude where the field dips by 60°: atan(tan a / cos 60°) of the angle a."""
         return heading_deg(self.worst_deg)
 
-    def refuse_lost(self, lacks: str, *, lossy: bool, mountings: MountingTable | None = None) -> None:
+    def refuse_lost(
+        self, lacks: str, *, lossy: bool, mountings: MountingTable | None = None, fitting: str = ""
+    ) -> None:
         """Raise `NotExportable` for a heading error of what the target lacks, unless any is accepted.
 
-        `mountings`: of a target that could be given a mounting with the rotation in it.
+        `mountings`: of a target that could be given a mounting with the rotation in it. `fitting`: the command that
+        makes a fit of what the target holds, if there is one.
         """
         if math.isfinite(self.worst) and (lossy or self.heading_deg <= LOSS_DEG):
             return
@@ -93,10 +78,11 @@ class Difference:
             f"Say how the sensor was mounted when it was recorded (its {mountings.setting}), and its rotation is "
             "written with the numbers. "
         )
+        fitted = f"Make a fit of what it holds, which says how good that is: {fitting}. Or " if fitting else ""
         raise NotExportable(
             f"{lacks}: what is left out costs up to {off} of heading (at any attitude, dip {DIP_DEG:.0f}°). "
-            f"{turned or ''}Use a target that holds the whole matrix (flinders targets), correct the readings in your "
-            "own code, or write it all the same",
+            f"{turned or ''}{fitted}{'use' if fitted else 'Use'} a target that holds the whole matrix (flinders "
+            "targets), correct the readings in your own code, or write it all the same",
             hint={"mounting": None, "lossy": True} if mountings else {"lossy": True},
             beyond=("matrix",),
             heading_deg=self.heading_deg,
@@ -117,6 +103,31 @@ class Difference:
             beyond=(),
             error=self.worst,
         )
+
+
+def corrected_by(
+    calibration: Calibration,
+    target: Callable[[Floats], Floats],
+    directions: Floats,
+    *,
+    acts: Acts = "recorded",
+    relative: bool = False,
+) -> Floats:
+    """(N, 3) fields over their strength, as a target corrects what the sensor reads in fields of (N, 3) directions.
+
+    `target` takes (N, 3) readings to (N, 3) corrected ones, both in the calibration's unit, in the axes that `acts`
+    names. If `relative`, lengths are its own, and scaled to the calibration's field. Fields are in the axes of the
+    calibration's corrected readings.
+    """
+    back, strength = unmapped(calibration), calibration.field_strength
+    with np.errstate(all="ignore"):
+        raw = calibration.unapply(strength * directions)
+        corrected = target(raw if acts == "mapped" else raw @ back.T) / strength
+        if acts == "recorded":
+            corrected = calibration.axes.apply(corrected)
+        if relative:
+            corrected = corrected * (np.sum(corrected * directions) / np.sum(corrected**2))
+    return corrected
 
 
 def heading_deg(angle_deg: float) -> float:

@@ -167,15 +167,42 @@ def acting(acts: Acts, calibration: Calibration) -> Acts:
     return "recorded" if acts == "mapped" and calibration.frame == VEHICLE else acts
 
 
+def in_sensor_axes(calibration: Calibration, mounting: Floats) -> Calibration:
+    """A calibration of readings in the axes of the vehicle, for those of the sensor before its mounting.
+
+    `mounting`, (3, 3): rotation from the axes of the sensor to those of the vehicle.
+
+    >>> turned = Calibration(np.diag([1.0, 2.0, 0.5]), [10, 20, 30], 50.0, frame="vehicle")
+    >>> upright = in_sensor_axes(turned, np.array([[0.0, -1, 0], [1, 0, 0], [0, 0, 1]]))
+    >>> upright.offset, np.diag(upright.matrix), upright.frame
+    (array([ 20., -10.,  30.]), array([2. , 1. , 0.5]), 'sensor')
+    """
+    matrix, offset = in_recorded_axes(calibration)
+    disturbances = tuple(
+        replace(each, per_unit=mounting.T @ shift_in_recorded_axes(calibration, each))
+        for each in calibration.disturbances
+    )
+    turned = mounting.T @ matrix @ mounting
+    return replace(
+        calibration,
+        matrix=(turned + turned.T) / 2 if calibration.rotation == "symmetric" else turned,
+        offset=mounting.T @ offset,
+        axes=Axes(),
+        frame="sensor",
+        disturbances=disturbances,
+    )
+
+
 def refuse_mounted(calibration: Calibration, *, who: str) -> None:
     """Raise `NotExportable` for readings in the axes of the vehicle, for what corrects them before the mounting."""
     if calibration.frame == VEHICLE:
         raise NotExportable(
             f"the calibration is for readings in the axes of the vehicle, and {who} corrects them before the mounting, "
-            "in the sensor's own axes: the numbers would be wrong wherever the sensor is turned. Calibrate from "
-            "readings in the sensor's own axes, or write it for a target that acts after the mounting or on readings "
-            "as recorded (c, json). Where the sensor sits exactly as the vehicle does, set "
-            '"frame" to "sensor" in the calibration file',
+            "in the sensor's own axes: the numbers would be wrong wherever the sensor is turned. Say how the sensor is "
+            "mounted in the vehicle (none: it sits exactly as the vehicle does), calibrate from readings in the "
+            "sensor's own axes, or write it for a target that acts after the mounting or on readings as recorded (c, "
+            "json)",
+            hint={"mounting": None},
             beyond=(),
             frame=calibration.frame,
         )

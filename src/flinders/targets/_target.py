@@ -27,7 +27,7 @@ import numpy as np
 from flinders.core.units import label
 from flinders.errors import NotExportable, figures
 from flinders.targets._comments import HASH, Comment
-from flinders.targets._difference import DIP_DEG, DIRECTIONS, Difference
+from flinders.targets._difference import DIP_DEG, DIRECTIONS, LOSS_DEG, Difference, corrected_by
 from flinders.targets._numbers import (
     OWN,
     RECORDED,
@@ -36,6 +36,7 @@ from flinders.targets._numbers import (
     acting,
     followed,
     in_recorded_axes,
+    in_sensor_axes,
     per_unit,
     refuse_mounted,
 )
@@ -100,6 +101,7 @@ class ExportOptions:
     gates: Gates | None = None  # limits by which generated code tells a disturbed reading
     # of the sensor: names in generated code begin with it, so that code for two sensors goes into one program
     name: str | None = None
+    fitting: str = ""  # the command that makes a fit of what the target holds, if there is one
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -238,16 +240,21 @@ class Target:
     def render(
         self, calibration: Calibration, *, about: Sequence[str] = (), asked: ExportOptions | None = None
     ) -> Export:
-        """Write a calibration for the target, and try the target's own formula on what is written.
+        """Write a calibration for the target; `about`: lines that tell where it comes from, and the rest as `tried`."""
+        return self.tried(calibration, asked=asked).export(about)
 
-        `about`: lines that tell where it comes from; `asked`: which compass, and what else there is to choose. Raises
-        `UnitError` where counts would have to become a unit, or the other way round; `NotExportable` for what the
-        target cannot hold, what costs more than 0.5° of heading unless that was asked for, and readings in other axes
-        than those in which it acts; `UsageError` for a compass that there is not, or a name that cannot be written.
+    def tried(self, calibration: Calibration, *, asked: ExportOptions | None = None) -> Trial:
+        """Put a calibration in the numbers of the target, and try the target's own formula on them.
+
+        `asked`: which compass, and what else there is to choose. Raises `UnitError` where counts would have to become a
+        unit, or the other way round; `NotExportable` for what the target cannot hold, what costs more than 0.5° of
+        heading unless that was asked for, and readings in other axes than those in which it acts; `UsageError` for a
+        compass that there is not, or a name that cannot be written.
         """
         asked = asked or ExportOptions()
-        if self.refuses_mounted:
-            refuse_mounted(calibration, who=self.title)
+        given = calibration.frame
+        calibration = self._before_the_mounting(calibration, asked.mounting)
+        turn = asked.mounting if calibration.frame != given else None
         if calibration.linearization is not None and not self.linearizes:
             raise NotExportable(
                 f"the calibration linearizes its axes, and {self.title} holds {self.holds}: use c, arduino or "
@@ -258,59 +265,42 @@ class Target:
         written = self.write(calibration, asked)
         plain, motor = followed(calibration) if self.follows == "motors" else (calibration.at(), None)
         lacks = f"{self.title} holds {self.holds}" if self._loses(plain, written.turn) else ""
-        deviation = self._tried(plain, written.apply, lacks=lacks, lossy=asked.lossy)
+        deviation = self._tried(plain, written.apply, lacks=lacks, asked=asked)
         if motor is not None and (compensated := written.compensated) is not None:
             end = motor.farthest
             far = calibration.at(**{motor.name: end})
-            tried = self._tried(far, lambda raw: compensated(raw, end), lacks=lacks, lossy=asked.lossy)
+            tried = self._tried(far, lambda raw: compensated(raw, end), lacks=lacks, asked=asked)
             deviation = deviation.worse(tried)
-        warnings = (*self._warnings(deviation, lacks), *self._left_out(calibration, motor))
-        return self._laid_out(plain, written, deviation, about, warnings)
+        warnings = (*self._warnings(deviation, lacks, asked.fitting), *self._left_out(calibration, motor))
+        return Trial(self, plain, written, deviation, bool(lacks), warnings, turn)
 
-    def _laid_out(
-        self,
-        plain: Calibration,
-        written: Written,
-        deviation: Difference,
-        about: Sequence[str],
-        warnings: tuple[str, ...],
-    ) -> Export:
-        """The file with its comments, and the same for programs."""
-        unit, checked = _named(self.unit, plain), self._checked(plain, deviation)
-        notes = [*about, *self._notes(plain), *written.notes]
-        formula = written.formula or self.formula
-        remarks = [f"{self.title}: {formula}, in {unit}", *notes, *warnings, checked]
-        comments = self.comment.lines(remarks) if self.comment else []
-        fields = {
-            "target": self.name,
-            "formula": formula,
-            "unit": unit,
-            "axes": self.where,
-            "holds": self.holds,
-            "values": dict(written.values),
-            "checked": self._figures(plain, deviation),
-            "notes": notes,
-            "unverified": list(self.unverified),
-        }
-        text = "\n".join([*comments, *written.body, ""])
-        return Export(self.name, text, fields, checked, warnings, written.data, has_comments=bool(comments))
+    def _before_the_mounting(self, calibration: Calibration, mounting: Floats | None) -> Calibration:
+        """The calibration in the sensor's own axes, for a target that corrects those; `NotExportable` where unknown."""
+        if not self.refuses_mounted or calibration.frame != VEHICLE:
+            return calibration
+        if mounting is None:
+            refuse_mounted(calibration, who=self.title)
+        return in_sensor_axes(calibration, np.asarray(mounting))
+
+    def corrected(self, calibration: Calibration, apply: Callable[[Floats], Floats], directions: Floats) -> Floats:
+        """(N, 3) fields over their strength, as a formula in its units corrects what is read in (N, 3) directions."""
+        size, given = per_unit(calibration, self.unit, who=self.title), self._size_given(calibration)
+        acts, relative = acting(self.acts, calibration), bool(self.lengths)
+        return corrected_by(
+            calibration, lambda raw: given * apply(raw / size), directions, acts=acts, relative=relative
+        )
 
     def _tried(
-        self, calibration: Calibration, apply: Callable[[Floats], Floats], *, lacks: str, lossy: bool
+        self, calibration: Calibration, apply: Callable[[Floats], Floats], *, lacks: str, asked: ExportOptions
     ) -> Difference:
         """Run the target's formula in its units, and refuse what costs too much."""
-        size, given = per_unit(calibration, self.unit, who=self.title), self._size_given(calibration)
-        deviation = Difference.of(
-            calibration,
-            lambda raw: given * apply(raw / size),
-            acts=acting(self.acts, calibration),
-            relative=bool(self.lengths),
-        )
+        deviation = Difference.of(calibration, self.corrected(calibration, apply, DIRECTIONS))
         if lacks:
             takes_turn = self.mountings is not None and calibration.rotation != "symmetric"
-            deviation.refuse_lost(lacks, lossy=lossy, mountings=self.mountings if takes_turn else None)
+            mountings = self.mountings if takes_turn else None
+            deviation.refuse_lost(lacks, lossy=asked.lossy, mountings=mountings, fitting=asked.fitting)
         else:
-            deviation.refuse_coarse(calibration, lossy=lossy)
+            deviation.refuse_coarse(calibration, lossy=asked.lossy)
         return deviation
 
     def _size_given(self, calibration: Calibration) -> float:
@@ -342,12 +332,13 @@ class Target:
         exact = EXACT if turn is None else EXACT_SINGLE
         return bool(np.abs(matrix - reduced).max() > exact * np.abs(matrix).max())
 
-    def _warnings(self, deviation: Difference, lacks: str) -> Iterable[str]:
+    def _warnings(self, deviation: Difference, lacks: str, fitting: str) -> Iterable[str]:
         """What it costs, and what nobody could verify."""
         if lacks:
+            fitted = f"; a fit of what it holds: {fitting}" if fitting and deviation.heading_deg > LOSS_DEG else ""
             yield (
                 f"{lacks}: what is left out costs up to {figures(deviation.heading_deg)}° of heading (at any attitude, "
-                f"dip {DIP_DEG:.0f}°)"
+                f"dip {DIP_DEG:.0f}°){fitted}"
             )
         for clause in self.unverified:
             yield f"not verified: {clause}"
@@ -358,7 +349,7 @@ class Target:
             return per_unit(calibration, self.errors_in, who=self.title), self.errors_in
         return 1.0, calibration.unit
 
-    def _figures(self, calibration: Calibration, deviation: Difference) -> dict[str, Any]:
+    def as_figures(self, calibration: Calibration, deviation: Difference) -> dict[str, Any]:
         """How far the target is off, for programs."""
         size, unit = self._errors_in(calibration)
         return {
@@ -370,7 +361,7 @@ class Target:
             "heading_deg": deviation.heading_deg,
         }
 
-    def _checked(self, calibration: Calibration, deviation: Difference) -> str:
+    def checked(self, calibration: Calibration, deviation: Difference) -> str:
         """How far the target is off, in words."""
         size, name = self._errors_in(calibration)
         unit, scaled = label(name), ", scaled," if self.lengths else ""
@@ -380,7 +371,7 @@ class Target:
             f"{_at_most(deviation.worst / size, deviation.worst_deg, unit)} off the calibration"
         )
 
-    def _notes(self, calibration: Calibration) -> Iterable[str]:
+    def notes(self, calibration: Calibration) -> Iterable[str]:
         """For which readings the numbers are right, and what comes out."""
         if self.lengths:
             yield f"corrected readings are {self.lengths}"
@@ -406,6 +397,51 @@ class Target:
             yield f"acts after the mounting, which must map the sensor's axes to {calibration.axes}"
         if self.acts == "across" and not calibration.axes.is_identity:
             yield f"the mapping of axes to {calibration.axes} is in the matrix: give readings as they were recorded"
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Trial:
+    """A calibration in the numbers of a target, and what the target's own formula makes of it."""
+
+    target: Target
+    plain: Calibration  #: at rest, in the axes that the target corrects
+    written: Written
+    difference: Difference
+    loses: bool  #: the target holds less than the calibration
+    warnings: tuple[str, ...]
+    #: (3, 3) from the axes that the target corrects to those of the calibration that was given; None of the same
+    turn: Floats | None = None
+
+    def corrected(self, directions: Floats) -> Floats:
+        """(N, 3) fields over their strength, as the target corrects what the sensor reads in (N, 3) directions.
+
+        Both are in the axes of the calibration that was given.
+        """
+        turn = np.eye(3) if self.turn is None else self.turn
+        corrected: Floats = self.target.corrected(self.plain, self.written.apply, directions @ turn) @ turn.T
+        return corrected
+
+    def export(self, about: Sequence[str] = ()) -> Export:
+        """The file with its comments, `about` first, and the same for programs."""
+        target, plain, written = self.target, self.plain, self.written
+        unit, checked = _named(target.unit, plain), target.checked(plain, self.difference)
+        notes = [*about, *target.notes(plain), *written.notes]
+        formula = written.formula or target.formula
+        remarks = [f"{target.title}: {formula}, in {unit}", *notes, *self.warnings, checked]
+        comments = target.comment.lines(remarks) if target.comment else []
+        fields = {
+            "target": target.name,
+            "formula": formula,
+            "unit": unit,
+            "axes": target.where,
+            "holds": target.holds,
+            "values": dict(written.values),
+            "checked": target.as_figures(plain, self.difference),
+            "notes": notes,
+            "unverified": list(target.unverified),
+        }
+        text = "\n".join([*comments, *written.body, ""])
+        return Export(target.name, text, fields, checked, self.warnings, written.data, has_comments=bool(comments))
 
 
 def _named(unit: str, calibration: Calibration) -> str:

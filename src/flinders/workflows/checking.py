@@ -16,10 +16,10 @@ from __future__ import annotations
 
 import contextlib
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, cast
 
-from flinders.comparison.comparison import Strength, compare, judged_at
-from flinders.comparison.level_plane import compare_turned
+from flinders.comparison.comparison import Strength, judged_at
+from flinders.comparison.level_plane import compare_on
 from flinders.core.compensation import Compensator, compensated
 from flinders.core.joining import singles
 from flinders.core.keywords import spell_checked
@@ -29,7 +29,9 @@ from flinders.fitting.calibrate import fit
 from flinders.fitting.result import Refused
 from flinders.fitting.verdict import of_extrapolation
 from flinders.likelihood.site_field import Site, recorded_site
+from flinders.readers import open_recording
 from flinders.workflows.correction import ELSEWHERE
+from flinders.workflows.onboard import onboard_fit
 from flinders.workflows.recordings import fit_for, made_from, recording_for, used_at
 
 if TYPE_CHECKING:
@@ -129,7 +131,7 @@ class Check:
 @spell_checked(ELSEWHERE)
 def check(
     source: AnyReadings,
-    calibration: AnyCalibration,
+    calibration: AnyCalibration | None = None,
     *,
     target_deg: float = 1.0,
     site: Site | None = None,
@@ -144,8 +146,9 @@ def check(
     ----------
     source : Samples, Recording, (N, 3) array-like, path, open file, data frame, or list of these but arrays
         Raw readings, as for `flinders.apply`; several recordings are fitted together.
-    calibration : Fit, Calibration or path
-        Of this sensor. One that states no uncertainty is taken as exact.
+    calibration : Fit, Calibration or path, optional
+        Of this sensor. One that states no uncertainty is taken as exact. Without one, that which was in force on board
+        when the log was made.
     target_deg : float, degrees
         Worst heading difference that is good enough.
     site : Site, optional
@@ -166,6 +169,8 @@ def check(
     FitError
         Where the recording gives no fit at all, such as `TooFewSamples` and `Unmoved`; `NeedsSamples` without times
         for `follow`.
+    NoOnboardCalibration
+        Without a calibration, for readings that tell of none in force.
     InputError, UnitError, AxesError
         As `flinders.apply`.
 
@@ -179,8 +184,8 @@ def check(
     >>> checked.answer, checked.comparison.p_value > 0.01, checked.random_walk.is_proven
     ('holds', True, False)
     """
-    known, compensator = used_at(fit_for(calibration), at)
-    recorded = recording_for(source, known)
+    recorded, judged = _opened(source, calibration)
+    known, compensator = used_at(judged, at)
     recording = compensated(recorded, compensator.calibration)
     dip_deg = site.inclination_deg if site is not None and site.inclination_deg is not None else abs(judged_at(known))
     asked = {"target_deg": target_deg, "dip_deg": dip_deg}
@@ -192,10 +197,20 @@ def check(
         walk = _walk_under(known, recording, dip_deg) if follow else None
         return Check(known, refused.fit, None, refused, strength, None, own, walk, extrapolated, **asked)
     compared_deg = judged_at(known, fresh) if site is None else judged_at(fresh)
-    comparison = _compared(known, fresh, recording, dip_deg=compared_deg, target_deg=target_deg)
+    named = fresh.with_name("fresh fit")
+    comparison = compare_on(recording, known, named, dip_deg=compared_deg, target_deg=target_deg)
     fresh_strength = _strength(fresh.calibration, recording)
     walk = _walk_of(fresh, recording) if follow else None
     return Check(known, fresh, comparison, None, strength, fresh_strength, own, walk, extrapolated, **asked)
+
+
+def _opened(source: AnyReadings, calibration: AnyCalibration | None) -> tuple[Recording, Fit]:
+    """The recording in unit and axes of the calibration, and that; by default that on board."""
+    if calibration is None:
+        recorded = source if hasattr(source, "blocks") else open_recording(source)
+        return cast("Recording", recorded), onboard_fit(cast("Recording", recorded))
+    known = fit_for(calibration)
+    return recording_for(source, known), known
 
 
 def _site_of(recorded: Recording, site: Site | None, dip_deg: float) -> Site:
@@ -222,14 +237,6 @@ def _extrapolated(recorded: Recording, compensator: Compensator) -> tuple[Findin
 def _strength(calibration: Calibration, recording: Recording) -> Strength:
     """How evenly long the readings come out."""
     return sum((Strength.under(calibration, block.field) for block in recording.blocks()), Strength())
-
-
-def _compared(known: Fit, fresh: Fit, recording: Recording, *, dip_deg: float, target_deg: float) -> Comparison:
-    """Compare them; where the recording is a level turn, in the plane that was turned."""
-    fresh = fresh.with_name("fresh fit")
-    if fresh.claim.plane == "xy" and known.claim.plane is None:
-        return compare_turned(known, fresh, recording, target_deg=target_deg)
-    return compare(known, fresh, dip_deg=dip_deg, target_deg=target_deg)
 
 
 def _walk_of(fresh: Fit, recording: Recording) -> RandomWalk:

@@ -23,7 +23,8 @@ from flinders.core.geomag import recorded_field
 from flinders.core.samples import Wrapped
 from flinders.core.units import COUNTS, unit_of_the_earth
 from flinders.diagnostics.unmoved import require_moved
-from flinders.errors import FitError, InputError, Unmoved, counted, in_python
+from flinders.errors import FitError, InputError, TooFewSamples, Unmoved, counted, in_python
+from flinders.estimators.likelihood import Likelihood
 from flinders.fitting.calibrate import fit
 from flinders.readers import Log, open_log
 from flinders.readers._likeness import likeness
@@ -72,6 +73,7 @@ class RecordedSensor:
     is_as_logged: bool = False  # that was left on
     is_raw: bool = False  # readings were logged before it, so that there is nothing to remove
     auxiliary: tuple[str, ...] = ()  # columns recorded with it, such as time and acceleration
+    too_few: str = ""  # why no method fits so few readings, in words; nothing where there are enough
     unmoved: str = ""  # why the sensor was hardly turned, in words; nothing where it was
     coverage: float | None = None  # of all directions; None where no ellipsoid fits, or the sensor was hardly turned
     strength: float | None = None  # of the field by that ellipsoid; None where too little is seen
@@ -89,7 +91,8 @@ class RecordedSensor:
         watched = _WatchedInstrument(instrument)
         summary = Summary.through(watched)
         unmoved = _unmoved(summary, instrument.unit.inside)
-        coverage, strength = (None, None) if unmoved else _seen(summary)
+        too_few = "" if unmoved else _too_few(summary)
+        coverage, strength = (None, None) if too_few or unmoved else _seen(summary)
         remark = unit_remark(strength, instrument.unit.inside, spell) if unit is None else ""
         health = summary.health
         return cls(
@@ -109,6 +112,7 @@ class RecordedSensor:
             is_as_logged=instrument.as_logged,
             is_raw=instrument.stored is not None and not instrument.stored.applied,
             auxiliary=watched.auxiliary,
+            too_few=too_few,
             unmoved=unmoved,
             coverage=coverage,
             strength=strength,
@@ -125,6 +129,11 @@ class RecordedSensor:
         return cls(
             number=number, name=instrument.name, unit=unit.name, unit_of_field=unit.inside, readings=0, notes=notes
         )
+
+    @property
+    def is_fit_for_use(self) -> bool:
+        """Whether a calibration from it is worth a try: it is a magnetometer, was turned, and gave enough readings."""
+        return bool(self.readings) and not (self.resembles or self.too_few or self.unmoved)
 
     def __str__(self) -> str:
         parts = (
@@ -302,8 +311,19 @@ def _seen(summary: Summary) -> tuple[float | None, float | None]:
     return coverage, float(surface.calibration.ellipsoid.radius) if coverage >= MIN_COVERAGE else None
 
 
+def _too_few(summary: Summary) -> str:
+    """Why there are too few different readings for a fit; nothing where there are enough."""
+    found, total, needed = summary.health.distinct, summary.health.rows, Likelihood.unknowns
+    if found >= needed:
+        return ""
+    among = total if total >= needed else 0
+    return TooFewSamples(found=found if among else total, needed=needed, method=Likelihood.name, among=among).message
+
+
 def _unmoved(summary: Summary, unit: str) -> str:
-    """Why the readings are those of a sensor that was hardly turned; nothing where it was."""
+    """Why the readings are those of a sensor that was hardly turned; nothing where it was, or of a few readings."""
+    if summary.health.rows < Likelihood.unknowns:
+        return ""
     try:
         require_moved(summary, unit)
     except Unmoved as refusal:

@@ -136,8 +136,11 @@ def refuse_other_frame(frame: str, recording: Recording) -> None:
 
 
 def made_from(fit: Fit, recordings: Iterable[Recording]) -> list[str]:
-    """Which of these recordings a calibration was made from, as its provenance says: their names."""
-    known = {file.sha256 for file in fit.provenance.files}
+    """Which of these recordings a calibration was made from, as its provenance says: their names.
+
+    Of a log that it was on board for, no reading is in it.
+    """
+    known = {file.sha256 for file in fit.provenance.files if file.rows}
     files = [(recording.source, file_of(recording)) for recording in recordings if known]
     return [name for name, file in files if file is not None and sha256(file) in known]
 

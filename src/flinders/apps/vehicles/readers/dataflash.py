@@ -242,6 +242,11 @@ class _Compass:
         """The parameters at the end."""
         return replace(self.parameters[int(self.stage[-1])], offset=self.offsets[-1])
 
+    @property
+    def changes(self) -> int:
+        """How often the parameters changed from one reading to the next."""
+        return int(np.count_nonzero(np.any(np.diff(self.offsets, axis=0), axis=1) | (np.diff(self.stage) > 0)))
+
     def columns(self, as_logged: bool) -> Iterator[Samples]:
         """Go through the readings; see `Instrument`."""
         time, logged = self.mag.seconds, self.mag.triple("Mag")
@@ -281,7 +286,7 @@ def _instrument(
         name,
         Unit.of("mG"),
         compass.columns,
-        stored=stored(compass.in_force),
+        stored=stored(compass.in_force, changes=compass.changes),
         frames=IN_VEHICLE_AXES,
         autopilot="ardupilot",
         compass=number if known else None,
@@ -299,8 +304,7 @@ def _remarks(compass: _Compass, values: Mapping[str, float], number: int, ill: i
     in_force, offsets, motor = compass.in_force, compass.offsets, compass.motor_offsets
     yield mounting_words(replace(in_force, compass=number), values)
     yield "readings were logged in whole mG, cut towards zero"
-    changes = int(np.count_nonzero(np.any(np.diff(offsets, axis=0), axis=1) | (np.diff(compass.stage) > 0)))
-    if changes:
+    if changes := compass.changes:
         yield f"its parameters changed {counted(changes, 'time')}: each reading has those of its time removed"
     elif in_force.is_identity and not motor.any():
         yield "no calibration was in force: readings are as they were measured"

@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any, Final, TypeAlias
 import numpy as np
 
 from flinders.apps.vehicles.targets.ardupilot import names, orientation_name
+from flinders.apps.vehicles.targets.autopilot import USUAL_STRENGTH_UT
 from flinders.errors import ArrayError, UnreadableInput
 from flinders.readers._log import Stored
 
@@ -22,8 +23,10 @@ if TYPE_CHECKING:
     from numpy.typing import ArrayLike, NDArray
 
     from flinders.apps.vehicles.targets.ardupilot import ArduPilotParameters
+    from flinders.apps.vehicles.targets.autopilot import CompassParameters
     from flinders.apps.vehicles.targets.px4 import Px4Parameters
     from flinders.arrays import Floats
+    from flinders.core.calibration import Calibration
 
 Stages: TypeAlias = "Sequence[tuple[float, Mapping[str, float]]]"
 """From which place or time of the log on, and the parameters in force from there; the first from minus infinity."""
@@ -108,11 +111,19 @@ def unapplied(
 # what to say of a compass of ArduPilot
 
 
-def stored(parameters: ArduPilotParameters) -> Stored | None:
-    """What the readings were corrected with, or nothing where that changes nothing."""
+def stored(parameters: ArduPilotParameters, *, changes: int = 0) -> Stored | None:
+    """What the readings were corrected with at the end, or nothing where that changes nothing."""
     if parameters.is_identity:
         return None
-    return Stored(parameters.matrix, parameters.centre, words=parameters.words())
+    return Stored(onboard(parameters), parameters.words(), changes=changes)
+
+
+def onboard(parameters: CompassParameters) -> Calibration | None:
+    """The calibration that parameters stand for; None where they flatten readings."""
+    try:
+        return parameters.to_calibration(USUAL_STRENGTH_UT)
+    except ArrayError:
+        return None
 
 
 def mounting_words(parameters: ArduPilotParameters, values: Mapping[str, float]) -> str:

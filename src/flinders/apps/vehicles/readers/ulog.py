@@ -35,7 +35,7 @@ from typing import TYPE_CHECKING, Any, Final, TypeAlias
 
 import numpy as np
 
-from flinders.apps.vehicles.readers.parameters import stage_of, stages, unapplied
+from flinders.apps.vehicles.readers.parameters import onboard, stage_of, stages, unapplied
 from flinders.apps.vehicles.targets import px4
 from flinders.core.units import Unit
 from flinders.errors import ArrayError, UnreadableInput, counted, figures
@@ -453,9 +453,9 @@ def _instrument(name: str, readings: _Readings, parameters: px4.Px4Parameters | 
     if parameters is not None:
         if parameters.motor.any() and readings.applied and readings.is_turned:
             notes.append("COMP is not removed: with the motors running, readings are those after it")
-        turn = parameters.mounting if readings.is_turned else np.eye(3)
         words, is_applied = parameters.words(), bool(readings.applied)
-        stored = Stored(parameters.matrix, parameters.centre, turn, words, applied=is_applied)
+        in_readings = replace(parameters, motor=np.zeros(3)) if readings.is_turned else parameters
+        stored = Stored(onboard(in_readings), words, applied=is_applied, changes=len(changes))
     return Instrument(
         readings.flight.source,
         name,

@@ -40,6 +40,8 @@ if TYPE_CHECKING:
 
     from flinders.targets._mounting import Angles
 
+USUAL_STRENGTH_UT: Final = 50.0
+"""Length of corrected readings where nobody says how strong the field is: parameters do not hold it."""
 ANGLE: Final = re.compile(r"(ROLL|PITCH|YAW)_(\d+)")
 
 
@@ -243,9 +245,12 @@ class ParameterFile:
     def read(
         self, content: bytes, source: str, *, strength: float | None = None, compass: int | None = None
     ) -> Calibration:
-        """Read a calibration; `strength`, µT, is 50 unless given, and `compass` the only one where there is one."""
+        """Read a calibration.
+
+        `strength`, µT, is `USUAL_STRENGTH_UT` unless given, and `compass` the only one where there is one.
+        """
         parameters = self.parameters(content, source, compass)
-        return parameters.to_calibration(strength or 50.0, known=strength is not None)
+        return parameters.to_calibration(strength or USUAL_STRENGTH_UT, known=strength is not None)
 
     def which(self, content: bytes, source: str, compass: int | None = None) -> tuple[int, int | None]:
         """Number, and device id where the file has it, of the compass that `read` takes."""

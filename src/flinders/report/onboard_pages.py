@@ -1,0 +1,126 @@
+"""The errors of a compass uncorrected, with what is on board and with a new calibration; and whether to change it.
+
+>>> from dataclasses import replace
+>>> from rich.console import Console
+>>> from flinders import simulate
+>>> from flinders.fitting import calibrate
+>>> from flinders.workflows.onboard import judge_onboard
+>>> tumble = simulate.tumble(seed=1)
+>>> fit = calibrate.fit(tumble.samples)
+>>> stale = replace(fit.calibration, offset=fit.calibration.offset + [2.0, 0.0, 0.0])
+>>> onboard = judge_onboard(replace(tumble.samples, onboard=stale), fit)
+>>> Console(width=80).print(errors_table(fit, onboard))
+              strength   spread   heading error, rms    worst   95 % within
+───────────────────────────────────────────────────────────────────────────
+uncorrected   104.3 µT    26.6%                  97°   > 100°        > 100°
+on board      49.24 µT     2.5%                 3.0°     4.2°          4.4°
+new           49.37 µT     1.0%               0.059°   0.066°         0.16°
+>>> Console(width=80).print(of_onboard(onboard, is_limited=False))
+CHANGE  a change is worth while: with what is on board headings are off by ...
+"""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING, Final
+
+from rich.console import Group
+
+from flinders.comparison.comparison import CHANCE
+from flinders.core.units import label
+from flinders.errors import counted, figures
+from flinders.report.comparison_pages import at_most, chance_words, up_to
+from flinders.report.formatting import degrees
+from flinders.report.terminal import notes, styled, table, verdict
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+    from rich.console import RenderableType
+    from rich.table import Table
+
+    from flinders.fitting.result import Fit
+    from flinders.heading.error_propagation import HeadingError
+    from flinders.workflows.onboard import OnboardCheck
+
+TITLES: Final = {"holds": "KEEP", "fails": "CHANGE", "cannot-tell": "CANNOT TELL"}
+COLOURS: Final = {"holds": "good", "fails": "refused", "cannot-tell": "limited"}
+"""What is to be done with what is on board, and the colour of that."""
+
+
+def errors_table(fit: Fit, onboard: OnboardCheck | None = None) -> Table:
+    """Strength and heading errors uncorrected, corrected on board where that is known, and corrected with the fit.
+
+    The heading errors of the first two are those that the fit finds, that of the new one is what the fit claims, 1 σ.
+    Beside what is on board, there is what all stay within with a probability of 95 %.
+    """
+    ellipsoid, claim = fit.calibration.ellipsoid, fit.claim
+    strength, spread = fit.coverage.raw_strength(ellipsoid)
+    raw, bound_deg = claim.uncorrected_heading_error_deg, claim.heading_bound_deg
+    new = fit.calibration.field_strength, fit.noise / ellipsoid.radius
+    rows = [
+        ("uncorrected", strength, spread, raw, raw.worst + bound_deg),
+        ("new", *new, fit.heading_error_deg, bound_deg),
+    ]
+    if onboard is not None:
+        known = onboard.comparison
+        rows.insert(1, ("on board", onboard.strength, onboard.spread, known.heading_difference_deg, known.largest_deg))
+    names = ("", "strength", "spread", "heading error, rms", "worst", "95 % within")
+    shown = len(names) if onboard is not None else len(names) - 1
+    *others, last = (_cells(*row, unit=label(fit.calibration.unit))[:shown] for row in rows)
+    return table(names[:shown], [*others, styled("bold", *last)])
+
+
+def _cells(
+    name: str, strength: float, spread: float, error: HeadingError, bound_deg: float, *, unit: str
+) -> tuple[str, ...]:
+    """A row of the table."""
+    bound = "" if math.isnan(bound_deg) else degrees(bound_deg)
+    length = f"{figures(strength, 4)} {unit}"
+    return name, length, f"{spread:.1%}", degrees(error.rms), degrees(error.worst), bound
+
+
+def of_onboard(onboard: OnboardCheck, *, is_limited: bool) -> RenderableType:
+    """Say whether a change of what is on board is worth while, and what that is.
+
+    `is_limited`: the fit has limits, which are said below.
+    """
+    words = onboard_words(onboard, is_limited=is_limited)
+    basis = f"on board: {onboard.words}" if onboard.words else "on board: as the recording tells"
+    said = verdict(TITLES[onboard.answer], COLOURS[onboard.answer], words, basis)
+    return Group(said, notes(("note", each) for each in _remarks(onboard)))
+
+
+def onboard_words(onboard: OnboardCheck, *, is_limited: bool = True) -> str:
+    """Whether a change is worth while, in words; `is_limited` as for `of_onboard`."""
+    comparison = onboard.comparison
+    worst, target = up_to(comparison.worst_deg), f"{comparison.target_deg:g}°"
+    if onboard.answer == "holds":
+        is_better = comparison.p_value is not None and comparison.p_value < CHANCE
+        more = "; the new calibration is better, if you want more" if is_better else ""
+        return (
+            f"what is on board is good enough: with it headings are off by {worst} (95 % within "
+            f"{degrees(comparison.largest_deg)}; target {target}){more}"
+        )
+    if onboard.answer == "fails":
+        return (
+            f"a change is worth while: with what is on board headings are off by {worst}, more than the target of "
+            f"{target} and {chance_words(comparison.p_value)}"
+        )
+    remedy = "mend the first limit of this log, below" if is_limited else "record for longer"
+    return (
+        f"whether a change is worth while: with what is on board headings are off by {worst}, give or take "
+        f"{at_most(comparison.claimed_bound_deg or 0.0)} (95 %), which is within or beyond the target of {target}: "
+        f"{remedy}"
+    )
+
+
+def _remarks(onboard: OnboardCheck) -> Iterator[str]:
+    """What else to know of what was on board."""
+    if onboard.changes:
+        yield f"it changed {counted(onboard.changes, 'time')} in the log: what is judged is the last"
+    if onboard.mounting is not None and any(onboard.mounting) and onboard.calibration.frame == "sensor":
+        roll, pitch, yaw = onboard.mounting
+        yield (
+            f"the compass is mounted at roll {roll:g}°, pitch {pitch:g}°, yaw {yaw:g}°, which no calibration changes"
+        )

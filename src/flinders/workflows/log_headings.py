@@ -1,0 +1,122 @@
+"""Heading over a log by what was on board and by a new calibration, beside the yaw of the vehicle's attitude.
+
+>>> from dataclasses import replace
+>>> from flinders.core.calibration import Calibration
+>>> from flinders import simulate
+>>> turn = simulate.tumble(seed=1, motion="level")
+>>> old = Calibration(np.eye(3), turn.sensor.offset, 50.0, raw=turn.samples.unit)
+>>> history = heading_history(turn.samples, old, replace(old, offset=old.offset + [2.0, 0.0, 0.0]))
+>>> history.levelled_by, history.yaw_deg, bool(4.0 < np.abs(history.difference_deg).max() < 12.0)
+('acceleration', None, True)
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Literal
+
+import numpy as np
+
+from flinders.core.compensation import Compensator
+from flinders.core.geomag import recorded_field
+from flinders.core.joining import in_memory, singles
+from flinders.errors import InputError
+from flinders.geometry.angles import folded, wrapped
+from flinders.geometry.quaternions import inverse, rotated
+from flinders.heading.attitude import level_heading_deg, magnetic_heading_deg
+from flinders.targets._mounting import euler
+
+if TYPE_CHECKING:
+    from flinders.arrays import Floats
+    from flinders.core.calibration import Calibration
+    from flinders.core.samples import Recording, Samples
+
+Levelling = Literal["attitude", "acceleration", "nothing"]
+
+FORWARD, DOWN = np.array([1.0, 0.0, 0.0]), np.array([0.0, 0.0, 1.0])
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class HeadingHistory:
+    """Headings in degrees of each reading, NaN where there is none."""
+
+    seconds: Floats  #: (N,) since the first
+    old_deg: Floats  #: (N,) by what was on board, in [0, 360)
+    new_deg: Floats  #: (N,) by the new calibration
+    yaw_deg: Floats | None  #: (N,) of the attitude, in [0, 360); None where none was logged
+    levelled_by: Levelling  #: what tilt was removed with
+    declination_deg: float | None  #: in the headings, which are true; None of magnetic ones
+    is_vehicle: bool  #: they are those of the vehicle, and not of the compass's x axis
+
+    @property
+    def difference_deg(self) -> Floats:
+        """(N,) old less new, −180 to 180."""
+        return folded(self.old_deg - self.new_deg)
+
+
+def heading_history(recording: Recording, old: Calibration, new: Calibration) -> HeadingHistory | None:
+    """Turn a log into headings by two calibrations of its readings.
+
+    Tilt is removed by the attitude that was logged, else by the accelerometer; without either the vehicle is taken to
+    be level. Headings are true where the log states its place. Of a compass whose mounting is known they are those of
+    the vehicle, else those of its x axis.
+
+    Parameters
+    ----------
+    recording : Recording
+        One log, with times that ascend; None is returned for any other.
+    old, new : Calibration
+        What each follows is removed where it was logged, and else taken at its reference.
+    """
+    parts, samples = list(singles(recording)), in_memory(recording)
+    time = samples.time
+    if len(parts) > 1 or time is None or len(time) < 2 or not (np.diff(time) >= 0.0).all() or time[-1] <= time[0]:
+        return None
+    log = getattr(parts[0], "recording", parts[0])
+    turn, is_vehicle = _to_vehicle(log, samples)
+    site, (levelled_by, force) = recorded_field(log), _force(samples)
+    declination_deg = None if site is None else site.declination_deg
+    turned, added = None if force is None else force @ turn.T, declination_deg or 0.0
+    by_old, by_new = (wrapped(_magnetic(_corrected(samples, each) @ turn.T, turned) + added) for each in (old, new))
+    yaw = None if levelled_by != "attitude" else _yaw(samples, turn)
+    return HeadingHistory(time - time[0], by_old, by_new, yaw, levelled_by, declination_deg, is_vehicle)
+
+
+def _to_vehicle(log: object, samples: Samples) -> tuple[Floats, bool]:
+    """(3, 3) from the axes of the readings to those of the vehicle, and whether that is known."""
+    angles = getattr(log, "mounting", None)
+    if samples.frame == "vehicle":
+        return np.eye(3), samples.axes.is_identity
+    if angles is None or not samples.axes.is_identity:
+        return np.eye(3), False
+    return euler(*angles), True
+
+
+def _corrected(samples: Samples, calibration: Calibration) -> Floats:
+    """(N, 3) corrected readings; a disturbance that was not logged is taken at its reference."""
+    try:
+        return calibration.affine.apply(Compensator(calibration)(samples).field)
+    except InputError:
+        return calibration.at().affine.apply(samples.field)
+
+
+def _force(samples: Samples) -> tuple[Levelling, Floats | None]:
+    """What tells the vertical, and (N, 3) the force that holds the sensor up, in any unit; None of a level one."""
+    attitude, acceleration = samples.attitude, samples.acceleration
+    if attitude is not None and np.isfinite(attitude).all(axis=1).any():
+        return "attitude", -rotated(inverse(attitude), DOWN)
+    if acceleration is not None and np.isfinite(acceleration).all(axis=1).any():
+        return "acceleration", acceleration
+    return "nothing", None
+
+
+def _magnetic(corrected: Floats, force: Floats | None) -> Floats:
+    """(N,) magnetic headings of the x axis."""
+    return level_heading_deg(corrected) if force is None else magnetic_heading_deg(corrected, force)
+
+
+def _yaw(samples: Samples, turn: Floats) -> Floats:
+    """(N,) heading of the x axis by the attitude."""
+    assert samples.attitude is not None
+    north, east, _ = rotated(samples.attitude, FORWARD @ turn).T
+    return wrapped(np.rad2deg(np.arctan2(east, north)))
