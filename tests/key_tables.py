@@ -142,7 +142,7 @@ PAGE: Final[Mapping[str, Mapping[str, str]]] = {
         "`watch --json`, `watch --status`": "apps.service.reports:Report",
         "`live --json`": "apps.live.cli.live:_as_dict",
         "`send --mavlink --json`": "apps.vehicles.mavlink_parameters:ParameterPlan",
-        "`send --port --json`": "targets.motioncal:MotionCalPacket",
+        "`send --serial --json`": "targets.motioncal:MotionCalPacket",
         "`targets --json`, by name": "targets._target:Target",
     },
 }  # fmt: skip

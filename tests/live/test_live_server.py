@@ -236,7 +236,7 @@ def test_a_page_is_told_all_there_is_when_it_comes(wall: Bench) -> None:
         got = next_readings(socket)
     assert welcome["type"] == "welcome"
     assert welcome["version"] == flinders.__version__
-    assert [target["name"] for target in welcome["targets"]] == list(registry())
+    assert [target["name"] for target in welcome["targets"]] == ["arduino", *(name for name in registry() if name != "arduino")]
     assert welcome["source"]["link"] == "ended"
     assert welcome["edits"] == json.loads(encode(Edits()))
     assert (welcome["recording"], welcome["axes"], welcome["has_board"]) == (str(wall.path), "x,y,z", False)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shlex
 from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -221,7 +222,8 @@ class _Run:
             say(f"written to {files.output}")
             if not files.exports:
                 target = likely_target(self.provenance.files)
-                say(f"next: flinders export --to {target} {files.output}, or to another of flinders targets")
+                say(f"next: {shlex.join(['flinders', 'export', '--to', target, files.output])}")
+                say("other targets: flinders targets")
 
     def _trace(self) -> None:
         """Write how the estimate converges, where that was asked for."""

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import shlex
+from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
 from rich.console import Group
 from rich.padding import Padding
 from rich.text import Text
 
+from flinders.core.files import free_path
 from flinders.core.units import COUNTS, EARTH_WITH_ROOM_UT, label
 from flinders.errors import counted, figures
 from flinders.readers._likeness import looks_like
@@ -29,6 +31,7 @@ STALE: Final = 0.02
 OFF: Final = 0.25
 """Of the field there: what a measured strength may differ by, with iron on board, before it is worth a word."""
 TITLES: Final = 11
+CALIBRATION: Final = Path("calibration.json")
 
 
 def of_contents(contents: Contents) -> RenderableType:
@@ -48,13 +51,27 @@ def commands_for(path: str, sensors: Sequence[RecordedSensor], options: Sequence
     usable = [sensor for sensor in sensors if sensor.readings and not (sensor.resembles or sensor.unmoved)]
     if not usable:
         return ()
-    best = max(usable, key=lambda sensor: sensor.coverage or 0.0)
-    is_like_an_option = path.startswith("-") and path != "-"
-    words = ["flinders", "calibrate", f"./{path}" if is_like_an_option else path, *options]
     if len(sensors) == 1:
-        return (shlex.join([*words, "-o", "calibration.json"]),)
-    one = shlex.join([*words, "--sensor", str(best.number), "-o", "calibration.json"])
-    return one, f"{shlex.join([*words, '--sensor', 'all'])} -o calibration-{{sensor}}.json"
+        return (calibrate_command(path, *options),)
+    best = max(usable, key=lambda sensor: sensor.coverage or 0.0)
+    each = command_line("calibrate", path, *options, "--sensor", "all")
+    return calibrate_command(path, *options, "--sensor", str(best.number)), f"{each} -o calibration-{{sensor}}.json"
+
+
+def calibrate_command(path: str, *options: str) -> str:
+    """The command that calibrates a recording, into a file of a name that is free."""
+    return command_line("calibrate", path, *options, "-o", str(free_path(CALIBRATION)))
+
+
+def command_line(name: str, *words: str) -> str:
+    """A command as it is typed.
+
+    >>> command_line("calibrate", "-odd name.csv", "--unit", "mG")
+    "flinders calibrate './-odd name.csv' --unit mG"
+    """
+    path, *others = words
+    is_like_an_option = path.startswith("-") and path != "-"
+    return shlex.join(["flinders", name, f"./{path}" if is_like_an_option else path, *others])
 
 
 def _file_block(contents: Contents) -> RenderableType:

@@ -158,10 +158,11 @@ class Hub:
         """The first message to a page."""
         from flinders.targets import registry
 
+        rows = sorted(registry().values(), key=lambda row: row.name != self.supply.target)
         return Welcome(
             version=version("flinders"),
             session=self.name,
-            targets=tuple(TargetInfo(row.name, row.use, row.suffix) for row in registry().values()),
+            targets=tuple(TargetInfo(row.name, row.use, row.suffix) for row in rows),
             limits=Limits(UPLOAD_BYTES),
             source=self.source,
             axes=str(self.supply.axes),

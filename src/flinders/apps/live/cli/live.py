@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import os
+import re
 import sys
 import threading
 from dataclasses import replace
@@ -19,8 +20,10 @@ from flinders.cli._inputs import load, stated_site
 from flinders.cli._output import print_json, say
 from flinders.errors import FlindersError, OutputError, UsageError
 from flinders.foreign_errors import needs
+from flinders.links.serial_ports import ANY_PORT, board_port, plugged_in
 
 if TYPE_CHECKING:
+    from collections.abc import Iterator
     from typing import TextIO
 
     from flinders.apps.live.hub import Hub
@@ -28,9 +31,10 @@ if TYPE_CHECKING:
     from flinders.apps.live.session_file import Source
     from flinders.fitting.result import Fit
 
-ANY_PORT: Final = "?"
-"""``--serial`` without a port."""
 PORT: Final = 8410
+MAX_PORT: Final = 65535
+SERIAL_PORT: Final = re.compile(r"/dev/|COM\d", re.IGNORECASE)
+"""How the name of a serial port begins."""
 SEED: Final = 1
 """Of the simulation, always the same sensor: a session of it can be resumed."""
 SWITCH_S: Final = 0.0005
@@ -44,10 +48,7 @@ class LineOptions(option.UnitsOptions, option.ColumnsOptions):
 class LiveSource(program.Group):
     """Where readings come from."""
 
-    port: str | None = program.member(
-        "--serial", is_flag=False, flag_value=ANY_PORT, metavar="[PORT]",
-        help="A serial port: /dev/ttyACM0, COM3; without a name the one that is plugged in.",
-    )  # fmt: skip
+    port: str | None = option.serial()
     baud: int = option.baud()
     udp: int | None = option.udp()
     tcp: str | None = option.tcp()
@@ -82,6 +83,8 @@ class LiveSource(program.Group):
             raise UsageError("--speed goes with --replay and --simulate: leave it out")
         if self.compass != 1 and self.mavlink is None:
             raise UsageError("--compass goes with --mavlink: leave it out")
+        if self.port == ANY_PORT:
+            board_port()  # where there is none, that is said at once, before anything is loaded
         if (self.mavlink is not None or self.simulate) and (wrong := self.lines.typed()):
             raise UsageError(f"{', '.join(wrong)} goes with lines and recordings: {named[0]} knows its unit")
         if self.lines.unit:
@@ -91,7 +94,7 @@ class LiveSource(program.Group):
 
     def opened(self, stack: contextlib.ExitStack, resume: str | None = None) -> Source:
         """Open what is named; a port where one is plugged in; else the simulation, or the session to resume alone."""
-        from flinders.apps.live.session_file import Source
+        from flinders.apps.live.session_file import FIRST_TARGET, Source
         from flinders.links.feeds import NoSensor, Replay, feed_kind
         from flinders.links.recorder import RecordedFeed, Recorder
         from flinders.links.transports import opened_lines, opened_link
@@ -103,11 +106,13 @@ class LiveSource(program.Group):
             say(str(recording))
             site = stated_site(recording, "--dip or the page", z_down=program.is_typed("axes"))
             feed = Replay(recording, speed=self.speed or 1.0)
-            return Source("replay", partial(RecordedFeed, feed), site=site)
+            target = getattr(recording, "autopilot", None) or FIRST_TARGET
+            return Source("replay", partial(RecordedFeed, feed), site=site, target=target)
         if self.mavlink is not None:
             feed_of = feed_kind("mavlink")
             link = stack.enter_context(contextlib.closing(opened_link(self.mavlink, self.baud, what="--mavlink")))
-            return Source("mavlink", partial(RecordedFeed, feed_of(link, self.compass)))
+            vehicle = feed_of(link, self.compass)
+            return Source("mavlink", partial(RecordedFeed, vehicle), target=getattr(vehicle, "target", FIRST_TARGET))
         kind, port = self._lines(is_resumed=resume is not None)
         if kind == "file":
             return Source(kind, lambda _sink, resumed: NoSensor(str(resume)))  # noqa: ARG005 - as a source has it
@@ -121,19 +126,29 @@ class LiveSource(program.Group):
 
     def _lines(self, *, is_resumed: bool) -> tuple[Kind, str | None]:
         """What sends lines, and through which port; the simulation, or a session of before, where nothing does."""
-        from flinders.links.transports import only_port
-
         if self.udp is not None or self.tcp is not None:
             return "tcp" if self.udp is None else "udp", None
-        if self.port not in (None, ANY_PORT):
+        if self.port is not None:
             return "serial", self.port
-        port = None if self.simulate else only_port(is_asked=self.port is not None)
+        port = None if self.simulate else plugged_in()
         if port is None and not self.simulate and is_resumed:
             say("nothing is plugged in: the session is shown as it is; name its source to go on with it")
             return "file", None
         if port is None and not self.simulate:
             say("nothing is plugged in: this is a simulated sensor; flinders live --help names the sources there are")
         return "simulated" if port is None else "serial", port
+
+
+def _port(value: object) -> int | str:
+    """Read the value of ``--port``: a number, or the name of a serial port."""
+    text = str(value)
+    if SERIAL_PORT.match(text):
+        return text
+    if text.isascii() and text.isdigit() and int(text) <= MAX_PORT:
+        return int(text)
+    raise click.BadParameter(
+        f"{text!r}: need the number of the page's port, from 0 to {MAX_PORT}; a serial port is /dev/ttyACM0 or COM3"
+    )
 
 
 class Live(program.Group):
@@ -157,14 +172,23 @@ class Live(program.Group):
         "--host", default="127.0.0.1", show_default=True, metavar="ADDRESS",
         help="Where to listen; other machines reach 0.0.0.0, with a token.",
     )  # fmt: skip
-    web_port: int = program.member(
-        "--port", type=click.IntRange(0, 65535), default=PORT, show_default=True, metavar="N",
-        help="Port of the page; 0 for any that is free.",
+    web_port: int | str = program.member(
+        "--port", type=_port, default=PORT, show_default=True, metavar="N",
+        help="Port of the page; 0 for any that is free. A serial port here is that of --serial.",
     )  # fmt: skip
     opens: bool | None = program.member(
         "--open/--no-open", default=None, help="Open a browser [default: where there is a screen]."
     )
     as_json: bool = option.as_json()
+
+    def with_serial_port(self) -> Live:
+        """The same, with a serial port that was given as that of the page as the source that it was meant for."""
+        if isinstance(self.web_port, int):
+            return self
+        if self.source.port is not None:
+            raise UsageError(f"--serial {self.source.port} and --port {self.web_port} name two serial ports: name one")
+        say(f"{self.web_port} is a serial port: taken as --serial {self.web_port}; --port N is the port of the page")
+        return replace(self, source=replace(self.source, port=self.web_port), web_port=PORT)
 
     def check(self) -> None:
         """See that one source is named, and that the recording can go where it shall.
@@ -210,6 +234,7 @@ def command(options: Live) -> None:
     arrives is recorded as it comes; Ctrl-C ends it, and `flinders calibrate` reads the recording.
     """
     _refuse_unnamed(click.get_current_context().args)
+    options = options.with_serial_port()
     options.check()
     for package in ("starlette", "uvicorn", "websockets", "segno"):
         needs(package, "live", "the live page")
@@ -226,7 +251,7 @@ def command(options: Live) -> None:
     axes = Axes.of(options.axes)
     previous, renewed = _previous(options)
     with contextlib.ExitStack() as stack:
-        listener = stack.enter_context(contextlib.closing(listening(options.host, options.web_port)))
+        listener = stack.enter_context(contextlib.closing(listening(options.host, int(options.web_port))))
         source = options.source.opened(stack, options.resume)
         supply = stack.enter_context(begun(source, axes, output=options.output, resume=options.resume, say=say))
         supply = replace(supply, edits=msgspec.structs.replace(supply.edits, **_chosen(options)))
@@ -241,15 +266,30 @@ def command(options: Live) -> None:
         if hub.failure is not None:
             raise hub.failure
     is_there = supply.path.exists()
-    say(f"recorded in {supply.path}: flinders calibrate {supply.path}" if is_there else "nothing came to be recorded")
+    for line in _last_words(hub) if is_there else ("nothing came to be recorded",):
+        say(line)
     if options.as_json:
         print_json(_as_dict(hub, str(supply.path) if is_there else None))
+
+
+def _last_words(hub: Hub) -> Iterator[str]:
+    """Say where the recording is, and what to type next."""
+    from flinders.report.formatting import written_time
+    from flinders.report.recording import calibrate_command, command_line
+
+    path, finished_s = str(hub.supply.path), hub.edits.finished_s
+    if finished_s is None:
+        yield f"recorded in {path}"
+        yield f"next: {calibrate_command(path)}"
+    else:
+        yield f"recorded in {path}, with the calibration that was finished at {written_time(finished_s)}"
+        yield f"next: {command_line('live', '--resume', path)}"
 
 
 def _refuse_unnamed(words: list[str]) -> None:
     """Say how a source is named that stands without an option."""
     for word in words:
-        option = "--serial" if word.startswith(("/dev/", "COM")) else "--replay"
+        option = "--serial" if SERIAL_PORT.match(word) else "--replay"
         raise UsageError(f"unexpected argument {word}: name the source, as in flinders live {option} {word}")
 
 

@@ -14,8 +14,6 @@ import { counted, degrees, ICONS, isGoodWhileLevel, measured, PHASES, sentence, 
 /** @typedef {import("./standalone/running.js").Preview} Preview */
 
 const LAST_TARGET = "flinders-export";
-/** What can be had of any calibration, in any unit. */
-const FIRST_TARGET = "c";
 const TURN_FIRST = "turn the sensor through all directions; the first fit comes after some seconds";
 /** What comes of no readings. @type {import("./standalone/running.js").Finished} */
 const NOTHING = { name: "", view: null, refusal: "" };
@@ -138,7 +136,7 @@ export class Finish {
      */
     setTargets(targets) {
         const known = (/** @type {string | null} */ chosen) => targets.some(({ name }) => name === chosen);
-        const chosen = [this.targets.value, remembered(LAST_TARGET), FIRST_TARGET].find(known);
+        const chosen = [this.targets.value, remembered(LAST_TARGET), targets[0]?.name ?? ""].find(known);
         this.targets.replaceChildren(
             ...targets.map(({ name, title, suffix }) => {
                 const option = element("option", `${title} (${suffix})`);
