@@ -80,7 +80,8 @@ def left_out(edits: Edits) -> tuple[Span, ...]:
     """All spans that a calibration does without."""
     paused = () if edits.paused_s is None else ((edits.paused_s, math.inf),)
     before = () if edits.begun_s is None else ((-math.inf, edits.begun_s),)
-    return (*before, *edits.excluded, *paused)
+    later = () if edits.finished_s is None else ((math.nextafter(edits.finished_s, math.inf), math.inf),)
+    return (*before, *edits.excluded, *paused, *later)
 
 
 class Log(NamedTuple):

@@ -86,6 +86,7 @@ function asked(known) {
     /** @type {(kind: Lead["kind"], words: string, target?: Vector | null) => Asked} */
     const plain = (kind, words, target = null) => ({ kind, words, body, step: 0, of: 0, progress: 0, target });
     if (state.phase === "wrong") return plain("wrong", sentence(brief(state.words)[0]));
+    if (state.finished) return plain("ended", finished(state, view));
     if (!goesOn(state) && state.readings > 0) return plain("ended", ended(state, view));
     if (state.phase === "waiting") return plain("wait", "");
     if (state.paused) return plain("wait", "Paused: press Go on, and turn it again.");
@@ -126,6 +127,17 @@ function turn(choreography) {
 }
 
 /**
+ * What can be said of a calibration that is finished.
+ * @param {State} state
+ * @param {View | null} view
+ */
+function finished({ phase, told, words }, view) {
+    if (phase === "good" || phase === "limited") return "Finished: this calibration stays as it is.";
+    if (view === null || told === "fitting") return words;
+    return `Finished, and it misses the target: press Collect more, and ${goOn(view)}`;
+}
+
+/**
  * What can be said of a recording that has ended.
  * @param {State} state
  * @param {View | null} view
@@ -135,11 +147,19 @@ function ended({ phase, told, words, reasons }, view) {
     if (told === "fitting") return words;
     const disturbed = reasons.find(({ spans }) => spans.length > 0);
     if (disturbed) return `${REASONS[disturbed.code] ?? ""} Leave the interval out, or record again.`.trim();
+    const now = view === null ? "record again, and" : "press Finish, or record again and";
+    return `The recording has ended: ${now} ${goOn(view)}`;
+}
+
+/**
+ * Where to turn it, within a sentence.
+ * @param {View | null} view
+ */
+function goOn(view) {
     const guidance = view?.guidance ?? null;
     const isSaid = guidance && !guidance.is_path && (guidance.direction === null || guidance.frame === "vehicle");
     const next = isSaid ? sentence(guidance.words) : AROUND;
-    const now = view === null ? "record again, and" : "press Finish, or record again and";
-    return `The recording has ended: ${now} ${next.replace(/^\w/, (letter) => letter.toLowerCase())}`;
+    return next.replace(/^\w/, (letter) => letter.toLowerCase());
 }
 
 /**
