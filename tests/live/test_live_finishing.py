@@ -93,6 +93,17 @@ def test_a_kept_result_is_what_is_finished_and_what_is_drawn() -> None:
     assert fitted(session).state.kept.seconds == seconds
 
 
+def test_a_finished_calibration_is_kept_where_what_is_collected_then_spoils_it() -> None:
+    session = finished_after(30.0)
+    before = session.edits.finished_s
+    session.arrived(40.0, between(30.0, 40.0) + [0, 30, -20, 15, 0, 0, 0])
+    session.requested(40.0, "collect")
+    assert fitted(session).state.phase == "good"
+    assert session.shown.view.verdict != "good"
+    session.requested(42.0, "finish")
+    assert session.edits.finished_s == before
+
+
 @pytest.mark.parametrize("link", ["gone", "ended", "waiting"])
 def test_a_board_that_is_unplugged_after_finish_takes_nothing_away(link: Link) -> None:
     session = finished_after(30.0)

@@ -54,24 +54,23 @@ def commands_for(path: str, sensors: Sequence[RecordedSensor], options: Sequence
     if len(sensors) == 1:
         return (calibrate_command(path, *options),)
     best = max(usable, key=lambda sensor: sensor.coverage or 0.0)
-    each = command_line("calibrate", path, *options, "--sensor", "all")
+    each = shlex.join([*_calibrate(path), *options, "--sensor", "all"])
     return calibrate_command(path, *options, "--sensor", str(best.number)), f"{each} -o calibration-{{sensor}}.json"
 
 
 def calibrate_command(path: str, *options: str) -> str:
-    """The command that calibrates a recording, into a file of a name that is free."""
-    return command_line("calibrate", path, *options, "-o", str(free_path(CALIBRATION)))
+    """The command that calibrates a recording, into a file of a name that is free.
 
-
-def command_line(name: str, *words: str) -> str:
-    """A command as it is typed.
-
-    >>> command_line("calibrate", "-odd name.csv", "--unit", "mG")
-    "flinders calibrate './-odd name.csv' --unit mG"
+    >>> calibrate_command("-odd name.csv", "--unit", "mG")
+    "flinders calibrate './-odd name.csv' --unit mG -o calibration.json"
     """
-    path, *others = words
+    return shlex.join([*_calibrate(path), *options, "-o", str(free_path(CALIBRATION))])
+
+
+def _calibrate(path: str) -> list[str]:
+    """The first words of it, also where the path looks like an option."""
     is_like_an_option = path.startswith("-") and path != "-"
-    return shlex.join(["flinders", name, f"./{path}" if is_like_an_option else path, *others])
+    return ["flinders", "calibrate", f"./{path}" if is_like_an_option else path]
 
 
 def _file_block(contents: Contents) -> RenderableType:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import os
 import re
+import shlex
 import sys
 import threading
 from dataclasses import replace
@@ -275,7 +276,7 @@ def command(options: Live) -> None:
 def _last_words(hub: Hub) -> Iterator[str]:
     """Say where the recording is, and what to type next."""
     from flinders.report.formatting import written_time
-    from flinders.report.recording import calibrate_command, command_line
+    from flinders.report.recording import calibrate_command
 
     path, finished_s = str(hub.supply.path), hub.edits.finished_s
     if finished_s is None:
@@ -283,7 +284,7 @@ def _last_words(hub: Hub) -> Iterator[str]:
         yield f"next: {calibrate_command(path)}"
     else:
         yield f"recorded in {path}, with the calibration that was finished at {written_time(finished_s)}"
-        yield f"next: {command_line('live', '--resume', path)}"
+        yield f"next: {shlex.join(['flinders', 'live', '--resume', path])}"
 
 
 def _refuse_unnamed(words: list[str]) -> None:

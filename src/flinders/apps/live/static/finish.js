@@ -114,6 +114,7 @@ export class Finish {
     async make() {
         const turn = ++this.asked;
         const readings = counting(this.state);
+        const wasFinished = Boolean(this.state?.finished);
         this.finished = readings === 0 ? NOTHING : null;
         this.draw();
         if (this.finished) return;
@@ -122,7 +123,7 @@ export class Finish {
             const finished = await this.link().finish();
             if (turn !== this.asked) return;
             this.finished = finished;
-            if (!finished.view?.offset) this.link().send({ type: "collect" }); // nothing is finished
+            if (!finished.view?.offset && !wasFinished) this.link().send({ type: "collect" }); // nothing is finished
         } catch (error) {
             if (!(error instanceof Refusal)) throw error;
             if (turn !== this.asked) return;
@@ -194,7 +195,7 @@ export class Finish {
         const isMade = Boolean(this.finished?.view?.offset);
         const isCurrent = isMade && this.link().isFinished;
         const [collect, again] = [byId("collect", HTMLButtonElement), byId("finish-again", HTMLButtonElement)];
-        collect.hidden = !isCurrent || !state.finished;
+        collect.hidden = !state.finished;
         collect.classList.toggle("primary", lacks(state));
         again.hidden = isCurrent;
         byId("finish-more", HTMLElement).hidden = !this.finished || (collect.hidden && again.hidden);
@@ -372,7 +373,7 @@ function counting(state) {
  * @param {boolean} isMade
  */
 function otherNow({ finished, opened }, isMade) {
-    if (!isMade) return opened === null ? "Nothing is finished, and readings go on to count." : "Nothing is finished.";
+    if (!isMade) return finished || opened !== null ? "" : "Nothing is finished: keep turning, and finish it then.";
     return finished || opened !== null ? "Something was changed since." : "Readings are being collected again.";
 }
 

@@ -111,7 +111,9 @@ export class OwnLink extends SessionLink {
     send(message) {
         if (message.type === "clear" && this.session.opened === null) this.forget();
         if (message.type === "back_to_live") queueMicrotask(() => this.onChange());
-        return super.send(message);
+        const isHeard = super.send(message);
+        if (ONCE.includes(this.session.source.kind)) this.keeper.note(this.session.edits);
+        return isHeard;
     }
 
     /**
@@ -280,9 +282,10 @@ export class OwnLink extends SessionLink {
      * @returns {Promise<void>}
      */
     async restore() {
-        const kept = await this.keeper.readings();
+        const [kept, edits] = [await this.keeper.readings(), await this.keeper.edits()];
         if (kept === null) return;
         const { name, kind, unit } = kept;
+        if (edits) this.session.adopt(this.now, edits);
         this.session.arrived(this.now, kept, unit);
         const words = `these are the readings of ${name} from before this page was loaded again: choose it as source to go on`;
         this.show({ name, kind, link: "ended", words });

@@ -741,13 +741,14 @@ export class Session {
     }
 
     /**
-     * Keep a fit that several in a row confirm and that is no worse than the kept one; note since when fits are worse.
+     * Keep a fit within the target that several in a row confirm, or that is finished, and that is no worse than the kept
+     * one; note since when fits are worse.
      * @param {number} at
      * @param {Evaluated} evaluated
      */
     #keep(at, evaluated) {
         const { shown } = this;
-        const { kept, within } = shown;
+        const { kept, within, finishedS } = shown;
         const { view } = evaluated;
         const isWorse = within.length === 0 || (kept?.view.verdict === "good" && view?.verdict !== "good");
         if (kept && isWorse) {
@@ -755,7 +756,8 @@ export class Session {
             return;
         }
         shown.lostAt = null;
-        if (view && this.isRepeated) shown.kept = { evaluated, view, seconds: this.fitTo };
+        const isConfirmed = this.isRepeated || (finishedS !== null && within.length > 0);
+        if (view && isConfirmed) shown.kept = { evaluated, view, seconds: this.fitTo };
     }
 
     /** Whether several fits in a row were within the target. */
