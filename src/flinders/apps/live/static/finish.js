@@ -1,7 +1,7 @@
 /** The finish panel: verdict, numbers, export, what to keep, and the calibration from before. */
 
 import { drawCard } from "./card.js";
-import { errors } from "./store.js";
+import { canCollect, errors } from "./store.js";
 import { byId, bytesOf, element, icon, Refusal, remember, remembered, save, setIcon, setList, setText } from "./dom.js";
 import { hexadecimal } from "./standalone/targets.js";
 import { table } from "./views/table.js";
@@ -195,7 +195,7 @@ export class Finish {
         const isMade = Boolean(this.finished?.view?.offset);
         const isCurrent = isMade && this.link().isFinished;
         const [collect, again] = [byId("collect", HTMLButtonElement), byId("finish-again", HTMLButtonElement)];
-        collect.hidden = !state.finished;
+        collect.hidden = !canCollect(state);
         collect.classList.toggle("primary", lacks(state));
         again.hidden = isCurrent;
         byId("finish-more", HTMLElement).hidden = !this.finished || (collect.hidden && again.hidden);

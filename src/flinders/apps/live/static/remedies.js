@@ -1,6 +1,7 @@
 /** What the page can do itself about what it says: collect more, leave a stretch of time out, take the dip from a place. */
 
 import { byId, element, setList } from "./dom.js";
+import { canCollect } from "./store.js";
 
 /** @typedef {import("./messages.d.ts").SessionState} State */
 /** @typedef {import("./messages.d.ts").Command} Command */
@@ -22,12 +23,13 @@ export function showRemedies(host, state, send) {
  * @param {State} state
  * @returns {[string, Command][]}
  */
-function remediesOf({ phase, reasons, kept, finished }) {
+function remediesOf(state) {
+    const { phase, reasons, kept } = state;
     if (kept?.is_changed) return [["Use all readings", { type: "use_all" }]];
     const spans = phase === "good" ? [] : (reasons.find((reason) => reason.spans.length > 0)?.spans ?? []);
     /** @type {[string, Command][]} */
     const exclusions = spans.map(([start_s, end_s]) => [`Leave out ${start_s.toFixed(1)}–${end_s.toFixed(1)} s`, { type: "exclude", start_s, end_s }]);
-    return finished ? [["Collect more", { type: "collect" }], ...exclusions] : exclusions;
+    return canCollect(state) ? [["Collect more", { type: "collect" }], ...exclusions] : exclusions;
 }
 
 /**

@@ -31,6 +31,15 @@ export function goesOn({ opened, source, finished }) {
     return opened === null && finished === null && source.link !== "ended" && source.kind !== "file";
 }
 
+/**
+ * Whether there is, or may come, what a calibration that is finished goes on with.
+ * @param {State} state
+ * @returns {boolean}
+ */
+export function canCollect({ finished, source }) {
+    return finished !== null && (finished.since > 0 || source.link !== "ended");
+}
+
 export class Store {
     constructor() {
         /** @type {Hello | null} */
