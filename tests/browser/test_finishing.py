@@ -1,4 +1,4 @@
-"""Finish: the page, its copies on other screens, the files it saves and the terminal hold one calibration that stays."""
+"""Finish: the page, other screens, the files that are saved and the terminal hold one calibration, which stays."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ pytestmark = [
 TUMBLE: Final = simulate.tumble(seed=3, noise=0.3)
 LINES: Final = motioncal(TUMBLE.samples.field)
 OTHERS: Final = motioncal(simulate.tumble(seed=4, noise=0.3, sensor=TUMBLE.sensor).samples.field)
-BESIDE_A_LAPTOP: Final = motioncal(TUMBLE.samples.field + [40.0, -20.0, 30.0])
+BESIDE_A_LAPTOP: Final = motioncal(TUMBLE.samples.field + np.array([40.0, -20.0, 30.0]))
 """What the board prints once it was put down: readings that would spoil the calibration."""
 PHONE: Final[dict[str, Any]] = {"viewport": {"width": 390, "height": 844}, "is_mobile": True, "has_touch": True}
 

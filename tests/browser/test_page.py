@@ -121,6 +121,7 @@ def test_the_verdict_and_the_numbers_are_those_of_the_command_line(
     shown = f"{expected.calibration.offset[0]:.3f}".replace("-", "−")
     expect(page.locator("#parameters tbody tr").first).to_contain_text(shown)
     assert page.locator("#export-target").input_value() == "arduino"
+    expect(page.locator("#preview")).to_contain_text("correctMagnetometer")
     text = page.locator("#preview").text_content()
     page.keyboard.press("Escape")
     expect(page.locator("#advice-words")).to_have_text("Finished: this calibration stays as it is.")

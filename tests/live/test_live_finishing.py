@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from base64 import b64decode
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Final
 
 import numpy as np
 import numpy.testing as npt
@@ -21,6 +21,9 @@ if TYPE_CHECKING:
     from flinders.apps.live.messages import Link
     from flinders.arrays import Floats
 
+
+BESIDE_IRON: Final = np.array([0.0, 30.0, -20.0, 15.0, 0.0, 0.0, 0.0])
+"""What something that the board is put down beside adds to a row, µT."""
 
 
 def finished_after(seconds: float) -> PageSession:
@@ -51,7 +54,7 @@ def between(start_s: float, end_s: float) -> Floats:
 def test_after_finish_readings_are_counted_and_change_nothing() -> None:
     session = finished_after(30.0)
     before, view, edits = session.state, session.view, session.edits
-    session.arrived(40.0, between(30.0, 40.0) + [0, 500, -300, 90, 0, 0, 0])
+    session.arrived(40.0, between(30.0, 40.0) + BESIDE_IRON)
     assert not session.wants_fit(41.0)
     after = session.state
     assert (after.finished.seconds, before.finished.since, after.finished.since) == (edits.finished_s, 0, 500)
@@ -96,7 +99,7 @@ def test_a_kept_result_is_what_is_finished_and_what_is_drawn() -> None:
 def test_a_finished_calibration_is_kept_where_what_is_collected_then_spoils_it() -> None:
     session = finished_after(30.0)
     before = session.edits.finished_s
-    session.arrived(40.0, between(30.0, 40.0) + [0, 30, -20, 15, 0, 0, 0])
+    session.arrived(40.0, between(30.0, 40.0) + BESIDE_IRON)
     session.requested(40.0, "collect")
     assert fitted(session).state.phase == "good"
     assert session.shown.view.verdict != "good"

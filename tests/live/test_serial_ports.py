@@ -27,9 +27,9 @@ SAID_S: Final = 2.0  # in which the terminal says that no board is there
 
 def listed(device: str, product: str | None = None, vid: int | None = None, path: str | None = None) -> Any:  # noqa: ANN401
     """A port as serialx lists it."""
-    unknown = dict.fromkeys(each.name for each in dataclasses.fields(serialx.SerialPortInfo))
-    about = {"device": path or device, "resolved_device": device, "vid": vid, "product": product}
-    return serialx.SerialPortInfo(**{**unknown, **about})
+    found: dict[str, Any] = dict.fromkeys(each.name for each in dataclasses.fields(serialx.SerialPortInfo))
+    found |= {"device": path or device, "resolved_device": device, "vid": vid, "product": product}
+    return serialx.SerialPortInfo(**found)
 
 
 NANO: Final = listed("/dev/ttyACM0", "Arduino Nano 33 BLE", 0x2341, "/dev/serial/by-id/usb-Arduino_Nano-if00")
@@ -48,7 +48,7 @@ CONSOLES: Final = (listed("/dev/cu.debug-console"), listed("/dev/cu.wlan-debug")
 NO_BOARDS: Final = (*MAINBOARD, *BLUETOOTH, *MODEMS, *CONSOLES)
 
 
-def plug(monkeypatch: pytest.MonkeyPatch, *found: Any) -> None:  # noqa: ANN401
+def plug(monkeypatch: pytest.MonkeyPatch, *found: Any) -> None:
     monkeypatch.setattr(serialx, "list_serial_ports", lambda: list(found))
 
 

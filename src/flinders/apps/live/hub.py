@@ -273,7 +273,9 @@ class Hub:
         from flinders.apps.live.finished import finished
 
         if request.edits.refreshing and self.renewed is not None and request.previous != self.previous.number:
-            raise UsageError(f"another page chose {self.previous.name} meanwhile: see what it says, and press Finish again")
+            raise UsageError(
+                f"another page chose {self.previous.name} meanwhile: see what it says, and press Finish again"
+            )
         async with self._finishing:
             made = next((each for each in self.finished.values() if each.request == request), None)
             if made is None:

@@ -164,9 +164,7 @@ def begun(
             edits = _ended_pause(edits, log.buffer.seconds)
             say(f"{path}: goes on after {counted(log.buffer.total, 'reading')}")
         feed = source.start(sink, resumed=resumed)
-        yield Supply(
-            feed, source.kind, sink, path, axes, source.board, reading, edits, log, timeline, source.target
-        )
+        yield Supply(feed, source.kind, sink, path, axes, source.board, reading, edits, log, timeline, source.target)
 
 
 def _ended_pause(edits: Edits, seconds: float) -> Edits:
