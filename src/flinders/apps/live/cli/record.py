@@ -11,7 +11,7 @@ from flinders.cli import _options as option
 from flinders.cli import _program as program
 from flinders.cli._output import Outputs, print_json, say, working
 from flinders.cli._signals import stopping
-from flinders.errors import NoMagnetometer, UsageError, counted
+from flinders.errors import FlindersError, UsageError, counted
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -156,8 +156,10 @@ def _unclear(output: str) -> Iterator[str]:
 
     try:
         open_recording(output)
-    except NoMagnetometer as error:
+    except FlindersError as error:
         yield f"! {error.message}"
         columns = error.hint.get("columns")
         if isinstance(columns, str) and columns != XYZ["columns"]:
             yield f"next: {calibrate_command(output, '--columns', columns)}"
+    else:
+        yield f"next: {calibrate_command(output)}"
