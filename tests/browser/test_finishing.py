@@ -178,7 +178,8 @@ def test_ctrl_c_after_finish_leaves_the_calibration_in_the_recording(
     words = shlex.split(command.removeprefix("next: flinders live "))
     assert words == ["--resume", "session.csv"]
     assert read_edits(bench.program.recording).finished_s is not None
-    bench.visitor.complaints.clear()  # of the line to a program that was ended
+    bench.visitor.close()
+    bench.visitor.complaints.clear()  # of a page whose program has ended
     with Program(tmp_path, *words) as again:
         visitor = Visitor(browser, again)
         page = visitor.page()
@@ -187,4 +188,3 @@ def test_ctrl_c_after_finish_leaves_the_calibration_in_the_recording(
         expect(page.locator("#preview")).to_contain_text("correctMagnetometer")
         assert text_of(page).splitlines()[3:] == text.splitlines()[3:]
         visitor.close()
-    bench.visitor.complaints.clear()
