@@ -168,6 +168,7 @@ STATES: Final = {
     "wrong": State("garbage", "flinders.store.state.phase === 'wrong'"),
     "good": State("good"),
     "finish": State("good", keys=("f",)),
+    "finished": State("good", keys=("f", "Escape")),
 }
 SIZES: Final[dict[str, dict[str, Any]]] = {
     "1440": {"viewport": {"width": 1440, "height": 900}},

@@ -146,7 +146,7 @@ PAGE: Final[Mapping[str, Mapping[str, str]]] = {
         "`gauge-study --json`, by column": "apps.live.cli.gauge_study:_as_dict",
         "each of them also": "apps.live.station.gauge:GaugeStudy",
         "`send --mavlink --json`": "apps.vehicles.mavlink_parameters:ParameterPlan",
-        "`send --port --json`": "targets.motioncal:MotionCalPacket",
+        "`send --serial --json`": "targets.motioncal:MotionCalPacket",
         "`targets --json`, by name": "targets._target:Target",
     },
 }  # fmt: skip

@@ -54,6 +54,7 @@ def visitor(person: Visitor) -> Iterator[Visitor]:
 
 AS_AT_FIRST = [
     {"type": "back_to_live"},
+    {"type": "collect"},
     {"type": "target", "deg": 1.0},
     {"type": "dip", "deg": 60.0},
     {"type": "goal", "goal": "heading"},
@@ -119,6 +120,16 @@ def test_the_verdict_and_the_numbers_are_those_of_the_command_line(
     expect(page.locator("#verdict")).to_have_attribute("data-verdict", "good")
     shown = f"{expected.calibration.offset[0]:.3f}".replace("-", "−")
     expect(page.locator("#parameters tbody tr").first).to_contain_text(shown)
+    assert page.locator("#export-target").input_value() == "arduino"
+    expect(page.locator("#preview")).to_contain_text("correctMagnetometer")
+    text = page.locator("#preview").text_content()
+    page.keyboard.press("Escape")
+    expect(page.locator("#advice-words")).to_have_text("Finished: this calibration stays as it is.")
+    page.keyboard.press("f")
+    assert page.locator("#preview").text_content() == text
+    page.keyboard.press("Escape")
+    page.keyboard.press("m")
+    expect(page.locator("#finish")).to_have_text("Finish")
 
 
 @pytest.mark.tools

@@ -471,3 +471,26 @@ def test_the_folder_says_what_it_is(folder: Path) -> None:
     listed = json.loads(worker.partition("const PAGE = ")[2].partition(";\n")[0])
     present = {path.relative_to(folder).as_posix() for path in folder.rglob("*.*") if path.is_file()}
     assert {*listed["files"], listed["scene"]} - {"./"} == present - {"index.html", "sw.js"}
+
+
+@pytest.mark.tools
+def test_what_was_finished_outlives_a_reload(visitor: Visitor, context: BrowserContext) -> None:
+    page = visitor.page(context)
+    lines = [f"Raw:0,0,0,0,0,0,{x:.0f},{y:.0f},{z:.0f}\r\n" for x, y, z in 10 * TUMBLE.field]
+    connected(page)
+    page.evaluate("lines => board.print(lines)", "".join(lines[:2000]))
+    until(page, "flinders.store.state.readings === 2000 && flinders.store.state.phase === 'good'")
+    page.keyboard.press("f")
+    expect(page.locator("#preview")).to_contain_text("correctMagnetometer")
+    text = page.locator("#preview").text_content()
+    page.evaluate("lines => board.print(lines)", "".join(lines[2000:]))
+    until(page, "flinders.store.state.finished?.since === 1000")
+    assert page.locator("#preview").text_content() == text
+    page.on("dialog", lambda dialog: dialog.accept())
+    page.reload()
+    until(page, "window.flinders?.store.state?.finished?.since === 1000 && flinders.store.state.phase === 'good'")
+    page.keyboard.press("f")
+    expect(page.locator("#preview")).to_contain_text("correctMagnetometer")
+    assert page.locator("#preview").text_content() == text
+    page.locator("#collect").click()
+    until(page, "flinders.store.state.finished === null && flinders.store.state.used > 2500")

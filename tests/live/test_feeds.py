@@ -326,7 +326,7 @@ def test_ardupilots_readings_come_without_its_correction() -> None:
     with sky(held=HELD) as (one, vehicle):
         feed = Telemetry(vehicle)
         readings, events = asked(feed, enough)
-        assert one.asked == {27, 26}
+        assert (one.asked, feed.target) == ({27, 26}, "ardupilot")
     assert events[0].kind == "connected"
     assert "its correction is removed: COMPASS_OFS" in events[0].words
     corrected = Parameters.read(HELD).apply(10 * readings.field)  # what it sent, in mG

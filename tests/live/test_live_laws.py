@@ -47,6 +47,9 @@ edits = st.one_of(
 )
 
 
+ends = st.sampled_from([{"type": "finish"}, {"type": "collect"}])
+
+
 def of_span(kind: str, span: tuple[float, float]) -> Command:
     return {"type": kind, "start_s": span[0], "end_s": span[1]}
 
@@ -127,12 +130,16 @@ def test_a_reading_is_fitted_unless_its_time_was_taken_out(span: tuple[float, fl
 
 
 @examples(50)
-@given(st.lists(edits, max_size=10), st.booleans(), st.sampled_from(["heading", "attitude"]), st.floats(0.01, 180.0))
+@given(
+    st.lists(st.one_of(edits, ends), max_size=10), st.booleans(), st.sampled_from(["heading", "attitude"]),
+    st.floats(0.01, 180.0), st.integers(1, len(ROWS)),
+)  # fmt: skip
 def test_another_page_takes_over_what_was_done_here(
-    wishes: list[Command], is_paused: bool, goal: str, deg: float
+    wishes: list[Command], is_paused: bool, goal: str, deg: float, until: int
 ) -> None:
-    here = request(whole(), *wishes, {"type": "pause", "paused": is_paused}, {"type": "goal", "goal": goal})
-    request(here, {"type": "target", "deg": deg})
+    here = request(arrive(PageSession(), [0, until]), *wishes, {"type": "pause", "paused": is_paused})
+    request(here, {"type": "goal", "goal": goal}, {"type": "target", "deg": deg})
+    arrive(here, [until, len(ROWS)])
     there = whole()
     there.adopted(60.0, here.edits)
     assert there.edits == here.edits == parse(encode(here.edits))

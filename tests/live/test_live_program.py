@@ -297,6 +297,7 @@ def test_a_session_of_a_log_that_is_resumed_without_it_is_judged_at_its_place(st
     program = start("--replay", str(log), "--speed", "500", "-o", str(session))
     wait_until(lambda: len(recorded(session)) >= 30)
     page = Page(program.address)
+    assert page.welcome["targets"][0]["name"] == "ardupilot"
     assert page.next_frame()[4] & IS_VEHICLE
     expected = page.edits.site
     assert expected is not None

@@ -236,7 +236,10 @@ def test_a_page_is_told_all_there_is_when_it_comes(wall: Bench) -> None:
         got = next_readings(socket)
     assert welcome["type"] == "welcome"
     assert welcome["version"] == flinders.__version__
-    assert [target["name"] for target in welcome["targets"]] == list(registry())
+    assert [target["name"] for target in welcome["targets"]] == [
+        "arduino",
+        *(name for name in registry() if name != "arduino"),
+    ]
     assert welcome["source"]["link"] == "ended"
     assert welcome["edits"] == json.loads(encode(Edits()))
     assert (welcome["recording"], welcome["axes"], welcome["has_board"]) == (str(wall.path), "x,y,z", False)
@@ -606,6 +609,28 @@ def test_a_calibration_is_of_the_edits_that_are_asked_for(bench: Bench) -> None:
     assert bench.hub.edits == Edits()
 
 
+def test_what_is_finished_is_made_once_of_the_readings_up_to_then(bench: Bench) -> None:
+    """Whichever page asks, and in the end for the terminal, too; what is done later makes another."""
+    edits = Edits(finished_s=40.0)
+    with bench.page() as socket:
+        socket.send_text(encode(edits))
+        kept(socket)
+    answers = [bench.finish(edits).json() for _ in range(2)]
+    samples = flinders.fit(simulate.tumble(seed=1).samples[:2001]).samples
+    assert [answer["view"]["samples"] for answer in answers] == [samples, samples]
+    assert answers[0]["number"] == answers[1]["number"]
+    assert bench.finish(Edits(finished_s=40.0, target_deg=2.0)).json()["number"] != answers[0]["number"]
+    assert bench.hub.made().fit.samples == samples
+    wait_until(lambda: read_edits(bench.path) == edits)
+    assert len(flinders.read(bench.path)) == 3000
+
+
+def test_each_log_is_finished_once(bench: Bench) -> None:
+    number = opened(bench, text_of(simulate.tumble(seed=5, n=400).samples))[0]["number"]
+    first, second, other = (bench.finish(edits, number).json() for edits in (None, None, Edits(target_deg=2.0)))
+    assert first["number"] == second["number"] != other["number"]
+
+
 @pytest.mark.parametrize(
     ("content", "status", "words"),
     [
@@ -631,6 +656,7 @@ def test_what_no_calibration_can_be_made_after_is_refused(wall: Bench, content: 
         Edits(site=Site(50.0, 60.0, 0.05, 1.0, z_down=True, alignment_sigma_deg=180.0)),
         Edits(target_deg=1e-3), Edits(target_deg=180.0, dip_deg=89.0, goal="attitude"),
         Edits(excluded=((-1e308, 1e308),)), Edits(paused_s=-1e308), Edits(begun_s=1e308),
+        Edits(finished_s=-1e308), Edits(finished_s=1.7976931348623157e308), Edits(finished_s=1.0, begun_s=2.0),
         Edits(excluded=tuple((number / 20.0, number / 20.0 + 0.01) for number in range(1000))),
     ],
 )  # fmt: skip

@@ -91,7 +91,7 @@ def test_what_stays_level_is_asked_for_level_circles(body: str) -> None:
 LEAD: Final = """
 const { lead } = await load("lead.js");
 const { begin } = await load("choreography.js");
-const state = { phase: "collecting", words: "", readings: 500, paused: false, opened: null,
+const state = { phase: "collecting", words: "", readings: 500, paused: false, finished: null, opened: null,
     source: { link: "connected", kind: "serial" }, reasons: [], ...given.state };
 const shown = { offset: [0, 0, 0], matrix: [[1, 0, 0], [0, 1, 0], [0, 0, 1]], strength: 50 };
 const choreography = { ...begin(given.body ?? "board"), step: given.step };

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 def test_send_dry_run(golden: Golden) -> None:
     matrix = np.array([[1.25, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 0.8]])
     Calibration(matrix, np.array([12.5, -30.25, 7.0]), 50.0, raw=Unit.of("uT")).save("calibration.json")
-    golden("cli/send.txt", session("flinders send --port /dev/ttyACM0 --dry-run calibration.json"))
+    golden("cli/send.txt", session("flinders send --serial /dev/ttyACM0 --dry-run calibration.json"))
 
 
 def test_the_page_shows_this_session(request: pytest.FixtureRequest) -> None:

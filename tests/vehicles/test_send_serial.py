@@ -1,4 +1,4 @@
-"""`flinders send --port`: over a pseudo-terminal, to a board that checks the CRC and echoes, or does neither."""
+"""`flinders send --serial`: over a pseudo-terminal, to a board that checks the CRC and echoes, or does neither."""
 
 from __future__ import annotations
 
@@ -326,7 +326,7 @@ def send(*words: str) -> Result:
 
 def test_the_command_sends_and_says_that_it_is_confirmed() -> None:
     with board() as one:
-        ended = send("--port", str(one.name), "cal.json", "--json")
+        ended = send("--serial", str(one.name), "cal.json", "--json")
     assert ended.exit_code == 0, ended.output
     told = json.loads(ended.stdout)
     assert told["sent"] is True
@@ -337,7 +337,7 @@ def test_the_command_sends_and_says_that_it_is_confirmed() -> None:
 def test_ctrl_c_says_what_the_board_may_hold() -> None:
     code = "import sys; from flinders.cli import main; main(sys.argv[1:])"
     with board(is_deaf=True) as one:
-        words = [sys.executable, "-c", code, "send", "--port", str(one.name), "cal.json"]
+        words = [sys.executable, "-c", code, "send", "--serial", str(one.name), "cal.json"]
         running = subprocess.Popen(words, stderr=subprocess.PIPE, text=True)
         wait_until(lambda: one.accepted)
         running.send_signal(signal.SIGINT)
@@ -347,7 +347,7 @@ def test_ctrl_c_says_what_the_board_may_hold() -> None:
 
 
 def test_a_dry_run_opens_no_port() -> None:
-    ended = send("--port", "/dev/ttyNONE", "--dry-run", "cal.json")
+    ended = send("--serial", "/dev/ttyNONE", "--dry-run", "cal.json")
     assert ended.exit_code == 0, ended.output
     assert PACKET.encode().hex() in "".join(ended.stdout.split())
     assert motioncal.echo_lines(PACKET)[1] in ended.stdout
@@ -355,18 +355,18 @@ def test_a_dry_run_opens_no_port() -> None:
 
 def test_what_the_packet_cannot_hold_is_refused() -> None:
     Calibration(np.eye(3), np.zeros(3), 490.0, raw=Unit.of("counts")).save("counts.json")
-    ended = send("--port", "/dev/ttyNONE", "counts.json")
+    ended = send("--serial", "/dev/ttyNONE", "counts.json")
     assert ended.exit_code == 2
     assert "counts" in ended.stderr
     turn = np.array([[0.8, -0.6, 0], [0.6, 0.8, 0], [0, 0, 1.0]])
     Calibration(turn, np.zeros(3), 49.0, raw=Unit.of("uT"), rotation="estimated").save("turned.json")
-    ended = send("--port", "/dev/ttyNONE", "turned.json")
+    ended = send("--serial", "/dev/ttyNONE", "turned.json")
     assert ended.exit_code == 4
 
 
 def test_mapped_axes_are_unmapped_and_told() -> None:
     found(axes=Axes.of("y,x,-z")).save("mapped.json")
-    ended = send("--port", "x", "--dry-run", "--json", "mapped.json")
+    ended = send("--serial", "x", "--dry-run", "--json", "mapped.json")
     assert json.loads(ended.stdout)["offset_uT"] == pytest.approx([-30.98765, 12.3456789, -7.000432])
     assert "y,x,-z" in ended.stderr
 
@@ -374,7 +374,7 @@ def test_mapped_axes_are_unmapped_and_told() -> None:
 def test_a_package_that_is_missing_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "serialx", None)
     monkeypatch.setitem(sys.modules, "pymavlink.dialects.v20.common", None)
-    ended = send("--port", "/dev/ttyACM0", "cal.json")
+    ended = send("--serial", "/dev/ttyACM0", "cal.json")
     assert ended.exit_code == 5
     assert "a serial port needs serialx, which is not installed: pip install 'flinders[serial]'" in ended.stderr
     ended = send("--mavlink", "udp:127.0.0.1:0x", "cal.json")
@@ -387,14 +387,14 @@ def test_a_package_that_is_missing_is_named(monkeypatch: pytest.MonkeyPatch) -> 
 @pytest.mark.parametrize(
     ("words", "code", "message"),
     [
-        (("cal.json",), 2, "no receiver: name the board's --port"),
-        (("--port", "a", "--mavlink", "b", "cal.json"), 2, "name two receivers"),
-        (("--port", "a", "--compass", "2", "cal.json"), 2, "--compass goes with --mavlink"),
-        (("--port", "/dev/ttyNONE", "cal.json"), 5, "/dev/ttyNONE cannot be opened: it is not there"),
-        (("--port", "/dev/null", "cal.json"), 5, "it is no serial port"),
-        (("--port", "/dev/ttyNONE", "none.json"), 5, "none.json"),
-        (("--port", "/dev/ttyNONE", "-"), 2, "must be a file"),
-        (("--port", "/dev/ttyNONE", "--baud", "0", "cal.json"), 2, "--baud"),
+        (("cal.json",), 2, "no receiver: name the board's --serial port"),
+        (("--serial", "a", "--mavlink", "b", "cal.json"), 2, "name two receivers"),
+        (("--serial", "a", "--compass", "2", "cal.json"), 2, "--compass goes with --mavlink"),
+        (("--serial", "/dev/ttyNONE", "cal.json"), 5, "/dev/ttyNONE cannot be opened: it is not there"),
+        (("--serial", "/dev/null", "cal.json"), 5, "it is no serial port"),
+        (("--serial", "/dev/ttyNONE", "none.json"), 5, "none.json"),
+        (("--serial", "/dev/ttyNONE", "-"), 2, "must be a file"),
+        (("--serial", "/dev/ttyNONE", "--baud", "0", "cal.json"), 2, "--baud"),
     ],
 )
 def test_mistakes_end_in_a_line(words: tuple[str, ...], code: int, message: str) -> None:

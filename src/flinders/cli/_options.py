@@ -22,6 +22,7 @@ from flinders.cli._program import (
     positive,
 )
 from flinders.errors import UsageError
+from flinders.links.serial_ports import ANY_PORT
 
 if TYPE_CHECKING:
     from flinders.heading.smoothing import Filter
@@ -92,6 +93,14 @@ def sensor_of_calibration() -> Field:
     return sensor(
         "Which of several magnetometers, by number from 1 or by name [default: the calibration's, else the first]."
     )
+
+
+def serial() -> Field:
+    """``--serial``; without a port it is `ANY_PORT`."""
+    return member(
+        "--serial", is_flag=False, flag_value=ANY_PORT, metavar="[PORT]",
+        help="A serial port: /dev/ttyACM0, COM3; without a name that of the board which is plugged in.",
+    )  # fmt: skip
 
 
 def baud() -> Field:

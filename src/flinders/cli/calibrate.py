@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shlex
 from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -226,9 +227,10 @@ class _Run:
             say(f"written to {files.output}")
             if not files.exports:
                 target = likely_target(self.provenance.files)
-                is_enough = onboard is not None and onboard.answer == "holds"
-                enough = "nothing, what is on board is good enough; to change it all the same: " * is_enough
-                say(f"next: {enough}flinders export --to {target} {files.output}, or to another of flinders targets")
+                if onboard is not None and onboard.answer == "holds":
+                    say("what is on board is good enough; to change it all the same:")
+                say(f"next: {shlex.join(['flinders', 'export', '--to', target, files.output])}")
+                say("other targets: flinders targets")
 
     def _trace(self) -> None:
         """Write how the estimate converges, where that was asked for."""

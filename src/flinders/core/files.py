@@ -24,6 +24,7 @@ import os
 import platform
 import stat
 import sys
+from itertools import count
 from pathlib import Path
 from typing import IO, TYPE_CHECKING, Any, Final
 
@@ -63,6 +64,16 @@ def reason(error: OSError | ValueError) -> str:
     if isinstance(error, OSError) and error.errno is not None:
         return REASONS.get(error.errno, error.strerror or str(error))
     return str(error)
+
+
+def free_path(path: Path) -> Path:
+    """A path that no file has: this one, or one with a number behind its name.
+
+    >>> free_path(Path(__file__)).name, free_path(Path("new.csv")).name
+    ('files_2.py', 'new.csv')
+    """
+    names = (f"{path.stem}_{number}{path.suffix}" for number in count(2))
+    return path if not path.exists() else next(free for name in names if not (free := path.with_name(name)).exists())
 
 
 def read_bytes(path: str | os.PathLike[str], *, largest: int, what: str, refused: type[FlindersError]) -> bytes:

@@ -28,8 +28,9 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Final, Protocol
 
 from flinders.core.files import reason
-from flinders.errors import LinkError, MissingExtra, UsageError
+from flinders.errors import LinkError, UsageError
 from flinders.foreign_errors import needs
+from flinders.links.serial_ports import ANY_PORT, board_port, ports_in_words
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator
@@ -386,58 +387,18 @@ class Scripted:
         """As `ByteSource.close`."""
 
 
-def ports() -> list[str]:
-    """Name the serial ports of this machine, those on USB first, each with what it says of itself."""
-    serialx = needs("serialx", "serial", "a serial port")
-    try:
-        listed = serialx.list_serial_ports()
-    except (OSError, ValueError, serialx.SerialException):
-        return []
-    listed = sorted(listed, key=lambda port: (port.vid is None, port.device))
-    return [f"{port.device} ({port.product})" if port.product else str(port.device) for port in listed]
-
-
-def ports_in_words() -> str:
-    """Say which serial ports there are, or what to check where there are none."""
-    try:
-        names = ports()
-    except MissingExtra as missing:
-        return str(missing)
-    if names:
-        return f"there {'are' if len(names) > 1 else 'is'} {', '.join(names)}"
-    return "this machine has no serial port now: plug the board in, with a cable that carries data"
-
-
-def only_port(*, is_asked: bool) -> str | None:
-    """The one port that a board is plugged into; None where there is none and none was asked for.
-
-    Several are refused, and so is none, and a machine that cannot list its ports, where one was asked for.
-    """
-    try:
-        names = ports()
-    except MissingExtra:
-        if is_asked:
-            raise
-        return None
-    boards = [name for name in names if "(" in name] or (names if is_asked else [])
-    if len(boards) == 1:
-        return boards[0].partition(" (")[0]
-    if not boards and not is_asked:
-        return None
-    if not boards:
-        raise UsageError(f"--serial: {ports_in_words()}")
-    raise UsageError(f"several ports: {', '.join(boards)}: name one, such as --serial {boards[0].partition(' (')[0]}")
-
-
 def opened_lines(
     *, port: str | None = None, baud: int = BAUD, udp: int | None = None, tcp: str | None = None
 ) -> Serial | Udp | Tcp:
-    """Open what sends lines: one of a serial port, a port for datagrams, and ``HOST:PORT``."""
+    """Open what sends lines: one of a serial port, a port for datagrams, and ``HOST:PORT``.
+
+    `ANY_PORT` is the port of the one board that is plugged in, as `board_port` finds it.
+    """
     if udp is not None:
         return Udp(udp)
     if tcp is not None:
         return Tcp(*host_and_port(tcp, "--tcp"))
-    return Serial(str(port), baud)
+    return Serial(board_port() if port == ANY_PORT else str(port), baud)
 
 
 def opened_link(address: str, baud: int = BAUD, *, what: str) -> Serial | Udp | Tcp:

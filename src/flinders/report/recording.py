@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import shlex
+from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
 from rich.console import Group
 from rich.padding import Padding
 from rich.text import Text
 
+from flinders.core.files import free_path
 from flinders.core.units import COUNTS, EARTH_WITH_ROOM_UT, label
 from flinders.errors import counted, figures
 from flinders.readers._likeness import looks_like
@@ -30,6 +32,7 @@ OFF: Final = 0.25
 """Of the field there: what a measured strength may differ by, with iron on board, before it is worth a word."""
 TITLES: Final = 11
 NOTHING_FIT: Final = "No magnetometer of it can be calibrated from this recording, for the reasons marked ! above."
+CALIBRATION: Final = Path("calibration.json")
 
 
 def of_contents(contents: Contents) -> RenderableType:
@@ -50,15 +53,28 @@ def commands_for(path: str, sensors: Sequence[RecordedSensor], options: Sequence
     usable = [sensor for sensor in sensors if sensor.is_fit_for_use]
     if not usable:
         return ()
-    best = max(usable, key=lambda sensor: sensor.coverage or 0.0)
-    is_like_an_option = path.startswith("-") and path != "-"
-    words = ["flinders", "calibrate", f"./{path}" if is_like_an_option else path, *options]
     if len(sensors) == 1:
-        return (shlex.join([*words, "-o", "calibration.json"]),)
-    one = shlex.join([*words, "--sensor", str(best.number), "-o", "calibration.json"])
+        return (calibrate_command(path, *options),)
+    best = max(usable, key=lambda sensor: sensor.coverage or 0.0)
+    one = calibrate_command(path, *options, "--sensor", str(best.number))
     if len(usable) == 1:
         return (one,)
-    return one, f"{shlex.join([*words, '--sensor', 'all'])} -o calibration-{{sensor}}.json"
+    return one, f"{shlex.join([*_calibrate(path), *options, '--sensor', 'all'])} -o calibration-{{sensor}}.json"
+
+
+def calibrate_command(path: str, *options: str) -> str:
+    """The command that calibrates a recording, into a file of a name that is free.
+
+    >>> calibrate_command("-odd name.csv", "--unit", "mG")
+    "flinders calibrate './-odd name.csv' --unit mG -o calibration.json"
+    """
+    return shlex.join([*_calibrate(path), *options, "-o", str(free_path(CALIBRATION))])
+
+
+def _calibrate(path: str) -> list[str]:
+    """The first words of it, also where the path looks like an option."""
+    is_like_an_option = path.startswith("-") and path != "-"
+    return ["flinders", "calibrate", f"./{path}" if is_like_an_option else path]
 
 
 def _file_block(contents: Contents) -> RenderableType:

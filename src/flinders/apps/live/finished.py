@@ -9,7 +9,7 @@ from __future__ import annotations
 import hashlib
 from dataclasses import dataclass
 from functools import partial
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 from flinders.apps.live.session_file import TrimmedRecording, left_out
 from flinders.core.calibration_file import SourceFile
@@ -32,6 +32,19 @@ if TYPE_CHECKING:
     from flinders.core.samples import Recording
     from flinders.fitting.result import Fit
     from flinders.report.view import View
+
+
+class CalibrationRequest(NamedTuple):
+    """What a page asks to be finished: the number of a log, if it is not the sensor's, and of what is to be renewed."""
+
+    edits: Edits
+    log: str | None = None
+    previous: str = ""
+
+    @property
+    def is_fixed(self) -> bool:
+        """No reading that is yet to come belongs to it."""
+        return self.log is not None or self.edits.finished_s is not None
 
 
 @dataclass(frozen=True, slots=True)
@@ -76,7 +89,10 @@ class Wanted:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Finished:
-    """What a session comes to, and what it is of; `number` tells it from others."""
+    """What a session comes to, and what it is of; `number` tells it from others.
+
+    `request` is what it was made for: the same calibration is given for the same request.
+    """
 
     number: str
     name: str
@@ -84,6 +100,7 @@ class Finished:
     outcome: Fit | FlindersError
     files: tuple[SourceFile, ...] = ()
     is_of_sensor: bool = True
+    request: CalibrationRequest | None = None
 
     @property
     def fit(self) -> Fit:

@@ -14,7 +14,7 @@ import contextlib
 import secrets
 import signal
 from collections import deque
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from importlib.metadata import version
 from typing import TYPE_CHECKING, Any, Final
 
@@ -44,7 +44,7 @@ from flinders.links.feeds import FeedEvent, FeedThread
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from flinders.apps.live.finished import Finished, Wanted
+    from flinders.apps.live.finished import CalibrationRequest, Finished, Wanted
     from flinders.apps.live.messages import Link
     from flinders.apps.live.session_file import Log, Supply
     from flinders.core.samples import Samples
@@ -160,10 +160,11 @@ class Hub:
         """The first message to a page."""
         from flinders.targets import registry
 
+        rows = sorted(registry().values(), key=lambda row: row.name != self.supply.target)
         return Welcome(
             version=version("flinders"),
             session=self.name,
-            targets=tuple(TargetInfo(row.name, row.use, row.suffix) for row in registry().values()),
+            targets=tuple(TargetInfo(row.name, row.use, row.suffix) for row in rows),
             limits=Limits(UPLOAD_BYTES),
             source=self.source,
             axes=str(self.supply.axes),
@@ -264,19 +265,26 @@ class Hub:
 
         return finished("", self._wanted(self.edits, None))
 
-    async def finish(self, edits: Edits, number: str | None, previous: str = "") -> Finished:
-        """Make the calibration of all readings of the sensor, or of a log, and hold it for whoever asks for exports.
+    async def finish(self, request: CalibrationRequest) -> Finished:
+        """Make the calibration of the sensor, or of a log, and hold it for whoever asks for exports.
 
-        One at a time. Raises `UsageError` for a log that is no longer in memory, and where the calibration to renew is
-        no longer the one that has the number `previous`.
+        One at a time; of readings that are fixed it is made once, whichever page asks, also after it was loaded again.
+        Raises `UsageError` for a log that is no longer in memory, and where the calibration to renew is no longer the
+        one whose number the request has.
         """
         from flinders.apps.live.finished import finished
 
-        if edits.refreshing and self.renewed is not None and previous != self.previous.number:
-            raise UsageError(f"another page chose {self.previous.name} meanwhile: see what it says, and press Update")
+        if request.edits.refreshing and self.renewed is not None and request.previous != self.previous.number:
+            raise UsageError(
+                f"another page chose {self.previous.name} meanwhile: see what it says, and press Finish again"
+            )
         async with self._finishing:
-            wanted = self._wanted(edits, number)
-            made = await asyncio.to_thread(finished, secrets.token_hex(8), wanted)
+            made = next((each for each in self.finished.values() if each.request == request), None)
+            if made is None:
+                wanted = self._wanted(request.edits, request.log)
+                made = await asyncio.to_thread(finished, secrets.token_hex(8), wanted)
+                made = replace(made, request=request if request.is_fixed else None)
+        self.finished.pop(made.number, None)
         self.finished[made.number] = made
         while len(self.finished) > MAX_FINISHED:
             del self.finished[next(iter(self.finished))]

@@ -61,10 +61,14 @@ class SourceState(Struct, frozen=True):
 
 
 class Edits(Struct, frozen=True, kw_only=True, tag_field="type", tag="edits", forbid_unknown_fields=True):
-    """What a person did in a session, and the site of its log; readings up to `begun_s` were left behind."""
+    """What a person did in a session, and the site of its log; readings up to `begun_s` were left behind.
+
+    A calibration that is finished is of those up to `finished_s`; later ones are recorded, and wait.
+    """
 
     excluded: tuple[Span, ...] = ()  # s; apart from each other, ascending
     paused_s: float | None = None  # since when what arrives is left out
+    finished_s: float | None = None
     begun_s: float | None = None
     target_deg: float = 1.0
     dip_deg: float | None = None

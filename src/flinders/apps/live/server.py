@@ -184,12 +184,15 @@ async def _engine(_: Request) -> Response:
 
 
 async def _finish(request: Request) -> Response:
-    """The calibration of all readings after what was done to them, made now."""
+    """The calibration of the readings so far, after what was done to them."""
+    from flinders.apps.live.finished import CalibrationRequest
+
     hub: Hub = request.app.state.hub
     edits = parse(await _body(request))
     if not isinstance(edits, Edits):
         raise UsageError("a page sends what was done to its readings, and this is not")
-    made = await hub.finish(edits, request.query_params.get("log"), request.query_params.get("previous", ""))
+    asked = request.query_params
+    made = await hub.finish(CalibrationRequest(edits, asked.get("log"), asked.get("previous", "")))
     return Response(msgspec.json.encode(_Made(made.number, made.name, made.view, made.refusal)), media_type=JSON)
 
 

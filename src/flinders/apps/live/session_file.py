@@ -26,7 +26,7 @@ import numpy as np
 from flinders.apps.live.buffer import ReadingBuffer, Timeline, rows_of
 from flinders.apps.live.messages import Edits, encode, parse
 from flinders.core.axes import Axes
-from flinders.core.files import reason
+from flinders.core.files import free_path, reason
 from flinders.core.samples import Wrapped, frame_of
 from flinders.core.units import MICROTESLA, Unit
 from flinders.errors import OutputError, UsageError, counted
@@ -47,6 +47,8 @@ if TYPE_CHECKING:
 
 FOLDER: Final = "flinders-sessions"
 SIGN: Final = "# flinders live: "
+FIRST_TARGET: Final = "arduino"
+"""What a calibration is most likely for, unless its readings come from an autopilot."""
 
 
 def line_of(edits: Edits) -> str:
@@ -78,7 +80,8 @@ def left_out(edits: Edits) -> tuple[Span, ...]:
     """All spans that a calibration does without."""
     paused = () if edits.paused_s is None else ((edits.paused_s, math.inf),)
     before = () if edits.begun_s is None else ((-math.inf, edits.begun_s),)
-    return (*before, *edits.excluded, *paused)
+    later = () if edits.finished_s is None else ((math.nextafter(edits.finished_s, math.inf), math.inf),)
+    return (*before, *edits.excluded, *paused, *later)
 
 
 class Log(NamedTuple):
@@ -112,6 +115,7 @@ class Source:
     reading: dict[str, Any] = field(default_factory=dict)
     board: ByteSource | None = None  # the board at the other end, where a calibration can be sent to it
     site: Site | None = None  # what a log that is played back states of the field where it was made
+    target: str = FIRST_TARGET  # what its calibration is most likely for
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -128,6 +132,7 @@ class Supply:
     edits: Edits = field(default_factory=Edits)
     log: Log = field(default_factory=lambda: Log(ReadingBuffer.empty()))
     timeline: Timeline = field(default_factory=Timeline)
+    target: str = FIRST_TARGET
 
 
 @contextlib.contextmanager
@@ -159,7 +164,7 @@ def begun(
             edits = _ended_pause(edits, log.buffer.seconds)
             say(f"{path}: goes on after {counted(log.buffer.total, 'reading')}")
         feed = source.start(sink, resumed=resumed)
-        yield Supply(feed, source.kind, sink, path, axes, source.board, reading, edits, log, timeline)
+        yield Supply(feed, source.kind, sink, path, axes, source.board, reading, edits, log, timeline, source.target)
 
 
 def _ended_pause(edits: Edits, seconds: float) -> Edits:
@@ -182,12 +187,7 @@ def default_path(now: datetime, folder: str = FOLDER) -> Path:
         raise OutputError(
             f"{folder}: cannot be made: {reason(error)}; give the recording another place with --output"
         ) from None
-    name = now.astimezone().strftime("%Y-%m-%d_%H-%M-%S")
-    file = path / f"{name}.csv"
-    again = 2
-    while file.exists():
-        file, again = path / f"{name}_{again}.csv", again + 1
-    return file
+    return free_path(path / f"{now.astimezone():%Y-%m-%d_%H-%M-%S}.csv")
 
 
 @dataclass(slots=True, eq=False)

@@ -103,6 +103,11 @@ class Telemetry:
         self._vehicle.source.close()
 
     @property
+    def target(self) -> str:
+        """The target that its calibration is written for."""
+        return TARGETS[self._vehicle.autopilot]
+
+    @property
     def refusal(self) -> str:
         """As `Recipient.refusal`."""
         return "it is not heard" if self._is_gone else "it is armed" if self._vehicle.armed else ""
@@ -138,7 +143,7 @@ class Telemetry:
             )
         plan = ParameterPlan.of(self._vehicle, calibration, compass=self._compass, device_id=self._device)
         self._device = plan.device_id
-        return VehicleTransfer(plan, find(TARGETS[self._vehicle.autopilot]).suffix, self._look_again)
+        return VehicleTransfer(plan, find(self.target).suffix, self._look_again)
 
     def _has_motors(self) -> bool:
         by = self._vehicle.get("COMPASS_MOTCT", tries=MOTOR_TRIES)

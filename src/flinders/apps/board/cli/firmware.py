@@ -22,7 +22,7 @@ class Firmware(program.Group):
     epilog="""\b
 Example:
   flinders firmware --out ~/Arduino/libraries/Flinders
-  flinders live --port /dev/ttyACM0
+  flinders live --serial /dev/ttyACM0
 """,
 )
 def command(options: Firmware) -> None:
@@ -30,7 +30,7 @@ def command(options: Firmware) -> None:
 
     It is C99 without dependencies: the engine of this program in single precision, with the rules of the verdict that
     need no more than 300 readings. Its example is a sketch for the LIS3MDL, which prints what flinders live reads, and
-    takes a calibration from flinders send --port.
+    takes a calibration from flinders send --serial.
     """
     from flinders.apps.board import package
 

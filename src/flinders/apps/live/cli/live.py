@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import contextlib
 import os
+import re
+import shlex
 import sys
 import threading
 from dataclasses import replace
@@ -19,9 +21,11 @@ from flinders.cli._inputs import load, stated_site
 from flinders.cli._output import print_json, say
 from flinders.errors import FlindersError, OutputError, UsageError
 from flinders.foreign_errors import needs
+from flinders.links.serial_ports import ANY_PORT, board_port, plugged_in
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Callable, Iterator
+    from socket import socket
     from typing import TextIO
 
     from flinders.apps.live.hub import Hub
@@ -30,9 +34,10 @@ if TYPE_CHECKING:
     from flinders.fitting.result import Fit
     from flinders.links.transports import ByteSource
 
-ANY_PORT: Final = "?"
-"""``--serial`` without a port."""
 PORT: Final = 8410
+MAX_PORT: Final = 65535
+SERIAL_PORT: Final = re.compile(r"/dev/|COM\d", re.IGNORECASE)
+"""How the name of a serial port begins."""
 SEED: Final = 1
 """Of the simulation, always the same sensor: a session of it can be resumed."""
 SWITCH_S: Final = 0.0005
@@ -46,10 +51,7 @@ class LineOptions(option.UnitsOptions, option.ColumnsOptions):
 class LiveSource(program.Group):
     """Where readings come from."""
 
-    port: str | None = program.member(
-        "--serial", is_flag=False, flag_value=ANY_PORT, metavar="[PORT]",
-        help="A serial port: /dev/ttyACM0, COM3; without a name the one that is plugged in.",
-    )  # fmt: skip
+    port: str | None = option.serial()
     baud: int = option.baud()
     udp: int | None = option.udp()
     tcp: str | None = option.tcp()
@@ -84,6 +86,8 @@ class LiveSource(program.Group):
             raise UsageError("--speed goes with --replay and --simulate: leave it out")
         if self.compass != 1 and self.mavlink is None:
             raise UsageError("--compass goes with --mavlink: leave it out")
+        if self.port == ANY_PORT:
+            board_port()  # where there is none, that is said at once, before anything is loaded
         if (self.mavlink is not None or self.simulate) and (wrong := self.lines.typed()):
             raise UsageError(f"{', '.join(wrong)} goes with lines and recordings: {named[0]} knows its unit")
         if self.lines.unit:
@@ -101,7 +105,7 @@ class LiveSource(program.Group):
 
         `heard` is put around a wire that sends lines.
         """
-        from flinders.apps.live.session_file import Source
+        from flinders.apps.live.session_file import FIRST_TARGET, Source
         from flinders.links.feeds import NoSensor, Replay, feed_kind
         from flinders.links.recorder import RecordedFeed, Recorder
         from flinders.links.transports import opened_lines, opened_link
@@ -113,11 +117,13 @@ class LiveSource(program.Group):
             say(str(recording))
             site = stated_site(recording, "--dip or the page", z_down=program.is_typed("axes"))
             feed = Replay(recording, speed=self.speed or 1.0)
-            return Source("replay", partial(RecordedFeed, feed), site=site)
+            target = getattr(recording, "autopilot", None) or FIRST_TARGET
+            return Source("replay", partial(RecordedFeed, feed), site=site, target=target)
         if self.mavlink is not None:
             feed_of = feed_kind("mavlink")
             link = stack.enter_context(contextlib.closing(opened_link(self.mavlink, self.baud, what="--mavlink")))
-            return Source("mavlink", partial(RecordedFeed, feed_of(link, self.compass)))
+            vehicle = feed_of(link, self.compass)
+            return Source("mavlink", partial(RecordedFeed, vehicle), target=getattr(vehicle, "target", FIRST_TARGET))
         kind, port = self._lines(is_resumed=resume is not None)
         if kind == "file":
             return Source(kind, lambda _sink, resumed: NoSensor(str(resume)))  # noqa: ARG005 - as a source has it
@@ -132,19 +138,29 @@ class LiveSource(program.Group):
 
     def _lines(self, *, is_resumed: bool) -> tuple[Kind, str | None]:
         """What sends lines, and through which port; the simulation, or a session of before, where nothing does."""
-        from flinders.links.transports import only_port
-
         if self.udp is not None or self.tcp is not None:
             return "tcp" if self.udp is None else "udp", None
-        if self.port not in (None, ANY_PORT):
+        if self.port is not None:
             return "serial", self.port
-        port = None if self.simulate else only_port(is_asked=self.port is not None)
+        port = None if self.simulate else plugged_in()
         if port is None and not self.simulate and is_resumed:
             say("nothing is plugged in: the session is shown as it is; name its source to go on with it")
             return "file", None
         if port is None and not self.simulate:
             say("nothing is plugged in: this is a simulated sensor; flinders live --help names the sources there are")
         return "simulated" if port is None else "serial", port
+
+
+def _port(value: object) -> int | str:
+    """Read the value of ``--port``: a number, or the name of a serial port."""
+    text = str(value)
+    if SERIAL_PORT.match(text):
+        return text
+    if text.isascii() and text.isdigit() and int(text) <= MAX_PORT:
+        return int(text)
+    raise click.BadParameter(
+        f"{text!r}: need the number of the page's port, from 0 to {MAX_PORT}; a serial port is /dev/ttyACM0 or COM3"
+    )
 
 
 class ServedPage(program.Group):
@@ -154,9 +170,9 @@ class ServedPage(program.Group):
         "--host", default="127.0.0.1", show_default=True, metavar="ADDRESS",
         help="Where to listen; other machines reach 0.0.0.0, with a token.",
     )  # fmt: skip
-    web_port: int = program.member(
-        "--port", type=click.IntRange(0, 65535), default=PORT, show_default=True, metavar="N",
-        help="Port of the page; 0 for any that is free.",
+    web_port: int | str = program.member(
+        "--port", type=_port, default=PORT, show_default=True, metavar="N",
+        help="Port of the page; 0 for any that is free. A serial port here is that of --serial.",
     )  # fmt: skip
     opens: bool | None = program.member(
         "--open/--no-open", default=None, help="Open a browser [default: where there is a screen]."
@@ -166,6 +182,22 @@ class ServedPage(program.Group):
         """See that there is an address; raises `UsageError`."""
         if not self.host:
             raise UsageError("--host needs an address: 127.0.0.1 for this machine only, 0.0.0.0 for all")
+
+    def listening(self) -> socket:
+        """The socket that it is served on."""
+        from flinders.apps.live.access import listening
+
+        return listening(self.host, int(self.web_port))
+
+
+def with_serial_port(source: LiveSource, page: ServedPage) -> tuple[LiveSource, ServedPage]:
+    """The same, with a serial port that was given as that of the page as the source that it was meant for."""
+    if isinstance(page.web_port, int):
+        return source, page
+    if source.port is not None:
+        raise UsageError(f"--serial {source.port} and --port {page.web_port} name two serial ports: name one")
+    say(f"{page.web_port} is a serial port: taken as --serial {page.web_port}; --port N is the port of the page")
+    return replace(source, port=page.web_port), replace(page, web_port=PORT)
 
 
 class Live(program.Group):
@@ -231,13 +263,15 @@ def command(options: Live) -> None:
     arrives is recorded as it comes; Ctrl-C ends it, and `flinders calibrate` reads the recording.
     """
     _refuse_unnamed(click.get_current_context().args)
+    source, page = with_serial_port(options.source, options.page)
+    options = replace(options, source=source, page=page)
     options.check()
     for package in ("starlette", "uvicorn", "websockets", "segno"):
         needs(package, "live", "the live page")
     sys.setswitchinterval(SWITCH_S)
     import msgspec
 
-    from flinders.apps.live.access import Gate, Tokens, listening, own_names, serve
+    from flinders.apps.live.access import Gate, Tokens, own_names, serve
     from flinders.apps.live.hub import Hub
     from flinders.apps.live.server import application
     from flinders.apps.live.session_file import begun
@@ -247,7 +281,7 @@ def command(options: Live) -> None:
     axes = Axes.of(options.axes)
     previous, renewed = _previous(options)
     with contextlib.ExitStack() as stack:
-        listener = stack.enter_context(contextlib.closing(listening(options.page.host, options.page.web_port)))
+        listener = stack.enter_context(contextlib.closing(options.page.listening()))
         source = options.source.opened(stack, options.resume)
         supply = stack.enter_context(begun(source, axes, output=options.output, resume=options.resume, say=say))
         supply = replace(supply, edits=msgspec.structs.replace(supply.edits, **_chosen(options)))
@@ -263,15 +297,30 @@ def command(options: Live) -> None:
         if hub.failure is not None:
             raise hub.failure
     is_there = supply.path.exists()
-    say(f"recorded in {supply.path}: flinders calibrate {supply.path}" if is_there else "nothing came to be recorded")
+    for line in _last_words(hub) if is_there else ("nothing came to be recorded",):
+        say(line)
     if options.as_json:
         print_json(_as_dict(hub, str(supply.path) if is_there else None))
+
+
+def _last_words(hub: Hub) -> Iterator[str]:
+    """Say where the recording is, and what to type next."""
+    from flinders.report.formatting import written_time
+    from flinders.report.recording import calibrate_command
+
+    path, finished_s = str(hub.supply.path), hub.edits.finished_s
+    if finished_s is None:
+        yield f"recorded in {path}"
+        yield f"next: {calibrate_command(path)}"
+    else:
+        yield f"recorded in {path}, with the calibration that was finished at {written_time(finished_s)}"
+        yield f"next: {shlex.join(['flinders', 'live', '--resume', path])}"
 
 
 def _refuse_unnamed(words: list[str]) -> None:
     """Say how a source is named that stands without an option."""
     for word in words:
-        option = "--serial" if word.startswith(("/dev/", "COM")) else "--replay"
+        option = "--serial" if SERIAL_PORT.match(word) else "--replay"
         raise UsageError(f"unexpected argument {word}: name the source, as in flinders live {option} {word}")
 
 

@@ -11,7 +11,7 @@ from flinders.cli import _options as option
 from flinders.cli import _program as program
 from flinders.cli._output import Outputs, print_json, say, working
 from flinders.cli._signals import stopping
-from flinders.errors import UsageError, counted
+from flinders.errors import FlindersError, UsageError, counted
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 class Wire(program.Group):
     """What sends lines: one of a serial port, datagrams and a program."""
 
-    port: str | None = program.member("--serial", metavar="PORT", help="A serial port: /dev/ttyACM0, COM3.")
+    port: str | None = option.serial()
     baud: int = option.baud()
     udp: int | None = option.udp()
     tcp: str | None = option.tcp()
@@ -54,7 +54,7 @@ class Record(program.Group):
         if senders > 1:
             raise UsageError("--serial, --udp and --tcp name several sensors: record each with a command of its own")
         if senders == 0:
-            from flinders.links.transports import ports_in_words
+            from flinders.links.serial_ports import ports_in_words
 
             raise UsageError(
                 f"nothing to record: name a --serial port ({ports_in_words()}), or --udp PORT, --tcp HOST:PORT"
@@ -136,10 +136,30 @@ def _remarks(record: RecordingStatistics, output: str) -> Iterator[str]:
         yield (f"! {counted(lost, 'line')} not understood and kept as comments; the first is {record.first_unknown!r}")
     if output == "-":
         return
+    from flinders.core.units import COUNTS
+    from flinders.report.recording import calibrate_command
+
     yield f"written to {output}"
-    form = record.form
-    if form is not None and not record.unit:
-        yield f"next: flinders calibrate {output} --columns X,Y,Z, the magnetometer's three of {form.header}"
+    if not record.unit:
+        yield from _unclear(output)
+        return
+    if record.unit == COUNTS:
+        yield "the lines name no unit: the calibration is made in counts, unless you know it and name it with --unit"
+    yield f"next: {calibrate_command(output)}"
+
+
+def _unclear(output: str) -> Iterator[str]:
+    """Say which columns of a recording may be the magnetometer's, and what to type next where their values tell."""
+    from flinders.readers import open_recording
+    from flinders.readers._likeness import XYZ
+    from flinders.report.recording import calibrate_command
+
+    try:
+        open_recording(output)
+    except FlindersError as error:
+        yield f"! {error.message}"
+        columns = error.hint.get("columns")
+        if isinstance(columns, str) and columns != XYZ["columns"]:
+            yield f"next: {calibrate_command(output, '--columns', columns)}"
     else:
-        unit = "" if record.unit == "µT" else " --unit UNIT, the sensor's: uT, mG, G …"
-        yield f"next: flinders calibrate {output}{unit}"
+        yield f"next: {calibrate_command(output)}"

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import contextlib
+import dataclasses
 import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
-from flinders.apps.live.cli.live import SWITCH_S, LiveSource, ServedPage, announce
+from flinders.apps.live.cli.live import SWITCH_S, LiveSource, ServedPage, announce, with_serial_port
 from flinders.cli import _options as option
 from flinders.cli import _program as program
 from flinders.cli._output import print_json, say
@@ -62,6 +63,8 @@ def command(options: StationOptions) -> None:
     PLAN.toml has the pass limits, the motion and what is written of each unit. The folder gets a table with a row for
     each test, and recording and calibration of each by serial number and time.
     """
+    source, page = with_serial_port(options.source, options.page)
+    options = dataclasses.replace(options, source=source, page=page)
     options.source.check()
     options.page.check()
     for package in ("starlette", "uvicorn", "websockets", "segno"):
@@ -69,7 +72,7 @@ def command(options: StationOptions) -> None:
     sys.setswitchinterval(SWITCH_S)
     from msgspec.structs import replace
 
-    from flinders.apps.live.access import Gate, Tokens, listening, own_names, serve
+    from flinders.apps.live.access import Gate, Tokens, own_names, serve
     from flinders.apps.live.server import application
     from flinders.apps.live.standalone.package import live_data
     from flinders.apps.live.station.folder import StationFolder
@@ -82,7 +85,7 @@ def command(options: StationOptions) -> None:
     for target in plan.export.to:
         find(target)
     with contextlib.ExitStack() as stack:
-        listener = stack.enter_context(contextlib.closing(listening(options.page.host, options.page.web_port)))
+        listener = stack.enter_context(contextlib.closing(options.page.listening()))
         folder = stack.enter_context(contextlib.closing(StationFolder(Path(options.folder))))
         station = _station(options, plan, folder, stack)
         _say_interrupted(station)

@@ -41,10 +41,13 @@ if TYPE_CHECKING:
     from flinders.targets._target import Limit
 
 NAMES: Final = (
-    "c", "arduino", "micropython", "motioncal", "adafruit-eeprom", "sensorlab", "ardupilot", "px4", "px4-shell",
+    "arduino", "c", "micropython", "motioncal", "adafruit-eeprom", "sensorlab", "ardupilot", "px4", "px4-shell",
     "fusion", "fusion-python", "esphome", "zscilib", "matlab", "json", "yaml",
 )  # fmt: skip
-"""Targets whose numbers are those of the calibration, in some unit; others choose, round or count."""
+"""Targets whose numbers are those of the calibration, in some unit; others choose, round or count.
+
+In the order in which the page lists them: its readings are those of boards.
+"""
 OWN: Final = {"ardupilot": "general", "px4": "general", "matlab": "seventeen"}
 """The format of families whose numbers another format may write the same way."""
 

@@ -17,7 +17,7 @@ import { Fitter } from "./standalone/fitter.js";
 import { errors, goesOn, Store } from "./store.js";
 import { ems, gauge } from "./views/gauge.js";
 import { Guide, LeadView } from "./views/lead.js";
-import { brief, capital, counted, degrees, duration, frequency, ICONS, isGoodWhileLevel, PHASES, REASONS, sentence, things, WHILE_LEVEL } from "./views/words.js";
+import { brief, capital, counted, degrees, duration, frequency, ICONS, isGoodWhileLevel, PHASES, REASONS, sentence, sinceWords, things, WHILE_LEVEL } from "./views/words.js";
 import { drawChanged, lay, markHovered } from "./widgets.js";
 
 /** @typedef {import("./messages.d.ts").Command} Command */
@@ -208,11 +208,12 @@ function drawState(state, view) {
     for (const { controls } of panels) controls?.show(state);
     byId("clear", HTMLElement).hidden = state.opened !== null;
     const pause = byId("pause", HTMLButtonElement);
-    pause.hidden = state.opened !== null;
+    pause.hidden = state.opened !== null || state.finished !== null;
     pause.setAttribute("aria-pressed", String(state.paused));
     setIcon(pause, state.paused ? "play" : "pause");
     const label = pause.querySelector("span");
     if (label) setText(label, state.paused ? "Go on" : "Pause");
+    finish.name(state);
     byId("back", HTMLElement).hidden = state.opened === null || state.source.kind === "file";
     document.title = worst === null ? "Flinders" : `${degrees(worst)} · ${PHASES[state.phase]} · Flinders`;
 }
@@ -229,7 +230,7 @@ function drawPhase(state) {
     const strong = title.querySelector("strong");
     const reached = isLevel ? WHILE_LEVEL : (PHASES[state.phase] ?? state.phase);
     const phase = isResult ? (store.view ? "Misses the target" : "No calibration") : reached;
-    const phaseTitle = state.paused ? "Paused" : phase;
+    const phaseTitle = state.paused && !state.finished ? "Paused" : phase;
     const words = state.words.startsWith(`${phaseTitle}: `) ? capital(state.words.slice(phaseTitle.length + 2)) : state.words; // "Good: …"
     if (strong) setText(strong, phaseTitle);
     const shown = state.phase === "waiting" || isStill(state, store.view) ? "" : words; // which the middle of the page says
@@ -256,7 +257,7 @@ function gravest({ reasons, words }) {
 }
 
 /** @param {State} state */
-function drawSource({ phase, source, readings, rejected, excluded_readings, rate_hz, seconds, recording, opened }) {
+function drawSource({ phase, source, readings, rejected, excluded_readings, finished, rate_hz, seconds, recording, opened }) {
     byId("source", HTMLElement).dataset.link = opened === null ? source.link : "ended";
     setText(byId("source-name", HTMLElement), opened ?? source.name);
     const links = { connected: "", waiting: "waiting", gone: "gone", ended: "ended" };
@@ -267,6 +268,7 @@ function drawSource({ phase, source, readings, rejected, excluded_readings, rate
         readings > 0 ? things(readings, "reading") : "",
         rejected > 0 ? `${things(rejected, "outlier")}` : "",
         excluded_readings > 0 ? `${counted(excluded_readings)} left out` : "",
+        finished && finished.since > 0 ? `${counted(finished.since)} since Finish` : "",
     ];
     const words = counts.filter(Boolean).join(" · ");
     setText(byId("source-words", HTMLElement), words);
@@ -276,6 +278,7 @@ function drawSource({ phase, source, readings, rejected, excluded_readings, rate
 /** @param {State} state */
 function drawAdvice(state) {
     drawEmpty(state);
+    setText(byId("since", HTMLElement), sinceWords(state));
     showRemedies(byId("remedies", HTMLElement), state, send);
     byId("advice", HTMLElement).dataset.phase = state.phase;
     say("advice", state.phase === "wrong" ? "" : (guide.lead?.words ?? "")); // what is wrong is said with the phase
@@ -538,6 +541,9 @@ for (const choice of modes) choice.addEventListener("change", modeChosen);
 const togglePause = () => {
     if (store.state && store.state.opened === null) send({ type: "pause", paused: !store.state.paused });
 };
+const collect = () => {
+    if (store.state?.finished) send({ type: "collect" });
+};
 const confirmClear = () => {
     if (store.state && store.state.opened === null) byId("confirm", HTMLDialogElement).showModal();
 };
@@ -560,7 +566,14 @@ onClick("advice-words", () => byId("advice", HTMLElement).classList.toggle("whol
 onClick("reset", () => scene?.resetCamera());
 onClick("previous", () => byId("previous-file", HTMLInputElement).click());
 onClick("previous-clear", () => send({ type: "previous_clear" }));
-onClick("refresh", () => send({ type: "refresh", refresh: byId("refresh", HTMLInputElement).checked }));
+onClick("collect", () => {
+    finish.close();
+    collect();
+});
+onClick("refresh", () => {
+    send({ type: "refresh", refresh: byId("refresh", HTMLInputElement).checked });
+    finish.make();
+});
 document.addEventListener("close", () => document.body.append(byId("notices", HTMLElement)), true); // which does not bubble
 document.addEventListener("click", ({ target }) => {
     if (target instanceof Element && target.matches("dialog, dialog .shut, dialog .shut *")) target.closest("dialog")?.close();
@@ -680,6 +693,7 @@ const shortcuts = [
     { keys: ["?"], words: "this help", act: onPage(openHelp) },
     { keys: ["f"], words: "finish: verdict, exports, what to keep", act: onPage(() => finish.open()) },
     { keys: ["o"], words: "open a log", act: onPage(chooseLog) },
+    { keys: ["m"], words: "collect more, once it is finished", act: onPage(collect) },
     { keys: ["p"], words: "pause, go on", act: onPage(togglePause) },
     { keys: ["n"], words: "start again", act: onPage(confirmClear) },
     { keys: ["t"], words: "type a target", act: onPage(() => byId("target", HTMLInputElement).select()) },

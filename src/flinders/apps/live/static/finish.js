@@ -1,11 +1,11 @@
 /** The finish panel: verdict, numbers, export, what to keep, and the calibration from before. */
 
 import { drawCard } from "./card.js";
-import { errors } from "./store.js";
+import { canCollect, errors } from "./store.js";
 import { byId, bytesOf, element, icon, Refusal, remember, remembered, save, setIcon, setList, setText } from "./dom.js";
 import { hexadecimal } from "./standalone/targets.js";
 import { table } from "./views/table.js";
-import { counted, degrees, ICONS, isGoodWhileLevel, measured, PHASES, sentence, significant, things, VERDICTS, WHILE_LEVEL } from "./views/words.js";
+import { clock, counted, degrees, ICONS, isGoodWhileLevel, measured, PHASES, sentence, significant, sinceWords, things, VERDICTS, WHILE_LEVEL } from "./views/words.js";
 
 /** @typedef {import("./messages.d.ts").SessionState} State */
 /** @typedef {import("../../../static/view.d.ts").View} View */
@@ -14,8 +14,6 @@ import { counted, degrees, ICONS, isGoodWhileLevel, measured, PHASES, sentence, 
 /** @typedef {import("./standalone/running.js").Preview} Preview */
 
 const LAST_TARGET = "flinders-export";
-/** What can be had of any calibration, in any unit. */
-const FIRST_TARGET = "c";
 const TURN_FIRST = "turn the sensor through all directions; the first fit comes after some seconds";
 /** What comes of no readings. @type {import("./standalone/running.js").Finished} */
 const NOTHING = { name: "", view: null, refusal: "" };
@@ -39,12 +37,8 @@ export class Finish {
         /** @type {Preview | null} */
         this.preview = null;
         this.asked = 0;
-        /** @type {import("./standalone/running.js").Finished | null} The calibration of all readings that were here then. */
+        /** @type {import("./standalone/running.js").Finished | null} The calibration that was made last. */
         this.finished = null;
-        /** Readings that were here then. */
-        this.readings = 0;
-        /** Whether an earlier calibration was to be renewed then. */
-        this.isRenewed = false;
         /** The calibration that is compared with. */
         this.previous = "";
         /** @type {State | null} */
@@ -104,25 +98,32 @@ export class Finish {
         return this.dialog.open;
     }
 
-    open() {
-        if (!this.dialog.open) this.dialog.showModal();
-        this.say("");
-        return this.make();
+    close() {
+        this.dialog.close();
     }
 
-    /** Make the calibration of all readings, which the dialog is about from then on. */
+    /** Show the calibration that is finished, or finish it. */
+    async open() {
+        if (!this.dialog.open) this.dialog.showModal();
+        this.say("");
+        if (this.finished?.view?.offset && this.link().isFinished) this.show(this.state);
+        else await this.make();
+    }
+
+    /** Make the calibration of the readings so far, which the dialog is about from then on. */
     async make() {
         const turn = ++this.asked;
-        this.readings = counting(this.state);
-        this.isRenewed = this.state?.refreshing ?? false;
-        this.finished = this.readings === 0 ? NOTHING : null;
+        const readings = counting(this.state);
+        const wasFinished = Boolean(this.state?.finished);
+        this.finished = readings === 0 ? NOTHING : null;
         this.draw();
         if (this.finished) return;
-        this.verdict("none", "Making the calibration …", `of all ${things(this.readings, "reading")}`);
+        this.verdict("none", "Making the calibration …", `of ${things(readings, "reading")}`);
         try {
             const finished = await this.link().finish();
             if (turn !== this.asked) return;
             this.finished = finished;
+            if (!finished.view?.offset && !wasFinished) this.link().send({ type: "collect" }); // nothing is finished
         } catch (error) {
             if (!(error instanceof Refusal)) throw error;
             if (turn !== this.asked) return;
@@ -138,7 +139,7 @@ export class Finish {
      */
     setTargets(targets) {
         const known = (/** @type {string | null} */ chosen) => targets.some(({ name }) => name === chosen);
-        const chosen = [this.targets.value, remembered(LAST_TARGET), FIRST_TARGET].find(known);
+        const chosen = [this.targets.value, remembered(LAST_TARGET), targets[0]?.name ?? ""].find(known);
         this.targets.replaceChildren(
             ...targets.map(({ name, title, suffix }) => {
                 const option = element("option", `${title} (${suffix})`);
@@ -147,6 +148,18 @@ export class Finish {
             }),
         );
         if (chosen) this.targets.value = chosen;
+    }
+
+    /**
+     * Name the button that opens the dialog by what it does.
+     * @param {State} state
+     */
+    name({ finished }) {
+        const button = byId("finish", HTMLButtonElement);
+        setIcon(button, finished ? "download" : "good");
+        button.title = finished ? "Export (F)" : "Finish (F)";
+        setText(button.querySelector("span") ?? button, finished ? "Export" : "Finish");
+        setText(byId("finish-title", HTMLElement), finished ? `Finished at ${clock(finished.seconds)}` : "Finish");
     }
 
     /**
@@ -170,11 +183,23 @@ export class Finish {
         byId("previous-clear", HTMLElement).hidden = !previous;
         byId("refresh-choice", HTMLElement).hidden = !previous;
         byId("refresh", HTMLInputElement).checked = state?.refreshing ?? false;
-        if (state && this.finished && state.refreshing !== this.isRenewed) this.make();
-        const more = counting(state) - this.readings;
-        byId("finish-more", HTMLElement).hidden = !this.finished || more === 0;
-        setText(byId("finish-more-words", HTMLElement), more > 0 ? `${things(more, "reading")} came since.` : "The readings are others now.");
+        if (state) this.showSince(state);
         this.allow();
+    }
+
+    /**
+     * Say what goes on, or that the session is another by now: what is shown stays until somebody presses a button.
+     * @param {State} state
+     */
+    showSince(state) {
+        const isMade = Boolean(this.finished?.view?.offset);
+        const isCurrent = isMade && this.link().isFinished;
+        const [collect, again] = [byId("collect", HTMLButtonElement), byId("finish-again", HTMLButtonElement)];
+        collect.hidden = !canCollect(state);
+        collect.classList.toggle("primary", lacks(state));
+        again.hidden = isCurrent;
+        byId("finish-more", HTMLElement).hidden = !this.finished || (collect.hidden && again.hidden);
+        setText(byId("finish-more-words", HTMLElement), isCurrent ? sinceWords(state) : otherNow(state, isMade));
     }
 
     /** Show the calibration that was made. */
@@ -214,8 +239,9 @@ export class Finish {
         copy.disabled = !this.preview?.text;
         download.disabled = !this.preview;
         const isText = !this.preview?.binary_base64;
-        copy.classList.toggle("primary", isText && !canSend);
-        download.classList.toggle("primary", !isText && !canSend);
+        const isFirst = !canSend && !(state?.finished && lacks(state));
+        copy.classList.toggle("primary", isText && isFirst);
+        download.classList.toggle("primary", !isText && isFirst);
     }
 
     /**
@@ -338,7 +364,25 @@ export class Finish {
  * @returns {number}
  */
 function counting(state) {
-    return state ? state.readings - state.excluded_readings : 0;
+    return state ? state.readings - state.excluded_readings - (state.finished?.since ?? 0) : 0;
+}
+
+/**
+ * What the session is by now that is no longer the one of the calibration.
+ * @param {State} state
+ * @param {boolean} isMade
+ */
+function otherNow({ finished, opened }, isMade) {
+    if (!isMade) return finished || opened !== null ? "" : "Nothing is finished: keep turning, and finish it then.";
+    return finished || opened !== null ? "Something was changed since." : "Readings are being collected again.";
+}
+
+/**
+ * Whether a calibration is so far from what is wanted that more readings are the first thing to do.
+ * @param {State} state
+ */
+function lacks({ phase }) {
+    return phase === "collecting" || phase === "wrong";
 }
 
 /**

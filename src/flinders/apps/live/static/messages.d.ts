@@ -45,6 +45,7 @@ export interface SessionState {
   can_redo: boolean;
   stride: number;
   paused: boolean;
+  finished: { seconds: number; since: number } | null; // time of the last reading of the calibration, and how many came later
   recording: string | null;
   previous: PreviousState | null;
   refreshing: boolean;
@@ -140,6 +141,16 @@ export interface UseAll {
   type: "use_all";
 }
 
+/** Finish the calibration: it stays as it is, whatever arrives. */
+export interface FinishCalibration {
+  type: "finish";
+}
+
+/** Take in what came since the calibration was finished, and go on. */
+export interface Collect {
+  type: "collect";
+}
+
 /** Leave out what arrives until further notice. */
 export interface Pause {
   type: "pause";
@@ -164,4 +175,4 @@ export interface BackToLive {
 
 export type FromSession = Hello | SessionState | FitMessage | Notice;
 
-export type Command = SetTarget | SetDip | SetPlace | SetGoal | Exclude | Restore | Undo | Redo | Clear | UseAll | Pause | PreviousClear | SetRefresh | BackToLive;
+export type Command = SetTarget | SetDip | SetPlace | SetGoal | Exclude | Restore | Undo | Redo | Clear | UseAll | FinishCalibration | Collect | Pause | PreviousClear | SetRefresh | BackToLive;

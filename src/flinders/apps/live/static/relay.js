@@ -115,6 +115,7 @@ export class RelayLink extends SessionLink {
 
     /** @returns {Promise<Finished>} */
     async finish() {
+        this.freeze();
         const { shown, finishing } = this.session;
         const of = new URLSearchParams({ ...(shown.number && { log: shown.number }), ...(finishing.refreshing && { previous: this.comparedWith }) });
         const answer = await this.connection.ask(`finish?${of}`, { method: "POST", body: JSON.stringify(finishing) });

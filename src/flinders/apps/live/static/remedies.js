@@ -1,27 +1,35 @@
-/** What the page can do itself about what it says: leave a stretch of time out, take the dip from a place. */
+/** What the page can do itself about what it says: collect more, leave a stretch of time out, take the dip from a place. */
 
 import { byId, element, setList } from "./dom.js";
+import { canCollect } from "./store.js";
 
 /** @typedef {import("./messages.d.ts").SessionState} State */
 /** @typedef {import("./messages.d.ts").Command} Command */
 
 /**
- * Show a button for each stretch of time that the first fault names.
+ * Show a button for each thing that can be done.
  * @param {HTMLElement} host
  * @param {State} state
  * @param {(message: Command) => void} send
  */
-export function showRemedies(host, { phase, reasons, kept }, send) {
-    if (kept?.is_changed) {
-        host.hidden = false;
-        setList(host, ["Use all readings"], (words) => button(words, () => send({ type: "use_all" })));
-        return;
-    }
+export function showRemedies(host, state, send) {
+    const remedies = remediesOf(state);
+    host.hidden = remedies.length === 0;
+    setList(host, remedies, ([words, command]) => button(words, () => send(command)));
+}
+
+/**
+ * What can be done, and what it is called: a stretch of time is left out that the first fault names.
+ * @param {State} state
+ * @returns {[string, Command][]}
+ */
+function remediesOf(state) {
+    const { phase, reasons, kept } = state;
+    if (kept?.is_changed) return [["Use all readings", { type: "use_all" }]];
     const spans = phase === "good" ? [] : (reasons.find((reason) => reason.spans.length > 0)?.spans ?? []);
-    host.hidden = spans.length === 0;
-    setList(host, spans, ([start_s, end_s]) =>
-        button(`Leave out ${start_s.toFixed(1)}–${end_s.toFixed(1)} s`, () => send({ type: "exclude", start_s, end_s })),
-    );
+    /** @type {[string, Command][]} */
+    const exclusions = spans.map(([start_s, end_s]) => [`Leave out ${start_s.toFixed(1)}–${end_s.toFixed(1)} s`, { type: "exclude", start_s, end_s }]);
+    return canCollect(state) ? [["Collect more", { type: "collect" }], ...exclusions] : exclusions;
 }
 
 /**

@@ -23,12 +23,21 @@ export function errors(view, goal) {
 }
 
 /**
- * Whether somebody can still turn the sensor: neither a log nor a playback that has ended.
+ * Whether turning the sensor makes a difference: to no log, no playback that has ended, and no calibration that is finished.
  * @param {State} state
  * @returns {boolean}
  */
-export function goesOn({ opened, source }) {
-    return opened === null && source.link !== "ended" && source.kind !== "file";
+export function goesOn({ opened, source, finished }) {
+    return opened === null && finished === null && source.link !== "ended" && source.kind !== "file";
+}
+
+/**
+ * Whether there is, or may come, what a calibration that is finished goes on with.
+ * @param {State} state
+ * @returns {boolean}
+ */
+export function canCollect({ finished, source }) {
+    return finished !== null && (finished.since > 0 || source.link !== "ended");
 }
 
 export class Store {
@@ -46,6 +55,8 @@ export class Store {
         this.generation = -1;
         /** Readings that had come when the newest of the points did. */
         this.total = -1;
+        /** Readings in memory that are shown, one of so many each. */
+        this.most = -1;
         /** @type {Points} */
         this.points = noPoints();
     }
@@ -70,23 +81,24 @@ export class Store {
     }
 
     /**
-     * Take what is new of a series, of whose readings one of `stride` is shown.
+     * Take what is new of a series, of whose readings one of `stride` is shown; of those after Finish the newest alone.
      * @param {import("./standalone/session.js").Series} series
      * @param {number} stride
      * @returns {number} The first point that is new; Infinity where nothing is.
      */
-    follow({ generation, buffer }, stride) {
+    follow({ generation, buffer, finishedS }, stride) {
         const { points } = this;
         const isOther = generation !== this.generation;
         const isThinner = stride !== points.stride;
-        if (!isOther && !isThinner && buffer.total === this.total) return Infinity;
+        const most = finishedS === null ? buffer.count : buffer.countUpTo(finishedS);
+        if (!isOther && !isThinner && buffer.total === this.total && most === this.most) return Infinity;
         if (isOther) Object.assign(points, noPoints()); // the same object, which charts that were drawn before look into
         if (isOther || isThinner) this.hovered = null;
         thin(points, stride);
         const from = points.count;
-        append(points, buffer);
-        Object.assign(this, { generation, total: buffer.total, now: newest(buffer.latest) });
-        return isOther || isThinner ? 0 : from;
+        append(points, buffer, most);
+        Object.assign(this, { generation, most, total: buffer.total, now: newest(buffer.latest) });
+        return isOther || isThinner || points.count < from ? 0 : from;
     }
 }
 
@@ -118,21 +130,22 @@ function thin(points, stride) {
 }
 
 /**
- * Add the readings that are not here yet.
+ * Add the readings that are not here yet, up to so many in memory, and take those beyond away.
  * @param {Points} points
  * @param {import("./standalone/buffer.js").ReadingBuffer} buffer
+ * @param {number} most
  */
-function append(points, buffer) {
+function append(points, buffer, most) {
     const step = points.stride / buffer.stride;
     const { time, field, acceleration } = buffer;
-    const count = Math.ceil(buffer.count / step);
+    const count = Math.ceil(most / step);
     reserve(points, count, acceleration !== null);
     for (let j = points.count; j < count; j++) {
         points.time[j] = time[j * step];
         points.field.set(field.subarray(3 * j * step, 3 * j * step + 3), 3 * j);
         if (acceleration) points.acceleration?.set(acceleration.subarray(3 * j * step, 3 * j * step + 3), 3 * j);
     }
-    points.count = Math.max(points.count, count);
+    points.count = count;
 }
 
 /**

@@ -36,6 +36,7 @@ export interface Edits {
   type: "edits";
   excluded: Array<[number, number]>;
   paused_s: number | null;
+  finished_s: number | null;
   begun_s: number | null;
   target_deg: number;
   dip_deg: number | null;

@@ -40,7 +40,7 @@ class WatchedSource(program.Group):
     """Where readings come from."""
 
     files: tuple[str, ...] = program.argument("[-|LOG...]", required=False, nargs=-1)
-    port: str | None = program.member("--serial", metavar="PORT", help="A serial port: /dev/ttyACM0, COM3.")
+    port: str | None = option.serial()
     baud: int = option.baud()
     udp: int | None = option.udp()
     tcp: str | None = option.tcp()
@@ -75,7 +75,7 @@ class WatchedSource(program.Group):
                 "input"
             )
         if not named and not self.files:
-            from flinders.links.transports import ports_in_words
+            from flinders.links.serial_ports import ports_in_words
 
             raise UsageError(
                 f"nothing to watch: name a --serial port ({ports_in_words()}), --udp PORT, --tcp HOST:PORT, "

@@ -28,7 +28,7 @@ class Send(program.Group):
 
     calibration: str = program.argument("CALIBRATION")
     port: str | None = program.member(
-        "--port", metavar="PORT", help="A board that takes what MotionCal sends: /dev/ttyACM0, COM3."
+        "--serial", metavar="PORT", help="A board that takes what MotionCal sends: /dev/ttyACM0, COM3."
     )
     mavlink: str | None = program.member(
         "--mavlink", metavar="ADDRESS",
@@ -57,12 +57,12 @@ class Send(program.Group):
     def check(self) -> None:
         """See that exactly one receiver is named, and that what is said goes with it."""
         if self.port is not None and self.mavlink is not None:
-            raise UsageError("--port and --mavlink name two receivers: send to each with a command of its own")
+            raise UsageError("--serial and --mavlink name two receivers: send to each with a command of its own")
         if self.port is None and self.mavlink is None:
-            from flinders.links.transports import ports_in_words
+            from flinders.links.serial_ports import ports_in_words
 
             raise UsageError(
-                f"no receiver: name the board's --port ({ports_in_words()}), or the vehicle's --mavlink "
+                f"no receiver: name the board's --serial port ({ports_in_words()}), or the vehicle's --mavlink "
                 "udp:127.0.0.1:14550"
             )
         of_vehicles = {
@@ -71,7 +71,7 @@ class Send(program.Group):
         }  # fmt: skip
         wrong = [name for name, value in of_vehicles.items() if value is not None]
         if self.port is not None and wrong:
-            raise UsageError(f"{', '.join(wrong)} goes with --mavlink: a board on --port has one compass")
+            raise UsageError(f"{', '.join(wrong)} goes with --mavlink: a board on --serial has one compass")
 
 
 @program.command_of(
@@ -81,7 +81,7 @@ class Send(program.Group):
     headings={"Vehicle": ("device_id", "system", "mounting", "lossy", "backup")},
     epilog="""\b
 Example:
-  flinders send --port /dev/ttyACM0 calibration.json
+  flinders send --serial /dev/ttyACM0 calibration.json
   flinders send --mavlink udp:127.0.0.1:14550 --dry-run calibration.json
   flinders send --mavlink /dev/ttyACM0 --compass 2 calibration.json
 

@@ -89,7 +89,7 @@ const char *flinders_board_turn(const flinders_board *board);
 /* Correct a reading by an answer; both arrays may be the same. */
 void flinders_board_apply(const flinders_answer *answer, const flinders_real reading[3], flinders_real corrected[3]);
 
-/* MotionCal's packet of 68 bytes: what `flinders send --port` sends, and a board may keep in EEPROM. */
+/* MotionCal's packet of 68 bytes: what `flinders send --serial` sends, and a board may keep in EEPROM. */
 enum { FLINDERS_PACKET = 68 };
 
 /* Take a byte of a stream into the packet; 1 where that completes it and its checksum is right. */

@@ -173,6 +173,11 @@ export class ReadingBuffer {
         return spans.map(([start, end]) => [firstFrom(this.time, start, false), firstFrom(this.time, end, true)]);
     }
 
+    /** @param {number} seconds @returns {number} How many readings in memory came up to a time. */
+    countUpTo(seconds) {
+        return firstFrom(this.time, seconds, true);
+    }
+
     /**
      * Readings within stretches that lie apart; of a long session to within a stride.
      * @param {readonly Span[]} spans

@@ -1,5 +1,6 @@
 /**
- * Readings of a board in the browser's database, so that loading the page again, or a crash, loses none.
+ * Readings of a board in the browser's database, and what was done to them, so that loading the page again, or a crash,
+ * loses none.
  *
  * One page of an address has them at a time; another one that is open beside it keeps nothing.
  */
@@ -10,6 +11,8 @@
 /** @typedef {Of & {time: Float64Array, field: Float64Array, acceleration: Float64Array | null}} Kept */
 
 const NAME = "flinders-readings";
+/** Key of what was done to the readings; those have numbers. */
+const EDITS = "edits";
 const WRITE_MS = 1000;
 /** A page that is loaded again waits so long for its predecessor to go; then it begins without what that kept. */
 const RELEASE_MS = 2000;
@@ -72,6 +75,16 @@ export class Keeper {
         });
     }
 
+    /** Keep what was done to the readings. @param {import("../wire.d.ts").Edits} edits */
+    note(edits) {
+        this.database?.transaction(NAME, "readwrite").objectStore(NAME).put(edits, EDITS);
+    }
+
+    /** @returns {Promise<import("../wire.d.ts").Edits | null>} What was done to the readings; null where nothing was. */
+    async edits() {
+        return this.database && ((await answer(this.database.transaction(NAME).objectStore(NAME).get(EDITS))) ?? null);
+    }
+
     /** Forget all of them. */
     clear() {
         this.waiting = [];
@@ -81,7 +94,8 @@ export class Keeper {
     /** @returns {Promise<Kept | null>} All that are here; null where there are none. */
     async readings() {
         if (!this.database) return null;
-        const parts = /** @type {Kept[]} */ (await answer(this.database.transaction(NAME).objectStore(NAME).getAll()));
+        const numbered = IDBKeyRange.bound(0, Infinity);
+        const parts = /** @type {Kept[]} */ (await answer(this.database.transaction(NAME).objectStore(NAME).getAll(numbered)));
         return parts.length > 0 ? united(parts) : null;
     }
 }

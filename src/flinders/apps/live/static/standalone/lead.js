@@ -22,7 +22,7 @@ import { gapOf } from "./gaps.js";
 /**
  * What to do now.
  * @typedef {object} Lead
- * @property {"wait" | "turn" | "arrow" | "around" | "done" | "wrong" | "ended"} kind  `around`: all directions are as good
+ * @property {"wait" | "turn" | "arrow" | "around" | "done" | "wrong" | "ended" | "finished"} kind  `around`: all directions are as good
  * @property {string} words
  * @property {Body} body
  * @property {number} step  counted from 1
@@ -49,7 +49,7 @@ const [STANDS_S, TARGET_S] = [3, 5];
 /** Words change so often in so many seconds. */
 const [MOST, WITHIN_S] = [12, 60];
 /** What no other words keep waiting. */
-const AT_ONCE = ["wrong", "ended", "wait"];
+const AT_ONCE = ["wrong", "ended", "finished", "wait"];
 /** A target is reached within this angle, radians. */
 const REACHED = 0.3;
 /** A gap about a direction that is wider, radians, is to be closed: the finding `coverage` begins at 60°. */
@@ -86,6 +86,7 @@ function asked(known) {
     /** @type {(kind: Lead["kind"], words: string, target?: Vector | null) => Asked} */
     const plain = (kind, words, target = null) => ({ kind, words, body, step: 0, of: 0, progress: 0, target });
     if (state.phase === "wrong") return plain("wrong", sentence(brief(state.words)[0]));
+    if (state.finished) return plain(...finished(state, view));
     if (!goesOn(state) && state.readings > 0) return plain("ended", ended(state, view));
     if (state.phase === "waiting") return plain("wait", "");
     if (state.paused) return plain("wait", "Paused: press Go on, and turn it again.");
@@ -126,6 +127,18 @@ function turn(choreography) {
 }
 
 /**
+ * What can be said of a calibration that is finished.
+ * @param {State} state
+ * @param {View | null} view
+ * @returns {[Lead["kind"], string]}
+ */
+function finished({ phase, told, words }, view) {
+    if (phase === "good" || phase === "limited") return ["finished", "Finished: this calibration stays as it is."];
+    if (view === null || told === "fitting") return ["ended", words];
+    return ["ended", `Finished, and it misses the target: press Collect more, and ${goOn(view)}`];
+}
+
+/**
  * What can be said of a recording that has ended.
  * @param {State} state
  * @param {View | null} view
@@ -135,11 +148,19 @@ function ended({ phase, told, words, reasons }, view) {
     if (told === "fitting") return words;
     const disturbed = reasons.find(({ spans }) => spans.length > 0);
     if (disturbed) return `${REASONS[disturbed.code] ?? ""} Leave the interval out, or record again.`.trim();
+    const now = view === null ? "record again, and" : "press Finish, or record again and";
+    return `The recording has ended: ${now} ${goOn(view)}`;
+}
+
+/**
+ * Where to turn it, within a sentence.
+ * @param {View | null} view
+ */
+function goOn(view) {
     const guidance = view?.guidance ?? null;
     const isSaid = guidance && !guidance.is_path && (guidance.direction === null || guidance.frame === "vehicle");
     const next = isSaid ? sentence(guidance.words) : AROUND;
-    const now = view === null ? "record again, and" : "press Finish, or record again and";
-    return `The recording has ended: ${now} ${next.replace(/^\w/, (letter) => letter.toLowerCase())}`;
+    return next.replace(/^\w/, (letter) => letter.toLowerCase());
 }
 
 /**

@@ -44,6 +44,7 @@ import { calibrationFile, exported, NotExportable, readCalibration, targetsOf } 
  */
 
 const UPLOAD_BYTES = 64 << 20;
+const NONE_YET = "There is no calibration yet.";
 const IN_BROWSER = "this browser";
 /** Style of a report. */
 const SHEET = "static/report.css";
@@ -72,8 +73,11 @@ export class OwnLink extends SessionLink {
         this.unit = this.session.live.unit;
         /** Readings that somebody has saved. */
         this.saved = 0;
-        /** @type {Finished | null} */
-        this.finished = null;
+        /**
+         * The calibration that was made last.
+         * @type {{evaluated: import("./session.js").Evaluated, shown: Finished, calibration: import("./targets.js").Calibration | null} | null}
+         */
+        this.made = null;
         /** @type {Choose} */
         this.choose = async () => null;
         /** Called where the source is another, or a log was opened. */
@@ -107,7 +111,9 @@ export class OwnLink extends SessionLink {
     send(message) {
         if (message.type === "clear" && this.session.opened === null) this.forget();
         if (message.type === "back_to_live") queueMicrotask(() => this.onChange());
-        return super.send(message);
+        const isHeard = super.send(message);
+        if (ONCE.includes(this.session.source.kind)) this.keeper.note(this.session.edits);
+        return isHeard;
     }
 
     /**
@@ -155,7 +161,7 @@ export class OwnLink extends SessionLink {
 
     /** @param {string} target */
     async exported(target) {
-        const calibration = this.calibrationNow();
+        const calibration = this.calibrationMade();
         try {
             return exported(this.data, target, calibration);
         } catch (error) {
@@ -180,40 +186,41 @@ export class OwnLink extends SessionLink {
         const { isRenewed, previous } = this.session;
         const files = isRenewed && previous ? previous.calibration.files : [];
         const provenance = { flinders: this.data.version, date: new Date().toISOString().replace(/\.\d+Z$/, "Z"), files };
-        return new Blob([calibrationFile(this.data, this.calibrationNow(), { fit: this.made?.record ?? null, provenance })]);
+        return new Blob([calibrationFile(this.data, this.calibrationMade(), { fit: this.made?.evaluated.record ?? null, provenance })]);
     }
 
     /** The calibration that was made last, as a page of its own. */
     async report() {
-        if (!this.finished?.view) throw new Refusal(this.finished?.refusal || "There is no calibration yet.");
+        const finished = this.made?.shown;
+        if (!finished?.view) throw new Refusal(finished?.refusal || NONE_YET);
         const sheet = await fetch(SHEET);
         if (!sheet.ok) throw new Refusal(`The page's ${SHEET} cannot be had (${sheet.status}): load the page again.`);
-        const { field } = this.session.task(Infinity, this.session.leftOut);
-        const reported = { finished: this.finished, state: sessionState(this.session), field, version: this.data.version };
+        const { field } = this.session.task(Infinity);
+        const reported = { finished, state: sessionState(this.session), field, version: this.data.version };
         return new Blob([reportPage(reported, await sheet.text())]);
     }
 
     /** Send the calibration to the board that the readings come from. */
     async sendToBoard() {
         if (!(this.source instanceof Board) || this.session.opened) throw new Refusal("This source takes no calibration: save it, or paste what the export shows.");
-        const packet = exported(this.data, PACKET, this.calibrationNow()).binary_base64 ?? "";
+        const packet = exported(this.data, PACKET, this.calibrationMade()).binary_base64 ?? "";
         return `${this.source.name}: ${await send(this.source, bytesOf(packet))}`;
     }
 
     /** Fit all readings that are in memory and not left out. @returns {Promise<Finished>} */
     async finish() {
-        const { openedName, source } = this.session;
-        this.made = (await this.fitter.fit(this.session.task(Infinity, this.session.leftOut))).evaluated;
-        this.finished = { name: openedName || source.name, view: this.made.view, refusal: this.made.refusal };
-        return this.finished;
+        this.freeze();
+        const { openedName, source, shown: { unit } } = this.session;
+        const { evaluated } = await this.fitter.fit(this.session.task(Infinity));
+        const shown = { name: openedName || source.name, view: evaluated.view, refusal: evaluated.refusal };
+        this.made = { evaluated, shown, calibration: calibrationOf(evaluated.view, unit, shown.name) };
+        return shown;
     }
 
     /** The calibration that was made last. */
-    calibrationNow() {
-        const { shown, openedName, source } = this.session;
-        const calibration = calibrationOf(this.made?.view ?? null, shown.unit, openedName || source.name);
-        if (calibration === null) throw new Refusal(this.made?.refusal || "There is no calibration yet.");
-        return calibration;
+    calibrationMade() {
+        if (!this.made?.calibration) throw new Refusal(this.made?.shown.refusal || NONE_YET);
+        return this.made.calibration;
     }
 
     // Sources ----------------------------------------------------------------------------------------------------------
@@ -275,9 +282,10 @@ export class OwnLink extends SessionLink {
      * @returns {Promise<void>}
      */
     async restore() {
-        const kept = await this.keeper.readings();
+        const [kept, edits] = [await this.keeper.readings(), await this.keeper.edits()];
         if (kept === null) return;
         const { name, kind, unit } = kept;
+        if (edits) this.session.adopt(this.now, edits);
         this.session.arrived(this.now, kept, unit);
         const words = `these are the readings of ${name} from before this page was loaded again: choose it as source to go on`;
         this.show({ name, kind, link: "ended", words });

@@ -45,7 +45,8 @@ import { tiles } from "./tiles.js";
  * @property {(message: Command) => boolean} send  Whether it was heard.
  * @property {(name: string, content: Blob) => Promise<void>} open  Show a log in place of the sensor.
  * @property {(name: string, content: Blob) => Promise<void>} previous  Compare with the calibration of a file.
- * @property {() => Promise<Finished>} finish  Make the calibration of all readings.
+ * @property {() => Promise<Finished>} finish  Make the calibration of the readings so far; those that come later change nothing.
+ * @property {boolean} isFinished  The calibration that was made last still is that of the session.
  * @property {(target: string) => Promise<Preview>} exported  The calibration that was finished, for a target.
  * @property {(name: FileName) => Promise<[Blob, string]>} file  A file to keep, and what it is called.
  * @property {() => Promise<string>} sendToBoard  Send the calibration that was finished; what the board has confirmed.
@@ -72,8 +73,8 @@ export class SessionLink {
         this.statedAt = -1;
         this.statedRevision = -1;
         this.isUrgent = false;
-        /** @type {import("./session.js").Evaluated | null}  of all readings */
-        this.made = null;
+        /** Of the session when the calibration was made. */
+        this.fingerprint = "";
         window.setInterval(() => this.step(), TICK_MS);
     }
 
@@ -103,6 +104,16 @@ export class SessionLink {
         this.isUrgent = true;
         this.step();
         return true;
+    }
+
+    /** Have what comes from now on wait, and note of what the calibration is made. */
+    freeze() {
+        this.send({ type: "finish" });
+        this.fingerprint = this.session.fingerprint;
+    }
+
+    get isFinished() {
+        return this.session.fingerprint === this.fingerprint;
     }
 
     /** @param {string} words @param {Notice["severity"]} severity */

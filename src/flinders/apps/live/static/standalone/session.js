@@ -123,6 +123,7 @@ const END = 1e9;
 const LARGEST_DIP_DEG = 89;
 const FULL = "no more stretches can be told apart: leave out one longer stretch over several, or put some back";
 const A_LOG = "a log is shown, and nothing arrives in it: go back to the sensor first";
+const FINISHED = "the calibration is finished: press Collect more first";
 
 /** Readings that are fitted together: those of the sensor, or of a log. */
 export class Series {
@@ -148,10 +149,12 @@ export class Series {
         this.site = null;
         /** @type {number | null} since when what arrives is left out */
         this.pausedAt = null;
+        /** @type {number | null} time of the last reading of a calibration that is finished: later ones wait */
+        this.finishedS = null;
         this.generation = 1;
-        /** Changes with all that a fit depends on; no fit with a key below `since` is of these readings. */
+        /** Changes with all that a fit depends on; no fit with a key below `firstKey` is of these readings. */
         this.key = 0;
-        this.since = 0;
+        this.firstKey = 0;
         this.evaluated = NO_FIT;
         /** @type {number | null} when the first of the fits in a row was made that have alarms; -Infinity for good */
         this.alarmedAt = null;
@@ -169,6 +172,16 @@ export class Series {
         const { seconds } = this.buffer;
         if (this.pausedAt === null || seconds < this.pausedAt) return spans;
         return merged([...spans, [this.pausedAt, seconds]]);
+    }
+
+    /** All that a fit does without: what is excluded, and what came after Finish. */
+    get leftOut() {
+        return this.finishedS === null ? this.excluded : merged([...this.excluded, [nextAfter(this.finishedS), END]]);
+    }
+
+    /** How many readings came after Finish. */
+    get since() {
+        return this.finishedS === null ? 0 : this.buffer.countWithin([[nextAfter(this.finishedS), END]]);
     }
 }
 
@@ -220,9 +233,10 @@ export class Session {
         return this.opened ?? this.live;
     }
 
-    /** The fit that is kept, where the newest is worse. */
+    /** The fit that is kept, where the newest is worse; none once the calibration is finished. */
     get keptInstead() {
-        return this.shown.lostAt === null ? null : this.shown.kept;
+        const { lostAt, kept, finishedS } = this.shown;
+        return lostAt === null || finishedS !== null ? null : kept;
     }
 
     /** The newest fit, or the one that is kept in its place. */
@@ -241,12 +255,6 @@ export class Session {
         return this.keptInstead !== null && lostAt !== null && (this.at - lostAt >= this.rules.changed_s || this.isOver);
     }
 
-    /** Stretches that the calibration in the end does without: what came after the fit that is kept, too. */
-    get leftOut() {
-        const { shown, keptInstead } = this;
-        return keptInstead ? merged([...shown.excluded, [nextAfter(keptInstead.seconds), END]]) : shown.excluded;
-    }
-
     /** Whether the calibration from before is renewed. */
     get isRenewed() {
         return this.refreshes && this.previous !== null;
@@ -260,7 +268,8 @@ export class Session {
 
     /** Whether somebody turns the sensor just now, and may be led. */
     get isFollowed() {
-        return this.opened === null && this.live.pausedAt === null && this.source.link === "connected";
+        const { pausedAt, finishedS } = this.live;
+        return this.opened === null && pausedAt === null && finishedS === null && this.source.link === "connected";
     }
 
     /** @param {number} at */
@@ -280,9 +289,10 @@ export class Session {
         if (length === 0) return;
         const { live } = this;
         if (this.source.link !== "connected") this.source = { ...this.source, link: "connected", words: "" };
+        const before = live.buffer.seconds;
         live.buffer.extend({ ...rows, time: this.timeline.take(rows.time) });
         live.unit = unit;
-        this.#came(at, length);
+        this.#came(at, length, before);
     }
 
     /**
@@ -295,11 +305,11 @@ export class Session {
     received(at, passed, unit, isOld) {
         this.at = at;
         const { live } = this;
-        const before = live.buffer.total;
+        const { total, seconds } = live.buffer;
         live.buffer.follow(passed);
         live.unit = unit;
         this.timeline.at = live.buffer.seconds;
-        this.#came(at, isOld ? 0 : live.buffer.total - before);
+        this.#came(at, isOld ? 0 : live.buffer.total - total, seconds);
     }
 
     /** Forget the readings of the sensor, which come once more; what was done to them stands. */
@@ -315,10 +325,12 @@ export class Session {
      * Note that so many readings came; 0 of those that came long ago.
      * @param {number} at
      * @param {number} length
+     * @param {number} before  time of the last reading before them
      */
-    #came(at, length) {
+    #came(at, length, before) {
         const { live } = this;
-        if (live.pausedAt === null) live.key = ++this.keys;
+        const isPast = live.finishedS !== null && before >= live.finishedS;
+        if (live.pausedAt === null && !isPast) live.key = ++this.keys;
         this.revision += 1;
         if (length === 0) return;
         const old = this.arrivals.filter(([when]) => when <= at - this.rules.rate_s).length;
@@ -374,15 +386,22 @@ export class Session {
 
     /** What the calibration in the end is made by: what was done to the readings that are shown. @returns {Edits} */
     get finishing() {
-        return { ...this.#editsOf(this.shown), excluded: this.leftOut };
+        return this.#editsOf(this.shown);
+    }
+
+    /** What tells one calibration from another: the same as long as nothing that it is made of has changed. */
+    get fingerprint() {
+        const renewed = this.isRenewed && this.previous?.calibration.offset;
+        return JSON.stringify([this.opened?.generation ?? null, this.finishing, renewed]);
     }
 
     /** @param {Series} series @returns {Edits} */
-    #editsOf({ exclusions, pausedAt, begunS, site }) {
+    #editsOf({ exclusions, pausedAt, finishedS, begunS, site }) {
         return {
             type: "edits",
             excluded: exclusions.spans,
             paused_s: pausedAt,
+            finished_s: finishedS,
             begun_s: begunS,
             target_deg: this.targetDeg,
             dip_deg: this.dipDeg,
@@ -404,6 +423,7 @@ export class Session {
         const { live } = this;
         live.exclusions = live.exclusions.becoming(edits.excluded);
         live.pausedAt = edits.paused_s;
+        live.finishedS = edits.finished_s;
         live.site = edits.site;
         this.targetDeg = edits.target_deg;
         this.dipDeg = edits.dip_deg;
@@ -451,6 +471,10 @@ export class Session {
                 return this.#clear();
             case "use_all":
                 return this.#useAll();
+            case "finish":
+                return this.#finish();
+            case "collect":
+                return this.#collect();
             case "back_to_live":
                 return this.#backToLive();
             default:
@@ -468,7 +492,7 @@ export class Session {
     /** Fit the shown series anew, and accept no fit that was begun before. */
     #alone() {
         this.#refit();
-        this.shown.since = this.keys;
+        this.shown.firstKey = this.keys;
     }
 
     /**
@@ -566,6 +590,7 @@ export class Session {
     #pause(paused) {
         const { live } = this;
         if (this.opened !== null) return [notice(A_LOG, "warning")];
+        if (live.finishedS !== null) return [notice(FINISHED, "warning")];
         if (paused === (live.pausedAt !== null)) return [];
         const { total, seconds } = live.buffer;
         if (paused) {
@@ -579,8 +604,30 @@ export class Session {
         return [];
     }
 
-    /** What a kept fit depends on: a pause, and what is left out after it, are not of it. @param {Edits} edits */
-    #ofKept({ excluded, paused_s: _, ...others }) {
+    /**
+     * Finish the calibration: it is of the readings so far, or of those up to the fit that is kept, whatever comes later.
+     */
+    #finish() {
+        const { live, held, keptInstead } = this;
+        if (this.opened !== null || live.finishedS !== null || live.buffer.total === 0) return [];
+        live.finishedS = keptInstead?.seconds ?? live.buffer.seconds;
+        live.evaluated = held;
+        this.#refit();
+        return [];
+    }
+
+    /** Take in what came since Finish, and go on. */
+    #collect() {
+        const { live } = this;
+        if (live.finishedS === null) return [];
+        live.finishedS = null;
+        this.#pause(false);
+        this.#refit();
+        return [];
+    }
+
+    /** What a kept fit depends on: a pause, Finish, and what is left out after it, are not of it. @param {Edits} edits */
+    #ofKept({ excluded, paused_s: _, finished_s: __, ...others }) {
         const until = this.live.kept?.seconds ?? -Infinity;
         return JSON.stringify([others, excluded.filter(([start]) => start <= until).map(([start, end]) => [start, Math.min(end, until)])]);
     }
@@ -604,7 +651,7 @@ export class Session {
     #begin(begunS) {
         const { unit, buffer, frame, axes, site } = this.live;
         this.live = new Series(buffer.most, unit);
-        Object.assign(this.live, { begunS, frame, axes, site, generation: ++this.generations, key: ++this.keys, since: this.keys });
+        Object.assign(this.live, { begunS, frame, axes, site, generation: ++this.generations, key: ++this.keys, firstKey: this.keys });
         this.arrivals = [];
         this.revision += 1;
     }
@@ -637,19 +684,18 @@ export class Session {
     beginFit() {
         this.isFitting = true;
         this.fitFrom = this.at;
-        this.fitTo = this.shown.buffer.seconds;
+        this.fitTo = Math.min(this.shown.buffer.seconds, this.shown.finishedS ?? Infinity);
         return this.task(this.rules.fitted);
     }
 
     /**
      * @param {number} most
-     * @param {readonly import("./buffer.js").Span[]} leftOut
      * @returns {Task}
      */
-    task(most, leftOut = this.shown.excluded) {
+    task(most) {
         const { shown } = this;
         const { time, field, acceleration, stride } = shown.buffer;
-        const all = shown.buffer.outside(leftOut);
+        const all = shown.buffer.outside(shown.leftOut);
         const step = Math.max(Math.ceil(all.length / most), 1);
         const used = all.filter((_, i) => i % step === 0);
         const [dipDeg, dipAssumed] = this.judgedDip;
@@ -686,7 +732,7 @@ export class Session {
         this.isFitting = false;
         this.dueAt = at + Math.max(seconds / rules.share, rules.fastest_s);
         const { key } = evaluated;
-        if (key < Math.max(shown.since, shown.evaluated.key + 1) || key > shown.key) return;
+        if (key < Math.max(shown.firstKey, shown.evaluated.key + 1) || key > shown.key) return;
         shown.alarmedAt = this.#alarmedAt(begun, evaluated);
         shown.evaluated = evaluated;
         shown.within = this.#isWithin(evaluated) ? [...shown.within, at].slice(0, rules.enough_fits) : [];
@@ -695,13 +741,14 @@ export class Session {
     }
 
     /**
-     * Keep a fit that several in a row confirm and that is no worse than the kept one; note since when fits are worse.
+     * Keep a fit within the target that several in a row confirm, or that is finished, and that is no worse than the kept
+     * one; note since when fits are worse.
      * @param {number} at
      * @param {Evaluated} evaluated
      */
     #keep(at, evaluated) {
         const { shown } = this;
-        const { kept, within } = shown;
+        const { kept, within, finishedS } = shown;
         const { view } = evaluated;
         const isWorse = within.length === 0 || (kept?.view.verdict === "good" && view?.verdict !== "good");
         if (kept && isWorse) {
@@ -709,7 +756,8 @@ export class Session {
             return;
         }
         shown.lostAt = null;
-        if (view && this.isRepeated) shown.kept = { evaluated, view, seconds: this.fitTo };
+        const isConfirmed = this.isRepeated || (finishedS !== null && within.length > 0);
+        if (view && isConfirmed) shown.kept = { evaluated, view, seconds: this.fitTo };
     }
 
     /** Whether several fits in a row were within the target. */
@@ -736,10 +784,10 @@ export class Session {
         return alarmedAt !== null && at - alarmedAt >= (evaluated.coverage >= whole ? settled_s : lasting_s);
     }
 
-    /** Whether the newest fit is of all readings, and no more come: of a log, in a pause, of a silent sensor. */
+    /** Whether the newest fit is of all readings, and no more count: of a log, after Finish, in a pause, of a silent sensor. */
     get isOver() {
         const { shown, source } = this;
-        const hasEnded = shown.pausedAt !== null || ["ended", "gone"].includes(source.link);
+        const hasEnded = shown.finishedS !== null || shown.pausedAt !== null || ["ended", "gone"].includes(source.link);
         const isSilent = hasEnded || this.at - this.arrivedAt >= this.rules.sure_s;
         return shown.evaluated.key === shown.key && (this.opened !== null || isSilent);
     }

@@ -44,11 +44,12 @@ export function sessionState(session) {
         can_redo: exclusions.future.length > 0,
         stride: shownStride(session),
         paused: live.pausedAt !== null,
+        finished: shown.finishedS === null ? null : { seconds: shown.finishedS, since: shown.since },
         recording: session.recording || null,
         previous: session.previous && evaluated.previous,
         refreshing: session.isRenewed,
         opened: session.openedName || null,
-        kept: shown.kept && { seconds: shown.kept.seconds, is_changed: session.isChanged },
+        kept: shown.finishedS !== null || shown.kept === null ? null : { seconds: shown.kept.seconds, is_changed: session.isChanged },
         can_send: session.hasBoard && session.opened === null && session.held.record !== null,
     };
 }
@@ -153,11 +154,11 @@ function ofView(session, view) {
 }
 
 /**
- * Whether the readings are all that there will be: of a log, or of a playback that has ended.
+ * Whether the readings are all that count: of a log, of a playback that has ended, of a calibration that is finished.
  * @param {Session} session
  */
-function isEnded({ opened, source }) {
-    return opened !== null || source.link === "ended";
+function isEnded({ opened, source, shown }) {
+    return opened !== null || source.link === "ended" || shown.finishedS !== null;
 }
 
 /**
@@ -205,20 +206,21 @@ function unrecorded({ unrecorded: advice }) {
 }
 
 /**
- * Reasons why no readings arrive.
+ * Reasons why no readings arrive; to a calibration that is finished that makes no difference.
  * @param {Session} session
  * @returns {Reason[]}
  */
-function ofLink({ source, live: { buffer }, at, arrivedAt, rules }) {
+function ofLink({ source, live: { buffer, finishedS }, at, arrivedAt, rules }) {
     const { link, name, words } = source;
     const since = at - arrivedAt;
+    const wrong = finishedS === null ? "warning" : "info";
     /** @type {(code: string, advice: string, severity?: Reason["severity"]) => Reason[]} */
-    const reason = (code, advice, severity = "warning") => [{ code, advice, severity, spans: [] }];
+    const reason = (code, advice, severity = wrong) => [{ code, advice, severity, spans: [] }];
     if (link === "gone") return reason("gone", words || `${name} is gone: check the cable`);
     const patience = Math.max(rules.silent_s, buffer.total ? (rules.silent_steps * buffer.seconds) / buffer.total : 0);
     if (link === "waiting" && buffer.total === 0 && words) return reason("nothing-arrives", words);
     if (["connected", "waiting"].includes(link) && buffer.total > 0 && since > patience) {
-        return reason("nothing-arrives", nothingArrives(name, since), arrivedAt ? "warning" : "info");
+        return reason("nothing-arrives", nothingArrives(name, since), arrivedAt ? wrong : "info");
     }
     return link === "ended" ? reason("ended", words || `${name} has ended`, "info") : [];
 }

@@ -22,7 +22,7 @@ const USUAL = { phone: "phone", mavlink: "drone" };
 const LONG = 112;
 /** Once around one side after the other, in so many seconds each. */
 const AROUND_S = 4;
-const ICONS = { wait: "next", turn: "next", arrow: "next", around: "next", done: "good", wrong: "wrong", ended: "next" };
+const ICONS = { wait: "next", turn: "next", arrow: "next", around: "next", done: "good", wrong: "wrong", ended: "next", finished: "good" };
 
 /** Keeps up the choreography as readings come, and the one lead. */
 export class Guide {

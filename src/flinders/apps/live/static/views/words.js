@@ -150,6 +150,21 @@ export function clock(seconds) {
 }
 
 /**
+ * What goes on after Finish; nothing before.
+ * @param {import("../messages.d.ts").SessionState} state
+ * @returns {string}
+ */
+export function sinceWords({ finished, source, recording, reasons }) {
+    if (!finished) return "";
+    const { since } = finished;
+    if (source.link === "ended") return since > 0 ? `${things(since, "reading")} came since.` : "";
+    const count = since > 0 ? `: ${things(since, "reading")} since` : "";
+    const isRecorded = recording !== null && reasons.every(({ code }) => code !== "not-recorded");
+    const what = isRecorded ? "Recording" : "Reading";
+    return source.link === "gone" ? `${what} waits for ${source.name} to come back${count}.` : `${what} goes on${count}.`;
+}
+
+/**
  * Readings a second: 50 Hz, 6.3 Hz.
  * @param {number} rate
  * @returns {string}

@@ -2,7 +2,7 @@
 //
 // Turn the sensor through all directions, upside down too. Once a second the sketch says how much of the sphere it has
 // seen, what heading error to expect and how to hold the sensor next. The first good calibration is stored in EEPROM; one
-// that a computer sends (`flinders send --port`, MotionCal) is stored in its place and stays.
+// that a computer sends (`flinders send --serial`, MotionCal) is stored in its place and stays.
 //
 // Needs 20 kB of RAM. Boards without EEPROM: take out the lines of EEPROM, and nothing is stored.
 
