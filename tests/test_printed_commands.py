@@ -68,7 +68,9 @@ def parts(line: str) -> list[list[str]]:
 
 def is_waiting(words: list[str]) -> bool:
     """Whether a command waits for what no test of this file has."""
-    return words[0] == "live" or bool(WAITING & set(words)) or any(word.startswith("s3://") for word in words)
+    return (
+        words[0] in {"live", "station"} or bool(WAITING & set(words)) or any(word.startswith("s3://") for word in words)
+    )
 
 
 def parse(words: list[str]) -> None:

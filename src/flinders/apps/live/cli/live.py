@@ -263,8 +263,8 @@ def command(options: Live) -> None:
     arrives is recorded as it comes; Ctrl-C ends it, and `flinders calibrate` reads the recording.
     """
     _refuse_unnamed(click.get_current_context().args)
-    source, page = with_serial_port(options.source, options.page)
-    options = replace(options, source=source, page=page)
+    named, page = with_serial_port(options.source, options.page)
+    options = replace(options, source=named, page=page)
     options.check()
     for package in ("starlette", "uvicorn", "websockets", "segno"):
         needs(package, "live", "the live page")

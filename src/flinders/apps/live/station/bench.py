@@ -197,7 +197,7 @@ class Station:
             raise
         at = self.hub.timeline.at
         begun_s = at if math.isfinite(at) else self.hub.edits.begun_s
-        self.hub.edit(msgspec.structs.replace(self.hub.edits, begun_s=begun_s, paused_s=None))
+        self.hub.edit(msgspec.structs.replace(self.hub.edits, begun_s=begun_s, paused_s=None, finished_s=None))
         self._test, self._begun, self._asked, self.phase = test, self._clock(), ("", ""), "testing"
 
     def _tick(self) -> None:
@@ -228,7 +228,7 @@ class Station:
     def _wanted(self, test: UnitTest, edits: Edits) -> Wanted:
         """The recording of a test, all of it."""
         path = self.folder.recording(test.recording)
-        whole = msgspec.structs.replace(edits, begun_s=None, paused_s=None, excluded=())
+        whole = msgspec.structs.replace(edits, begun_s=None, paused_s=None, finished_s=None, excluded=())
         return Wanted(test.serial, whole, self.hub.log, path, self.hub.supply.reading, None)
 
     def _keep(self, ended: EndedTest) -> None:
