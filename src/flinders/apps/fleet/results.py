@@ -71,7 +71,11 @@ class UnitResult:
     #: ``good``, ``limited``, ``refused``, or ``failed`` if it could not be read or calculated at all
     verdict: str = "failed"
     code: str = ""  #: of the error of a refused or failed one, else empty
-    message: str = ""  #: of the same error
+    #: why it is not good: code of the finding that comes first, or that of the error; empty for a good one
+    cause: str = ""
+    message: str = ""  #: what was found and what to do, of that cause
+    number: float = math.nan  #: what that finding states: docs/findings.md has meaning and unit
+    limit: float = math.nan  #: what that number was compared with
     method: str = ""  #: method of the final fit
     worst_deg: float = math.nan  #: heading error of a level vehicle at the worst heading, 1 σ, at a dip of `dip_deg`
     rms_deg: float = math.nan  #: the same over all headings
