@@ -87,9 +87,9 @@ def test_a_log_that_cannot_be_written_is_said_and_the_run_resumed(logs: Path, mo
         run(str(logs), out, Options(), workers=0)
     assert not list(logs.parent.glob("*.parts"))
     monkeypatch.setattr(Progress, "planned", quietly(Progress.planned))
-    with pytest.raises(OutputError, match=rf"{said}\. 1 of 4 .*resume=True"), log_to("/dev/full"):
+    with pytest.raises(OutputError, match=rf"{said}\. 1 of 4 .*append=True"), log_to("/dev/full"):
         run(str(logs), out, Options(), workers=0)
-    told = run(str(logs), out, Options(), workers=0, resume=True)
+    told = run(str(logs), out, Options(), workers=0, append=True)
     assert (told.resumed, told.verdicts) == (1, {"good": 4})
 
 

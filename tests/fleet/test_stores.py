@@ -104,10 +104,10 @@ def test_a_bucket_that_does_not_take_the_table_costs_nothing(
 ) -> None:
     monkeypatch.chdir(tmp_path)
     bucket.refuses = 403
-    with pytest.raises(OutputError, match=r"the store says: .* 5 of 5 partitions are done, and kept: .*resume=True"):
+    with pytest.raises(OutputError, match=r"the store says: .* 5 of 5 partitions are done, and kept: .*append=True"):
         run(str(fleet), "gs://fleet/there.parquet", Options(), workers=0)
     bucket.refuses = 0
-    told = run(str(fleet), "gs://fleet/there.parquet", Options(), workers=0, resume=True)
+    told = run(str(fleet), "gs://fleet/there.parquet", Options(), workers=0, append=True)
     assert (told.resumed, told.verdicts) == (told.partitions, {"good": 3})
     (tmp_path / "read.parquet").write_bytes(bucket.objects["there.parquet"])
     assert np.isfinite(UnitResults.read(tmp_path / "read.parquet").offset).all()

@@ -34,6 +34,7 @@ from typing import TYPE_CHECKING, Final, TypeVar
 import numpy as np
 
 from flinders.apps.fleet.dataset import TABLES, extents_of, opened, units_of
+from flinders.apps.fleet.growth import ReadFiles
 from flinders.apps.fleet.keys import BATCH_COLUMNS, KeyColumns, in_path
 from flinders.apps.fleet.results import SIGN, VERSION
 from flinders.apps.fleet.storage import MAGIC, StoredFile, listed
@@ -43,7 +44,7 @@ from flinders.readers import registry
 from flinders.readers.dialects.json_records import own_kind
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable, Iterator, Sequence
+    from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 
     from flinders.apps.fleet.dataset import TableFile
     from flinders.apps.fleet.options import Options
@@ -149,6 +150,11 @@ class Plan:
     # files of other kinds by their suffix, entries that are no files, and files that Flinders wrote
     other_files: dict[str, int]
     fingerprint: str  # hash of files, options and release: partitions with another one belong to another run
+    asked: str  # options and release
+    read: ReadFiles  # files of this run, and of the table that it extends
+    names: tuple[str, ...] = ()  # of the files that are looked at
+    faults: Mapping[str, FlindersError] = field(default_factory=dict)  # of files that were read before, by name
+    later: int = 0  # new files that wait for the next run, since this one goes on with what another began
 
 
 @dataclass(frozen=True, slots=True)
@@ -161,24 +167,72 @@ class _TableSlice:
     keys: KeyColumns
 
 
-def plan_of(where: str, options: Options) -> Plan:
-    """List the input, and split it into partitions.
+def plan_of(
+    where: str, options: Options, *, earlier: ReadFiles | None = None, begun: Collection[str] = ()
+) -> Plan:
+    """List the input, and split what is to be read into partitions.
 
-    Raises UnreadableInput if nothing can be read, and UsageError if no file has the columns that the options name.
+    Raises UnreadableInput if nothing can be read, and UsageError if no file has the columns that the options name, or
+    nothing of what a table was made from is there.
+
+    Parameters
+    ----------
+    earlier : ReadFiles, optional
+        Of the table that is extended: only files that are new to it are read.
+    begun : collection of str
+        Files of a run that was stopped: where all are there, only these are read.
     """
     files = listed(where)
-    taken = [file for file in files if not file.kind and (MAGIC.search(where) or _is_readable(file.name))]
-    others = set(files) - set(taken)
+    new, faults = (files, {}) if earlier is None else earlier.news(files)
+    if earlier is not None:
+        _refuse_other_input(where, earlier, files)
+    resumed = [file for file in new if file.name in begun]
+    chosen = resumed if resumed and len(resumed) == len(begun) else new
+    taken = [file for file in chosen if not file.kind and (MAGIC.search(where) or _is_readable(file.name))]
+    others = set(chosen) - set(taken)
     other_files = Counter(file.kind or PurePosixPath(file.name).suffix or "none" for file in others)
-    if not taken:
+    if not taken and earlier is None:
         raise UnreadableInput(
             f"{where}: none of {len(files)} files is a recording: they end in {', '.join(other_files)}"
         )
     tables, logs, own = _sorted_out(taken, options)
     other_files.update(own.values())
+    other_files.update(() if earlier is None else earlier.other_files(files))
     taken = [file for file in taken if file not in own]
-    if not taken:
+    if not taken and earlier is None:
         raise UnreadableInput(f"{where}: no recordings, but {counted(len(own), 'file')} that Flinders wrote")
+    if taken:
+        _refuse_options(where, tables, logs, options)
+    by_recording = defaultdict(list)
+    for table in tables:
+        by_recording[table.keys.recording.value].append(table)
+    alike = [_tables(tables, options) for _, tables in sorted(by_recording.items())]
+    read = ReadFiles.of(taken, options, {file: kind for file, kind in own.items() if kind != TABLES_OF_FLEETS})
+    return Plan(
+        (*chain.from_iterable(alike), *_logs(logs)),
+        len(taken),
+        dict(sorted(other_files.items())),
+        _fingerprint(taken, options, earlier),
+        _asked(options),
+        read if earlier is None else earlier + read,
+        tuple(file.name for file in chosen),
+        faults,
+        sum(_is_readable(file.name) for file in new) - sum(_is_readable(file.name) for file in chosen),
+    )
+
+
+def _refuse_other_input(where: str, earlier: ReadFiles, files: Sequence[StoredFile]) -> None:
+    """Refuse to extend a table from where nothing is left of what it was made from."""
+    known = earlier.recordings
+    if known and not {file.name for file in files} & set(known):
+        raise UsageError(
+            f"{where}: none of the {counted(len(known), 'file')} that the table was made from is there, such as "
+            f"{min(known)}: give the same input, with its new files, or name another table"
+        )
+
+
+def _refuse_options(where: str, tables: Sequence[_TableSlice], logs: Sequence[FileSlice], options: Options) -> None:
+    """Refuse options about columns where no file has any."""
     if options.unit_column is not None and not tables and not any(part.error for part in logs):
         raise UsageError(
             f"{where}: a column of units is for Parquet and Arrow tables, and there is none: give each unit a file or "
@@ -186,12 +240,6 @@ def plan_of(where: str, options: Options) -> Plan:
             hint={"unit_column": None},
         )
     _refuse_batch(where, tables, logs, options)
-    by_recording = defaultdict(list)
-    for table in tables:
-        by_recording[table.keys.recording.value].append(table)
-    alike = [_tables(tables, options) for _, tables in sorted(by_recording.items())]
-    partitions = (*chain.from_iterable(alike), *_logs(logs))
-    return Plan(partitions, len(taken), dict(sorted(other_files.items())), _fingerprint(taken, options))
 
 
 def _sorted_out(
@@ -460,11 +508,13 @@ def _logs(slices: Sequence[FileSlice]) -> Iterator[Partition]:
     return (Partition(tuple(run)) for run in runs)
 
 
-def _fingerprint(files: Sequence[StoredFile], options: Options) -> str:
+def _asked(options: Options) -> str:
+    """Options and release, as text."""
+    return json.dumps({**dataclasses.asdict(options), "versions": (version("flinders"), VERSION)}, sort_keys=True)
+
+
+def _fingerprint(files: Sequence[StoredFile], options: Options, earlier: ReadFiles | None) -> str:
     """Hash of everything that a result depends on."""
-    inputs = {
-        "members": [dataclasses.astuple(file) for file in files],
-        "asked": dataclasses.asdict(options),
-        "versions": (version("flinders"), VERSION),
-    }
-    return hashlib.sha256(json.dumps(inputs, sort_keys=True).encode()).hexdigest()
+    known = None if earlier is None else dict(earlier.files)
+    inputs = [[dataclasses.astuple(file) for file in files], _asked(options), known]
+    return hashlib.sha256(json.dumps(inputs).encode()).hexdigest()

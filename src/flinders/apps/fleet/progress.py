@@ -109,7 +109,7 @@ class Progress:
             if isinstance(error, KeyboardInterrupt) and done:
                 self.notice(done)
             if isinstance(error, OutputError) and done:
-                hint = {**error.hint, "resume": True}
+                hint = {**error.hint, "append": True}
                 raise OutputError(f"{error.message}. {done}", hint=hint, **error.evidence) from None
             raise
 
@@ -131,7 +131,7 @@ class Progress:
         if not done:
             self._checkpoint.remove()
             return ""
-        return f"{done:,} of {counted(self._partitions, 'partition')} are done, and kept: resume the run"
+        return f"{done:,} of {counted(self._partitions, 'partition')} are done, and kept: go on with the run"
 
     def _log_unread(self, rows: Any) -> None:  # noqa: ANN401 - pyarrow ships no types
         """Log each recording that could not be read, up to `UNREAD` of them."""

@@ -257,8 +257,8 @@ def refuse_other_table(names: Sequence[str], needed: Sequence[str], path: str | 
 
 
 @cache
-def schema() -> Any:  # noqa: ANN401
-    """Columns and types of the table in Arrow and Parquet."""
+def schema(added: tuple[str, ...] = ()) -> Any:  # noqa: ANN401
+    """Columns and types of the table in Arrow and Parquet; `added` are columns of texts behind them."""
     arrow = needs_arrow()
     kinds = {
         **dict.fromkeys(TEXTS, arrow.string()),
@@ -267,7 +267,8 @@ def schema() -> Any:  # noqa: ANN401
         **{name: arrow.list_(arrow.float64(), length) for name, length in LISTS.items()},
         "findings": arrow.list_(arrow.string()),
     }
-    return arrow.schema([(name, kinds[name]) for name in NAMES], metadata={SIGN: VERSION})
+    columns = [*((name, kinds[name]) for name in NAMES), *((name, arrow.string()) for name in added)]
+    return arrow.schema(columns, metadata={SIGN: VERSION})
 
 
 def _column(name: str, cells: Sequence[Any]) -> NDArray[Any]:

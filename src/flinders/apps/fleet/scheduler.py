@@ -323,7 +323,7 @@ def _quiet() -> Iterator[None]:
 
 def _is_gone(scheduler: str) -> LinkError:
     """Error of a scheduler that went away during the run."""
-    return LinkError(f"the Dask scheduler at {scheduler} is gone: start it again, and resume", hint={"resume": True})
+    return LinkError(f"the Dask scheduler at {scheduler} is gone: start it again, and go on", hint={"append": True})
 
 
 def _distributed() -> Any:  # noqa: ANN401

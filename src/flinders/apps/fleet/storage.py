@@ -267,17 +267,25 @@ def fetched(file: StoredFile) -> Iterator[Path]:
         yield copy
 
 
-def refuse_object(where: str, *, force: bool = False) -> None:
-    """Refuse, before a long run, an object that could not be written at its end: raises OutputExists or OutputError."""
+def exists(where: str) -> bool:
+    """Whether there is a file or an object; raises OutputError if the store does not say."""
+    if not is_remote(where):
+        return Path(where).exists()
     store, path = _split(where)
-    if not path or where.endswith("/"):
-        raise OutputError(f"{where}: it is a folder: give the name of an object in it, such as calibrations.parquet")
     with _store_errors(where, OutputError):
         try:
             obstore().head(_store(store), path)
         except FileNotFoundError:
-            return
-    if not force:
+            return False
+    return True
+
+
+def refuse_object(where: str, *, force: bool = False) -> None:
+    """Refuse, before a long run, an object that could not be written at its end: raises OutputExists or OutputError."""
+    _, path = _split(where)
+    if not path or where.endswith("/"):
+        raise OutputError(f"{where}: it is a folder: give the name of an object in it, such as calibrations.parquet")
+    if exists(where) and not force:
         raise OutputExists(where)
 
 

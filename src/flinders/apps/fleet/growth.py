@@ -1,0 +1,152 @@
+"""A table that grows: which files it was made from, and which are new, changed or gone.
+
+The table itself says in its footer what was read, so that table and list are replaced in one step. A file is known by
+its name below the input, its size and its time of change (in a store its tag); its content is not read again.
+
+>>> from flinders.apps.fleet.options import Options
+>>> from flinders.apps.fleet.storage import StoredFile
+>>> one, two = StoredFile("A17.csv", "", 10, "monday"), StoredFile("B02.csv", "", 20, "monday")
+>>> before = ReadFiles.of([one], Options())
+>>> again = ReadFiles.loads(before.dumps())
+>>> new, faults = again.news([two])
+>>> [each.name for each in new], {name: error.code for name, error in faults.items()}
+(['B02.csv'], {'A17.csv': 'vanished-file'})
+"""
+
+from __future__ import annotations
+
+import base64
+import json
+import zlib
+from dataclasses import asdict, dataclass, field, replace
+from typing import TYPE_CHECKING, Any, Final, Self, TypeAlias
+
+from flinders.apps.fleet.results import SIGN, VERSION, UnitResult, UnitResults, needs_arrow
+from flinders.errors import DocumentError, FlindersError, InputError, UsageError
+
+if TYPE_CHECKING:
+    import os
+    from collections.abc import Iterable, Mapping, Sequence
+
+    from flinders.apps.fleet.options import Options
+    from flinders.apps.fleet.storage import StoredFile
+
+    State: TypeAlias = tuple[int, str, str]  # size, time of change or tag, and kind of a file that is no recording
+
+FILES: Final = b"flinders.apps.fleet.files"
+"""Key of the list of files in the metadata of a table."""
+
+
+class ChangedFile(InputError):
+    """A file that is not as it was when it was fitted (`size`: bytes then, `now`)."""
+
+    code = "changed-file"
+
+    def __init__(self, name: str, size: int, now: int) -> None:
+        super().__init__(
+            f"{name} has changed since it was fitted (it had {size:,} bytes, and has {now:,}): its rows are of what it "
+            "was; give the new recording a name of its own, or begin the table again",
+            hint={"force": True},
+            size=size,
+            now=now,
+        )
+
+
+class VanishedFile(InputError):
+    """A file that was fitted and is no longer in the input."""
+
+    code = "vanished-file"
+
+    def __init__(self, name: str) -> None:
+        super().__init__(f"{name} was fitted and is no longer there: its rows stay as they are; look where it went")
+
+
+ABOUT_FILES: Final = (ChangedFile.code, VanishedFile.code)
+"""Codes of rows about files that were fitted before: they are made anew by each run."""
+
+
+@dataclass(frozen=True, slots=True)
+class ReadFiles:
+    """The files that a table was made from, and how they were read."""
+
+    options: Mapping[str, Any]  # of `Options`
+    files: Mapping[str, State] = field(default_factory=dict)
+
+    @classmethod
+    def of(cls, files: Iterable[StoredFile], options: Options, others: Mapping[StoredFile, str] | None = None) -> Self:
+        """Note some files; `others` are no recordings, with what they are."""
+        kinds = others or {}
+        read = {each.name: (each.size, each.stamp, kinds.get(each, "")) for each in (*files, *kinds)}
+        return cls(asdict(options), dict(sorted(read.items())))
+
+    @classmethod
+    def of_table(cls, path: str | os.PathLike[str]) -> Self:
+        """Read the list out of a table; raises DocumentError if it is none of a fleet, or has no list."""
+        needs_arrow()
+        from pyarrow import parquet
+        from pyarrow.lib import ArrowException
+
+        try:
+            metadata = parquet.read_metadata(path).metadata or {}
+        except (OSError, ArrowException) as error:
+            raise DocumentError(f"{path}: cannot be read as a table of a fleet: {error}") from None
+        if metadata.get(SIGN) != VERSION.encode() or FILES not in metadata:
+            raise DocumentError(
+                f"{path} does not say which files it was made from: only a table as `flinders fleet` writes it can be "
+                "extended; begin it again",
+                hint={"force": True},
+            )
+        return cls.loads(metadata[FILES])
+
+    @classmethod
+    def loads(cls, text: bytes) -> Self:
+        """From `dumps`."""
+        content = json.loads(zlib.decompress(base64.b85decode(text)))
+        return cls(content["options"], {name: tuple(state) for name, state in content["files"].items()})
+
+    def dumps(self) -> bytes:
+        """As text for the footer of a table."""
+        content = {"options": dict(self.options), "files": self.files}
+        return base64.b85encode(zlib.compress(json.dumps(content, separators=(",", ":")).encode(), 6))
+
+    def refuse_other_options(self, options: Options, out: str) -> None:
+        """Refuse to extend a table with rows that were read or judged in another way: raises UsageError."""
+        other = {name: value for name, value in asdict(options).items() if self.options.get(name) != value}
+        if other:
+            name, value = next(iter(other.items()))
+            raise UsageError(
+                f"{out} was made with other options ({name} was {self.options.get(name)}, and is {value} now): name "
+                "the same again, or begin the table again",
+                hint={"force": True},
+            )
+
+    def news(self, files: Sequence[StoredFile]) -> tuple[list[StoredFile], dict[str, FlindersError]]:
+        """Files that are new, and why those are not fitted that have changed or are gone, by name."""
+        new, faults = [], dict[str, FlindersError]()
+        for each in files:
+            known = self.files.get(each.name)
+            if known is None or (known[2] and known[:2] != (each.size, each.stamp)):
+                new.append(each)
+            elif known[:2] != (each.size, each.stamp):
+                faults[each.name] = ChangedFile(each.name, known[0], each.size)
+        present = {each.name for each in files}
+        gone = (name for name, state in self.files.items() if name not in present and not state[2])
+        return new, dict(sorted((faults | {name: VanishedFile(name) for name in gone}).items()))
+
+    @property
+    def recordings(self) -> list[str]:
+        """Names of the files that were fitted."""
+        return [name for name, (_, _, kind) in self.files.items() if not kind]
+
+    def other_files(self, files: Sequence[StoredFile]) -> list[str]:
+        """Kinds of those of some files that are known to be no recordings."""
+        return [self.files[each.name][2] for each in files if each.name in self.files and self.files[each.name][2]]
+
+    def __add__(self, later: ReadFiles) -> ReadFiles:
+        """With the files of a later run."""
+        return replace(self, files=dict(sorted({**self.files, **later.files}.items())))
+
+
+def rows_about(faults: Mapping[str, FlindersError]) -> UnitResults:
+    """A row for each file that has changed or is gone; its unit is the name of the file in parentheses."""
+    return UnitResults.of([UnitResult(unit=f"({name})").with_error(error) for name, error in faults.items()]).sorted()
