@@ -1,7 +1,7 @@
 """Many recordings at once: one call of the engine fits them, and another judges them.
 
 A recording is judged from its record alone, with the numbers and findings of `flinders.fit`. One that needs more than
-that, be it outliers to list, a level turn or the sentence of a limit or a refusal, is given to `flinders.fit` by itself.
+that, be it outliers to list, a level turn or the sentence of a limit, is given to `flinders.fit` by itself.
 
 >>> from flinders import simulate
 >>> tumbles = [simulate.tumble(seed=seed, n=500, motion="uniform").samples for seed in range(3)]

@@ -219,7 +219,8 @@ def _write_table(
     properties: Properties | None,
 ) -> dict[str, Any]:
     """Merge all rows into the table, count them, and write what else is wanted of them."""
-    sources: list[Path | bytes | TableRows] = [*([earlier.rows] if earlier else []), *parts, rows_about(plan.faults).to_bytes()]
+    about_files = rows_about(plan.faults).to_bytes()
+    sources: list[Path | bytes | TableRows] = [*([earlier.rows] if earlier else []), *parts, about_files]
     is_direct = not is_remote(outputs.table) and not is_csv(outputs.table)
     table = Path(outputs.table) if is_direct else checkpoint.folder / TABLE
     merge(sources, table, properties=properties, files=plan.read)

@@ -1,4 +1,4 @@
-"""The table of a fleet: finished parts, and a table that is extended, merged in order; memory is that of a row group."""
+"""The table of a fleet: parts of rows, and a table that is extended, merged in order in the memory of a row group."""
 
 from __future__ import annotations
 
@@ -23,6 +23,7 @@ from flinders.apps.fleet.results import (
     refuse_other_table,
     schema,
     strings,
+    texts,
 )
 from flinders.core.files import replacing
 
@@ -122,7 +123,7 @@ def _rows(sources: Sequence[Rows]) -> Iterator[tuple[int, int]]:
 
 def _keyed(place: int, source: Rows) -> Iterator[tuple[RowKey, int, int]]:
     """Rows of a source with their keys."""
-    yield from ((key, place, row) for key, row in source.keys())
+    yield from ((key, place, row) for key, row in source.keyed())
 
 
 def _gathered(sources: Sequence[Rows], rows: NDArray[np.int64], added: Sequence[str]) -> Any:  # noqa: ANN401
@@ -145,7 +146,7 @@ class PartRows:
     def __init__(self, content: Path | bytes) -> None:
         self._content = content
 
-    def keys(self) -> Iterator[tuple[RowKey, int]]:
+    def keyed(self) -> Iterator[tuple[RowKey, int]]:
         """Cells of `KEY` and number of each row."""
         yield from ((key, 0) for key in _keys(self._mapped().slice(0, 1)))
         yield from ((key, row) for row, key in enumerate(_keys(self._mapped().slice(1)), 1))
@@ -178,7 +179,7 @@ class TableRows:
         self._ends = np.cumsum([metadata.row_group(group).num_rows for group in range(metadata.num_row_groups)])
         self._held: tuple[int, Any] = (-1, None)
 
-    def keys(self) -> Iterator[tuple[RowKey, int]]:
+    def keyed(self) -> Iterator[tuple[RowKey, int]]:
         """Cells of `KEY` and number of each row."""
         for group, end in enumerate(self._ends.tolist()):
             table = self._group(group)
@@ -191,17 +192,23 @@ class TableRows:
     def take(self, numbers: NDArray[np.int64]) -> Any:  # noqa: ANN401
         """Table of some rows, in the order of their numbers, which rise."""
         arrow = needs_arrow()
+        if not len(numbers):
+            return self._file.schema_arrow.empty_table()
         groups, first = np.unique(np.searchsorted(self._ends, numbers, side="right"), return_index=True)
         pieces = []
         for group, own in zip(groups.tolist(), np.split(numbers, first[1:]), strict=True):
             table = self._group(group)
             pieces.append(table.take(integers(arrow, own - (self._ends[group] - len(table)))))
-        return arrow.concat_tables(pieces) if pieces else self._file.schema_arrow.empty_table()
+        return arrow.concat_tables(pieces)
 
     def of_units(self, units: Collection[str]) -> Any:  # noqa: ANN401
         """Table of all rows of some units."""
-        numbers = [row for (unit, *_), row in self.keys() if unit in units]
+        numbers = [row for (unit, *_), row in self.keyed() if unit in units]
         return self.take(np.array(numbers, dtype=np.int64))
+
+    def units(self) -> list[str]:
+        """Unit of each row."""
+        return texts(self._file.read(columns=["unit"]).column("unit"))
 
     def about_files(self) -> set[tuple[str, str]]:
         """Unit and code of the rows about files."""

@@ -33,12 +33,13 @@ from typing import TYPE_CHECKING, Final, TypeVar
 
 import numpy as np
 
-from flinders.apps.fleet.dataset import TABLES, extents_of, opened, units_of
+from flinders.apps.fleet.dataset import CSV, TABLES, extents_of, header_of, opened, units_of
 from flinders.apps.fleet.growth import ReadFiles
 from flinders.apps.fleet.keys import BATCH_COLUMNS, KeyColumns, in_path
 from flinders.apps.fleet.results import SIGN, VERSION
-from flinders.apps.fleet.storage import MAGIC, StoredFile, listed
+from flinders.apps.fleet.storage import MAGIC, StoredFile, is_remote, listed
 from flinders.apps.fleet.storage import opened as stored
+from flinders.apps.fleet.tables import is_csv_of_fleet
 from flinders.errors import FlindersError, UnreadableInput, UsageError, counted
 from flinders.readers import registry
 from flinders.readers.dialects.json_records import own_kind
@@ -167,9 +168,7 @@ class _TableSlice:
     keys: KeyColumns
 
 
-def plan_of(
-    where: str, options: Options, *, earlier: ReadFiles | None = None, begun: Collection[str] = ()
-) -> Plan:
+def plan_of(where: str, options: Options, *, earlier: ReadFiles | None = None, begun: Collection[str] = ()) -> Plan:
     """List the input, and split what is to be read into partitions.
 
     Raises UnreadableInput if nothing can be read, and UsageError if no file has the columns that the options name, or
@@ -188,7 +187,7 @@ def plan_of(
         _refuse_other_input(where, earlier, files)
     resumed = [file for file in new if file.name in begun]
     chosen = resumed if resumed and len(resumed) == len(begun) else new
-    taken = [file for file in chosen if not file.kind and (MAGIC.search(where) or _is_readable(file.name))]
+    taken = [file for file in chosen if not file.kind and (MAGIC.search(where) or is_readable(file.name))]
     others = set(chosen) - set(taken)
     other_files = Counter(file.kind or PurePosixPath(file.name).suffix or "none" for file in others)
     if not taken and earlier is None:
@@ -217,7 +216,7 @@ def plan_of(
         read if earlier is None else earlier + read,
         tuple(file.name for file in chosen),
         faults,
-        sum(_is_readable(file.name) for file in new) - sum(_is_readable(file.name) for file in chosen),
+        sum(is_readable(file.name) for file in new) - sum(is_readable(file.name) for file in chosen),
     )
 
 
@@ -235,8 +234,8 @@ def _refuse_options(where: str, tables: Sequence[_TableSlice], logs: Sequence[Fi
     """Refuse options about columns where no file has any."""
     if options.unit_column is not None and not tables and not any(part.error for part in logs):
         raise UsageError(
-            f"{where}: a column of units is for Parquet and Arrow tables, and there is none: give each unit a file or "
-            "folder of its own, or convert the table with pyarrow.csv.read_csv and pyarrow.parquet.write_table",
+            f"{where}: no table of Parquet or Arrow and no CSV has a column {options.unit_column}: name another, or "
+            "give each unit a file or folder of its own",
             hint={"unit_column": None},
         )
     _refuse_batch(where, tables, logs, options)
@@ -313,15 +312,15 @@ def _endings() -> tuple[str, ...]:
     return (*{suffix for reader in registry() for suffix in reader.suffixes}, *TABLES, "/")
 
 
-def _is_readable(name: str) -> bool:
+def is_readable(name: str) -> bool:
     """Whether a file of a folder is read; a pattern reads whatever it matches."""
     return name.lower().endswith(_endings())
 
 
 def _survey(file: StoredFile, options: Options) -> list[_TableSlice] | FileSlice | str:
     """Slices of a file of rows, none for a log; the kind of what Flinders wrote; a slice with a broken one's error."""
-    if not file.name.lower().endswith(TABLES):
-        return OWN_FILES.get(_own_kind(file)) or []
+    if not file.name.lower().endswith(TABLES) and not _is_csv_of_units(file, options):
+        return _own_kind(file) or []
     is_table = False
     try:
         with opened(file, options) as table:
@@ -341,13 +340,27 @@ def _survey(file: StoredFile, options: Options) -> list[_TableSlice] | FileSlice
         return [_TableSlice(FileSlice(file, (0,), error=error), keys.unit.value, keys.unit.value, keys)]
 
 
+def _is_csv_of_units(file: StoredFile, options: Options) -> bool:
+    """Whether a file is a table of text with the column of units that the options name."""
+    name = options.unit_column
+    if name is None or is_remote(file.where) or not file.name.lower().endswith(CSV):
+        return False
+    try:
+        columns, _ = header_of(Path(file.where))
+    except OSError:
+        return False
+    return name.casefold() in [column.casefold() for column in columns]
+
+
 def _own_kind(file: StoredFile) -> str:
-    """What a file of JSON says of itself that Flinders wrote; nothing of others."""
+    """Kind of a file of CSV or JSON that Flinders wrote, by what is in it; nothing of others."""
+    if file.name.lower().endswith(CSV) and not is_remote(file.where) and is_csv_of_fleet(file.where):
+        return TABLES_OF_FLEETS
     if not file.name.lower().endswith(".json") or file.size > MAX_OWN_BYTES:
         return ""
     with contextlib.suppress(FlindersError, OSError), stored(file) as source:
         content = Path(source).read_bytes() if isinstance(source, str) else source.read()
-        return own_kind(content.decode("utf-8", "replace"))
+        return OWN_FILES.get(own_kind(content.decode("utf-8", "replace")), "")
     return ""
 
 

@@ -1,9 +1,9 @@
-"""Properties of units (firmware, revision, place, …) from a CSV: columns of texts, joined by the name of the unit.
+r"""Properties of units (firmware, revision, place, …) from a CSV: columns of texts, joined by the name of the unit.
 
 >>> import tempfile
 >>> from pathlib import Path
 >>> path = Path(tempfile.mkdtemp()) / "units.csv"
->>> _ = path.write_text("serial,firmware,place\\nA17,1.2,Kiel\\nB02,1.3,Oslo\\n")
+>>> _ = path.write_text("serial,firmware,place\nA17,1.2,Kiel\nB02,1.3,Oslo\n")
 >>> known = Properties.read(path)
 >>> known.names, known.of("B02"), known.of("B02 MAG2"), known.of("C05")
 (('firmware', 'place'), ('1.3', 'Oslo'), ('1.3', 'Oslo'), ('', ''))

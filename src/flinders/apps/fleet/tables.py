@@ -16,7 +16,7 @@ import math
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final, TextIO, cast
 
-from flinders.apps.fleet.dataset import PARQUET
+from flinders.apps.fleet.dataset import CSV, PARQUET
 from flinders.apps.fleet.results import COUNTS, LISTS, NAMES, NUMBERS, UnitResult, UnitResults, needs_arrow
 from flinders.core.files import reason, replacing
 from flinders.errors import DocumentError, UsageError
@@ -25,7 +25,6 @@ if TYPE_CHECKING:
     import os
     from collections.abc import Callable, Iterator, Mapping, Sequence
 
-CSV: Final = ".csv"
 SYMMETRIC: Final = [f"{a}_{b}" for a in range(1, 10) for b in range(a, 10)]
 ENDINGS: Final = {
     "offset": list("xyz"),

@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 import contextlib
-import math
 import os
 import sys
-from typing import TYPE_CHECKING, Final
+from typing import TYPE_CHECKING
 
 import click
 
@@ -14,16 +13,11 @@ from flinders.cli import _options as option
 from flinders.cli import _program as program
 from flinders.cli._output import console, print_result, say
 from flinders.cli._program import GOOD, LIMITED
-from flinders.errors import UsageError, counted, figures, percent
+from flinders.errors import UsageError, counted
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator, Mapping, Sequence
+    from collections.abc import Iterator
 
-    from rich.console import RenderableType
-
-    from flinders.apps.fleet.alerts import Alert
-    from flinders.apps.fleet.job import RunSummary
-    from flinders.apps.fleet.not_good import NotGood
     from flinders.apps.fleet.progress import ProgressCallback
 
 
@@ -139,6 +133,7 @@ def command(options: Fleet) -> int:
     from flinders.apps.fleet.job import Outputs, run
     from flinders.apps.fleet.options import Options
     from flinders.apps.fleet.properties import Properties
+    from flinders.apps.fleet.run_page import of_run
 
     options.check()
     reading = options.reading
@@ -199,121 +194,3 @@ def _progress() -> Iterator[ProgressCallback | None]:
             shown.update(task, completed=done, total=total, state=f"{counted(rows, 'recording')}{rate}")
 
         yield update
-
-
-# ----------------------------------------------------------------------------------------------------------------- page
-
-SUFFIXES: Final = {"none": "without an ending"}
-"""Words for kinds of files that are not their suffix."""
-SHOWN: Final = 20
-"""Recordings that are not good, and alerts, that the page lists; the tables have them all."""
-FREQUENT: Final = 8
-"""Findings that the page counts."""
-
-
-def of_run(summary: RunSummary, listed_in: str) -> RenderableType:
-    """Lay out a run: what was read, how many are good, which are not and what to do, and findings.
-
-    `listed_in`: the file with all that are not good.
-    """
-    from rich.console import Group
-
-    from flinders.apps.fleet.merging import common_findings
-    from flinders.report.terminal import page, table
-
-    common = common_findings(summary.findings, summary.verdicts)
-    others = {code: count for code, count in summary.findings.items() if code not in common}
-    tables = [_listed(summary, listed_in)] if summary.not_good or summary.alerts else []
-    if others:
-        frequent = [(code, f"{count:,}") for code, count in list(others.items())[:FREQUENT]]
-        rest = [(f"and {len(others) - FREQUENT} more", "")] * (len(others) > FREQUENT)
-        tables.append(table(("findings", "recordings"), [*frequent, *rest]))
-    remarks = [f"true of each calibration: {', '.join(common)}"] if common else []
-    return page(Group(_read(summary), of_verdicts(summary.verdicts)), *tables, Group(*remarks, *_remarks(summary)))
-
-
-def _read(summary: RunSummary) -> str:
-    """What was read, and what the table has."""
-    content = (counted(summary.units, "unit"), counted(summary.rows, "recording"), counted(summary.readings, "reading"))
-    files = f"{counted(summary.files, 'new file')}; in the table" if summary.is_extended else counted(summary.files, "file")
-    return f"{files}: {', '.join(content)}"
-
-
-def of_verdicts(verdicts: Mapping[str, int]) -> RenderableType:
-    """The line that counts good recordings, and the others."""
-    from rich.text import Text
-
-    from flinders.report.terminal import COLOURS
-
-    total = sum(verdicts.values())
-    line = Text()
-    for place, (verdict, count) in enumerate(verdicts.items()):
-        words = f"{percent(count, total)} {verdict}"
-        line.append(", " if place else "").append(words, "bold " * (not place) + COLOURS[verdict])
-    return line
-
-
-def _listed(summary: RunSummary, listed_in: str) -> RenderableType:
-    """Recordings that are not good, or what crossed a limit since the last run: why, and what to do."""
-    from rich.console import Group
-    from rich.table import Column
-
-    from flinders.report.terminal import COLOURS, facts, page, styled, table
-
-    every: Sequence[Alert | NotGood] = summary.alerts if summary.is_extended else summary.not_good
-    total = len(every) if summary.is_extended else sum(summary.verdicts.values()) - summary.verdicts.get("good", 0)
-    shown = [(row, getattr(row, "alert", row.cause) if not row.cause else row.cause) for row in every[:SHOWN]]
-    rows = [
-        (*styled(COLOURS[row.verdict], row.unit, row.recording, row.verdict), cause, _compared(row.number, row.limit))
-        for row, cause in shown
-    ]
-    title = "since the last run" if summary.is_extended else "not good"
-    names = (Column(title, overflow="fold"), Column("recording", overflow="fold"), "verdict", "because")
-    columns = [Column(each, no_wrap=True) if isinstance(each, str) else each for each in names]
-    remedies = dict.fromkeys((cause, row.remedy) for row, cause in shown)
-    more = [f"and {total - SHOWN:,} more: {listed_in} has them all"] if total > SHOWN else []
-    return page(Group(table((*columns, "number / limit"), rows), *more), facts(list(remedies)))
-
-
-def _compared(number: float, limit: float) -> str:
-    """A number and the limit that it was compared with; nothing where there is none."""
-    if math.isnan(number):
-        return ""
-    return figures(number) if math.isnan(limit) else f"{figures(number)} / {figures(limit)}"
-
-
-def _remarks(summary: RunSummary) -> list[str]:
-    """Further lines of the page."""
-    from flinders.findings.row import TUMBLE_STATED
-
-    lines = []
-    if summary.worst_deg:
-        middle, most, largest = (figures(summary.worst_deg[name]) for name in ("median", "p95", "largest"))
-        lines.append(f"worst heading error: median {middle}°, 95% below {most}°, largest {largest}° (1 σ)")
-    if summary.verdicts.get("good"):
-        lines.append(f"good {TUMBLE_STATED}")
-    if summary.failed_readings:
-        lines.append(f"readings of recordings that failed: {summary.failed_readings:,} of {summary.readings:,}")
-    if len(summary.units_of_field) > 1:
-        units = ", ".join(f"{count:,} in {unit}" for unit, count in summary.units_of_field.items())
-        lines.append(f"units of field differ: {units}; offsets are in the unit of their row")
-    if summary.other_files:
-        kinds = ", ".join(f"{count:,} {SUFFIXES.get(kind, kind)}" for kind, count in summary.other_files.items())
-        lines.append(f"left out files that are no recordings: {kinds}")
-    return lines + _remarks_on_run(summary)
-
-
-def _remarks_on_run(summary: RunSummary) -> list[str]:
-    """Lines about files that were read before, and how the run went."""
-    lines = []
-    if summary.files_changed or summary.files_vanished:
-        changed, gone = counted(summary.files_changed, "file"), summary.files_vanished
-        lines.append(f"since they were fitted {changed} changed and {gone:,} vanished: rows say which")
-    if summary.files_later:
-        lines.append(f"{counted(summary.files_later, 'file')} came since the run that this one finished: run it again")
-    if summary.resumed:
-        lines.append(f"{summary.resumed:,} of {counted(summary.partitions, 'partition')} were done before")
-    if summary.workers_lost or summary.retried:
-        again = f"{counted(summary.retried, 'partition')} {'was' if summary.retried == 1 else 'were'} done again"
-        lines.append(f"{counted(summary.workers_lost, 'worker')} died or left; {again}")
-    return lines
