@@ -232,7 +232,7 @@ def test_parts_of_another_run_are_not_mixed_in(logs: Path, tmp_path: Path) -> No
     parts = Checkpoint.of(tmp_path / "out.parquet", plan, append=False, force=False)
     parts.commit(0, b"rows")
     parts.close()
-    with pytest.raises(UsageError, match="other files, options or another release"):
+    with pytest.raises(UsageError, match="with other options or another release"):
         run(str(logs), tmp_path / "out.parquet", Options(target_deg=2.0), workers=0, append=True)
 
 
@@ -404,8 +404,8 @@ def test_each_compass_of_a_log_is_a_unit(tmp_path: Path) -> None:
     np.testing.assert_array_equal(second.offset[0], rows.offset[1])
 
 
-def test_a_column_of_units_in_text_is_refused_with_advice(logs: Path, tmp_path: Path) -> None:
-    with pytest.raises(UsageError, match="a column of units is for Parquet and Arrow tables, and there is none"):
+def test_a_column_of_units_that_no_table_has_is_refused_with_advice(logs: Path, tmp_path: Path) -> None:
+    with pytest.raises(UsageError, match="no CSV has a column serial: name another"):
         run(str(logs), tmp_path / "out.parquet", Options(unit_column="serial"), workers=0)
 
 
@@ -431,9 +431,9 @@ def test_misuse_is_said_in_a_line(logs: Path, tmp_path: Path) -> None:
         ([str(logs), "--target", "0"], 2, "need degrees above 0, up to 180"),
         ([str(logs), "--dip", "91"], 2, "need degrees from -89 to 89"),
         ([str(logs), "--scale", "-1"], 2, "need a number above 0"),
-        ([str(logs), "--report", str(out)], 2, "give each another name"),
-        ([str(logs), "--report", f"{out.parent}/./{out.name}"], 2, "give each another name"),
-        ([str(logs), "--out", str(tmp_path / "table.csv")], 2, "give it a name that ends in .parquet"),
+        ([str(logs), "--report", str(out)], 2, "needs a name of its own"),
+        ([str(logs), "--report", f"{out.parent}/./{out.name}"], 2, "needs a name of its own"),
+        ([str(logs), "--out", str(tmp_path / "table.txt")], 2, "give it a name that ends in .parquet or .csv"),
     ):
         ended = CliRunner().invoke(main, ["fleet", "--out", str(out), *words, "--force"], prog_name="flinders")
         assert ended.exit_code == code, ended.output

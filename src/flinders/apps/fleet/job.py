@@ -59,6 +59,8 @@ class Outputs:
 
     def check(self, *, append: bool, force: bool) -> None:
         """Refuse what could not be written: raises UsageError or OutputError."""
+        if is_remote(self.table):
+            refuse_object(self.table, force=force or append)
         refuse_ending(self.table, "the table")
         if append and is_csv(self.table):
             raise UsageError(f"{self.table}: CSV does not say which files it was made from: extend a table of Parquet")
@@ -67,9 +69,7 @@ class Outputs:
                 "alerts are what crossed a limit since the run before: there is one where a table is extended",
                 hint={"append": True},
             )
-        if is_remote(self.table):
-            refuse_object(self.table, force=force or append)
-        else:
+        if not is_remote(self.table):
             refuse_existing(self.table, force=force or append)
         for path, what in ((self.bad, "the table of units that are not good"), (self.alerts, "the table of alerts")):
             if path is not None:

@@ -229,14 +229,15 @@ def line_of(
         Of each unit, up to ten.
 
     >>> truths = [truth for truth, _ in line_of(40, drifting=0.2, readings=50)]
-    >>> len(truths), truths[1].unit, truths[1].recording, sum(truth.moved_uT > 0.0 for truth in truths) > 3
-    (80, 'U0000', '2026-04-01.csv', True)
+    >>> len(truths), truths[1].unit, truths[1].recording, sum(truth.moved_uT > 0.0 for truth in truths)
+    (80, 'U0000', '2026-04-01.csv', 8)
     """
     share(drifting, "drifting", "the units")
     for number in range(count(units, 1)):
         first = unit(number, seed=seed, bad=bad, readings=readings)
         rng = np.random.default_rng([seed, number, 1])
-        moved = uniform(rng, 1)[0] * rng.uniform(*MOVED_UT) * (rng.random() < drifting)
+        amount = rng.uniform(*MOVED_UT) if rng.random() < drifting else 0.0
+        moved = amount * uniform(rng, 1)[0]
         for visit in range(recordings):
             shift = moved if visit else np.zeros(3)
             samples = first.samples if not visit else _again(first, shift, rng, readings)
