@@ -21,7 +21,9 @@ import zlib
 from dataclasses import asdict, dataclass, field, replace
 from typing import TYPE_CHECKING, Any, Final, Self, TypeAlias
 
-from flinders.apps.fleet.results import SIGN, VERSION, UnitResult, UnitResults, needs_arrow
+import numpy as np
+
+from flinders.apps.fleet.results import SIGN, VERSION, UnitResult, UnitResults, integers, needs_arrow, strings
 from flinders.errors import DocumentError, FlindersError, InputError, UsageError
 
 if TYPE_CHECKING:
@@ -35,6 +37,8 @@ if TYPE_CHECKING:
 
 FILES: Final = b"flinders.apps.fleet.files"
 """Key of the list of files in the metadata of a table."""
+OPTIONS: Final = b"options"
+"""Key of the options in the metadata of that list."""
 
 
 class ChangedFile(InputError):
@@ -71,6 +75,7 @@ class ReadFiles:
 
     options: Mapping[str, Any]  # of `Options`
     files: Mapping[str, State] = field(default_factory=dict)
+    digest: int = 0  # of the text that it was read from
 
     @classmethod
     def of(cls, files: Iterable[StoredFile], options: Options, others: Mapping[StoredFile, str] | None = None) -> Self:
@@ -101,13 +106,26 @@ class ReadFiles:
     @classmethod
     def loads(cls, text: bytes) -> Self:
         """From `dumps`."""
-        content = json.loads(zlib.decompress(base64.b85decode(text)))
-        return cls(content["options"], {name: tuple(state) for name, state in content["files"].items()})
+        table = needs_arrow().ipc.open_stream(base64.b64decode(text)).read_all()
+        name, *state = (column.to_pylist() for column in table.columns)
+        files = dict(zip(name, zip(*state, strict=True), strict=True))
+        return cls(json.loads(table.schema.metadata[OPTIONS]), files, zlib.crc32(text))
 
     def dumps(self) -> bytes:
-        """As text for the footer of a table."""
-        content = {"options": dict(self.options), "files": self.files}
-        return base64.b85encode(zlib.compress(json.dumps(content, separators=(",", ":")).encode(), 6))
+        """As text for the footer of a table: a stream of Arrow, compressed."""
+        arrow = needs_arrow()
+        size, stamp, kind = zip(*self.files.values(), strict=True) if self.files else ((), (), ())
+        texts = (strings(arrow, cells) for cells in (list(self.files), stamp, kind))
+        name_column, stamp_column, kind_column = texts
+        columns = [name_column, integers(arrow, np.array(size)), stamp_column, kind_column]
+        names = ("name", "size", "stamp", "kind")
+        schema = arrow.schema([(name, column.type) for name, column in zip(names, columns, strict=True)])
+        schema = schema.with_metadata({OPTIONS: json.dumps(dict(self.options), sort_keys=True)})
+        sink = arrow.BufferOutputStream()
+        compressed = arrow.ipc.IpcWriteOptions(compression="zstd")
+        with arrow.ipc.new_stream(sink, schema, options=compressed) as writer:
+            writer.write_table(arrow.Table.from_arrays(columns, schema=schema))
+        return base64.b64encode(sink.getvalue())
 
     def refuse_other_options(self, options: Options, out: str) -> None:
         """Refuse to extend a table with rows that were read or judged in another way: raises UsageError."""

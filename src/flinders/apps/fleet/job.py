@@ -202,7 +202,13 @@ def _planned(where: str, outputs: Outputs, options: Options, earlier: Earlier | 
 def _alerts(earlier: Earlier, parts: Sequence[Path], plan: Plan, options: Options) -> list[Alert]:
     """What crossed a limit: of new rows by those that the table has of their units, and of files."""
     new = UnitResults.joined(UnitResults.from_bytes(path.read_bytes()) for path in parts)
-    rows = [new.row(place) for place in range(len(new))]
+    known_units = set(earlier.rows.units())
+    told = [
+        place
+        for place, (unit, verdict) in enumerate(zip(new.unit.tolist(), new.verdict.tolist(), strict=True))
+        if verdict != "good" or unit in known_units
+    ]
+    rows = [new.row(place) for place in told]
     known = UnitResults.from_arrow(earlier.rows.of_units({row.unit for row in rows}))
     before = [known.row(place) for place in range(len(known))]
     said = earlier.rows.about_files()

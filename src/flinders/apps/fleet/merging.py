@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import heapq
 import math
+from bisect import bisect_right
 from collections import Counter
 from itertools import islice
 from typing import TYPE_CHECKING, Any, Final, TextIO, TypeAlias, cast
@@ -110,18 +111,48 @@ def _write(groups: Iterator[Any], file: Any, properties: Properties, files: Read
 
 def _groups(sources: Sequence[Rows], properties: Properties) -> Iterator[Any]:
     """Tables of the rows of one row group each, in order."""
-    rows = _rows(sources)
-    while group := list(islice(rows, GROUP)):
-        yield properties.joined(_gathered(sources, np.array(group), properties.names))
+    waiting: list[NDArray[np.int64]] = []
+    for rows in _order(sources):
+        waiting.append(rows)
+        while sum(map(len, waiting)) >= GROUP:
+            every = np.concatenate(waiting)
+            waiting = [every[GROUP:]]
+            yield properties.joined(_gathered(sources, every[:GROUP], properties.names))
+    if any(map(len, waiting)):
+        yield properties.joined(_gathered(sources, np.concatenate(waiting), properties.names))
 
 
-def _rows(sources: Sequence[Rows]) -> Iterator[tuple[int, int]]:
-    """Yield the number of a source and that of a row in it, in order of the rows."""
-    for _, place, row in heapq.merge(*(_keyed(place, source) for place, source in enumerate(sources))):
-        yield place, row
+def _order(sources: Sequence[Rows]) -> Iterator[NDArray[np.int64]]:
+    """Yield (n, 2) numbers of sources and of rows in them, in order of the rows: those of a table in long runs."""
+    parts = [(place, source) for place, source in enumerate(sources) if isinstance(source, PartRows)]
+    rows = heapq.merge(*(_keyed(place, source) for place, source in parts))
+    for place, source in enumerate(sources):
+        if isinstance(source, TableRows):
+            yield from _between(place, source, rows)
+    while some := [(place, row) for _, place, row in islice(rows, GROUP)]:
+        yield np.array(some)
 
 
-def _keyed(place: int, source: Rows) -> Iterator[tuple[RowKey, int, int]]:
+def _between(place: int, table: TableRows, rows: Iterator[tuple[RowKey, int, int]]) -> Iterator[NDArray[np.int64]]:
+    """Rows of a table with others put between them, as far as it goes."""
+    waiting = next(rows, None)
+    for group in table.groups():
+        begun = 0
+        while waiting is not None and (at := group.place_of(waiting[0])) < len(group.rows):
+            yield _run(place, group.rows[begun:at])
+            yield np.array([waiting[1:]])
+            begun, waiting = at, next(rows, None)
+        yield _run(place, group.rows[begun:])
+    if waiting is not None:
+        yield np.array([waiting[1:]])
+
+
+def _run(place: int, rows: NDArray[np.int64]) -> NDArray[np.int64]:
+    """(n, 2) rows of one source."""
+    return np.stack([np.full_like(rows, place), rows], axis=1)
+
+
+def _keyed(place: int, source: PartRows) -> Iterator[tuple[RowKey, int, int]]:
     """Rows of a source with their keys."""
     yield from ((key, place, row) for key, row in source.keyed())
 
@@ -179,15 +210,20 @@ class TableRows:
         self._ends = np.cumsum([metadata.row_group(group).num_rows for group in range(metadata.num_row_groups)])
         self._held: tuple[int, Any] = (-1, None)
 
-    def keyed(self) -> Iterator[tuple[RowKey, int]]:
-        """Cells of `KEY` and number of each row."""
+    def groups(self) -> Iterator[_KeyGroup]:
+        """Keys of the row groups, without rows about files."""
         for group, end in enumerate(self._ends.tolist()):
             table = self._group(group)
-            codes = table.column("code").to_pylist()
-            first = end - len(table)
-            for row, (key, code) in enumerate(zip(_keys(table), codes, strict=True), first):
-                if code not in ABOUT_FILES:
-                    yield key, row
+            rows = np.arange(end - len(table), end)
+            if self._kept(table).all():
+                yield _KeyGroup(rows, table)
+            else:
+                kept = self._kept(table)
+                yield _KeyGroup(rows[kept], table.filter(needs_arrow().array(kept)))
+
+    def _kept(self, table: Any) -> NDArray[np.bool_]:  # noqa: ANN401
+        """(R,) which rows are not about files."""
+        return ~_is_in(table.column("code"), ABOUT_FILES)
 
     def take(self, numbers: NDArray[np.int64]) -> Any:  # noqa: ANN401
         """Table of some rows, in the order of their numbers, which rise."""
@@ -203,8 +239,12 @@ class TableRows:
 
     def of_units(self, units: Collection[str]) -> Any:  # noqa: ANN401
         """Table of all rows of some units."""
-        numbers = [row for (unit, *_), row in self.keyed() if unit in units]
-        return self.take(np.array(numbers, dtype=np.int64))
+        numbers = [np.empty(0, dtype=np.int64)]
+        for group, end in enumerate(self._ends.tolist()):
+            table = self._group(group)
+            places = np.flatnonzero(_is_in(table.column("unit"), list(units)) & self._kept(table))
+            numbers.append(places + (end - len(table)))
+        return self.take(np.concatenate(numbers))
 
     def units(self) -> list[str]:
         """Unit of each row."""
@@ -213,8 +253,8 @@ class TableRows:
     def about_files(self) -> set[tuple[str, str]]:
         """Unit and code of the rows about files."""
         table = self._file.read(columns=["unit", "code"])
-        pairs = zip(table.column("unit").to_pylist(), table.column("code").to_pylist(), strict=True)
-        return {(unit, code) for unit, code in pairs if code in ABOUT_FILES}
+        table = table.filter(needs_arrow().array(~self._kept(table)))
+        return set(zip(texts(table.column("unit")), texts(table.column("code")), strict=True))
 
     def close(self) -> None:
         """Close the file."""
@@ -227,6 +267,20 @@ class TableRows:
 
 
 Rows: TypeAlias = "PartRows | TableRows"
+
+
+class _KeyGroup:
+    """Keys of the rows of one row group of a table, in order."""
+
+    def __init__(self, rows: NDArray[np.int64], table: Any) -> None:  # noqa: ANN401
+        self.rows = rows  # (R,) their numbers in the table
+        self._table = table.select(KEY)
+        self._units = np.array(texts(self._table.column("unit")))
+
+    def place_of(self, key: RowKey) -> int:
+        """Place of the first row behind a key."""
+        first, end = (int(np.searchsorted(self._units, key[0], side)) for side in ("left", "right"))
+        return first + bisect_right(_keys(self._table.slice(first, end - first)), key) if first < end else first
 
 
 def _keys(table: Any) -> list[RowKey]:  # noqa: ANN401
@@ -320,6 +374,14 @@ def _heading_errors(batch: Any) -> Floats:  # noqa: ANN401
     worst = np.asarray(np.from_dlpack(column.drop_null()), dtype=float)
     known: Floats = worst[np.isfinite(worst)]
     return known
+
+
+def _is_in(column: Any, texts: Sequence[str]) -> NDArray[np.bool_]:  # noqa: ANN401
+    """(R,) whether cells of a column are among some texts."""
+    from pyarrow import compute
+
+    found = compute.is_in(column, value_set=strings(needs_arrow(), texts))
+    return np.asarray(found.combine_chunks().to_numpy(zero_copy_only=False), dtype=bool)
 
 
 def _is_among(batch: Any, verdicts: Sequence[str]) -> Any:  # noqa: ANN401

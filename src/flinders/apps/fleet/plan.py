@@ -223,7 +223,7 @@ def plan_of(where: str, options: Options, *, earlier: ReadFiles | None = None, b
 def _refuse_other_input(where: str, earlier: ReadFiles, files: Sequence[StoredFile]) -> None:
     """Refuse to extend a table from where nothing is left of what it was made from."""
     known = earlier.recordings
-    if known and not {file.name for file in files} & set(known):
+    if known and not any(file.name in earlier.files for file in files):
         raise UsageError(
             f"{where}: none of the {counted(len(known), 'file')} that the table was made from is there, such as "
             f"{min(known)}: give the same input, with its new files, or name another table"
@@ -528,6 +528,6 @@ def _asked(options: Options) -> str:
 
 def _fingerprint(files: Sequence[StoredFile], options: Options, earlier: ReadFiles | None) -> str:
     """Hash of everything that a result depends on."""
-    known = None if earlier is None else dict(earlier.files)
+    known = None if earlier is None else earlier.digest
     inputs = [[dataclasses.astuple(file) for file in files], _asked(options), known]
     return hashlib.sha256(json.dumps(inputs).encode()).hexdigest()
