@@ -33,11 +33,9 @@ from flinders.core.calibration_file import (
     FindingRecord,
     Fitted,
     HeadingErrorRecord,
-    ProvenanceRecord,
     Recorded,
 )
 from flinders.core.units import COUNTS, Unit
-from flinders.core.version import VERSION
 from flinders.errors import DocumentError, FitError, UsageError
 from flinders.findings.row import OF_A_TUMBLE
 
@@ -148,7 +146,7 @@ def valid_at(rows: Sequence[UnitResult], unit: str, date: datetime | None = None
     return ValidCalibration(row, date_s, next(following, math.nan), tuple(one for one, _ in until[places[-1] + 1 :]))
 
 
-def document_of(row: UnitResult, options: Mapping[str, Any], made: datetime) -> Document:
+def document_of(row: UnitResult, options: Mapping[str, Any]) -> Document:
     """The calibration file of a row; `options` are those of its table, empty where they are not known."""
     whole = np.zeros((9, 9))
     upper = np.triu_indices(9)
@@ -165,7 +163,6 @@ def document_of(row: UnitResult, options: Mapping[str, Any], made: datetime) -> 
         ),
         raw=Recorded(unit=unit.name, scale=unit.scale, axes=axes, sensor=row.unit),  # type: ignore[arg-type]
         fit=_fitted(row, whole.tolist(), options),
-        provenance=ProvenanceRecord(flinders=VERSION, date=made),
     )
 
 

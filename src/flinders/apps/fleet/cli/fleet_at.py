@@ -50,18 +50,21 @@ def command(options: FleetAt) -> int:
     """
     from datetime import UTC, datetime
 
+    from msgspec.structs import replace
+
     from flinders.apps.fleet.store import date_of, document_of, options_of, rows_of, valid_at
-    from flinders.core.calibration_file import dumps
+    from flinders.core.calibration_file import ProvenanceRecord, dumps
+    from flinders.core.version import VERSION
     from flinders.fitting.result import Fit
     from flinders.report.fit_pages import of_file
 
     outputs = options.checked_outputs(options.table)
     date = None if options.date is None else date_of(options.date)
     found = valid_at(rows_of(options.table, options.unit), options.unit, date)
-    made = datetime.now(UTC).replace(microsecond=0)
-    document = document_of(found.row, options_of(options.table), made)
+    document = document_of(found.row, options_of(options.table))
     if options.output:
-        outputs.write(dumps(document), options.output)
+        made = ProvenanceRecord(flinders=VERSION, date=datetime.now(UTC).replace(microsecond=0))
+        outputs.write(dumps(replace(document, provenance=made)), options.output)
     fit = Fit.from_document(document, name=f"{options.unit}, {found.row.recording}")
     outputs.print(found.as_dict, lambda: of_file(fit, in_options, is_verbose=False))
     until = "" if math.isnan(found.next_s) else f" until {_day(found.next_s)}"
