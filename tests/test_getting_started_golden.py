@@ -74,7 +74,9 @@ def log_line() -> str:
         field = field[field[:, 2] < np.quantile(field[:, 2], 0.3)] if unit == "V104" else field
         path = Path("logs", unit, f"2026-0{month}-01.csv")
         path.parent.mkdir(parents=True, exist_ok=True)
-        path.write_text(table_text("mag_x_uT,mag_y_uT,mag_z_uT", field[: 6 if unit == "V105" else None]), encoding="utf-8")
+        path.write_text(
+            table_text("mag_x_uT,mag_y_uT,mag_z_uT", field[: 6 if unit == "V105" else None]), encoding="utf-8"
+        )
     return PORT
 
 

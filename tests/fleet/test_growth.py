@@ -103,9 +103,7 @@ def test_tables_of_many_units_are_extended_too() -> None:
 
 
 @pytest.mark.parametrize("when", ["at the first run", "at a later one"])
-def test_a_run_that_is_stopped_is_gone_on_with_and_later_files_wait(
-    when: str, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_run_that_is_stopped_is_gone_on_with_and_later_files_wait(when: str, monkeypatch: pytest.MonkeyPatch) -> None:
     if when == "at a later one":
         append()
         for place in (3, 4):
@@ -188,7 +186,7 @@ def test_a_scheduler_is_told_by_the_exit_code() -> None:
 def test_a_table_is_not_extended_with_what_does_not_belong_to_it() -> None:
     append()
     before = Path("out.parquet").read_bytes()
-    with pytest.raises(UsageError, match="dip_deg was 60.0, and is 50.0 now"):
+    with pytest.raises(UsageError, match=r"dip_deg was 60\.0, and is 50\.0 now"):
         append(options=Options(dip_deg=50.0))
     write(Path("other/V1/2026-06-01.csv"), FIELDS[3])
     with pytest.raises(UsageError, match="none of the 3 files that the table was made from is there"):

@@ -201,10 +201,10 @@ class LineTruth:
     recording: str  # name of its file
     fault: str  # one of those in docs/fleet/faults.md; empty for a good unit
     amount: float  # how much of it
-    moved_uT: float  # how far the offset went since the first recording of the unit  # noqa: N815 - a unit
+    moved_uT: float  # how far the offset went since the first recording of the unit
     offset: tuple[float, ...]  # 3 float, µT, as it is where nothing is wrong
     matrix: tuple[float, ...]  # 9 float: row by row, of the sensor
-    field_strength: float  # µT
+    field_strength: float  # of the earth where it was recorded, µT
 
 
 def line_of(
