@@ -27,15 +27,16 @@ from tests.waiting import running_in, wait_until
 
 from flinders import simulate
 
-READINGS = 500
+READINGS, BEFORE = 500, 100
+"""Of a log that the table is extended by, and of one that it has already, which is never opened again."""
 SENSORS = 500
 """Different recordings; the logs of other units are links to these."""
 
 
-def write_logs(folder: Path, first: int, count: int) -> list[Path]:
+def write_logs(folder: Path, first: int, count: int, readings: int = READINGS) -> list[Path]:
     """A log for each of some units, whose serial number is its name."""
     folder.mkdir(exist_ok=True)
-    tumbles = [simulate.tumble(seed=seed, n=READINGS, motion="uniform").samples.field for seed in range(10)]
+    tumbles = [simulate.tumble(seed=seed, n=readings, motion="uniform").samples.field for seed in range(10)]
     paths: list[Path] = []
     for number in range(first, first + count):
         path = folder / f"S{number:07d}.csv"
@@ -92,7 +93,7 @@ def main() -> None:
     rng = random.Random(1)
     with tempfile.TemporaryDirectory() as place:
         line, alone, base, out = (Path(place) / name for name in ("line", "alone", "base.parquet", "out.parquet"))
-        write_logs(line, 0, given.units)
+        write_logs(line, 0, given.units, BEFORE)
         print(f"{given.units:,} units: {seconds_of(line, base, '--append'):.1f} s", flush=True)
         alone.mkdir()
         for path in write_logs(line, given.units, given.added):

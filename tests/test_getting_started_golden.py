@@ -64,7 +64,7 @@ def log_flight() -> str:
 
 
 def log_line() -> str:
-    """Recordings of a line: one unit was moved between two, one was hardly turned and one wrote half a file; no board."""
+    """Recordings of a line: a unit was moved between two, one was hardly turned, one wrote half a file; no board."""
     recordings = [(unit, month) for unit in ("V101", "V102", "V103") for month in (3, 6)]
     for place, (unit, month) in enumerate([*recordings, ("V104", 6), ("V105", 6)]):
         sensor = simulate.tumble(seed=int(unit[1:])).sensor

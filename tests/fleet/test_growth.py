@@ -148,7 +148,8 @@ def test_files_that_changed_or_vanished_are_rows_and_alerts_once() -> None:
 
 def moved(field: Floats) -> Floats:
     """Readings with an offset that has moved by 6 µT."""
-    return field + np.array([6.0, 0.0, 0.0])
+    readings: Floats = field + np.array([6.0, 0.0, 0.0])
+    return readings
 
 
 def test_alerts_say_what_crossed_a_limit_since_the_last_run() -> None:

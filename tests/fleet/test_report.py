@@ -89,9 +89,9 @@ def of_rows() -> Iterator[type[FlindersError]]:
 
 NEVER: frozenset[str] = frozenset({
     "fit", "input", "array", "link", "needs-samples", "needs-recording", "not-merged", "no-accelerometer",
-    "not-validated", "collapsed", "constant-strength",
+    "not-validated", "collapsed", "constant-strength", "no-calibration",
 })  # fmt: skip
-"""Of bases, of connections, and of methods that a fleet does not call."""
+"""Of bases, of connections, of methods that a fleet does not call, and of a question to its table."""
 
 
 def test_every_reason_has_an_advice() -> None:

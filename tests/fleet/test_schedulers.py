@@ -7,7 +7,7 @@ import shlex
 import sys
 from pathlib import Path
 from types import ModuleType
-from typing import TYPE_CHECKING, Any, Final
+from typing import Any, Final
 
 import pytest
 from click.testing import CliRunner
@@ -16,9 +16,6 @@ from tests.golden.sessions import ROOT
 from flinders.apps.fleet.simulate import line_of
 from flinders.cli import main
 from flinders.simulate import write_csv
-
-if TYPE_CHECKING:
-    from collections.abc import Iterator
 
 pytest.importorskip("pyarrow")
 
@@ -77,7 +74,7 @@ class StubDag:
 
 
 @pytest.fixture
-def stub_airflow(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
+def stub_airflow(monkeypatch: pytest.MonkeyPatch) -> None:
     """Stubs of the modules that the file imports."""
     names = ("airflow", "airflow.providers.standard.operators.bash", "pendulum")
     modules = {name: ModuleType(name) for name in names}
@@ -89,7 +86,6 @@ def stub_airflow(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
     for name, module in modules.items():
         monkeypatch.setitem(sys.modules, name, module)
     StubOperator.made.clear()
-    yield
 
 
 @pytest.mark.usefixtures("stub_airflow")

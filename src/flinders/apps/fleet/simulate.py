@@ -201,7 +201,7 @@ class LineTruth:
     recording: str  # name of its file
     fault: str  # one of those in docs/fleet/faults.md; empty for a good unit
     amount: float  # how much of it
-    moved_uT: float  # how far the offset went since the first recording of the unit
+    offset_change: float  # length of the change of the offset since the first recording of the unit, µT
     offset: tuple[float, ...]  # 3 float, µT, as it is where nothing is wrong
     matrix: tuple[float, ...]  # 9 float: row by row, of the sensor
     field_strength: float  # of the earth where it was recorded, µT
@@ -229,7 +229,7 @@ def line_of(
         Of each unit, up to ten.
 
     >>> truths = [truth for truth, _ in line_of(40, drifting=0.2, readings=50)]
-    >>> len(truths), truths[1].unit, truths[1].recording, sum(truth.moved_uT > 0.0 for truth in truths)
+    >>> len(truths), truths[1].unit, truths[1].recording, sum(truth.offset_change > 0.0 for truth in truths)
     (80, 'U0000', '2026-04-01.csv', 8)
     """
     share(drifting, "drifting", "the units")
@@ -247,7 +247,7 @@ def line_of(
                     recording=f"2026-{3 + visit:02d}-01.csv",
                     fault="" if visit and np.array_equal(first.lasting, np.eye(3)) else first.fault,
                     amount=first.amount,
-                    moved_uT=float(np.linalg.norm(shift)),
+                    offset_change=float(np.linalg.norm(shift)),
                     offset=tuple((first.sensor.offset + shift).tolist()),
                     matrix=tuple(first.sensor.matrix.ravel().tolist()),
                     field_strength=first.field_strength,

@@ -81,7 +81,7 @@ def command(options: SimulatedFleet) -> int:
     units = list(dict.fromkeys(true.unit for true in written))
     write_text("".join(["unit,revision,place\n", *map(_properties, units)]), properties)
     faulty = len({true.unit for true in written if true.fault})
-    moved = len({true.unit for true in written if true.moved_uT})
+    moved = len({true.unit for true in written if true.offset_change})
     if options.as_json:
         print_json(
             {"folder": str(folder), "units": len(units), "recordings": len(written), "faulty": faulty, "moved": moved}
