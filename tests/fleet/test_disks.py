@@ -16,10 +16,9 @@ from benchmarks.bucket import Bucket
 
 from flinders import simulate
 from flinders.apps.fleet import UnitResults, storage
-from flinders.apps.fleet.event_log import LOGGER, log_event, log_to
 from flinders.apps.fleet.job import run
 from flinders.apps.fleet.options import Options
-from flinders.apps.fleet.progress import Progress
+from flinders.apps.fleet.progress import LOGGER, Progress, log_event, log_to
 from flinders.apps.fleet.scheduler import map_units
 from flinders.errors import OutputError
 

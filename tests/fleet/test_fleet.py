@@ -23,10 +23,10 @@ import flinders
 from flinders import simulate
 from flinders.apps.fleet import UnitResults, progress, scheduler, worker
 from flinders.apps.fleet.checkpoint import Checkpoint
-from flinders.apps.fleet.event_log import log_to
 from flinders.apps.fleet.job import run
 from flinders.apps.fleet.options import Options
 from flinders.apps.fleet.plan import plan_of
+from flinders.apps.fleet.progress import log_to
 from flinders.cli import main
 from flinders.errors import DocumentError, FlindersError, LinkError, OutputError, UsageError
 

@@ -117,7 +117,8 @@ def recognised(path: str) -> Contents | None:
 
 def _of_folder(path: str) -> Contents | None:
     """A folder of recordings; None of one that is a recording itself, or has none."""
-    from flinders.apps.fleet.plan import is_readable, key_of
+    from flinders.apps.fleet.kinds import is_readable
+    from flinders.apps.fleet.plan import key_of
     from flinders.apps.fleet.storage import listed
     from flinders.readers import registry
 

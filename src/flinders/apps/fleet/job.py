@@ -23,12 +23,11 @@ from typing import TYPE_CHECKING, Any
 from flinders.apps.fleet import worker
 from flinders.apps.fleet.alerts import Alert, about_files, alerts_of
 from flinders.apps.fleet.checkpoint import TABLE, Checkpoint, files_begun
-from flinders.apps.fleet.event_log import log_event
-from flinders.apps.fleet.growth import ReadFiles, rows_about
+from flinders.apps.fleet.growth import ChangedFile, ReadFiles, VanishedFile, rows_about
 from flinders.apps.fleet.merging import TableRows, merge, table_counts
 from flinders.apps.fleet.not_good import NotGood, first_of, not_good
 from flinders.apps.fleet.plan import plan_of
-from flinders.apps.fleet.progress import Progress
+from flinders.apps.fleet.progress import Progress, log_event
 from flinders.apps.fleet.results import UnitResults, needs_arrow
 from flinders.apps.fleet.scheduler import Abandoned, map_units, reach
 from flinders.apps.fleet.storage import StoredFile, exists, fetched, is_remote, put, refuse_object
@@ -143,8 +142,8 @@ def run(
     summary = RunSummary(
         output=outputs.table,
         files=plan.files,
-        files_changed=sum(error.code == "changed-file" for error in plan.faults.values()),
-        files_vanished=sum(error.code == "vanished-file" for error in plan.faults.values()),
+        files_changed=sum(isinstance(error, ChangedFile) for error in plan.faults.values()),
+        files_vanished=sum(isinstance(error, VanishedFile) for error in plan.faults.values()),
         files_later=plan.later,
         is_extended=earlier is not None,
         partitions=len(plan.partitions),
@@ -174,7 +173,7 @@ def _prepare(outputs: Outputs, options: Options, scheduler: str | None, *, appen
 
 
 @dataclass(frozen=True, slots=True)
-class Earlier:
+class _Earlier:
     """A table that is extended."""
 
     rows: TableRows
@@ -182,7 +181,7 @@ class Earlier:
 
 
 @contextlib.contextmanager
-def _earlier(table: str, options: Options) -> Iterator[Earlier | None]:
+def _earlier(table: str, options: Options) -> Iterator[_Earlier | None]:
     """The table that is there; None without one."""
     if not exists(table):
         yield None
@@ -190,16 +189,16 @@ def _earlier(table: str, options: Options) -> Iterator[Earlier | None]:
     with fetched(StoredFile(table, table, 0)) as path:
         read = ReadFiles.of_table(path)
         read.refuse_other_options(options, table)
-        yield Earlier(TableRows(path), read)
+        yield _Earlier(TableRows(path), read)
 
 
-def _planned(where: str, outputs: Outputs, options: Options, earlier: Earlier | None, *, append: bool) -> Plan:
+def _planned(where: str, outputs: Outputs, options: Options, earlier: _Earlier | None, *, append: bool) -> Plan:
     """Plan partitions: of all files, or of those that are new."""
     begun = files_begun(outputs.table) if append else ()
     return plan_of(where, options, earlier=earlier.read if earlier else None, begun=begun)
 
 
-def _alerts(earlier: Earlier, parts: Sequence[Path], plan: Plan, options: Options) -> list[Alert]:
+def _alerts(earlier: _Earlier, parts: Sequence[Path], plan: Plan, options: Options) -> list[Alert]:
     """What crossed a limit: of new rows by those that the table has of their units, and of files."""
     new = UnitResults.joined(UnitResults.from_bytes(path.read_bytes()) for path in parts)
     known_units = set(earlier.rows.units())
@@ -217,7 +216,7 @@ def _alerts(earlier: Earlier, parts: Sequence[Path], plan: Plan, options: Option
 
 
 def _write_table(
-    earlier: Earlier | None,
+    earlier: _Earlier | None,
     parts: Sequence[Path],
     plan: Plan,
     checkpoint: Checkpoint,

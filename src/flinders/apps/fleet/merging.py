@@ -111,14 +111,17 @@ def _write(groups: Iterator[Any], file: Any, properties: Properties, files: Read
 
 def _groups(sources: Sequence[Rows], properties: Properties) -> Iterator[Any]:
     """Tables of the rows of one row group each, in order."""
-    waiting: list[NDArray[np.int64]] = []
+    waiting, count = [np.empty((0, 2), dtype=np.int64)], 0
     for rows in _order(sources):
         waiting.append(rows)
-        while sum(map(len, waiting)) >= GROUP:
+        count += len(rows)
+        if count >= GROUP:
             every = np.concatenate(waiting)
-            waiting = [every[GROUP:]]
-            yield properties.joined(_gathered(sources, every[:GROUP], properties.names))
-    if any(map(len, waiting)):
+            whole = count - count % GROUP
+            for first in range(0, whole, GROUP):
+                yield properties.joined(_gathered(sources, every[first : first + GROUP], properties.names))
+            waiting, count = [every[whole:]], count - whole
+    if count:
         yield properties.joined(_gathered(sources, np.concatenate(waiting), properties.names))
 
 
@@ -214,12 +217,9 @@ class TableRows:
         """Keys of the row groups, without rows about files."""
         for group, end in enumerate(self._ends.tolist()):
             table = self._group(group)
-            rows = np.arange(end - len(table), end)
-            if self._kept(table).all():
-                yield _KeyGroup(rows, table)
-            else:
-                kept = self._kept(table)
-                yield _KeyGroup(rows[kept], table.filter(needs_arrow().array(kept)))
+            kept = self._kept(table)
+            rows = np.arange(end - len(table), end)[kept]
+            yield _KeyGroup(rows, table if kept.all() else table.filter(needs_arrow().array(kept)))
 
     def _kept(self, table: Any) -> NDArray[np.bool_]:  # noqa: ANN401
         """(R,) which rows are not about files."""
@@ -376,11 +376,11 @@ def _heading_errors(batch: Any) -> Floats:  # noqa: ANN401
     return known
 
 
-def _is_in(column: Any, texts: Sequence[str]) -> NDArray[np.bool_]:  # noqa: ANN401
+def _is_in(column: Any, words: Sequence[str]) -> NDArray[np.bool_]:  # noqa: ANN401
     """(R,) whether cells of a column are among some texts."""
     from pyarrow import compute
 
-    found = compute.is_in(column, value_set=strings(needs_arrow(), texts))
+    found = compute.is_in(column, value_set=strings(needs_arrow(), words))
     return np.asarray(found.combine_chunks().to_numpy(zero_copy_only=False), dtype=bool)
 
 

@@ -25,24 +25,20 @@ import json
 from collections import Counter, defaultdict
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field, replace
-from functools import cache
 from importlib.metadata import version
 from itertools import accumulate, chain, islice, pairwise
-from pathlib import Path, PurePosixPath
+from pathlib import PurePosixPath
 from typing import TYPE_CHECKING, Final, TypeVar
 
 import numpy as np
 
-from flinders.apps.fleet.dataset import CSV, TABLES, extents_of, header_of, opened, units_of
+from flinders.apps.fleet.dataset import TABLES, extents_of, opened, units_of
 from flinders.apps.fleet.growth import ReadFiles
 from flinders.apps.fleet.keys import BATCH_COLUMNS, KeyColumns, in_path
+from flinders.apps.fleet.kinds import TABLES_OF_FLEETS, is_csv_of_units, is_readable, own_kind
 from flinders.apps.fleet.results import SIGN, VERSION
-from flinders.apps.fleet.storage import MAGIC, StoredFile, is_remote, listed
-from flinders.apps.fleet.storage import opened as stored
-from flinders.apps.fleet.tables import is_csv_of_fleet
+from flinders.apps.fleet.storage import MAGIC, StoredFile, listed
 from flinders.errors import FlindersError, UnreadableInput, UsageError, counted
-from flinders.readers import registry
-from flinders.readers.dialects.json_records import own_kind
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
@@ -73,12 +69,6 @@ LOOKS: Final = 32
 """Files that are opened at a time: most of it is waiting for a store."""
 BATCHES: Final = tuple([column] for column in BATCH_COLUMNS)
 """Names of folders with the hardware batch."""
-TABLES_OF_FLEETS: Final = "tables of fleets"
-"""Kind of the tables that a run wrote: an output may lie among the recordings."""
-OWN_FILES: Final = {"truth": "truth files", "calibration": "calibration files"}
-"""Kinds of other files that Flinders writes beside recordings, by what these call themselves."""
-MAX_OWN_BYTES: Final = 1 << 20
-"""Size of such a file: the truth of a recording has two thousand bytes, a calibration a few times that."""
 AHEAD: Final = 8 * LOOKS
 """Files that are submitted at a time: memory is bounded for any number of files."""
 
@@ -306,21 +296,10 @@ def key_of(name: str) -> tuple[str, str]:
     return next(iter(in_path(f"{first}/{recording}").values()), first) if "=" in first else first, recording
 
 
-@cache
-def _endings() -> tuple[str, ...]:
-    """Endings of what is read from a folder: of readers, of tables, and of folders that cannot be listed."""
-    return (*{suffix for reader in registry() for suffix in reader.suffixes}, *TABLES, "/")
-
-
-def is_readable(name: str) -> bool:
-    """Whether a file of a folder is read; a pattern reads whatever it matches."""
-    return name.lower().endswith(_endings())
-
-
 def _survey(file: StoredFile, options: Options) -> list[_TableSlice] | FileSlice | str:
     """Slices of a file of rows, none for a log; the kind of what Flinders wrote; a slice with a broken one's error."""
-    if not file.name.lower().endswith(TABLES) and not _is_csv_of_units(file, options):
-        return _own_kind(file) or []
+    if not file.name.lower().endswith(TABLES) and not is_csv_of_units(file, options):
+        return own_kind(file) or []
     is_table = False
     try:
         with opened(file, options) as table:
@@ -338,30 +317,6 @@ def _survey(file: StoredFile, options: Options) -> list[_TableSlice] | FileSlice
         if keys is None:
             return FileSlice(file, error=error, is_table=is_table)
         return [_TableSlice(FileSlice(file, (0,), error=error), keys.unit.value, keys.unit.value, keys)]
-
-
-def _is_csv_of_units(file: StoredFile, options: Options) -> bool:
-    """Whether a file is a table of text with the column of units that the options name."""
-    name = options.unit_column
-    if name is None or is_remote(file.where) or not file.name.lower().endswith(CSV):
-        return False
-    try:
-        columns, _ = header_of(Path(file.where))
-    except OSError:
-        return False
-    return name.casefold() in [column.casefold() for column in columns]
-
-
-def _own_kind(file: StoredFile) -> str:
-    """Kind of a file of CSV or JSON that Flinders wrote, by what is in it; nothing of others."""
-    if file.name.lower().endswith(CSV) and not is_remote(file.where) and is_csv_of_fleet(file.where):
-        return TABLES_OF_FLEETS
-    if not file.name.lower().endswith(".json") or file.size > MAX_OWN_BYTES:
-        return ""
-    with contextlib.suppress(FlindersError, OSError), stored(file) as source:
-        content = Path(source).read_bytes() if isinstance(source, str) else source.read()
-        return OWN_FILES.get(own_kind(content.decode("utf-8", "replace")), "")
-    return ""
 
 
 def _slices(file: StoredFile, table: TableFile, keys: KeyColumns) -> Iterator[_TableSlice]:

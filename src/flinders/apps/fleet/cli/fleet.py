@@ -129,9 +129,9 @@ def command(options: Fleet) -> int:
     with a column of units; here, or at s3://, gs:// or az://. A recording that cannot be fitted or read is a row that
     says why. `flinders fleet at` writes the calibration of one unit.
     """
-    from flinders.apps.fleet.event_log import log_to
     from flinders.apps.fleet.job import Outputs, run
     from flinders.apps.fleet.options import Options
+    from flinders.apps.fleet.progress import log_to
     from flinders.apps.fleet.properties import Properties
     from flinders.apps.fleet.run_page import of_run
 
