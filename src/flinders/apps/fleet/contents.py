@@ -24,6 +24,7 @@ from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
+from flinders.apps.fleet.names import CSV, TABLES, UNIT_COLUMNS, header_of
 from flinders.errors import FlindersError, counted
 
 if TYPE_CHECKING:
@@ -103,8 +104,6 @@ class Contents:
 
 def recognised(path: str) -> Contents | None:
     """What a path holds; None for a recording of one sensor, and for what cannot be read."""
-    from flinders.apps.fleet.dataset import CSV, TABLES
-
     try:
         if Path(path).is_dir():
             return _of_folder(path)
@@ -157,27 +156,32 @@ def _of_table(path: str) -> Contents | None:
 
 def _of_csv(path: str) -> Contents | None:
     """A table of text: that of a fleet, or one with a column of units."""
-    from flinders.apps.fleet.dataset import header_of
-    from flinders.apps.fleet.keys import UNIT_COLUMNS
-    from flinders.apps.fleet.results import needs_arrow
-    from flinders.apps.fleet.tables import is_csv_of_fleet, read_table
-
-    if is_csv_of_fleet(path):
-        from pyarrow import parquet
-
-        content = io.BytesIO()
-        needs_arrow()
-        parquet.write_table(read_table(path).to_arrow(), content)
-        return _of_fleet(path, content)
     names, delimiter = header_of(Path(path))
     header = [name.casefold() for name in names]
     place = next((header.index(name) for name in UNIT_COLUMNS if name in header), None)
+    if place is not None and (table := _csv_of_fleet(path)) is not None:
+        return _of_fleet(path, table)
     if place is None:
         return None
     with Path(path).open(encoding="utf-8-sig", errors="replace", newline="") as file:
         rows = csv.reader(file, delimiter=delimiter)
         next(rows)
         return _of_units(path, names[place], set(_cells(rows, place)) - {""})
+
+
+def _csv_of_fleet(path: str) -> io.BytesIO | None:
+    """The table of a fleet in a file of CSV, as Parquet; None of another file."""
+    from flinders.apps.fleet.results import needs_arrow
+    from flinders.apps.fleet.tables import is_csv_of_fleet, read_table
+
+    if not is_csv_of_fleet(path):
+        return None
+    needs_arrow()
+    from pyarrow import parquet
+
+    content = io.BytesIO()
+    parquet.write_table(read_table(path).to_arrow(), content)
+    return content
 
 
 def _cells(rows: Iterator[list[str]], place: int) -> Iterator[str]:

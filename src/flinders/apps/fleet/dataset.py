@@ -26,6 +26,7 @@ import numpy as np
 
 from flinders.apps.fleet import storage
 from flinders.apps.fleet.keys import KeyColumns, text_of, texts_of
+from flinders.apps.fleet.names import CSV, PARQUET, header_of
 from flinders.apps.fleet.results import needs_arrow
 from flinders.core.axes import Axes
 from flinders.errors import FlindersError, UnreadableInput, UsageError
@@ -59,16 +60,10 @@ if TYPE_CHECKING:
 Pair: TypeAlias = tuple[str, str]
 """Unit and recording."""
 
-PARQUET: Final = (".parquet", ".pq")
-ARROW: Final = (".arrow", ".feather")
-TABLES: Final = PARQUET + ARROW
-CSV: Final = ".csv"
 BUFFER: Final = 1 << 20
 """Bytes of a column that are read at a time: a row group may hold any number of rows."""
 BATCH: Final = 131_072
 """Rows that are converted at a time."""
-HEADER: Final = 1 << 16
-"""Letters of the first line of a table of text."""
 PREVIEW: Final = 1_024
 """Rows from which columns are recognised."""
 USED: Final = (TIME, STRENGTH, TEMPERATURE, CURRENT, THROTTLE, CURRENTS, THROTTLES)
@@ -158,14 +153,6 @@ def in_memory(name: str, kind: str, table: Any) -> TableFile:  # noqa: ANN401
         yield from table.select(columns).to_batches(max_chunksize=rows)
 
     return TableFile(name, kind, table.schema, (table.num_rows,), batches, lambda _: [None])
-
-
-def header_of(path: Path) -> tuple[list[str], str]:
-    """Names in the first line of a table of text, and what stands between them."""
-    with path.open(encoding="utf-8-sig", errors="replace") as lines:
-        header = lines.readline(HEADER)
-    delimiter = max(",;\t", key=header.count)
-    return [cell.strip().strip('"') for cell in header.strip().split(delimiter)], delimiter
 
 
 def _extent(ends: Extent | None, kind: Any) -> tuple[str, str] | None:  # noqa: ANN401

@@ -11,7 +11,7 @@ from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
-from flinders.apps.fleet.dataset import CSV, TABLES, header_of
+from flinders.apps.fleet.names import CSV, TABLES, header_of
 from flinders.apps.fleet.storage import is_remote
 from flinders.apps.fleet.storage import opened as stored
 from flinders.apps.fleet.tables import is_csv_of_fleet

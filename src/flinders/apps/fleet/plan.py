@@ -32,10 +32,11 @@ from typing import TYPE_CHECKING, Final, TypeVar
 
 import numpy as np
 
-from flinders.apps.fleet.dataset import TABLES, extents_of, opened, units_of
+from flinders.apps.fleet.dataset import extents_of, opened, units_of
 from flinders.apps.fleet.growth import ReadFiles
-from flinders.apps.fleet.keys import BATCH_COLUMNS, KeyColumns, in_path
+from flinders.apps.fleet.keys import KeyColumns, in_path
 from flinders.apps.fleet.kinds import TABLES_OF_FLEETS, is_csv_of_units, is_readable, own_kind
+from flinders.apps.fleet.names import BATCH_COLUMNS, TABLES
 from flinders.apps.fleet.results import SIGN, VERSION
 from flinders.apps.fleet.storage import MAGIC, StoredFile, listed
 from flinders.errors import FlindersError, UnreadableInput, UsageError, counted

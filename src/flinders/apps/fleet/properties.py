@@ -15,7 +15,7 @@ import csv
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, Final, Self
 
-from flinders.apps.fleet.keys import UNIT_COLUMNS
+from flinders.apps.fleet.names import UNIT_COLUMNS
 from flinders.apps.fleet.results import NAMES, needs_arrow, schema, strings, texts
 from flinders.core.files import read_bytes
 from flinders.errors import UnreadableInput, UsageError

@@ -16,7 +16,7 @@ import math
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final, TextIO, cast
 
-from flinders.apps.fleet.dataset import CSV, PARQUET
+from flinders.apps.fleet.names import CSV, PARQUET
 from flinders.apps.fleet.results import COUNTS, LISTS, NAMES, NUMBERS, UnitResult, UnitResults, needs_arrow
 from flinders.core.files import reason, replacing
 from flinders.errors import DocumentError, UsageError
