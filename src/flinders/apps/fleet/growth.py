@@ -143,10 +143,13 @@ class ReadFiles:
         new, faults = [], dict[str, FlindersError]()
         for each in files:
             known = self.files.get(each.name)
-            if known is None or (known[2] and known[:2] != (each.size, each.stamp)):
+            if known is None:
                 new.append(each)
-            elif known[:2] != (each.size, each.stamp):
-                faults[each.name] = ChangedFile(each.name, known[0], each.size)
+            elif known[0] != each.size or known[1] != each.stamp:
+                if known[2]:
+                    new.append(each)
+                else:
+                    faults[each.name] = ChangedFile(each.name, known[0], each.size)
         present = {each.name for each in files}
         gone = (name for name, state in self.files.items() if name not in present and not state[2])
         return new, dict(sorted((faults | {name: VanishedFile(name) for name in gone}).items()))
@@ -162,7 +165,8 @@ class ReadFiles:
 
     def __add__(self, later: ReadFiles) -> ReadFiles:
         """With the files of a later run."""
-        return replace(self, files=dict(sorted({**self.files, **later.files}.items())))
+        files = {**self.files, **later.files}
+        return replace(self, files={name: files[name] for name in sorted(files)})
 
 
 def rows_about(faults: Mapping[str, FlindersError]) -> UnitResults:

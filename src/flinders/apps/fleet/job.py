@@ -29,7 +29,7 @@ from flinders.apps.fleet.not_good import NotGood, first_of, not_good
 from flinders.apps.fleet.plan import plan_of
 from flinders.apps.fleet.progress import Progress, log_event
 from flinders.apps.fleet.results import UnitResults, needs_arrow
-from flinders.apps.fleet.scheduler import Abandoned, map_units, reach
+from flinders.apps.fleet.scheduler import Abandoned, begin_processes, map_units, reach
 from flinders.apps.fleet.storage import StoredFile, exists, fetched, is_remote, put, refuse_object
 from flinders.apps.fleet.tables import is_csv, record_table, refuse_ending, write_csv
 from flinders.core.files import refuse_existing
@@ -119,6 +119,8 @@ def run(
     progress = Progress(watch, notice)
     with progress.ending(), contextlib.ExitStack() as ending:
         _prepare(outputs, options, scheduler, append=append, force=force)
+        if scheduler is None and workers != 0:
+            begin_processes()
         earlier = ending.enter_context(_earlier(outputs.table, options)) if append else None
         plan = _planned(where, outputs, options, earlier, append=append)
         checkpoint = Checkpoint.of(outputs.table, plan, append=append, force=force)
@@ -208,7 +210,8 @@ def _alerts(earlier: _Earlier, parts: Sequence[Path], plan: Plan, options: Optio
         if verdict != "good" or unit in known_units
     ]
     rows = [new.row(place) for place in told]
-    known = UnitResults.from_arrow(earlier.rows.of_units({row.unit for row in rows}))
+    again = known_units & {row.unit for row in rows}
+    known = UnitResults.from_arrow(earlier.rows.of_units(again)) if again else UnitResults.of(())
     before = [known.row(place) for place in range(len(known))]
     said = earlier.rows.about_files()
     news = [(name, error) for name, error in plan.faults.items() if (f"({name})", error.code) not in said]

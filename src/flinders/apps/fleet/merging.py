@@ -234,7 +234,9 @@ class TableRows:
         pieces = []
         for group, own in zip(groups.tolist(), np.split(numbers, first[1:]), strict=True):
             table = self._group(group)
-            pieces.append(table.take(integers(arrow, own - (self._ends[group] - len(table)))))
+            places = own - (self._ends[group] - len(table))
+            is_run = places[-1] - places[0] == len(places) - 1
+            pieces.append(table.slice(places[0], len(places)) if is_run else table.take(integers(arrow, places)))
         return arrow.concat_tables(pieces)
 
     def of_units(self, units: Collection[str]) -> Any:  # noqa: ANN401

@@ -176,7 +176,8 @@ def plan_of(where: str, options: Options, *, earlier: ReadFiles | None = None, b
     new, faults = (files, {}) if earlier is None else earlier.news(files)
     if earlier is not None:
         _refuse_other_input(where, earlier, files)
-    resumed = [file for file in new if file.name in begun]
+    names = set(begun)
+    resumed = [file for file in new if file.name in names]
     chosen = resumed if resumed and len(resumed) == len(begun) else new
     taken = [file for file in chosen if not file.kind and (MAGIC.search(where) or is_readable(file.name))]
     others = set(chosen) - set(taken)

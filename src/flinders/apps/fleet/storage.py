@@ -115,12 +115,13 @@ def _below(root: Path) -> Iterator[StoredFile]:
             yield StoredFile(prefix, folder, 0)
             continue
         for entry in entries:
-            if entry.name.startswith((".", "_")) or entry.name.endswith(PARTS):
+            name = entry.name
+            if name[0] in "._" or name.endswith(PARTS):
                 continue
             if not _is_folder(entry):
-                yield _file(entry, f"{prefix}{entry.name}")
+                yield _file(entry, prefix + name)
             elif not _leads_up(folder, entry):
-                folders.append((entry.path, f"{prefix}{entry.name}/"))
+                folders.append((entry.path, f"{prefix}{name}/"))
 
 
 def _is_folder(entry: os.DirEntry[str]) -> bool:
@@ -143,7 +144,9 @@ def _file(path: Path | os.DirEntry[str], name: str) -> StoredFile:
         status = path.stat()
     except OSError:
         return StoredFile(name, where, 0)
-    return StoredFile(name, where, status.st_size, str(status.st_mtime_ns), KINDS.get(stat.S_IFMT(status.st_mode), ""))
+    mode = stat.S_IFMT(status.st_mode)
+    kind = "" if mode == stat.S_IFREG else KINDS.get(mode, "")
+    return StoredFile(name, where, status.st_size, str(status.st_mtime_ns), kind)
 
 
 def obstore() -> Any:  # noqa: ANN401 - the module
