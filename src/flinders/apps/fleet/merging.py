@@ -18,6 +18,7 @@ from flinders.apps.fleet.results import (
     NAMES,
     TEXTS,
     VERDICTS,
+    flags,
     integers,
     named_rows,
     needs_arrow,
@@ -217,13 +218,9 @@ class TableRows:
         """Keys of the row groups, without rows about files."""
         for group, end in enumerate(self._ends.tolist()):
             table = self._group(group)
-            kept = self._kept(table)
-            rows = np.arange(end - len(table), end)[kept]
-            yield _KeyGroup(rows, table if kept.all() else table.filter(needs_arrow().array(kept)))
-
-    def _kept(self, table: Any) -> NDArray[np.bool_]:  # noqa: ANN401
-        """(R,) which rows are not about files."""
-        return ~_is_in(table.column("code"), ABOUT_FILES)
+            is_about = _is_in(table.column("code"), ABOUT_FILES)
+            rows = np.arange(end - len(table), end)[~flags(is_about)]
+            yield _KeyGroup(rows, table if len(rows) == len(table) else table.filter(_inverted(is_about)))
 
     def take(self, numbers: NDArray[np.int64]) -> Any:  # noqa: ANN401
         """Table of some rows, in the order of their numbers, which rise."""
@@ -244,7 +241,8 @@ class TableRows:
         numbers = [np.empty(0, dtype=np.int64)]
         for group, end in enumerate(self._ends.tolist()):
             table = self._group(group)
-            places = np.flatnonzero(_is_in(table.column("unit"), list(units)) & self._kept(table))
+            is_about = _is_in(table.column("code"), ABOUT_FILES)
+            places = np.flatnonzero(flags(_is_in(table.column("unit"), list(units))) & ~flags(is_about))
             numbers.append(places + (end - len(table)))
         return self.take(np.concatenate(numbers))
 
@@ -255,7 +253,7 @@ class TableRows:
     def about_files(self) -> set[tuple[str, str]]:
         """Unit and code of the rows about files."""
         table = self._file.read(columns=["unit", "code"])
-        table = table.filter(needs_arrow().array(~self._kept(table)))
+        table = table.filter(_is_in(table.column("code"), ABOUT_FILES))
         return set(zip(texts(table.column("unit")), texts(table.column("code")), strict=True))
 
     def close(self) -> None:
@@ -317,7 +315,7 @@ def table_counts(path: str | os.PathLike[str]) -> dict[str, Any]:
     (3, 2, {'good': 1, 'failed': 2}, 0.4, 0)
     """
     needs_arrow()
-    from pyarrow import compute, parquet
+    from pyarrow import parquet
 
     counters = {name: Counter[str]() for name in COUNTED}
     totals, last = Counter[str](), None
@@ -325,8 +323,7 @@ def table_counts(path: str | os.PathLike[str]) -> dict[str, Any]:
     with parquet.ParquetFile(path, page_checksum_verification=True) as file:
         for every in file.iter_batches(columns=["unit", "readings", "worst_deg", *COUNTED]):
             counters["code"].update(_value_counts(every.column("code")))
-            about_files = compute.is_in(every.column("code"), value_set=strings(needs_arrow(), ABOUT_FILES))
-            batch = every.filter(compute.invert(about_files))
+            batch = every.filter(_inverted(_is_in(every.column("code"), ABOUT_FILES)))
             for name in ("verdict", "findings", "unit_of_field"):
                 counters[name].update(_value_counts(batch.column(name)))
             errors.append(_heading_errors(batch))
@@ -378,19 +375,23 @@ def _heading_errors(batch: Any) -> Floats:  # noqa: ANN401
     return known
 
 
-def _is_in(column: Any, words: Sequence[str]) -> NDArray[np.bool_]:  # noqa: ANN401
-    """(R,) whether cells of a column are among some texts."""
+def _is_in(column: Any, words: Sequence[str]) -> Any:  # noqa: ANN401
+    """(R,) of Arrow: whether cells of a column are among some texts."""
     from pyarrow import compute
 
-    found = compute.is_in(column, value_set=strings(needs_arrow(), words))
-    return np.asarray(found.combine_chunks().to_numpy(zero_copy_only=False), dtype=bool)
+    return compute.is_in(column, value_set=strings(needs_arrow(), words))
+
+
+def _inverted(mask: Any) -> Any:  # noqa: ANN401
+    """(R,) of Arrow."""
+    from pyarrow import compute
+
+    return compute.invert(mask)
 
 
 def _is_among(batch: Any, verdicts: Sequence[str]) -> Any:  # noqa: ANN401
     """(R,) of Arrow: whether rows of a batch have one of these verdicts."""
-    from pyarrow import compute
-
-    return compute.is_in(batch.column("verdict"), value_set=strings(needs_arrow(), verdicts))
+    return _is_in(batch.column("verdict"), verdicts)
 
 
 def total(column: Any) -> int:  # noqa: ANN401

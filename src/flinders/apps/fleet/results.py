@@ -360,22 +360,35 @@ def _from_arrow(name: str, column: Any) -> NDArray[Any]:  # noqa: ANN401
     if name in NUMBERS:
         return numbers(column)
     if name in COUNTS:
-        return np.array(column.to_numpy(zero_copy_only=False), dtype=np.int64)
+        return np.array(np.from_dlpack(column), dtype=np.int64)
     cells = column.to_pylist()
     return objects([tuple(cell or ()) for cell in cells] if name == "findings" else [cell or "" for cell in cells])
 
 
 def numbers(column: Any) -> Floats:  # noqa: ANN401
     """(R,) cells of a column of numbers, NaN for null."""
-    return np.array(column.to_numpy(zero_copy_only=False), dtype=float)
+    column = _whole(column)
+    cells = np.full(len(column), np.nan)
+    cells[flags(column.is_valid())] = np.from_dlpack(column.drop_null())
+    return cells
+
+
+def flags(column: Any) -> NDArray[np.bool_]:  # noqa: ANN401
+    """(R,) cells of a column of true and false, none of them null."""
+    return np.array(np.from_dlpack(_whole(column.cast("uint8"))), dtype=bool)
+
+
+def _whole(column: Any) -> Any:  # noqa: ANN401
+    """A column in one piece, which NumPy takes without pandas."""
+    return column.combine_chunks() if hasattr(column, "combine_chunks") else column
 
 
 def lists(column: Any, length: int) -> Floats:  # noqa: ANN401
     """(R, length) cells of a column of lists, NaN for null."""
-    column = column.combine_chunks() if hasattr(column, "combine_chunks") else column
+    column = _whole(column)
     rows = np.full((len(column), length), np.nan)
-    known = np.asarray(column.is_valid())
-    rows[known] = np.asarray(column.drop_null().flatten(), dtype=float).reshape(-1, length)
+    cells = np.array(np.from_dlpack(column.drop_null().flatten()), dtype=float)
+    rows[flags(column.is_valid())] = cells.reshape(-1, length)
     return rows
 
 
