@@ -96,6 +96,12 @@ def test_the_table_as_csv_is_read_back_to_the_bit() -> None:
         assert np.array_equal(getattr(there, name), getattr(back, name), equal_nan=True)
 
 
+def test_what_takes_parquet_alone_says_so_of_csv() -> None:
+    run("logs", "out.csv", Options(), workers=0)
+    assert ran("flinders drift out.csv")[0] == ran("flinders fleet logs --out new.csv --report new.html")[0] == 2
+    assert not Path("new.csv").exists()
+
+
 def many(units: int) -> None:
     """Readings of so many units in one table, of Parquet and of text."""
     columns = {f"mag_{axis}_uT": np.tile(FIELDS[0][:, place], units) for place, axis in enumerate("xyz")}

@@ -135,9 +135,13 @@ def _walks(options: Drift, other: str | None) -> int:
 
 
 def _refuse_no_table(paths: Iterable[str]) -> None:
-    """Refuse calibrations and recordings in the place of a table."""
+    """Refuse calibrations, recordings and CSV in the place of a table."""
+    from flinders.apps.fleet.tables import is_csv_of_fleet
+
     for path in paths:
         refuse_calibration(path, "flinders compare compares two; a table is of flinders fleet")
+        if is_csv_of_fleet(path):
+            raise UsageError(f"{path} is a table of CSV: give that of Parquet, which flinders fleet writes too")
         if is_recording(path):
             raise UsageError(f"{path} is a recording: flinders fleet calibrates a folder of them, and writes the table")
 

@@ -92,6 +92,7 @@ class Fleet(program.Group):
         Raises `UsageError` or `OutputError`.
         """
         from flinders.apps.fleet.storage import is_remote
+        from flinders.apps.fleet.tables import is_csv
         from flinders.core.files import refuse_existing
 
         if self.workers is not None and self.scheduler is not None:
@@ -101,6 +102,8 @@ class Fleet(program.Group):
         if len({path if is_remote(path) else os.path.realpath(path) for path in paths}) < len(paths):
             raise UsageError("each of the files that are read or written needs a name of its own: two have the same")
         if self.report is not None:
+            if is_csv(self.out):
+                raise UsageError(f"{self.out}: a report is made of a table of Parquet: give that another name")
             refuse_existing(self.report, force=self.force or self.append)
 
 
