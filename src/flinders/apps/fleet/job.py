@@ -125,6 +125,8 @@ def run(
         plan = _planned(where, outputs, options, earlier, append=append)
         checkpoint = Checkpoint.of(outputs.table, plan, append=append, force=force)
         ending.callback(checkpoint.close)
+        if earlier is not None:
+            earlier.rows.read_ahead()
         files = checkpoint.finished()
         resumed = len(files)
         progress.planned(plan, checkpoint, set(files), input=where, output=outputs.table)

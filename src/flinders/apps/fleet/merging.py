@@ -6,6 +6,7 @@ import heapq
 import math
 from bisect import bisect_right
 from collections import Counter
+from concurrent.futures import ThreadPoolExecutor
 from itertools import islice
 from typing import TYPE_CHECKING, Any, Final, TextIO, TypeAlias, cast
 
@@ -32,6 +33,7 @@ from flinders.core.files import replacing
 if TYPE_CHECKING:
     import os
     from collections.abc import Collection, Iterator, Mapping, Sequence
+    from concurrent.futures import Future
     from pathlib import Path
 
     from numpy.typing import NDArray
@@ -213,6 +215,19 @@ class TableRows:
         metadata = self._file.metadata
         self._ends = np.cumsum([metadata.row_group(group).num_rows for group in range(metadata.num_row_groups)])
         self._held: tuple[int, Any] = (-1, None)
+        self._path = path
+        self._ahead: Future[Any] | None = None
+
+    def read_ahead(self) -> None:
+        """Begin to read the first row group, while this process waits for its workers."""
+        from pyarrow import parquet
+
+        def first() -> Any:  # noqa: ANN401
+            with parquet.ParquetFile(self._path, page_checksum_verification=True) as file:  # a reader for each thread
+                return file.read_row_group(0)
+
+        if len(self._ends):
+            self._ahead = ThreadPoolExecutor(1).submit(first)
 
     def groups(self) -> Iterator[_KeyGroup]:
         """Keys of the row groups, without rows about files."""
@@ -262,7 +277,9 @@ class TableRows:
 
     def _group(self, group: int) -> Any:  # noqa: ANN401
         if self._held[0] != group:
-            self._held = group, self._file.read_row_group(group, use_threads=True)
+            ahead, self._ahead = self._ahead, None
+            table = ahead.result() if ahead is not None and group == 0 else self._file.read_row_group(group)
+            self._held = group, table
         return self._held[1]
 
 
