@@ -150,9 +150,11 @@ class ReadFiles:
                     new.append(each)
                 else:
                     faults[each.name] = ChangedFile(each.name, known[0], each.size)
-        present = {each.name for each in files}
-        gone = (name for name, state in self.files.items() if name not in present and not state[2])
-        return new, dict(sorted((faults | {name: VanishedFile(name) for name in gone}).items()))
+        if len(files) - len(new) < len(self.files):  # else all that are known are there
+            present = {each.name for each in files}
+            gone = (name for name, state in self.files.items() if name not in present and not state[2])
+            faults |= {name: VanishedFile(name) for name in gone}
+        return new, dict(sorted(faults.items()))
 
     @property
     def recordings(self) -> list[str]:
@@ -161,7 +163,8 @@ class ReadFiles:
 
     def other_files(self, files: Sequence[StoredFile]) -> list[str]:
         """Kinds of those of some files that are known to be no recordings."""
-        return [self.files[each.name][2] for each in files if each.name in self.files and self.files[each.name][2]]
+        kinds = {name: kind for name, (_, _, kind) in self.files.items() if kind}
+        return [kinds[each.name] for each in files if each.name in kinds] if kinds else []
 
     def __add__(self, later: ReadFiles) -> ReadFiles:
         """With the files of a later run."""

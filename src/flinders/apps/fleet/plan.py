@@ -214,8 +214,7 @@ def plan_of(where: str, options: Options, *, earlier: ReadFiles | None = None, b
 
 def _refuse_other_input(where: str, earlier: ReadFiles, files: Sequence[StoredFile]) -> None:
     """Refuse to extend a table from where nothing is left of what it was made from."""
-    known = earlier.recordings
-    if known and not any(file.name in earlier.files for file in files):
+    if not any(file.name in earlier.files for file in files) and (known := earlier.recordings):
         raise UsageError(
             f"{where}: none of the {counted(len(known), 'file')} that the table was made from is there, such as "
             f"{min(known)}: give the same input, with its new files, or name another table"
