@@ -138,7 +138,8 @@ def _table(fleet: Fleet, rng: np.random.Generator, offset: Floats, shape: Floats
     return UnitResults(
         unit=objects(unit.tolist()), recording=objects(names), start_s=start, end_s=none,
         readings=np.full(rows, 500), samples=np.full(rows, 500), verdict=texts("good"), code=texts(""),
-        message=texts(""), method=texts("likelihood"), worst_deg=none, rms_deg=none, bound_95_deg=none,
+        cause=texts(""), message=texts(""), number=none, limit=none, method=texts("likelihood"),
+        worst_deg=none, rms_deg=none, bound_95_deg=none,
         dip_deg=np.full(rows, 60.0),
         offset=offset + errors[:, :3], matrix=(radius[:, None, None] * np.linalg.inv(shape)).reshape(-1, 9),
         covariance=covariance, noise=none, field_strength=radius, coverage=none, findings=objects([()] * rows),

@@ -83,24 +83,24 @@ def started(source: str, out: Path, after: int, *words: str) -> subprocess.Popen
 
 
 def program_killed(source: str, out: Path, after: int) -> str:
-    """Kill the program once so many partitions are done, and resume."""
+    """Kill the program once so many partitions are done, and go on."""
     return ended_by(signal.SIGKILL, source, out, after)
 
 
 def program_interrupted(source: str, out: Path, after: int) -> str:
-    """Press Ctrl-C once so many partitions are done, and resume."""
+    """Press Ctrl-C once so many partitions are done, and go on."""
     return ended_by(signal.SIGINT, source, out, after)
 
 
 def ended_by(number: signal.Signals, source: str, out: Path, after: int) -> str:
-    """End the program by a signal, wait until its workers have ended too, and resume."""
+    """End the program by a signal, wait until its workers have ended too, and go on."""
     program = started(source, out, after, "--workers", "2")
     program.send_signal(number)
     begun = time.monotonic()
     program.wait()
     wait_until(lambda: not running_in(program.pid))
     seconds = time.monotonic() - begun
-    told = run(source, out, Options(), workers=2, resume=True)
+    told = run(source, out, Options(), workers=2, append=True)
     return (
         f"{number.name}: program and workers ended in {seconds:.1f} s, "
         f"{told.resumed} of {told.partitions} partitions stayed"
@@ -174,7 +174,7 @@ def cluster_worker_killed(source: str, out: Path, after: int) -> str:
 
 
 def scheduler_killed(source: str, out: Path, after: int) -> str:
-    """Kill the scheduler once so many partitions are done, start another cluster, and resume."""
+    """Kill the scheduler once so many partitions are done, start another cluster, and go on."""
     with cluster() as made:
         program = started(source, out, after, "--scheduler", made.address)
         made.scheduler.kill()
@@ -183,7 +183,7 @@ def scheduler_killed(source: str, out: Path, after: int) -> str:
         seconds = time.monotonic() - begun
     print(f"    exit code {program.returncode} after {seconds:.1f} s: {' '.join(said.split())}")
     with cluster() as made:
-        told = run(source, out, Options(), scheduler=made.address, resume=True)
+        told = run(source, out, Options(), scheduler=made.address, append=True)
     return f"scheduler killed, {told.resumed} of {told.partitions} partitions stayed"
 
 

@@ -73,6 +73,11 @@ PAGE: Final[Mapping[str, Mapping[str, str]]] = {
     "Tables of a fleet": {
         "columns of `fleet --out`": "apps.fleet.results:UnitResult",
         "`fleet --json`": "apps.fleet.job:RunSummary",
+        "columns of `--bad`, `not_good` of `fleet --json`": "apps.fleet.not_good:NotGood",
+        "columns of `--alerts`, `alerts` of `fleet --json`": "apps.fleet.alerts:Alert",
+        "`fleet at --json`": "apps.fleet.store:ValidCalibration",
+        "`info --json`, `show --json` of a folder or table": "apps.fleet.contents:Contents",
+        "`simulate fleet`: columns of `FOLDER.truth.csv`": "apps.fleet.simulate:LineTruth",
         "columns of `drift --out`, `listed` of `drift --json`": "apps.fleet.overview:UnitDrift",
         "`drift --json`": "apps.fleet.overview:FleetDrift",
         "`steps`, each": "apps.fleet.overview:UnitStep",

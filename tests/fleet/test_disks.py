@@ -16,10 +16,9 @@ from benchmarks.bucket import Bucket
 
 from flinders import simulate
 from flinders.apps.fleet import UnitResults, storage
-from flinders.apps.fleet.event_log import LOGGER, log_event, log_to
 from flinders.apps.fleet.job import run
 from flinders.apps.fleet.options import Options
-from flinders.apps.fleet.progress import Progress
+from flinders.apps.fleet.progress import LOGGER, Progress, log_event, log_to
 from flinders.apps.fleet.scheduler import map_units
 from flinders.errors import OutputError
 
@@ -87,9 +86,9 @@ def test_a_log_that_cannot_be_written_is_said_and_the_run_resumed(logs: Path, mo
         run(str(logs), out, Options(), workers=0)
     assert not list(logs.parent.glob("*.parts"))
     monkeypatch.setattr(Progress, "planned", quietly(Progress.planned))
-    with pytest.raises(OutputError, match=rf"{said}\. 1 of 4 .*resume=True"), log_to("/dev/full"):
+    with pytest.raises(OutputError, match=rf"{said}\. 1 of 4 .*append=True"), log_to("/dev/full"):
         run(str(logs), out, Options(), workers=0)
-    told = run(str(logs), out, Options(), workers=0, resume=True)
+    told = run(str(logs), out, Options(), workers=0, append=True)
     assert (told.resumed, told.verdicts) == (1, {"good": 4})
 
 

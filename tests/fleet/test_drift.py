@@ -318,7 +318,7 @@ def test_a_table_without_a_calibration_or_without_a_row_has_a_report(tmp_path: P
         drift = drift_of([path])
         assert (drift.units, drift.intervals, drift.step_count) == (len(rows), 0, 0)
         assert "None to recalibrate" in page(overview_of([path]), drift)
-        assert "0.0% calibrated" in page(overview_of([path]))
+        assert "0.0% good" in page(overview_of([path]))
 
 
 @pytest.mark.parametrize(

@@ -23,10 +23,10 @@ import flinders
 from flinders import simulate
 from flinders.apps.fleet import UnitResults, progress, scheduler, worker
 from flinders.apps.fleet.checkpoint import Checkpoint
-from flinders.apps.fleet.event_log import log_to
 from flinders.apps.fleet.job import run
 from flinders.apps.fleet.options import Options
 from flinders.apps.fleet.plan import plan_of
+from flinders.apps.fleet.progress import log_to
 from flinders.cli import main
 from flinders.errors import DocumentError, FlindersError, LinkError, OutputError, UsageError
 
@@ -172,11 +172,11 @@ def test_a_full_disk_is_said_and_nothing_that_is_done_is_lost(
     with monkeypatch.context() as patch:
         patch.setattr(Path, "write_bytes", full)
         with pytest.raises(
-            OutputError, match=r"no space left.* 2 of 6 partitions are done, and kept: resume the run .resume=True"
+            OutputError, match=r"no space left.* 2 of 6 partitions are done, and kept: go on with the run .append=True"
         ):
             run(str(logs), tmp_path / "out.parquet", Options(), workers=0)
     assert not (tmp_path / "out.parquet").exists()
-    told = run(str(logs), tmp_path / "out.parquet", Options(), workers=0, resume=True)
+    told = run(str(logs), tmp_path / "out.parquet", Options(), workers=0, append=True)
     assert told.resumed == 2
     assert (tmp_path / "out.parquet").read_bytes() == (tmp_path / "whole.parquet").read_bytes()
 
@@ -189,9 +189,9 @@ def test_a_driver_that_is_killed_goes_on_where_it_was(logs: Path, tmp_path: Path
     wait_until(lambda: list(parts.glob("part-*.arrow")) or running.poll() is not None)
     running.kill()
     running.communicate()
-    with pytest.raises(UsageError, match="resume=True, force=True"):
+    with pytest.raises(UsageError, match="append=True, force=True"):
         run(str(logs), tmp_path / "out.parquet", Options(), workers=0)
-    told = run(str(logs), tmp_path / "out.parquet", Options(), workers=0, resume=True)
+    told = run(str(logs), tmp_path / "out.parquet", Options(), workers=0, append=True)
     assert told.resumed > 0
     assert (tmp_path / "out.parquet").read_bytes() == (tmp_path / "whole.parquet").read_bytes()
 
@@ -214,7 +214,7 @@ def test_parts_that_a_power_cut_has_spoilt_are_done_again(logs: Path, tmp_path: 
     run(str(logs), tmp_path / "whole.parquet", Options(), workers=0)
     options, out = Options(), tmp_path / "out.parquet"
     plan = plan_of(str(logs), options)
-    parts = Checkpoint.of(out, plan, resume=False, force=False)
+    parts = Checkpoint.of(out, plan, append=False, force=False)
     paths = [
         parts.commit(place, worker.calibrate_partition(each, options=options))
         for place, each in enumerate(plan.partitions)
@@ -223,17 +223,17 @@ def test_parts_that_a_power_cut_has_spoilt_are_done_again(logs: Path, tmp_path: 
     for path, spoilt in zip(paths, (held[0][:-9], b"", bytes(len(held[2]))), strict=False):
         path.write_bytes(spoilt)
     parts.close()
-    assert run(str(logs), out, options, workers=0, resume=True).resumed == len(paths) - 3 > 0
+    assert run(str(logs), out, options, workers=0, append=True).resumed == len(paths) - 3 > 0
     assert out.read_bytes() == (tmp_path / "whole.parquet").read_bytes()
 
 
 def test_parts_of_another_run_are_not_mixed_in(logs: Path, tmp_path: Path) -> None:
     plan = plan_of(str(logs), Options())
-    parts = Checkpoint.of(tmp_path / "out.parquet", plan, resume=False, force=False)
+    parts = Checkpoint.of(tmp_path / "out.parquet", plan, append=False, force=False)
     parts.commit(0, b"rows")
     parts.close()
-    with pytest.raises(UsageError, match="other files, options or another release"):
-        run(str(logs), tmp_path / "out.parquet", Options(target_deg=2.0), workers=0, resume=True)
+    with pytest.raises(UsageError, match="with other options or another release"):
+        run(str(logs), tmp_path / "out.parquet", Options(target_deg=2.0), workers=0, append=True)
 
 
 def test_the_program_says_what_came_of_it(logs: Path, tmp_path: Path) -> None:
@@ -346,14 +346,14 @@ def test_who_stops_a_run_is_told_what_is_kept(
         ended = CliRunner().invoke(main, words, prog_name="flinders")
     assert ended.exit_code == 130
     assert ended.output.split("\n") == [
-        "2 of 6 partitions are done, and kept: resume the run",
+        "2 of 6 partitions are done, and kept: go on with the run",
         "",
         "interrupted",
         "",
     ]
     last = events(log)[-1]
     assert (last["event"], last["done"], last["partitions"]) == ("interrupted", 2, 6)
-    again = CliRunner().invoke(main, [*words, "--resume", "--json"], prog_name="flinders")
+    again = CliRunner().invoke(main, [*words, "--append", "--json"], prog_name="flinders")
     assert json.loads(again.stdout)["resumed"] == 2
 
 
@@ -373,19 +373,19 @@ def test_a_start_that_came_to_nothing_is_no_earlier_run(
         with pytest.raises(KeyboardInterrupt):
             run(str(logs), out, Options(), workers=0)
     assert not folder.exists()
-    Checkpoint.of(out, plan_of(str(logs), Options()), resume=False, force=False).close()
+    Checkpoint.of(out, plan_of(str(logs), Options()), append=False, force=False).close()
     assert folder.exists()
     assert run(str(logs), out, Options(), workers=0).units == 6
 
 
-@pytest.mark.parametrize(("resume", "force"), [(False, False), (True, False), (False, True)])
-def test_a_second_run_into_one_table_is_refused(logs: Path, tmp_path: Path, *, resume: bool, force: bool) -> None:
+@pytest.mark.parametrize(("append", "force"), [(False, False), (True, False), (False, True)])
+def test_a_second_run_into_one_table_is_refused(logs: Path, tmp_path: Path, *, append: bool, force: bool) -> None:
     out = tmp_path / "out.parquet"
-    first = Checkpoint.of(out, plan_of(str(logs), Options()), resume=False, force=False)
+    first = Checkpoint.of(out, plan_of(str(logs), Options()), append=False, force=False)
     part = first.commit(0, b"rows")
     of = rf"out\.parquet\.parts: another run is writing into it \(process {os.getpid()} on "
     with pytest.raises(OutputError, match=of):
-        run(str(logs), out, Options(), workers=0, resume=resume, force=force)
+        run(str(logs), out, Options(), workers=0, append=append, force=force)
     assert part.exists()
     first.close()
     run(str(logs), out, Options(), workers=0, force=True)
@@ -404,8 +404,8 @@ def test_each_compass_of_a_log_is_a_unit(tmp_path: Path) -> None:
     np.testing.assert_array_equal(second.offset[0], rows.offset[1])
 
 
-def test_a_column_of_units_in_text_is_refused_with_advice(logs: Path, tmp_path: Path) -> None:
-    with pytest.raises(UsageError, match="a column of units is for Parquet and Arrow tables, and there is none"):
+def test_a_column_of_units_that_no_table_has_is_refused_with_advice(logs: Path, tmp_path: Path) -> None:
+    with pytest.raises(UsageError, match="no CSV has a column serial: name another"):
         run(str(logs), tmp_path / "out.parquet", Options(unit_column="serial"), workers=0)
 
 
@@ -431,9 +431,9 @@ def test_misuse_is_said_in_a_line(logs: Path, tmp_path: Path) -> None:
         ([str(logs), "--target", "0"], 2, "need degrees above 0, up to 180"),
         ([str(logs), "--dip", "91"], 2, "need degrees from -89 to 89"),
         ([str(logs), "--scale", "-1"], 2, "need a number above 0"),
-        ([str(logs), "--report", str(out)], 2, "give each another name"),
-        ([str(logs), "--report", f"{out.parent}/./{out.name}"], 2, "give each another name"),
-        ([str(logs), "--out", str(tmp_path / "table.csv")], 2, "give it a name that ends in .parquet"),
+        ([str(logs), "--report", str(out)], 2, "needs a name of its own"),
+        ([str(logs), "--report", f"{out.parent}/./{out.name}"], 2, "needs a name of its own"),
+        ([str(logs), "--out", str(tmp_path / "table.txt")], 2, "give it a name that ends in .parquet or .csv"),
     ):
         ended = CliRunner().invoke(main, ["fleet", "--out", str(out), *words, "--force"], prog_name="flinders")
         assert ended.exit_code == code, ended.output
@@ -581,7 +581,7 @@ def turn_a_byte(path: Path) -> None:
     path.write_bytes(content)
 
 
-def test_a_scheduler_that_goes_away_is_said_and_the_run_resumed(
+def test_a_scheduler_that_goes_away_is_said_and_the_run_goes_on(
     logs: Path, tmp_path: Path, capfd: pytest.CaptureFixture[str]
 ) -> None:
     distributed = pytest.importorskip("distributed")
@@ -593,10 +593,10 @@ def test_a_scheduler_that_goes_away_is_said_and_the_run_resumed(
         def leave(*_: int) -> None:
             cluster.close()
 
-        with pytest.raises(LinkError, match="is gone: start it again, and resume"):
+        with pytest.raises(LinkError, match="is gone: start it again, and go on"):
             run(str(logs), tmp_path / "out.parquet", Options(), scheduler=cluster.scheduler_address, watch=leave)
     assert "Traceback" not in capfd.readouterr().err
-    told = run(str(logs), tmp_path / "out.parquet", Options(), workers=0, resume=True)
+    told = run(str(logs), tmp_path / "out.parquet", Options(), workers=0, append=True)
     assert told.resumed >= 1
     assert (tmp_path / "out.parquet").read_bytes() == (tmp_path / "whole.parquet").read_bytes()
 

@@ -46,8 +46,8 @@ def test_one_that_could_not_be_read_of_thousands_is_in_the_headline(tmp_path: Pa
     text = told(
         tmp_path, [*rows, UnitResult(unit="", recording="p2.parquet", code="unreadable", message="p2 is broken")]
     )
-    assert "> 99.9% calibrated" in text
-    assert "2,500 of 2,501 recordings gave a calibration; 1 could not be read." in text
+    assert "> 99.9% good" in text
+    assert "2,500 of 2,501 recordings are good; < 0.1% failed." in text
     assert "failed: could not be read: 1 (< 0.1%)" in text
     assert "100.0%" not in text
     assert "is read p2 is broken" in text, "a file without a unit begins with its message"
@@ -89,9 +89,9 @@ def of_rows() -> Iterator[type[FlindersError]]:
 
 NEVER: frozenset[str] = frozenset({
     "fit", "input", "array", "link", "needs-samples", "needs-recording", "not-merged", "no-accelerometer",
-    "no-onboard",    "not-validated", "collapsed", "constant-strength",
+    "not-validated", "collapsed", "constant-strength", "no-calibration", "no-onboard",
 })  # fmt: skip
-"""Of bases, of connections, and of methods that a fleet does not call."""
+"""Of bases, of connections, of methods that a fleet does not call, and of a question to its table."""
 
 
 def test_every_reason_has_an_advice() -> None:

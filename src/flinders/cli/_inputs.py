@@ -245,6 +245,18 @@ def refuse_calibration(path: str, instead: str) -> None:
         raise UsageError(f"{path} is a calibration: {instead}")
 
 
+def refuse_others(paths: Iterable[str]) -> None:
+    """Refuse what holds recordings of many units, or what a command for these wrote, and say what to type instead."""
+    from flinders.core.plugins import other_contents
+
+    for path in paths:
+        other = other_contents(path)
+        if other is not None and not other.is_one_recording:
+            raise UsageError(other.instead)
+        if other is not None:
+            say(other.instead)
+
+
 def is_recording(path: str) -> bool:
     """Whether a path leads to a file with a magnetometer in it."""
     from flinders.readers import open_recording

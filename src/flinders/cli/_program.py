@@ -134,15 +134,17 @@ class Program(Commanded):
     def resolve_command(
         self, ctx: click.Context, args: list[str]
     ) -> tuple[str | None, click.Command | None, list[str]]:
-        """Look up a command; for a name that is none, say what replaces it."""
+        """Look up a command, also one of two words; for a name that is none, say what replaces it."""
+        if (name := " ".join(args[:2])) in self.commands:
+            args = [name, *args[2:]]
         if args[0] in OTHERWISE and args[0] not in self.commands and not ctx.resilient_parsing:
             raise click.UsageError(f"No such command '{args[0]}': {OTHERWISE[args[0]]}", ctx)
         return super().resolve_command(ctx, args)
 
     def _named_in(self, words: Sequence[str]) -> click.Command:
         """The command that a command line calls."""
-        command: click.Command = self
-        for word in words:
+        command: click.Command = self.commands.get(" ".join(words[:2]), self)
+        for word in words if command is self else ():
             if isinstance(command, click.Group):
                 command = command.commands.get(word, command)
         return command

@@ -11,7 +11,7 @@ import click
 
 from flinders.cli import _program as program
 from flinders.cli._calibrate_options import TRACES, Calibrate
-from flinders.cli._inputs import likely_target, opened, provenance, saying_what_was_read
+from flinders.cli._inputs import likely_target, opened, provenance, refuse_others, saying_what_was_read
 from flinders.cli._output import plot_fit, print_fit, print_json, progress, refuse_report, say, show
 from flinders.cli._program import GOOD, LIMITED, print_error
 from flinders.cli._spelling import in_options
@@ -55,6 +55,8 @@ def command(options: Calibrate) -> int:
         return _typed(options)
     if not recordings:
         raise click.MissingParameter(param_hint="'RECORDING...'", param_type="argument")
+    if options.sensors.sensor is None:
+        refuse_others(recordings)
     asked = options.of_fit()
     if options.sensors.are_all(recordings):
         return _each(options, asked)

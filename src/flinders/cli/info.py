@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 from flinders.cli import _options as option
 from flinders.cli import _program as program
 from flinders.cli._inputs import refuse_calibration, site_of
-from flinders.cli._output import print_result, progress
+from flinders.cli._output import print_result, progress, say
 from flinders.cli._spelling import in_options
 
 if TYPE_CHECKING:
@@ -40,12 +40,18 @@ def command(options: Info) -> None:
     """Say what LOG holds: its magnetometers, their rate, range and gaps, and what stands beside them.
 
     Also the calibration that was in force on board, place and time, and the field that is expected there; how many
-    directions were seen, and the command to type next. LOG is any recording that `flinders calibrate` takes.
+    directions were seen, and the command to type next. LOG is any recording that `flinders calibrate` takes, or what
+    has several: a folder, a table of many units, or what `flinders fleet` wrote.
     """
+    from flinders.core.plugins import other_contents
     from flinders.readers import open_log
     from flinders.report.recording import commands_for, of_contents
     from flinders.workflows.recording_contents import contents
 
+    other = other_contents(options.log)
+    if other is not None and not other.is_one_recording:
+        print_result(other.as_dict, other.page, as_json=options.as_json)
+        return
     refuse_calibration(options.log, "give a recording; flinders show says what a calibration holds")
     options.place.check()
     reading = options.reading
@@ -56,6 +62,8 @@ def command(options: Info) -> None:
     typed = [word for each in reading.typed().items() for word in _words(*each)]
     held = replace(held, commands=commands_for(options.log, held.sensors, typed))
     print_result(held.as_dict, lambda: of_contents(held), as_json=options.as_json)
+    if other is not None:
+        say(other.instead)
 
 
 def _words(name: str, value: object) -> list[str]:

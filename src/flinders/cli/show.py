@@ -5,7 +5,7 @@ from __future__ import annotations
 from flinders.cli import _options as option
 from flinders.cli import _program as program
 from flinders.cli._inputs import likely_target, load
-from flinders.cli._output import say, show
+from flinders.cli._output import print_result, say, show
 from flinders.cli._spelling import in_options
 
 
@@ -24,18 +24,25 @@ class Show(program.Group):
     epilog="""\b
 Example:
   flinders show calibration.json
+  flinders show calibrations.parquet
 """,
 )
 def command(options: Show) -> None:
     """Say what CALIBRATION holds: offset and matrix with their uncertainty, what it is good for, its origin.
 
-    Nothing is fitted. With --json the file is printed as this release writes it.
+    Nothing is fitted. With --json the file is printed as this release writes it. Of the table that `flinders fleet`
+    wrote: how many units are good, which are not, and why.
     """
     import click
 
     from flinders.core.calibration_file import dumps
+    from flinders.core.plugins import other_contents
     from flinders.report.fit_pages import of_file
 
+    other = other_contents(options.calibration)
+    if other is not None and not other.is_one_recording:
+        print_result(other.as_dict, other.page, as_json=options.as_json)
+        return
     fit = load("show", options.calibration)
     if options.as_json:
         click.echo(dumps(fit.to_document()), nl=False)

@@ -18,7 +18,7 @@ from functools import cache
 from importlib import import_module
 from pathlib import Path
 from pkgutil import iter_modules
-from typing import TYPE_CHECKING, Any, Final, TypeVar
+from typing import TYPE_CHECKING, Any, Final, Protocol, TypeVar
 
 from flinders.errors import PluginError
 
@@ -26,6 +26,8 @@ if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping
     from importlib.metadata import EntryPoint
     from types import ModuleType
+
+    from rich.console import RenderableType
 
 Row = TypeVar("Row")
 
@@ -63,6 +65,32 @@ def remark(about: str, *, before: str = "; ") -> str:
     ''
     """
     return next((before + words for name, _, words in app_rows("REMARKS") if name == about), "")
+
+
+class OtherContents(Protocol):
+    """What a path holds that is no recording of one sensor: many units, or what a command for these wrote."""
+
+    kind: str  # in words
+    is_one_recording: bool  # whether it may be read as a recording all the same
+    instead: str  # what it is, and what to type in place of a command for one recording
+
+    def as_dict(self) -> dict[str, Any]:
+        """JSON-ready fields."""
+
+    def page(self) -> RenderableType:
+        """For the terminal."""
+
+
+def other_contents(path: str) -> OtherContents | None:
+    """What a package of `flinders.apps` makes of a path; None if it is a recording of one sensor for all of them.
+
+    >>> other_contents("no such file.csv")
+    """
+    for module in app_modules("CONTENTS").values():
+        found: OtherContents | None = import_module(module).recognised(path)
+        if found is not None:
+            return found
+    return None
 
 
 def modules_of(package: ModuleType, table: str, *, first: Iterable[str] = ()) -> dict[str, str]:

@@ -9,7 +9,8 @@ quantity that its rule or sentence takes and that the record does not have yet i
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+import re
+from typing import TYPE_CHECKING, Final
 
 from flinders.errors import in_python, with_hint
 from flinders.findings.catalogue import CATALOGUE as CATALOGUE
@@ -34,6 +35,9 @@ from flinders.verdicts import Verdict as Verdict
 if TYPE_CHECKING:
     from flinders.errors import Spelling
 
+LINK: Final = re.compile(r"\[([^]]*)\]\([^)]*\)")
+"""A link of Markdown, of which its words are kept."""
+
 
 def advice(finding: Finding, spell: Spelling = in_python) -> str:
     """Advice with the arguments that carry it out, as an interface spells them.
@@ -54,4 +58,4 @@ def action(code: str) -> str:
     row = CATALOGUE.get(code)
     if row is None:
         return REFUSALS[code].action if code in REFUSALS else ""
-    return row.fleet_action or row.action.replace("`", "")
+    return row.fleet_action or LINK.sub(r"\1", row.action).replace("`", "")

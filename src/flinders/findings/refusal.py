@@ -83,6 +83,8 @@ REFUSALS: Final[dict[str, Refusal]] = {
     "usage": Refusal("check the options that say how files are read"),
     "foreign-axes": Refusal("check which sensor the columns belong to"),
     "missing-extra": Refusal("install what the example names"),
+    "changed-file": Refusal("give the new recording a name of its own: the row is of what the file was"),
+    "vanished-file": Refusal("look where the file went: its calibration stays"),
     "lost-worker": Refusal("fit it by itself with flinders calibrate, and look at the memory of the machine"),
     "internal": Refusal("report it: this is a fault in Flinders"),
 }

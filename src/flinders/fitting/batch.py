@@ -1,7 +1,7 @@
 """Many recordings at once: one call of the engine fits them, and another judges them.
 
 A recording is judged from its record alone, with the numbers and findings of `flinders.fit`. One that needs more than
-that, be it outliers to list, a level turn or the sentence of a refusal, is given to `flinders.fit` by itself.
+that, be it outliers to list, a level turn or the sentence of a limit, is given to `flinders.fit` by itself.
 
 >>> from flinders import simulate
 >>> tumbles = [simulate.tumble(seed=seed, n=500, motion="uniform").samples for seed in range(3)]
@@ -27,6 +27,7 @@ from flinders.errors import FitError, FlindersError, UsageError
 from flinders.estimators.likelihood import Likelihood
 from flinders.estimators.rests import Rests
 from flinders.estimators.robust import Robust
+from flinders.findings import first_causes
 from flinders.findings.catalogue import OF_A_FIT
 from flinders.findings.rules import SEVERITIES
 from flinders.fitting import calibrate
@@ -94,10 +95,13 @@ class FitColumns:
 
     readings: NDArray[np.int64]  #: (U,): those there are
     samples: NDArray[np.int64]  #: (U,): those that the fit used
-    #: (U,) str: ``good``, ``limited``, ``refused`` or ``failed``; code and message of the error of the last two
-    verdict: NDArray[np.object_]
-    code: NDArray[np.object_]
-    message: NDArray[np.object_]
+    verdict: NDArray[np.object_]  #: (U,) str: ``good``, ``limited``, ``refused`` or ``failed``
+    code: NDArray[np.object_]  #: (U,) str: of the error of a refused or failed one
+    #: (U,) str: why one is not good: code of the gravest finding, else that of the error; empty for a good one
+    cause: NDArray[np.object_]
+    message: NDArray[np.object_]  #: (U,) str: what was found and what to do, of that cause
+    number: Floats  #: (U,): what that finding states, NaN without one
+    limit: Floats  #: (U,): what the number was compared with
     method: NDArray[np.object_]
     worst_deg: Floats  #: (U,): heading error at the worst heading of a level vehicle, 1 σ, at the dip `dip_deg`
     rms_deg: Floats  #: (U,): the same over all headings
@@ -173,9 +177,13 @@ def fit_batch(units: Sequence[Samples] | Lined, *, target_deg: float = 1.0, dip_
         request = engine().request(target_deg=target_deg, is_microtesla=whole.unit.inside == MICROTESLA)
         judgements = engine().judge_many(records, request)
         _fill(columns, there, records, judgements, whole.unit.inside)
-    for place in np.flatnonzero(~columns.by_record).tolist():
+    for place in np.flatnonzero(~columns.by_record | (columns.verdict == "limited")).tolist():
         one = units[place]
-        fill_row(columns, place, _alone(one, target_deg=target_deg, dip_deg=dip_deg))
+        result = _alone(one, target_deg=target_deg, dip_deg=dip_deg)
+        if columns.by_record[place]:
+            _explain(columns, place, result)
+            continue
+        fill_row(columns, place, result)
         columns.readings[place], columns.unit_of_field[place] = len(one), one.unit.inside
     return columns
 
@@ -309,6 +317,7 @@ def fill_row(columns: FitColumns, place: int, result: Fit | Exception) -> None:
     if not isinstance(result, Fit):
         columns.findings[place] = ()
         columns.verdict[place], columns.code[place], columns.message[place] = _described(result)
+        columns.cause[place] = columns.code[place]
         return
     error, findings = result.heading_error_deg, result.findings
     columns.verdict[place], columns.method[place], columns.samples[place] = (
@@ -319,10 +328,19 @@ def fill_row(columns: FitColumns, place: int, result: Fit | Exception) -> None:
     columns.worst_deg[place], columns.rms_deg[place], columns.dip_deg[place] = error.worst, error.rms, error.dip_deg
     columns.noise[place], columns.coverage[place] = result.noise, result.coverage.fraction
     columns.findings[place] = tuple(finding.code for finding in findings)
+    _explain(columns, place, result)
     if result.verdict == "refused":
-        columns.code[place], columns.message[place] = Refused.code, findings[0].advice
+        columns.code[place] = Refused.code
         return
     columns.offset[place], columns.field_strength[place] = result.calibration.offset, result.calibration.field_strength
     columns.matrix[place] = result.calibration.matrix.ravel()
     columns.covariance[place] = result.claim.claimed_covariance.ravel()[UPPER]
     columns.bound_95_deg[place] = result.claim.heading_bound_deg
+
+
+def _explain(columns: FitColumns, place: int, result: Fit | Exception) -> None:
+    """Write down why a fit is not good, by the cause that a page shows first."""
+    if isinstance(result, Fit) and result.verdict != "good":
+        for first in first_causes(result.findings)[:1]:
+            columns.cause[place], columns.message[place] = first.code, first.advice
+            columns.number[place], columns.limit[place] = first.number, first.limit

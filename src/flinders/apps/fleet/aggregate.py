@@ -10,14 +10,15 @@ from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
-from flinders.apps.fleet.history import MOST, BatchRule, batch_rule, whole_units
+from flinders.apps.fleet.history import MOST, BatchRule, added_columns, batch_rule, whole_units
 from flinders.apps.fleet.merging import common_findings
+from flinders.apps.fleet.not_good import first_of, not_good
 from flinders.apps.fleet.overview import FleetUnit, Histogram, Overview
 from flinders.apps.fleet.results import LISTS, lists, named_rows, numbers, texts
 
 if TYPE_CHECKING:
     import os
-    from collections.abc import Sequence
+    from collections.abc import Mapping, Sequence
 
     from flinders.arrays import Floats
 
@@ -26,6 +27,8 @@ COLUMNS: Final = (
     "findings", "unit_of_field",
 )  # fmt: skip
 LISTED: Final = 50
+FEWEST: Final = 2
+"""Units of a group, on average, from which on a property is shown: a serial number tells no groups."""
 RANKS: Final = {"heading error": "worst_deg", "offset": "offset", "noise": "noise"}
 """Quantities by which the worst units are listed, and the attributes of `FleetUnit` that hold them."""
 
@@ -39,8 +42,8 @@ def overview_of(
     DocumentError for a file that is no table of a fleet, and UsageError for a batch that no unit has.
     """
     rule = batch_rule(paths, batch)
-    tally = _Tally(rule)
-    for table in whole_units(paths, (*COLUMNS, rule.column) if rule.column else COLUMNS):
+    tally = _Tally(rule, {name: BatchRule(column=name) for name in added_columns(paths) if name != rule.column})
+    for table in whole_units(paths, (*COLUMNS, *filter(None, [rule.column]), *tally.properties)):
         tally.add(table)
     return Overview(
         tables=tuple(Path(path).name for path in paths),
@@ -54,8 +57,10 @@ def overview_of(
         findings=tally.ordered_findings(),
         codes={code: (count, *tally.examples[code]) for code, count in tally.codes.most_common()},
         methods=dict(tally.methods.most_common()),
-        batches=tally.useful_batches(),
+        batches=_useful(rule, tally.batches, tally.rows),
         batch_source=rule.words,
+        groups={name: shown for name in tally.properties if (shown := tally.groups_by(name))},
+        not_good=first_of(rows for path in paths for rows in not_good(path)),
         worst={rank: tuple(tally.worst[rank]) for rank in RANKS},
         target_deg=target_deg,
     )
@@ -66,6 +71,7 @@ class _Tally:
     """Counts of the rows seen so far."""
 
     rule: BatchRule
+    properties: Mapping[str, BatchRule]
     rows: int = 0
     units: int = 0
     verdicts: Counter[str] = field(default_factory=Counter)
@@ -78,6 +84,7 @@ class _Tally:
     examples: dict[str, tuple[str, str]] = field(default_factory=dict)
     methods: Counter[str] = field(default_factory=Counter)
     batches: dict[str, Counter[str]] = field(default_factory=lambda: defaultdict(Counter))
+    groups: dict[str, dict[str, Counter[str]]] = field(default_factory=dict)
     worst: dict[str, list[FleetUnit]] = field(default_factory=lambda: {rank: [] for rank in RANKS})
 
     def add(self, table: Any) -> None:  # noqa: ANN401 - pyarrow ships no types
@@ -92,7 +99,10 @@ class _Tally:
         codes = table.column("findings").combine_chunks().flatten().to_pylist()
         self.findings.update(codes)
         self._add_codes(table, units)
-        self._add_batches(self.rule.of(named), texts(named.column("verdict")))
+        of_named = texts(named.column("verdict"))
+        _add_counts(self.batches, self.rule.of(named), of_named)
+        for name, rule in self.properties.items():
+            _add_counts(self.groups.setdefault(name, defaultdict(Counter)), rule.of(named), of_named)
         self._add_numbers(table)
 
     def ordered_findings(self) -> dict[str, int]:
@@ -100,17 +110,11 @@ class _Tally:
         common = common_findings(self.findings, self.verdicts)
         return dict(sorted(self.findings.items(), key=lambda each: (each[0] in common, -each[1])))
 
-    def useful_batches(self) -> dict[str, dict[str, int]]:
-        """Rows of each verdict by batch; none if there are too many batches, or a guess finds none."""
-        if not self.rule.are_useful(self.batches, self.rows):
-            return {}
-        return {name: dict(self.batches[name]) for name in sorted(self.batches)}
-
-    def _add_batches(self, batches: Sequence[str], verdicts: Sequence[str]) -> None:
-        """Add verdicts by batch."""
-        for (batch, verdict), count in Counter(zip(batches, verdicts, strict=True)).items():
-            if batch in self.batches or len(self.batches) <= MOST:
-                self.batches[batch][verdict] += count
+    def groups_by(self, name: str) -> dict[str, dict[str, int]]:
+        """Rows of each verdict by a property; none where it tells no groups of units apart."""
+        counts = self.groups.get(name, {})
+        is_group = 2 <= len(counts) <= max(self.units / FEWEST, 2)
+        return _useful(self.properties[name], counts, self.rows) if is_group else {}
 
     def _add_codes(self, table: Any, units: Sequence[str]) -> None:  # noqa: ANN401
         """Add error codes, with the first message of each."""
@@ -147,6 +151,18 @@ class _Tally:
         places = places[np.argsort(-numbers[places], kind="stable")[:LISTED]]
         added = [_unit(table, place, shares) for place in places.tolist()]
         self.worst[rank] = sorted([*worst, *added], key=value, reverse=True)[:LISTED]
+
+
+def _add_counts(groups: dict[str, Counter[str]], names: Sequence[str], verdicts: Sequence[str]) -> None:
+    """Add verdicts by group."""
+    for (name, verdict), count in Counter(zip(names, verdicts, strict=True)).items():
+        if name in groups or len(groups) <= MOST:
+            groups[name][verdict] += count
+
+
+def _useful(rule: BatchRule, groups: Mapping[str, Counter[str]], rows: int) -> dict[str, dict[str, int]]:
+    """Rows of each verdict by group; none if there are too many groups, or a guess finds none."""
+    return {name: dict(groups[name]) for name in sorted(groups)} if rule.are_useful(groups, rows) else {}
 
 
 def _unit(table: Any, place: int, shares: dict[str, Floats]) -> FleetUnit:  # noqa: ANN401

@@ -1,7 +1,7 @@
 """The folder of a run that is not finished: a file for each partition that is done.
 
 Beside the table, ``calibrations.parquet``, a folder ``calibrations.parquet.parts`` holds a file for each finished
-partition, and the plan that they belong to. A run with `resume` does the missing ones; the table is the same to the
+partition, and the plan that they belong to. A run with `append` does the missing ones; the table is the same to the
 last byte, for any number of workers. The folder is removed when the table is written. If the table goes to a store, the
 folder lies in the working directory.
 
@@ -20,7 +20,7 @@ import shutil
 import zlib
 from dataclasses import dataclass
 from pathlib import Path, PurePosixPath
-from typing import TYPE_CHECKING, Final
+from typing import TYPE_CHECKING, Any, Final
 
 from flinders.apps.fleet.storage import is_remote
 from flinders.core.files import locked, reason, write_text
@@ -47,24 +47,24 @@ class Checkpoint:
     lock: int | None = None  # descriptor of the folder, while it is locked
 
     @classmethod
-    def of(cls, out: str | os.PathLike[str], plan: Plan, *, resume: bool, force: bool) -> Checkpoint:
+    def of(cls, out: str | os.PathLike[str], plan: Plan, *, append: bool, force: bool) -> Checkpoint:
         """Create the folder, or open that of an earlier run.
 
-        Raises UsageError if it holds partitions and neither `resume` nor `force` is given, if they are of another
-        plan, or if it holds other files; OutputError if it cannot be created, or another run uses it.
+        Raises UsageError if it holds partitions and neither `append` nor `force` is given, or if it holds other files;
+        OutputError if it cannot be created, or another run uses it. Partitions of files that are not as they were are
+        removed; those of other options are refused.
         """
-        table = os.fspath(out)
-        folder = Path(f"{PurePosixPath(table).name if is_remote(table) else table}.parts")
+        folder = folder_of(out)
         with contextlib.ExitStack() as undo:
             try:
                 folder.mkdir(exist_ok=True)
                 checkpoint = cls(folder, _lock(folder))
                 undo.callback(checkpoint.close)
-                checkpoint._prepare(resume=resume, force=force)
+                checkpoint._prepare(append=append, force=force)
+                checkpoint._match(plan)
                 (folder / OWNER).write_text(f"process {os.getpid()} on {platform.node()}", encoding="utf-8")
             except OSError as error:
                 raise OutputError(f"{folder}: cannot be written: {reason(error)}") from None
-            checkpoint._match(plan)
             undo.pop_all()
         return checkpoint
 
@@ -73,17 +73,21 @@ class Checkpoint:
         if self.lock is not None:
             os.close(self.lock)
 
-    def _prepare(self, *, resume: bool, force: bool) -> None:
+    def _prepare(self, *, append: bool, force: bool) -> None:
         """Refuse what an earlier run or somebody else has left there, or remove it."""
         self._refuse_foreign()
-        if self.done and not resume and not force:
+        if self.done and not append and not force:
             raise UsageError(
-                f"{self.folder} holds what an earlier run has done: resume it, or begin again",
-                hint={"resume": True, "force": True},
+                f"{self.folder} holds what an earlier run has done: go on with it, or begin again",
+                hint={"append": True, "force": True},
             )
-        if not resume:
-            for path in self.folder.iterdir():
-                path.unlink()
+        if force or not append:
+            self._clear()
+
+    def _clear(self) -> None:
+        """Remove all files."""
+        for path in self.folder.iterdir():
+            path.unlink()
 
     @property
     def done(self) -> int:
@@ -101,18 +105,19 @@ class Checkpoint:
                 )
 
     def _match(self, plan: Plan) -> None:
-        """Write the fingerprint of the plan, or refuse partitions of another plan."""
+        """Write what the plan is, where there is none or another one, whose partitions are of no use."""
         path = self.folder / PLAN
-        with contextlib.suppress(OSError, ValueError):
-            if json.loads(path.read_text(encoding="utf-8"))["fingerprint"] == plan.fingerprint:
-                return
-        if self.done:
+        known = _planned(path)
+        if known.get("fingerprint") == plan.fingerprint:
+            return
+        if self.done and known.get("asked") != plan.asked:
             raise UsageError(
-                f"{self.folder} is of a run with other files, options or another release: name those again to resume "
-                "it, or begin again",
+                f"{self.folder} is of a run with other options or another release: name those again to go on with it, "
+                "or begin again",
                 hint={"force": True},
             )
-        about = {"fingerprint": plan.fingerprint, "partitions": len(plan.partitions)}
+        self._clear()
+        about = {"fingerprint": plan.fingerprint, "asked": plan.asked, "files": plan.names}
         write_text(json.dumps(about) + "\n", path, force=True)
 
     def finished(self) -> dict[int, Path]:
@@ -147,6 +152,25 @@ class Checkpoint:
     def remove(self) -> None:
         """Remove the folder; if that fails, nothing is lost."""
         shutil.rmtree(self.folder, ignore_errors=True)
+
+
+def folder_of(out: str | os.PathLike[str]) -> Path:
+    """Folder of the run that writes a table."""
+    table = os.fspath(out)
+    return Path(f"{PurePosixPath(table).name if is_remote(table) else table}.parts")
+
+
+def files_begun(out: str | os.PathLike[str]) -> list[str]:
+    """Names of the files of a run into this table that was stopped; none if there is none."""
+    return list(_planned(folder_of(out) / PLAN).get("files", ()))
+
+
+def _planned(path: Path) -> dict[str, Any]:
+    """Plan of the run that a folder is of; empty without one."""
+    with contextlib.suppress(OSError, ValueError):
+        content = json.loads(path.read_text(encoding="utf-8"))
+        return content if isinstance(content, dict) else {}
+    return {}
 
 
 def _lock(folder: Path) -> int | None:

@@ -26,6 +26,7 @@ import numpy as np
 
 from flinders.apps.fleet import storage
 from flinders.apps.fleet.keys import KeyColumns, text_of, texts_of
+from flinders.apps.fleet.names import CSV, PARQUET, header_of
 from flinders.apps.fleet.results import needs_arrow
 from flinders.core.axes import Axes
 from flinders.errors import FlindersError, UnreadableInput, UsageError
@@ -59,9 +60,6 @@ if TYPE_CHECKING:
 Pair: TypeAlias = tuple[str, str]
 """Unit and recording."""
 
-PARQUET: Final = (".parquet", ".pq")
-ARROW: Final = (".arrow", ".feather")
-TABLES: Final = PARQUET + ARROW
 BUFFER: Final = 1 << 20
 """Bytes of a column that are read at a time: a row group may hold any number of rows."""
 BATCH: Final = 131_072
@@ -97,9 +95,16 @@ class TableFile:
 
 @contextlib.contextmanager
 def opened(file: StoredFile, options: Options) -> Iterator[TableFile]:
-    """Open a Parquet or Arrow file, of this machine or in a store; raises UnreadableInput if it is broken or gone."""
+    """Open a Parquet or Arrow file, of this machine or in a store; raises UnreadableInput if it is broken or gone.
+
+    A CSV of many units is read into memory, as one group of rows.
+    """
     needs_arrow()
     is_parquet = file.name.lower().endswith(PARQUET)
+    if file.name.lower().endswith(CSV):
+        with storage.fetched(file) as path, reading(file.name, "a table of text"):
+            yield _csv(file.name, path, options)
+        return
     with storage.opened(file) as where, reading(file.name, "a Parquet table" if is_parquet else "an Arrow file"):
         yield _parquet(file.name, where, file.size, options) if is_parquet else _arrow(file.name, where, file.size)
 
@@ -128,6 +133,26 @@ def _parquet(name: str, where: Any, size: int, options: Options) -> TableFile:  
         return [_extent(ends, kind) for ends in group_extents(metadata, column)]
 
     return TableFile(name, "Parquet", file.schema_arrow, groups, batches, extents)
+
+
+def _csv(name: str, path: Path, options: Options) -> TableFile:
+    """Open a table of text, with keys as texts."""
+    from pyarrow import csv
+
+    names, delimiter = header_of(path)
+    keys = KeyColumns.of(name, names, options, needs_batch=False)
+    kinds = dict.fromkeys(keys.columns if keys else (), needs_arrow().string())
+    parse, convert = csv.ParseOptions(delimiter=delimiter), csv.ConvertOptions(column_types=kinds)
+    return in_memory(name, "CSV", csv.read_csv(path, parse_options=parse, convert_options=convert))
+
+
+def in_memory(name: str, kind: str, table: Any) -> TableFile:  # noqa: ANN401
+    """A table of Arrow as a file of one group."""
+
+    def batches(_: Sequence[int], columns: list[str], rows: int) -> Iterator[Any]:
+        yield from table.select(columns).to_batches(max_chunksize=rows)
+
+    return TableFile(name, kind, table.schema, (table.num_rows,), batches, lambda _: [None])
 
 
 def _extent(ends: Extent | None, kind: Any) -> tuple[str, str] | None:  # noqa: ANN401

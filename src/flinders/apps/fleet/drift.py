@@ -13,14 +13,12 @@ detects and what not is in docs/fleet/drift.md.
 
 from __future__ import annotations
 
-import contextlib
-import dataclasses
 import heapq
 import itertools
 import math
 from collections import Counter, defaultdict
 from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING, Any, Final, Literal, TextIO, cast
+from typing import TYPE_CHECKING, Any, Final, Literal
 
 import numpy as np
 
@@ -36,14 +34,13 @@ from flinders.apps.fleet.overview import (
     UnitStep,
     standing_out,
 )
-from flinders.apps.fleet.results import VERDICTS, needs_arrow
+from flinders.apps.fleet.results import VERDICTS
 from flinders.comparison.pairs import Differences, differences, offset_heading_deg
-from flinders.core.files import replacing
 from flinders.errors import UsageError
 
 if TYPE_CHECKING:
     import os
-    from collections.abc import Callable, Iterator, Mapping, Sequence
+    from collections.abc import Callable, Mapping, Sequence
 
     from numpy.typing import NDArray
 
@@ -412,43 +409,3 @@ def _changed(states: Mapping[str, int]) -> int:
 def _shares(judged: int, odd: int) -> dict[str, int]:
     """Counts of good and odd units."""
     return {"good": judged - odd, "odd": odd}
-
-
-# ------------------------------------------------------------------------------------------------------------- table
-
-
-@contextlib.contextmanager
-def drift_table(
-    path: str | os.PathLike[str] | None, record: type = UnitDrift, *, force: bool = False
-) -> Iterator[Callable[[Sequence[Any]], None] | None]:
-    """Write a Parquet file that appears under its name when the block ends well; raises OutputError.
-
-    Yields a function that takes some units at a time, each a `record`; None if there is no path.
-    """
-    if path is None:
-        yield None
-        return
-    arrow = needs_arrow()
-    from pyarrow import parquet
-
-    with (
-        replacing(path, force=force) as file,
-        parquet.ParquetWriter(cast("TextIO", file).buffer, drift_schema(record), write_page_checksum=True) as writer,
-    ):
-        yield lambda units: writer.write_table(_units_table(arrow, units, drift_schema(record)))
-
-
-def drift_schema(record: type = UnitDrift) -> Any:  # noqa: ANN401 - pyarrow ships no types
-    """Fields of a record of units as columns."""
-    arrow = needs_arrow()
-    kinds = {"str": arrow.string(), "int": arrow.int64(), "float": arrow.float64()}
-    kinds["tuple[float, ...]"] = arrow.list_(arrow.float64())
-    return arrow.schema([(field.name, kinds[str(field.type)]) for field in dataclasses.fields(record)])
-
-
-def _units_table(arrow: Any, units: Sequence[Any], schema: Any) -> Any:  # noqa: ANN401
-    """Table of some units, null for NaN."""
-    columns = [
-        arrow.array([getattr(unit, field.name) for unit in units], field.type, from_pandas=True) for field in schema
-    ]
-    return arrow.table(columns, schema=schema)

@@ -415,6 +415,11 @@ def _columns(paths: Paths) -> list[str] | None:
     return list(columns)
 
 
+def added_columns(paths: Paths) -> list[str]:
+    """Columns of tables that hold properties of units."""
+    return [name for name in _columns(paths) or () if name not in NAMES]
+
+
 def _holds(paths: Paths, name: str) -> bool:
     """Whether a column has a text that is not empty."""
     return any(cell for cell in _cells(paths, name))

@@ -17,43 +17,75 @@ import os
 import time
 from dataclasses import dataclass
 from functools import partial
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from flinders.apps.fleet import worker
-from flinders.apps.fleet.checkpoint import TABLE, Checkpoint
-from flinders.apps.fleet.dataset import PARQUET
-from flinders.apps.fleet.event_log import log_event
-from flinders.apps.fleet.merging import merge, table_counts
+from flinders.apps.fleet.alerts import Alert, about_files, alerts_of
+from flinders.apps.fleet.checkpoint import TABLE, Checkpoint, files_begun
+from flinders.apps.fleet.growth import ChangedFile, ReadFiles, VanishedFile, rows_about
+from flinders.apps.fleet.merging import TableRows, merge, table_counts
+from flinders.apps.fleet.not_good import NotGood, first_of, not_good
 from flinders.apps.fleet.plan import plan_of
-from flinders.apps.fleet.progress import Progress
+from flinders.apps.fleet.progress import Progress, log_event
 from flinders.apps.fleet.results import UnitResults, needs_arrow
-from flinders.apps.fleet.scheduler import Abandoned, map_units, reach
-from flinders.apps.fleet.storage import is_remote, put, refuse_object
+from flinders.apps.fleet.scheduler import Abandoned, begin_processes, map_units, reach
+from flinders.apps.fleet.storage import StoredFile, exists, fetched, is_remote, put, refuse_object
+from flinders.apps.fleet.tables import is_csv, record_table, refuse_ending, write_csv
 from flinders.core.files import refuse_existing
 from flinders.errors import UsageError
 from flinders.findings.row import OF_A_TUMBLE
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator, Sequence
-    from pathlib import Path
+    from collections.abc import Callable, Iterable, Iterator, Sequence
 
     from flinders.apps.fleet.options import Options
     from flinders.apps.fleet.plan import Partition, Plan
     from flinders.apps.fleet.progress import ProgressCallback
+    from flinders.apps.fleet.properties import Properties
     from flinders.apps.fleet.scheduler import WorkerDeath
 
     Map = Callable[..., Iterator[tuple[int, bytes | Abandoned]]]
 
 
+@dataclass(frozen=True, slots=True)
+class Outputs:
+    """What a run writes."""
+
+    table: str  # Parquet or CSV, or the URL of an object
+    bad: str | None = None  # table of the recordings that are not good
+    alerts: str | None = None  # table of what crossed a limit since the last run
+
+    def check(self, *, append: bool, force: bool) -> None:
+        """Refuse what could not be written: raises UsageError or OutputError."""
+        if is_remote(self.table):
+            refuse_object(self.table, force=force or append)
+        refuse_ending(self.table, "the table")
+        if append and is_csv(self.table):
+            raise UsageError(f"{self.table}: CSV does not say which files it was made from: extend a table of Parquet")
+        if self.alerts is not None and not append:
+            raise UsageError(
+                "alerts are what crossed a limit since the run before: there is one where a table is extended",
+                hint={"append": True},
+            )
+        if not is_remote(self.table):
+            refuse_existing(self.table, force=force or append)
+        for path, what in ((self.bad, "the table of units that are not good"), (self.alerts, "the table of alerts")):
+            if path is not None:
+                refuse_ending(path, what)
+                refuse_existing(path, force=force or append)
+
+
 def run(
     where: str,
-    out: str | os.PathLike[str],
+    out: str | os.PathLike[str] | Outputs,
     options: Options,
     *,
     workers: int | None = None,
     scheduler: str | None = None,
-    resume: bool = False,
+    append: bool = False,
     force: bool = False,
+    properties: Properties | None = None,
     watch: ProgressCallback | None = None,
     notice: Callable[[str], None] = lambda _: None,
 ) -> RunSummary:
@@ -67,41 +99,60 @@ def run(
     ----------
     where : str
         A folder, a pattern, a file or a URL, as for `flinders.apps.fleet.storage.listed`.
-    out : str or path
-        The Parquet file to write, or the URL of an object.
+    out : str, path or Outputs
+        The Parquet or CSV file to write, or the URL of an object.
     workers, scheduler
         As for `flinders.apps.fleet.scheduler.map_units`.
-    resume : bool
-        Continue an earlier run that did not finish.
+    append : bool
+        Go on with what is there: an earlier run that did not finish, and a table, which gets the rows of new files.
     force : bool
         Overwrite `out`, and what an earlier run has left.
+    properties : Properties, optional
+        Columns that are added by the names of units.
     watch : callable, optional
         A `ProgressCallback`.
     notice : callable, optional
         Called with the reason why the work does not go on, and with what is done of a run that is interrupted.
     """
     begun = time.monotonic()
+    outputs = out if isinstance(out, Outputs) else Outputs(os.fspath(out))
     progress = Progress(watch, notice)
     with progress.ending(), contextlib.ExitStack() as ending:
-        plan = _planned(where, out, options, scheduler, force=force)
-        checkpoint = Checkpoint.of(out, plan, resume=resume, force=force)
+        _prepare(outputs, options, scheduler, append=append, force=force)
+        if scheduler is None and workers != 0:
+            begin_processes()
+        earlier = ending.enter_context(_earlier(outputs.table, options)) if append else None
+        plan = _planned(where, outputs, options, earlier, append=append)
+        checkpoint = Checkpoint.of(outputs.table, plan, append=append, force=force)
         ending.callback(checkpoint.close)
+        if earlier is not None:
+            earlier.rows.read_ahead()
         files = checkpoint.finished()
         resumed = len(files)
-        progress.planned(plan, checkpoint, set(files), input=where, output=os.fspath(out))
+        progress.planned(plan, checkpoint, set(files), input=where, output=outputs.table)
         do = partial(worker.calibrate_partition, options=options)
         over = partial(_map, progress=progress, workers=workers, scheduler=scheduler)
         missing = [place for place in range(len(plan.partitions)) if place not in files]
         for place, content, was_lost in _results(plan, missing, do, over):
             files[place] = checkpoint.commit(place, content)
             progress.committed(place, plan.partitions[place], content, was_lost=was_lost)
-        counts = _write_table([files[place] for place in range(len(plan.partitions))], checkpoint, out)
+        parts = [files[place] for place in range(len(plan.partitions))]
+        alerts = _alerts(earlier, parts, plan, options) if earlier else []
+        with record_table(outputs.alerts, Alert, force=True) as each:
+            if each is not None:
+                each(alerts)
+        counts = _write_table(earlier, parts, plan, checkpoint, outputs, properties)
         checkpoint.remove()
     summary = RunSummary(
-        output=os.fspath(out),
+        output=outputs.table,
         files=plan.files,
+        files_changed=sum(isinstance(error, ChangedFile) for error in plan.faults.values()),
+        files_vanished=sum(isinstance(error, VanishedFile) for error in plan.faults.values()),
+        files_later=plan.later,
+        is_extended=earlier is not None,
         partitions=len(plan.partitions),
         **counts,
+        alerts=tuple(alerts),
         other_files=plan.other_files,
         resumed=resumed,
         workers_lost=progress.workers_lost,
@@ -112,36 +163,95 @@ def run(
     return summary
 
 
-def _planned(where: str, out: str | os.PathLike[str], options: Options, scheduler: str | None, *, force: bool) -> Plan:
-    """Plan partitions, after everything that can be refused before a recording is opened."""
+def _prepare(outputs: Outputs, options: Options, scheduler: str | None, *, append: bool, force: bool) -> None:
+    """Refuse what cannot be done before a recording is opened."""
     needs_arrow()
     options.check()
-    refuse_output(out, force=force)
+    if append and force:
+        raise UsageError(
+            "a table is either extended or begun again: leave one of them out", hint={"append": True, "force": True}
+        )
+    outputs.check(append=append, force=force)
     if scheduler is not None:
         reach(scheduler)
-    return plan_of(where, options)
 
 
-def refuse_output(out: str | os.PathLike[str], *, force: bool) -> None:
-    """Refuse a table that could not be written, or is not named as Parquet: raises UsageError or OutputError."""
-    name = os.fspath(out)
-    if is_remote(name):
-        refuse_object(name, force=force)
-    else:
-        refuse_existing(out, force=force)
-    if not name.lower().endswith(PARQUET):
-        raise UsageError(f"{name}: the table is Parquet: give it a name that ends in {PARQUET[0]}")
+@dataclass(frozen=True, slots=True)
+class _Earlier:
+    """A table that is extended."""
+
+    rows: TableRows
+    read: ReadFiles
 
 
-def _write_table(files: Sequence[Path], checkpoint: Checkpoint, out: str | os.PathLike[str]) -> dict[str, Any]:
-    """Merge partitions into the table, copy it to its store if it has one, and count its rows."""
-    if not is_remote(os.fspath(out)):
-        merge(files, out)
-        return table_counts(out)
-    table = checkpoint.folder / TABLE
-    merge(files, table)
-    put(table, os.fspath(out))
-    return table_counts(table)
+@contextlib.contextmanager
+def _earlier(table: str, options: Options) -> Iterator[_Earlier | None]:
+    """The table that is there; None without one."""
+    if not exists(table):
+        yield None
+        return
+    with fetched(StoredFile(table, table, 0)) as path:
+        read = ReadFiles.of_table(path)
+        read.refuse_other_options(options, table)
+        yield _Earlier(TableRows(path), read)
+
+
+def _planned(where: str, outputs: Outputs, options: Options, earlier: _Earlier | None, *, append: bool) -> Plan:
+    """Plan partitions: of all files, or of those that are new."""
+    begun = files_begun(outputs.table) if append else ()
+    return plan_of(where, options, earlier=earlier.read if earlier else None, begun=begun)
+
+
+def _alerts(earlier: _Earlier, parts: Sequence[Path], plan: Plan, options: Options) -> list[Alert]:
+    """What crossed a limit: of new rows by those that the table has of their units, and of files."""
+    new = UnitResults.joined(UnitResults.from_bytes(path.read_bytes()) for path in parts)
+    known_units = set(earlier.rows.units())
+    told = [
+        place
+        for place, (unit, verdict) in enumerate(zip(new.unit.tolist(), new.verdict.tolist(), strict=True))
+        if verdict != "good" or unit in known_units
+    ]
+    rows = [new.row(place) for place in told]
+    again = known_units & {row.unit for row in rows}
+    known = UnitResults.from_arrow(earlier.rows.of_units(again)) if again else UnitResults.of(())
+    before = [known.row(place) for place in range(len(known))]
+    said = earlier.rows.about_files()
+    news = [(name, error) for name, error in plan.faults.items() if (f"({name})", error.code) not in said]
+    return [*alerts_of(rows, before, target_deg=options.target_deg), *about_files(news)]
+
+
+def _write_table(
+    earlier: _Earlier | None,
+    parts: Sequence[Path],
+    plan: Plan,
+    checkpoint: Checkpoint,
+    outputs: Outputs,
+    properties: Properties | None,
+) -> dict[str, Any]:
+    """Merge all rows into the table, count them, and write what else is wanted of them."""
+    about_files = rows_about(plan.faults).to_bytes()
+    sources: list[Path | bytes | TableRows] = [*([earlier.rows] if earlier else []), *parts, about_files]
+    is_direct = not is_remote(outputs.table) and not is_csv(outputs.table)
+    table = Path(outputs.table) if is_direct else checkpoint.folder / TABLE
+    merge(sources, table, properties=properties, files=plan.read)
+    counts = table_counts(table)
+    with record_table(outputs.bad, NotGood, force=True) as each:
+        listed = first_of(_passed_on(not_good(table), each))
+    if is_remote(outputs.table):
+        put(table, outputs.table)
+    elif is_csv(outputs.table):
+        write_csv(table, outputs.table)
+    return {**counts, "not_good": listed}
+
+
+def _passed_on(
+    some: Iterable[list[NotGood]], each: Callable[[Sequence[NotGood]], None] | None
+) -> Iterator[list[NotGood]]:
+    """Hand what is not good to a table, and yield it."""
+    for rows in some:
+        if each is not None:
+            each(rows)
+        yield rows
 
 
 def _map(
@@ -193,9 +303,13 @@ class RunSummary:
     """Summary of a fleet run: rows written, units refused, files left out, duration."""
 
     output: str  # the table that was written
-    files: int  # that were read
+    files: int  # that were read in this run
+    files_changed: int  # that were fitted before and are not as they were
+    files_vanished: int  # that were fitted before and are no longer there
+    files_later: int  # new ones that wait for the next run, since this one finished what another had begun
+    is_extended: bool  # whether rows were added to a table that was there
     partitions: int  # parts that the run was cut into
-    units: int  # sensors or vehicles
+    units: int  # sensors or vehicles in the table
     rows: int  # recordings, which are the rows of the table
     readings: int  # of all recordings
     failed_readings: int  # readings of recordings that failed; an unreadable one has as many as its footer says
@@ -205,7 +319,8 @@ class RunSummary:
     units_of_field: dict[str, int]  # rows by unit of field
     # ``median``, ``p95`` and ``largest`` of the worst heading error of rows that are good or limited
     worst_deg: dict[str, float]
-    rejected: list[dict[str, str]]  # unit, recording, code and finding of the first rows that are refused or failed
+    not_good: tuple[NotGood, ...]  # the first recordings that are not good, refused and failed ones before limited ones
+    alerts: tuple[Alert, ...]  # what crossed a limit since the last run; none where no table was there
     other_files: dict[str, int]  # files that are no recordings, by their suffix, or by what Flinders wrote them as
     resumed: int  # partitions that an earlier run had done
     workers_lost: int  # workers that died, or left the cluster
@@ -215,18 +330,20 @@ class RunSummary:
 
     @property
     def is_whole(self) -> bool:
-        """Whether every recording has a calibration."""
-        return not self.codes
+        """Whether every recording has a calibration; of a table that was extended, whether nothing crossed a limit."""
+        return not (self.alerts if self.is_extended else self.codes)
 
     @property
     def logged(self) -> dict[str, Any]:
         """Fields of the last event of a run."""
         names = ("output", "units", "rows", "readings", "verdicts", "codes", "workers_lost", "retried")
-        return {name: getattr(self, name) for name in names} | {"seconds": round(self.seconds, 3)}
+        more = {"alerts": len(self.alerts), "seconds": round(self.seconds, 3)}
+        return {name: getattr(self, name) for name in names} | more
 
     def as_dict(self) -> dict[str, Any]:
         """JSON-ready fields."""
         fields = {name: getattr(self, name) for name in self.__slots__}
+        fields |= {name: [row.as_dict() for row in fields[name]] for name in ("not_good", "alerts")}
         # what verdicts rest on that are no refusals
         fields["conditions"] = list(OF_A_TUMBLE) if self.verdicts.get("good") or self.verdicts.get("limited") else []
         # units calibrated in a second

@@ -9,6 +9,7 @@ from pathlib import PurePosixPath
 from typing import TYPE_CHECKING, Any, Final, NamedTuple, Self
 from urllib.parse import unquote
 
+from flinders.apps.fleet.names import BATCH_COLUMNS, RECORDING_COLUMNS, UNIT_COLUMNS
 from flinders.apps.fleet.results import needs_arrow
 from flinders.errors import UnreadableInput, UsageError
 
@@ -17,14 +18,6 @@ if TYPE_CHECKING:
 
     from flinders.apps.fleet.options import Options
 
-UNIT_COLUMNS: Final = (
-    "unit", "unit_id", "device", "device_id", "serial", "serial_number", "vehicle", "vehicle_id", "sensor_id",
-)  # fmt: skip
-"""Names of a column of units, unless an option names it."""
-RECORDING_COLUMNS: Final = ("recording", "recording_id", "session", "session_id", "log", "log_id", "date")
-"""Names of a column of recordings."""
-BATCH_COLUMNS: Final = ("batch", "hw_batch", "lot", "hardware_batch", "hardware", "revision")
-"""Names of a column of hardware batches."""
 NO_VALUE: Final = "__HIVE_DEFAULT_PARTITION__"
 """Null in a path such as ``unit=__HIVE_DEFAULT_PARTITION__/part-0.parquet``."""
 

@@ -1,25 +1,44 @@
-"""The table of a fleet: finished parts merged in order, and what it counts, in the memory of a row group."""
+"""The table of a fleet: parts of rows, and a table that is extended, merged in order in the memory of a row group."""
 
 from __future__ import annotations
 
 import heapq
 import math
+from bisect import bisect_right
 from collections import Counter
+from concurrent.futures import ThreadPoolExecutor
 from itertools import islice
 from typing import TYPE_CHECKING, Any, Final, TextIO, TypeAlias, cast
 
 import numpy as np
 
-from flinders.apps.fleet.results import KEY, TEXTS, VERDICTS, integers, named_rows, needs_arrow, schema, strings
+from flinders.apps.fleet.growth import ABOUT_FILES, FILES
+from flinders.apps.fleet.properties import Properties, with_columns
+from flinders.apps.fleet.results import (
+    KEY,
+    NAMES,
+    TEXTS,
+    VERDICTS,
+    flags,
+    integers,
+    named_rows,
+    needs_arrow,
+    refuse_other_table,
+    schema,
+    strings,
+    texts,
+)
 from flinders.core.files import replacing
 
 if TYPE_CHECKING:
     import os
-    from collections.abc import Iterator, Mapping, Sequence
+    from collections.abc import Collection, Iterator, Mapping, Sequence
+    from concurrent.futures import Future
     from pathlib import Path
 
     from numpy.typing import NDArray
 
+    from flinders.apps.fleet.growth import ReadFiles
     from flinders.arrays import Floats
 
     RowKey: TypeAlias = tuple[str, str, float]  # cells of `KEY`
@@ -30,11 +49,28 @@ LEVEL: Final = 3
 """Level of compression; settings of the writer are fixed, so that the same rows are the same bytes."""
 
 
-def merge(parts: Sequence[Path], out: str | os.PathLike[str]) -> None:
-    """Merge Arrow files of rows, each sorted by `KEY`, into a Parquet file; of equal rows the first come first.
+def merge(
+    parts: Sequence[Path | bytes | TableRows],
+    out: str | os.PathLike[str],
+    *,
+    properties: Properties | None = None,
+    files: ReadFiles | None = None,
+) -> None:
+    """Merge rows, each part of them sorted by `KEY`, into a Parquet file; of equal rows the first come first.
 
     A file is opened when its first row comes next, and a row group is taken from a few files, so that memory is that of
     a row group. Raises OutputError.
+
+    Parameters
+    ----------
+    parts : sequence
+        Arrow files of rows, or their content, and a table that is extended.
+    out : str or path
+        The Parquet file to write.
+    properties : Properties, optional
+        Columns that are added by the names of units; by default those that a part has.
+    files : ReadFiles, optional
+        What the rows were made from, for the footer.
 
     >>> import tempfile
     >>> from pathlib import Path
@@ -43,15 +79,22 @@ def merge(parts: Sequence[Path], out: str | os.PathLike[str]) -> None:
     >>> for name, units in (("a", ["A1", "A3"]), ("b", ["A2", "A4"])):
     ...     _ = (folder / name).write_bytes(UnitResults.of([UnitResult(unit=unit) for unit in units]).to_bytes())
     >>> merge([folder / "a", folder / "b"], folder / "all.parquet")
-    >>> UnitResults.read(folder / "all.parquet").unit.tolist()
-    ['A1', 'A2', 'A3', 'A4']
+    >>> merge([TableRows(folder / "all.parquet"), folder / "b"], folder / "more.parquet")
+    >>> UnitResults.read(folder / "more.parquet").unit.tolist()
+    ['A1', 'A2', 'A2', 'A3', 'A4', 'A4']
     """
     needs_arrow()
+    sources = [part if isinstance(part, TableRows) else PartRows(part) for part in parts]
+    if properties is None:
+        names = dict.fromkeys(name for source in sources for name in source.added)
+        properties = Properties(tuple(names))
     with replacing(out, force=True) as file:
-        _write(_groups(parts), cast("TextIO", file).buffer)
+        _write(_groups(sources, properties), cast("TextIO", file).buffer, properties, files)
+        for source in sources:
+            source.close()  # Windows replaces no file that is open
 
 
-def _write(groups: Iterator[Any], file: Any) -> None:  # noqa: ANN401 - pyarrow ships no types
+def _write(groups: Iterator[Any], file: Any, properties: Properties, files: ReadFiles | None) -> None:  # noqa: ANN401 - pyarrow ships no types
     """Write row groups."""
     from pyarrow import parquet
 
@@ -59,37 +102,202 @@ def _write(groups: Iterator[Any], file: Any) -> None:  # noqa: ANN401 - pyarrow 
         "compression": "zstd",
         "compression_level": LEVEL,
         "version": "2.6",
-        "use_dictionary": [*TEXTS, "findings.list.element"],
+        "use_dictionary": [*TEXTS, *properties.names, "findings.list.element"],
         "write_page_checksum": True,
     }
-    with parquet.ParquetWriter(file, schema(), **options) as writer:
+    with parquet.ParquetWriter(file, schema(properties.names), **options) as writer:
         for group in groups:
             writer.write_table(group, row_group_size=GROUP)
+        if files is not None:
+            writer.add_key_value_metadata({FILES: files.dumps()})
 
 
-def _groups(parts: Sequence[Path]) -> Iterator[Any]:
+def _groups(sources: Sequence[Rows], properties: Properties) -> Iterator[Any]:
     """Tables of the rows of one row group each, in order."""
-    rows = _rows(parts)
-    while group := list(islice(rows, GROUP)):
-        yield _gathered(parts, np.array(group))
+    waiting, count = [np.empty((0, 2), dtype=np.int64)], 0
+    for rows in _order(sources):
+        waiting.append(rows)
+        count += len(rows)
+        if count >= GROUP:
+            every = np.concatenate(waiting)
+            whole = count - count % GROUP
+            for first in range(0, whole, GROUP):
+                yield properties.joined(_gathered(sources, every[first : first + GROUP], properties.names))
+            waiting, count = [every[whole:]], count - whole
+    if count:
+        yield properties.joined(_gathered(sources, np.concatenate(waiting), properties.names))
 
 
-def _rows(parts: Sequence[Path]) -> Iterator[tuple[int, int]]:
-    """Yield the number of a file and that of a row in it, in order of the rows."""
-    for _, place, row in heapq.merge(*(_keyed(place, path) for place, path in enumerate(parts))):
-        yield place, row
+def _order(sources: Sequence[Rows]) -> Iterator[NDArray[np.int64]]:
+    """Yield (n, 2) numbers of sources and of rows in them, in order of the rows: those of a table in long runs."""
+    parts = [(place, source) for place, source in enumerate(sources) if isinstance(source, PartRows)]
+    rows = heapq.merge(*(_keyed(place, source) for place, source in parts))
+    for place, source in enumerate(sources):
+        if isinstance(source, TableRows):
+            yield from _between(place, source, rows)
+    while some := [(place, row) for _, place, row in islice(rows, GROUP)]:
+        yield np.array(some)
 
 
-def _keyed(place: int, path: Path) -> Iterator[tuple[RowKey, int, int]]:
-    """Rows of a file with their keys; all but the first are read when its turn comes."""
-    yield from ((key, place, 0) for key in _keys(_mapped(path).slice(0, 1)))
-    yield from ((key, place, row) for row, key in enumerate(_keys(_mapped(path).slice(1)), 1))
+def _between(place: int, table: TableRows, rows: Iterator[tuple[RowKey, int, int]]) -> Iterator[NDArray[np.int64]]:
+    """Rows of a table with others put between them, as far as it goes."""
+    waiting = next(rows, None)
+    for group in table.groups():
+        begun = 0
+        while waiting is not None and (at := group.place_of(waiting[0])) < len(group.rows):
+            yield _run(place, group.rows[begun:at])
+            yield np.array([waiting[1:]])
+            begun, waiting = at, next(rows, None)
+        yield _run(place, group.rows[begun:])
+    if waiting is not None:
+        yield np.array([waiting[1:]])
 
 
-def _mapped(path: Path) -> Any:  # noqa: ANN401
-    """Rows of a file, mapped into memory and not read."""
+def _run(place: int, rows: NDArray[np.int64]) -> NDArray[np.int64]:
+    """(n, 2) rows of one source."""
+    return np.stack([np.full_like(rows, place), rows], axis=1)
+
+
+def _keyed(place: int, source: PartRows) -> Iterator[tuple[RowKey, int, int]]:
+    """Rows of a source with their keys."""
+    yield from ((key, place, row) for key, row in source.keyed())
+
+
+def _gathered(sources: Sequence[Rows], rows: NDArray[np.int64], added: Sequence[str]) -> Any:  # noqa: ANN401
+    """Table of (G, 2) rows, each the number of a source and of a row in it."""
     arrow = needs_arrow()
-    return arrow.ipc.open_file(arrow.memory_map(str(path))).read_all()
+    order = np.argsort(rows[:, 0], kind="stable")
+    places, first = np.unique(rows[order, 0], return_index=True)
+    taken = zip(places.tolist(), np.split(rows[order, 1], first[1:]), strict=True)
+    pieces = (with_columns(sources[place].take(numbers), added) for place, numbers in taken)
+    whole = arrow.concat_tables(pieces).combine_chunks()
+    is_ordered = bool((np.diff(order) == 1).all())
+    return whole if is_ordered else whole.take(integers(arrow, np.argsort(order)))
+
+
+class PartRows:
+    """Sorted rows of an Arrow file, mapped into memory and not read; all but the first when its turn comes."""
+
+    added: tuple[str, ...] = ()
+
+    def __init__(self, content: Path | bytes) -> None:
+        self._content = content
+
+    def keyed(self) -> Iterator[tuple[RowKey, int]]:
+        """Cells of `KEY` and number of each row."""
+        yield from ((key, 0) for key in _keys(self._mapped().slice(0, 1)))
+        yield from ((key, row) for row, key in enumerate(_keys(self._mapped().slice(1)), 1))
+
+    def take(self, numbers: NDArray[np.int64]) -> Any:  # noqa: ANN401
+        """Table of some rows, in the order of their numbers."""
+        return self._mapped().take(integers(needs_arrow(), numbers))
+
+    def _mapped(self) -> Any:  # noqa: ANN401
+        arrow = needs_arrow()
+        content = self._content if isinstance(self._content, bytes) else arrow.memory_map(str(self._content))
+        return arrow.ipc.open_file(content).read_all()
+
+    def close(self) -> None:
+        """Nothing is open."""
+
+
+class TableRows:
+    """Sorted rows of a table that was written before, without those about files; one row group is in memory."""
+
+    def __init__(self, path: str | os.PathLike[str]) -> None:
+        needs_arrow()
+        from pyarrow import parquet
+
+        self._file = parquet.ParquetFile(path, page_checksum_verification=True)
+        names = self._file.schema_arrow.names
+        refuse_other_table(names, NAMES, path)
+        self.added = tuple(name for name in names if name not in NAMES)
+        metadata = self._file.metadata
+        self._ends = np.cumsum([metadata.row_group(group).num_rows for group in range(metadata.num_row_groups)])
+        self._held: tuple[int, Any] = (-1, None)
+        self._path = path
+        self._ahead: Future[Any] | None = None
+
+    def read_ahead(self) -> None:
+        """Begin to read the first row group, while this process waits for its workers."""
+        from pyarrow import parquet
+
+        def first() -> Any:  # noqa: ANN401
+            with parquet.ParquetFile(self._path, page_checksum_verification=True) as file:  # a reader for each thread
+                return file.read_row_group(0)
+
+        if len(self._ends):
+            self._ahead = ThreadPoolExecutor(1).submit(first)
+
+    def groups(self) -> Iterator[_KeyGroup]:
+        """Keys of the row groups, without rows about files."""
+        for group, end in enumerate(self._ends.tolist()):
+            table = self._group(group)
+            is_about = _is_in(table.column("code"), ABOUT_FILES)
+            rows = np.arange(end - len(table), end)[~flags(is_about)]
+            yield _KeyGroup(rows, table if len(rows) == len(table) else table.filter(_inverted(is_about)))
+
+    def take(self, numbers: NDArray[np.int64]) -> Any:  # noqa: ANN401
+        """Table of some rows, in the order of their numbers, which rise."""
+        arrow = needs_arrow()
+        if not len(numbers):
+            return self._file.schema_arrow.empty_table()
+        groups, first = np.unique(np.searchsorted(self._ends, numbers, side="right"), return_index=True)
+        pieces = []
+        for group, own in zip(groups.tolist(), np.split(numbers, first[1:]), strict=True):
+            table = self._group(group)
+            places = own - (self._ends[group] - len(table))
+            is_run = places[-1] - places[0] == len(places) - 1
+            pieces.append(table.slice(places[0], len(places)) if is_run else table.take(integers(arrow, places)))
+        return arrow.concat_tables(pieces)
+
+    def of_units(self, units: Collection[str]) -> Any:  # noqa: ANN401
+        """Table of all rows of some units."""
+        numbers = [np.empty(0, dtype=np.int64)]
+        for group, end in enumerate(self._ends.tolist()):
+            table = self._group(group)
+            is_about = _is_in(table.column("code"), ABOUT_FILES)
+            places = np.flatnonzero(flags(_is_in(table.column("unit"), list(units))) & ~flags(is_about))
+            numbers.append(places + (end - len(table)))
+        return self.take(np.concatenate(numbers))
+
+    def units(self) -> list[str]:
+        """Unit of each row."""
+        return texts(self._file.read(columns=["unit"]).column("unit"))
+
+    def about_files(self) -> set[tuple[str, str]]:
+        """Unit and code of the rows about files."""
+        table = self._file.read(columns=["unit", "code"])
+        table = table.filter(_is_in(table.column("code"), ABOUT_FILES))
+        return set(zip(texts(table.column("unit")), texts(table.column("code")), strict=True))
+
+    def close(self) -> None:
+        """Close the file."""
+        self._file.close()
+
+    def _group(self, group: int) -> Any:  # noqa: ANN401
+        if self._held[0] != group:
+            ahead, self._ahead = self._ahead, None
+            table = ahead.result() if ahead is not None and group == 0 else self._file.read_row_group(group)
+            self._held = group, table
+        return self._held[1]
+
+
+Rows: TypeAlias = "PartRows | TableRows"
+
+
+class _KeyGroup:
+    """Keys of the rows of one row group of a table, in order."""
+
+    def __init__(self, rows: NDArray[np.int64], table: Any) -> None:  # noqa: ANN401
+        self.rows = rows  # (R,) their numbers in the table
+        self._table = table.select(KEY)
+        self._units = np.array(texts(self._table.column("unit")))
+
+    def place_of(self, key: RowKey) -> int:
+        """Place of the first row behind a key."""
+        first, end = (int(np.searchsorted(self._units, key[0], side)) for side in ("left", "right"))
+        return first + bisect_right(_keys(self._table.slice(first, end - first)), key) if first < end else first
 
 
 def _keys(table: Any) -> list[RowKey]:  # noqa: ANN401
@@ -98,22 +306,7 @@ def _keys(table: Any) -> list[RowKey]:  # noqa: ANN401
     return list(zip(unit, recording, (math.inf if time is None else time for time in start), strict=True))
 
 
-def _gathered(parts: Sequence[Path], rows: NDArray[np.int64]) -> Any:  # noqa: ANN401
-    """Table of (G, 2) rows, each the number of a file and of a row in it."""
-    arrow = needs_arrow()
-    order = np.argsort(rows[:, 0], kind="stable")
-    places, first = np.unique(rows[order, 0], return_index=True)
-    taken = zip(places.tolist(), np.split(rows[order, 1], first[1:]), strict=True)
-    pieces = (_mapped(parts[place]).take(integers(arrow, numbers)) for place, numbers in taken)
-    whole = arrow.concat_tables(pieces).combine_chunks()
-    is_ordered = bool((np.diff(order) == 1).all())
-    return whole if is_ordered else whole.take(integers(arrow, np.argsort(order)))
-
-
 # --------------------------------------------------------------------------------------------------------------- counts
-
-REJECTED: Final = 100
-"""Recordings without a calibration that a summary names; the table has all of them."""
 
 COUNTED: Final = {
     "verdict": "verdicts", "code": "codes", "findings": "findings", "unit_of_field": "units_of_field"
@@ -123,6 +316,8 @@ COUNTED: Final = {
 
 def table_counts(path: str | os.PathLike[str]) -> dict[str, Any]:
     """Units, rows and readings of a table sorted by unit, and counts of verdicts; memory is that of a batch.
+
+    Rows about files are counted among the codes alone.
 
     >>> import tempfile
     >>> from pathlib import Path
@@ -141,19 +336,16 @@ def table_counts(path: str | os.PathLike[str]) -> dict[str, Any]:
 
     counters = {name: Counter[str]() for name in COUNTED}
     totals, last = Counter[str](), None
-    rejected: list[dict[str, str]] = []
     errors: list[Floats] = [np.empty(0)]
     with parquet.ParquetFile(path, page_checksum_verification=True) as file:
-        for batch in file.iter_batches(columns=["unit", "recording", "readings", "worst_deg", *COUNTED]):
-            for name, counter in counters.items():
-                counter.update(_value_counts(batch.column(name)))
+        for every in file.iter_batches(columns=["unit", "readings", "worst_deg", *COUNTED]):
+            counters["code"].update(_value_counts(every.column("code")))
+            batch = every.filter(_inverted(_is_in(every.column("code"), ABOUT_FILES)))
+            for name in ("verdict", "findings", "unit_of_field"):
+                counters[name].update(_value_counts(batch.column(name)))
             errors.append(_heading_errors(batch))
             readings = batch.column("readings")
             failed = readings.filter(_is_among(batch, VERDICTS[3:]))
-            if len(rejected) < REJECTED:
-                some = batch.filter(_is_among(batch, VERDICTS[2:]))
-                some = some.select(["unit", "recording", "code", "findings"])
-                rejected += map(_named, some.slice(0, REJECTED - len(rejected)).to_pylist())
             units = named_rows(batch).column("unit")
             totals.update(readings=total(readings), failed_readings=total(failed), rows=len(readings))
             if len(units):
@@ -165,14 +357,7 @@ def table_counts(path: str | os.PathLike[str]) -> dict[str, Any]:
         "verdicts": {name: verdicts[name] for name in VERDICTS if verdicts[name]},
         **{COUNTED[name]: _by_frequency(counter) for name, counter in counters.items()},
         "worst_deg": _spread(errors),
-        "rejected": rejected,
     }
-
-
-def _named(row: dict[str, Any]) -> dict[str, str]:
-    """A row without a calibration, with the finding that refuses a fit."""
-    cause = row["findings"][0] if row["code"] == "refused" and row["findings"] else ""
-    return {"unit": row["unit"], "recording": row["recording"], "code": row["code"], "finding": cause}
 
 
 def common_findings(findings: Mapping[str, int], verdicts: Mapping[str, int]) -> list[str]:
@@ -207,11 +392,23 @@ def _heading_errors(batch: Any) -> Floats:  # noqa: ANN401
     return known
 
 
-def _is_among(batch: Any, verdicts: Sequence[str]) -> Any:  # noqa: ANN401
-    """(R,) of Arrow: whether rows of a batch have one of these verdicts."""
+def _is_in(column: Any, words: Sequence[str]) -> Any:  # noqa: ANN401
+    """(R,) of Arrow: whether cells of a column are among some texts."""
     from pyarrow import compute
 
-    return compute.is_in(batch.column("verdict"), value_set=strings(needs_arrow(), verdicts))
+    return compute.is_in(column, value_set=strings(needs_arrow(), words))
+
+
+def _inverted(mask: Any) -> Any:  # noqa: ANN401
+    """(R,) of Arrow."""
+    from pyarrow import compute
+
+    return compute.invert(mask)
+
+
+def _is_among(batch: Any, verdicts: Sequence[str]) -> Any:  # noqa: ANN401
+    """(R,) of Arrow: whether rows of a batch have one of these verdicts."""
+    return _is_in(batch.column("verdict"), verdicts)
 
 
 def total(column: Any) -> int:  # noqa: ANN401

@@ -26,6 +26,8 @@ if TYPE_CHECKING:
 
     from numpy.typing import ArrayLike
 
+    from flinders.apps.fleet.not_good import NotGood
+
 STATES: Final = {
     "recalibrate": "the heading changed by more than the target, and by more than chance explains",
     "unsure": "changed by more than the target as far as was seen, or recorded too poorly to tell: record again",
@@ -131,6 +133,8 @@ class Overview:
     methods: Mapping[str, int]
     batches: Mapping[str, Mapping[str, int]]  # rows of each verdict; empty where no hardware batches are known
     batch_source: str  # where the batch is taken from, in words
+    groups: Mapping[str, Mapping[str, Mapping[str, int]]]  # the same by each property that tells groups of units apart
+    not_good: tuple[NotGood, ...]  # the first recordings that are not good, refused and failed ones first
     worst: Mapping[str, tuple[FleetUnit, ...]]  # rows with the largest "heading error", "offset" and "noise"
     target_deg: float
 

@@ -25,25 +25,24 @@ import json
 from collections import Counter, defaultdict
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field, replace
-from functools import cache
 from importlib.metadata import version
 from itertools import accumulate, chain, islice, pairwise
-from pathlib import Path, PurePosixPath
+from pathlib import PurePosixPath
 from typing import TYPE_CHECKING, Final, TypeVar
 
 import numpy as np
 
-from flinders.apps.fleet.dataset import TABLES, extents_of, opened, units_of
-from flinders.apps.fleet.keys import BATCH_COLUMNS, KeyColumns, in_path
+from flinders.apps.fleet.dataset import extents_of, opened, units_of
+from flinders.apps.fleet.growth import ReadFiles
+from flinders.apps.fleet.keys import KeyColumns, in_path
+from flinders.apps.fleet.kinds import TABLES_OF_FLEETS, is_csv_of_units, is_readable, own_kind
+from flinders.apps.fleet.names import BATCH_COLUMNS, TABLES
 from flinders.apps.fleet.results import SIGN, VERSION
 from flinders.apps.fleet.storage import MAGIC, StoredFile, listed
-from flinders.apps.fleet.storage import opened as stored
 from flinders.errors import FlindersError, UnreadableInput, UsageError, counted
-from flinders.readers import registry
-from flinders.readers.dialects.json_records import own_kind
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable, Iterator, Sequence
+    from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 
     from flinders.apps.fleet.dataset import TableFile
     from flinders.apps.fleet.options import Options
@@ -71,12 +70,6 @@ LOOKS: Final = 32
 """Files that are opened at a time: most of it is waiting for a store."""
 BATCHES: Final = tuple([column] for column in BATCH_COLUMNS)
 """Names of folders with the hardware batch."""
-TABLES_OF_FLEETS: Final = "tables of fleets"
-"""Kind of the tables that a run wrote: an output may lie among the recordings."""
-OWN_FILES: Final = {"truth": "truth files", "calibration": "calibration files"}
-"""Kinds of other files that Flinders writes beside recordings, by what these call themselves."""
-MAX_OWN_BYTES: Final = 1 << 20
-"""Size of such a file: the truth of a recording has two thousand bytes, a calibration a few times that."""
 AHEAD: Final = 8 * LOOKS
 """Files that are submitted at a time: memory is bounded for any number of files."""
 
@@ -149,6 +142,11 @@ class Plan:
     # files of other kinds by their suffix, entries that are no files, and files that Flinders wrote
     other_files: dict[str, int]
     fingerprint: str  # hash of files, options and release: partitions with another one belong to another run
+    asked: str  # options and release
+    read: ReadFiles  # files of this run, and of the table that it extends
+    names: tuple[str, ...] = ()  # of the files that are looked at
+    faults: Mapping[str, FlindersError] = field(default_factory=dict)  # of files that were read before, by name
+    later: int = 0  # new files that wait for the next run, since this one goes on with what another began
 
 
 @dataclass(frozen=True, slots=True)
@@ -161,37 +159,77 @@ class _TableSlice:
     keys: KeyColumns
 
 
-def plan_of(where: str, options: Options) -> Plan:
-    """List the input, and split it into partitions.
+def plan_of(where: str, options: Options, *, earlier: ReadFiles | None = None, begun: Collection[str] = ()) -> Plan:
+    """List the input, and split what is to be read into partitions.
 
-    Raises UnreadableInput if nothing can be read, and UsageError if no file has the columns that the options name.
+    Raises UnreadableInput if nothing can be read, and UsageError if no file has the columns that the options name, or
+    nothing of what a table was made from is there.
+
+    Parameters
+    ----------
+    earlier : ReadFiles, optional
+        Of the table that is extended: only files that are new to it are read.
+    begun : collection of str
+        Files of a run that was stopped: where all are there, only these are read.
     """
     files = listed(where)
-    taken = [file for file in files if not file.kind and (MAGIC.search(where) or _is_readable(file.name))]
-    others = set(files) - set(taken)
+    new, faults = (files, {}) if earlier is None else earlier.news(files)
+    if earlier is not None:
+        _refuse_other_input(where, earlier, files)
+    names = set(begun)
+    resumed = [file for file in new if file.name in names]
+    chosen = resumed if resumed and len(resumed) == len(begun) else new
+    taken = [file for file in chosen if not file.kind and (MAGIC.search(where) or is_readable(file.name))]
+    others = set(chosen) - set(taken)
     other_files = Counter(file.kind or PurePosixPath(file.name).suffix or "none" for file in others)
-    if not taken:
+    if not taken and earlier is None:
         raise UnreadableInput(
             f"{where}: none of {len(files)} files is a recording: they end in {', '.join(other_files)}"
         )
     tables, logs, own = _sorted_out(taken, options)
     other_files.update(own.values())
+    other_files.update(() if earlier is None else earlier.other_files(files))
     taken = [file for file in taken if file not in own]
-    if not taken:
+    if not taken and earlier is None:
         raise UnreadableInput(f"{where}: no recordings, but {counted(len(own), 'file')} that Flinders wrote")
-    if options.unit_column is not None and not tables and not any(part.error for part in logs):
-        raise UsageError(
-            f"{where}: a column of units is for Parquet and Arrow tables, and there is none: give each unit a file or "
-            "folder of its own, or convert the table with pyarrow.csv.read_csv and pyarrow.parquet.write_table",
-            hint={"unit_column": None},
-        )
-    _refuse_batch(where, tables, logs, options)
+    if taken:
+        _refuse_options(where, tables, logs, options)
     by_recording = defaultdict(list)
     for table in tables:
         by_recording[table.keys.recording.value].append(table)
     alike = [_tables(tables, options) for _, tables in sorted(by_recording.items())]
-    partitions = (*chain.from_iterable(alike), *_logs(logs))
-    return Plan(partitions, len(taken), dict(sorted(other_files.items())), _fingerprint(taken, options))
+    read = ReadFiles.of(taken, options, {file: kind for file, kind in own.items() if kind != TABLES_OF_FLEETS})
+    return Plan(
+        (*chain.from_iterable(alike), *_logs(logs)),
+        len(taken),
+        dict(sorted(other_files.items())),
+        _fingerprint(taken, options, earlier),
+        _asked(options),
+        read if earlier is None else earlier + read,
+        tuple(file.name for file in chosen),
+        faults,
+        sum(is_readable(file.name) for file in new) - sum(is_readable(file.name) for file in chosen),
+    )
+
+
+def _refuse_other_input(where: str, earlier: ReadFiles, files: Sequence[StoredFile]) -> None:
+    """Refuse to extend a table from where nothing is left of what it was made from."""
+    if not any(file.name in earlier.files for file in files) and (known := earlier.recordings):
+        raise UsageError(
+            f"{where}: none of the {counted(len(known), 'file')} that the table was made from is there, such as "
+            f"{min(known)}: give the same input, with its new files, or name another table"
+        )
+
+
+def _refuse_options(where: str, tables: Sequence[_TableSlice], logs: Sequence[FileSlice], options: Options) -> None:
+    """Refuse options about columns where no file has any."""
+    if options.unit_column is not None and not tables and not any(part.error for part in logs):
+        raise UsageError(
+            f"{where}: no table of Parquet or Arrow and no CSV has a column {options.unit_column}: name another, or "
+            "give each unit a file or folder of its own",
+            hint={"unit_column": None},
+        )
+    _refuse_batch(where, tables, logs, options)
 
 
 def _sorted_out(
@@ -259,21 +297,10 @@ def key_of(name: str) -> tuple[str, str]:
     return next(iter(in_path(f"{first}/{recording}").values()), first) if "=" in first else first, recording
 
 
-@cache
-def _endings() -> tuple[str, ...]:
-    """Endings of what is read from a folder: of readers, of tables, and of folders that cannot be listed."""
-    return (*{suffix for reader in registry() for suffix in reader.suffixes}, *TABLES, "/")
-
-
-def _is_readable(name: str) -> bool:
-    """Whether a file of a folder is read; a pattern reads whatever it matches."""
-    return name.lower().endswith(_endings())
-
-
 def _survey(file: StoredFile, options: Options) -> list[_TableSlice] | FileSlice | str:
     """Slices of a file of rows, none for a log; the kind of what Flinders wrote; a slice with a broken one's error."""
-    if not file.name.lower().endswith(TABLES):
-        return OWN_FILES.get(_own_kind(file)) or []
+    if not file.name.lower().endswith(TABLES) and not is_csv_of_units(file, options):
+        return own_kind(file) or []
     is_table = False
     try:
         with opened(file, options) as table:
@@ -291,16 +318,6 @@ def _survey(file: StoredFile, options: Options) -> list[_TableSlice] | FileSlice
         if keys is None:
             return FileSlice(file, error=error, is_table=is_table)
         return [_TableSlice(FileSlice(file, (0,), error=error), keys.unit.value, keys.unit.value, keys)]
-
-
-def _own_kind(file: StoredFile) -> str:
-    """What a file of JSON says of itself that Flinders wrote; nothing of others."""
-    if not file.name.lower().endswith(".json") or file.size > MAX_OWN_BYTES:
-        return ""
-    with contextlib.suppress(FlindersError, OSError), stored(file) as source:
-        content = Path(source).read_bytes() if isinstance(source, str) else source.read()
-        return own_kind(content.decode("utf-8", "replace"))
-    return ""
 
 
 def _slices(file: StoredFile, table: TableFile, keys: KeyColumns) -> Iterator[_TableSlice]:
@@ -460,11 +477,13 @@ def _logs(slices: Sequence[FileSlice]) -> Iterator[Partition]:
     return (Partition(tuple(run)) for run in runs)
 
 
-def _fingerprint(files: Sequence[StoredFile], options: Options) -> str:
+def _asked(options: Options) -> str:
+    """Options and release, as text."""
+    return json.dumps({**dataclasses.asdict(options), "versions": (version("flinders"), VERSION)}, sort_keys=True)
+
+
+def _fingerprint(files: Sequence[StoredFile], options: Options, earlier: ReadFiles | None) -> str:
     """Hash of everything that a result depends on."""
-    inputs = {
-        "members": [dataclasses.astuple(file) for file in files],
-        "asked": dataclasses.asdict(options),
-        "versions": (version("flinders"), VERSION),
-    }
-    return hashlib.sha256(json.dumps(inputs, sort_keys=True).encode()).hexdigest()
+    known = None if earlier is None else earlier.digest
+    inputs = [[dataclasses.astuple(file) for file in files], _asked(options), known]
+    return hashlib.sha256(json.dumps(inputs).encode()).hexdigest()

@@ -50,7 +50,7 @@ CHANGES: Final = ("steady", "single", "none", "unordered", "unsure", "changed", 
 SHOWN: Final = 4
 """Findings of a unit that are named; the others are counted."""
 FAIR: Final = 0.02
-"""Share of recordings without a calibration up to which a fleet is called good."""
+"""Share of recordings that are not good up to which a fleet is called good."""
 
 
 def page(overview: Overview, drift: FleetDrift | None = None) -> str:
@@ -72,6 +72,11 @@ def page(overview: Overview, drift: FleetDrift | None = None) -> str:
         "catalogue": CATALOGUE,
         "odd_states": [] if drift is None else _odd(drift)[:10],
         "odd_batches": sorted(standing_out(overview.batches)),
+        "groups": [
+            (name, batch_rows(counts, ("good",), odd := standing_out(counts)), sorted(odd))
+            for name, counts in overview.groups.items()
+        ],
+        "bad": count_bad(overview.verdicts),
         "date": date_of(datetime.now(UTC)),
         "release": version("flinders"),
     }

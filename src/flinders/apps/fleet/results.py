@@ -71,7 +71,11 @@ class UnitResult:
     #: ``good``, ``limited``, ``refused``, or ``failed`` if it could not be read or calculated at all
     verdict: str = "failed"
     code: str = ""  #: of the error of a refused or failed one, else empty
-    message: str = ""  #: of the same error
+    #: why it is not good: code of the finding that comes first, or that of the error; empty for a good one
+    cause: str = ""
+    message: str = ""  #: what was found and what to do, of that cause
+    number: float = math.nan  #: what that finding states: docs/findings.md has meaning and unit
+    limit: float = math.nan  #: what that number was compared with
     method: str = ""  #: method of the final fit
     worst_deg: float = math.nan  #: heading error of a level vehicle at the worst heading, 1 σ, at a dip of `dip_deg`
     rms_deg: float = math.nan  #: the same over all headings
@@ -253,8 +257,8 @@ def refuse_other_table(names: Sequence[str], needed: Sequence[str], path: str | 
 
 
 @cache
-def schema() -> Any:  # noqa: ANN401
-    """Columns and types of the table in Arrow and Parquet."""
+def schema(added: tuple[str, ...] = ()) -> Any:  # noqa: ANN401
+    """Columns and types of the table in Arrow and Parquet; `added` are columns of texts behind them."""
     arrow = needs_arrow()
     kinds = {
         **dict.fromkeys(TEXTS, arrow.string()),
@@ -263,7 +267,8 @@ def schema() -> Any:  # noqa: ANN401
         **{name: arrow.list_(arrow.float64(), length) for name, length in LISTS.items()},
         "findings": arrow.list_(arrow.string()),
     }
-    return arrow.schema([(name, kinds[name]) for name in NAMES], metadata={SIGN: VERSION})
+    columns = [*((name, kinds[name]) for name in NAMES), *((name, arrow.string()) for name in added)]
+    return arrow.schema(columns, metadata={SIGN: VERSION})
 
 
 def _column(name: str, cells: Sequence[Any]) -> NDArray[Any]:
@@ -355,22 +360,35 @@ def _from_arrow(name: str, column: Any) -> NDArray[Any]:  # noqa: ANN401
     if name in NUMBERS:
         return numbers(column)
     if name in COUNTS:
-        return np.array(column.to_numpy(zero_copy_only=False), dtype=np.int64)
+        return np.array(np.from_dlpack(column), dtype=np.int64)
     cells = column.to_pylist()
     return objects([tuple(cell or ()) for cell in cells] if name == "findings" else [cell or "" for cell in cells])
 
 
 def numbers(column: Any) -> Floats:  # noqa: ANN401
     """(R,) cells of a column of numbers, NaN for null."""
-    return np.array(column.to_numpy(zero_copy_only=False), dtype=float)
+    column = _whole(column)
+    cells = np.full(len(column), np.nan)
+    cells[flags(column.is_valid())] = np.from_dlpack(column.drop_null())
+    return cells
+
+
+def flags(column: Any) -> NDArray[np.bool_]:  # noqa: ANN401
+    """(R,) cells of a column of true and false, none of them null."""
+    return np.array(np.from_dlpack(_whole(column.cast("uint8"))), dtype=bool)
+
+
+def _whole(column: Any) -> Any:  # noqa: ANN401
+    """A column in one piece, which NumPy takes without pandas."""
+    return column.combine_chunks() if hasattr(column, "combine_chunks") else column
 
 
 def lists(column: Any, length: int) -> Floats:  # noqa: ANN401
     """(R, length) cells of a column of lists, NaN for null."""
-    column = column.combine_chunks() if hasattr(column, "combine_chunks") else column
+    column = _whole(column)
     rows = np.full((len(column), length), np.nan)
-    known = np.asarray(column.is_valid())
-    rows[known] = np.asarray(column.drop_null().flatten(), dtype=float).reshape(-1, length)
+    cells = np.array(np.from_dlpack(column.drop_null().flatten()), dtype=float)
+    rows[flags(column.is_valid())] = cells.reshape(-1, length)
     return rows
 
 

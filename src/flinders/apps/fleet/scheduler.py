@@ -20,7 +20,7 @@ from collections import Counter, deque
 from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
 from dataclasses import dataclass
-from multiprocessing import resource_tracker
+from multiprocessing import forkserver, resource_tracker
 from time import monotonic
 from typing import TYPE_CHECKING, Any, Final, TypeVar
 
@@ -45,10 +45,12 @@ RECOUNT_S: Final = 5.0
 """Seconds after which the workers of a cluster are looked at again: they come and go."""
 LOGGERS: Final = ("distributed", "distributed.client", "tornado", "tornado.application")
 """Loggers of Dask, with handlers of their own."""
-ONE_THREAD: Final = ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS")
+ONE_THREAD: Final = dict.fromkeys(("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"), "1")
 """Variables of a worker's threads: its matrices are small, and the other cores have workers of their own."""
 KEPT_MEMORY: Final = {"MALLOC_MMAP_THRESHOLD_": str(1 << 25), "MALLOC_TRIM_THRESHOLD_": str(1 << 26)}
 """Bytes up to which glibc keeps freed memory for the next partition: asking again takes a tenth of the time."""
+PROCESS: Final = ONE_THREAD | KEPT_MEMORY
+"""Variables of a worker."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -110,7 +112,7 @@ class _Worker:
 
     def __init__(self) -> None:
         """Start the process."""
-        with _environment(dict.fromkeys(ONE_THREAD, "1") | KEPT_MEMORY), _interrupts_blocked():
+        with _environment(PROCESS), _interrupts_blocked():
             self.executor = ProcessPoolExecutor(1, _context(), _prepare)
             self._pid = self.executor.submit(os.getpid)
 
@@ -186,6 +188,14 @@ def _context() -> Any:  # noqa: ANN401 - one of several classes
     context = multiprocessing.get_context("forkserver")
     context.set_forkserver_preload(["flinders.apps.fleet.worker"])
     return context
+
+
+def begin_processes() -> None:
+    """Start the server of processes, which imports what they need while this process goes on."""
+    if "forkserver" in multiprocessing.get_all_start_methods():
+        _context()
+        with _environment(PROCESS), _interrupts_blocked():
+            forkserver.ensure_running()
 
 
 def _prepare() -> None:
@@ -323,7 +333,7 @@ def _quiet() -> Iterator[None]:
 
 def _is_gone(scheduler: str) -> LinkError:
     """Error of a scheduler that went away during the run."""
-    return LinkError(f"the Dask scheduler at {scheduler} is gone: start it again, and resume", hint={"resume": True})
+    return LinkError(f"the Dask scheduler at {scheduler} is gone: start it again, and go on", hint={"append": True})
 
 
 def _distributed() -> Any:  # noqa: ANN401

@@ -44,6 +44,11 @@ READINGS: Final = 500
 BAD: Final = 0.03
 """Share of units that something is wrong with."""
 
+DRIFTING: Final = 0.05
+"""Share of the units of a line whose offset moves between two recordings,"""
+MOVED_UT: Final = (3.0, 12.0)
+"""and by how much, in µT: some degrees of heading."""
+
 HARD_UT: Final = 60.0
 SOFT: Final = 0.15
 NOISE_UT: Final = (0.1, 1.0)
@@ -186,6 +191,77 @@ def fleet(
     ['flipped-throughout', 'level-turn']
     """
     return (unit(number, seed=seed, bad=bad, readings=readings) for number in range(first, first + n))
+
+
+@dataclass(frozen=True, slots=True)
+class LineTruth:
+    """What is true of one recording of a simulated line."""
+
+    unit: str  # name of the unit
+    recording: str  # name of its file
+    fault: str  # one of those in docs/fleet/faults.md; empty for a good unit
+    amount: float  # how much of it
+    offset_change: float  # length of the change of the offset since the first recording of the unit, µT
+    offset: tuple[float, ...]  # 3 float, µT, as it is where nothing is wrong
+    matrix: tuple[float, ...]  # 9 float: row by row, of the sensor
+    field_strength: float  # of the earth where it was recorded, µT
+
+
+def line_of(
+    units: int,
+    *,
+    seed: int = 1,
+    bad: float = BAD,
+    drifting: float = DRIFTING,
+    recordings: int = 2,
+    readings: int = READINGS,
+) -> Iterator[tuple[LineTruth, Samples]]:
+    """Simulate the recordings of a line, month by month from March 2026 on: what is true of each, and its readings.
+
+    Parameters
+    ----------
+    units : int
+    bad : float
+        Share of units that have a fault at their first recording; it lasts where it is the sensor's.
+    drifting : float
+        Share of units whose offset moves after the first recording.
+    recordings : int
+        Of each unit, up to ten.
+
+    >>> truths = [truth for truth, _ in line_of(40, drifting=0.2, readings=50)]
+    >>> len(truths), truths[1].unit, truths[1].recording, sum(truth.offset_change > 0.0 for truth in truths)
+    (80, 'U0000', '2026-04-01.csv', 8)
+    """
+    share(drifting, "drifting", "the units")
+    for number in range(count(units, 1)):
+        first = unit(number, seed=seed, bad=bad, readings=readings)
+        rng = np.random.default_rng([seed, number, 1])
+        amount = rng.uniform(*MOVED_UT) if rng.random() < drifting else 0.0
+        moved = amount * uniform(rng, 1)[0]
+        for visit in range(recordings):
+            shift = moved if visit else np.zeros(3)
+            samples = first.samples if not visit else _again(first, shift, rng, readings)
+            yield (
+                LineTruth(
+                    unit=f"U{number:04d}",
+                    recording=f"2026-{3 + visit:02d}-01.csv",
+                    fault="" if visit and np.array_equal(first.lasting, np.eye(3)) else first.fault,
+                    amount=first.amount,
+                    offset_change=float(np.linalg.norm(shift)),
+                    offset=tuple((first.sensor.offset + shift).tolist()),
+                    matrix=tuple(first.sensor.matrix.ravel().tolist()),
+                    field_strength=first.field_strength,
+                ),
+                samples,
+            )
+
+
+def _again(first: Specimen, shift: Floats, rng: Generator, readings: int) -> Samples:
+    """Another recording of a unit whose offset has moved, turned in another way."""
+    sensor = replace(first.sensor, offset=first.sensor.offset + shift)
+    noise = sensor.noise * rng.standard_normal((readings, 3))
+    turned = replace(_turned(rng, readings), sensor=sensor, field_strength=first.field_strength, noise=noise)
+    return Samples.of(turned.read() @ first.lasting.T, unit="uT", time=turned.time, source=f"unit {first.name}")
 
 
 def in_body(world: Floats, angles: Floats) -> Floats:

@@ -21,6 +21,7 @@ import stat
 import tempfile
 from dataclasses import dataclass
 from itertools import takewhile
+from operator import attrgetter
 from pathlib import Path, PurePosixPath
 from typing import TYPE_CHECKING, Any, Final, cast
 
@@ -71,7 +72,7 @@ def listed(where: str) -> list[StoredFile]:
 
     Raises UnreadableInput if there is nothing, or it cannot be listed, and MissingExtra for a URL without obstore.
     """
-    files = sorted(_objects(where) if is_remote(where) else _files(where))
+    files = sorted(_objects(where) if is_remote(where) else _files(where), key=attrgetter("name"))
     if not files:
         raise UnreadableInput(f"{where}: no files: give a folder, a pattern in quotes such as 'logs/*.bin', or a URL")
     return files
@@ -104,32 +105,48 @@ def _files(where: str) -> Iterator[StoredFile]:
 
 def _below(root: Path) -> Iterator[StoredFile]:
     """List files in a folder and below; folders that may not be listed too, for a row of their own."""
-    closed: list[str] = []
     os.scandir(root).close()
-    for folder, folders, names in os.walk(root, followlinks=True, onerror=lambda error: closed.append(error.filename)):
-        here = Path(folder)
-        folders[:] = sorted(name for name in folders if not _is_hidden(name) and not _leads_up(here, name))
-        for path in (here / name for name in names if not _is_hidden(name)):
-            yield _file(path, path.relative_to(root).as_posix())
-    yield from (StoredFile(f"{Path(name).relative_to(root).as_posix()}/", name, 0) for name in closed)
+    folders = [(str(root), "")]
+    while folders:
+        folder, prefix = folders.pop()
+        try:
+            entries = list(os.scandir(folder))
+        except OSError:
+            yield StoredFile(prefix, folder, 0)
+            continue
+        for entry in entries:
+            name = entry.name
+            if name[0] in "._" or name.endswith(PARTS):
+                continue
+            if not _is_folder(entry):
+                yield _file(entry, prefix + name)
+            elif not _leads_up(folder, entry):
+                folders.append((entry.path, f"{prefix}{name}/"))
 
 
-def _leads_up(folder: Path, name: str) -> bool:
+def _is_folder(entry: os.DirEntry[str]) -> bool:
+    """Whether an entry is a folder, or a link to one; a link that leads in a circle is none."""
+    try:
+        return entry.is_dir()
+    except OSError:
+        return False
+
+
+def _leads_up(folder: str, entry: os.DirEntry[str]) -> bool:
     """Whether an entry of a folder is a link to it or to one above, which would be followed without end."""
-    link = folder / name
-    is_link = os.path.islink(link)  # noqa: PTH114 - False where it may not be looked at
-    return is_link and Path(os.path.realpath(folder)).is_relative_to(os.path.realpath(link))
+    return entry.is_symlink() and Path(os.path.realpath(folder)).is_relative_to(os.path.realpath(entry.path))
 
 
-def _file(path: Path, name: str) -> StoredFile:
+def _file(path: Path | os.DirEntry[str], name: str) -> StoredFile:
     """Describe a file; of a dangling link, and of what may not be read, the name alone."""
+    where = os.fspath(path)
     try:
         status = path.stat()
     except OSError:
-        return StoredFile(name, str(path), 0)
-    return StoredFile(
-        name, str(path), status.st_size, str(status.st_mtime_ns), KINDS.get(stat.S_IFMT(status.st_mode), "")
-    )
+        return StoredFile(name, where, 0)
+    mode = stat.S_IFMT(status.st_mode)
+    kind = "" if mode == stat.S_IFREG else KINDS.get(mode, "")
+    return StoredFile(name, where, status.st_size, str(status.st_mtime_ns), kind)
 
 
 def obstore() -> Any:  # noqa: ANN401 - the module
@@ -253,17 +270,25 @@ def fetched(file: StoredFile) -> Iterator[Path]:
         yield copy
 
 
-def refuse_object(where: str, *, force: bool = False) -> None:
-    """Refuse, before a long run, an object that could not be written at its end: raises OutputExists or OutputError."""
+def exists(where: str) -> bool:
+    """Whether there is a file or an object; raises OutputError if the store does not say."""
+    if not is_remote(where):
+        return Path(where).exists()
     store, path = _split(where)
-    if not path or where.endswith("/"):
-        raise OutputError(f"{where}: it is a folder: give the name of an object in it, such as calibrations.parquet")
     with _store_errors(where, OutputError):
         try:
             obstore().head(_store(store), path)
         except FileNotFoundError:
-            return
-    if not force:
+            return False
+    return True
+
+
+def refuse_object(where: str, *, force: bool = False) -> None:
+    """Refuse, before a long run, an object that could not be written at its end: raises OutputExists or OutputError."""
+    _, path = _split(where)
+    if not path or where.endswith("/"):
+        raise OutputError(f"{where}: it is a folder: give the name of an object in it, such as calibrations.parquet")
+    if exists(where) and not force:
         raise OutputExists(where)
 
 

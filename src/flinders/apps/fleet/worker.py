@@ -23,7 +23,7 @@ from typing import TYPE_CHECKING, Any, TypeVar, cast
 import numpy as np
 
 from flinders.apps.fleet import storage
-from flinders.apps.fleet.dataset import Interner, KeyedTable, TableFile, counts_of
+from flinders.apps.fleet.dataset import Interner, KeyedTable, TableFile, counts_of, in_memory
 from flinders.apps.fleet.frame import KeyedFrame
 from flinders.apps.fleet.keys import KeyColumns, batch_in
 from flinders.apps.fleet.options import Options
@@ -50,7 +50,7 @@ from flinders.readers import open_log
 from flinders.readers._frame import hands_out_columns, is_frame
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Container, Iterator, Sequence
+    from collections.abc import Callable, Container, Sequence
 
     from numpy.typing import NDArray
 
@@ -203,18 +203,9 @@ def _in_memory(table: Any, options: Options) -> tuple[KeyedTable | KeyedFrame, i
             raise
         frame = KeyedFrame.of(table, options)
         return frame, frame.rows
-    file = _as_file(table if isinstance(table, arrow.Table) else arrow.table(table))
+    file = in_memory("the table", "Arrow", table if isinstance(table, arrow.Table) else arrow.table(table))
     KeyColumns.of(file.name, file.schema.names, options)  # refuses options that name a column it has not got
     return KeyedTable.of(file, options), file.groups[0]
-
-
-def _as_file(table: Any) -> TableFile:  # noqa: ANN401
-    """A table of Arrow as a file of one group."""
-
-    def batches(_: Sequence[int], columns: list[str], rows: int) -> Iterator[Any]:
-        yield from table.select(columns).to_batches(max_chunksize=rows)
-
-    return TableFile("the table", "Arrow", table.schema, (table.num_rows,), batches, lambda _: [None])
 
 
 # -------------------------------------------------------------------------------------------------------------- fits

@@ -77,8 +77,10 @@ def command(options: Drift) -> int:
     HISTORY is what `flinders watch` has kept of a unit: its state, the folder of --adopted, or the lines of --json; or
     a folder of such. Of these, how fast the offset of each unit walks, which walks faster, and which moved.
     """
-    from flinders.apps.fleet.drift import drift_of, drift_table
+    from flinders.apps.fleet.drift import drift_of
     from flinders.apps.fleet.drift_page import of_drift
+    from flinders.apps.fleet.overview import UnitDrift
+    from flinders.apps.fleet.tables import record_table
     from flinders.workflows.offset_history import is_history
 
     refuse_twice(options.tables)
@@ -87,7 +89,7 @@ def command(options: Drift) -> int:
         return _walks(options, options.tables[of_units.index(False)] if False in of_units else None)
     _refuse_no_table(options.tables)
     outputs = options.checked_outputs()
-    with working() as watch, drift_table(options.out, force=options.force) as each:
+    with working() as watch, record_table(options.out, UnitDrift, force=options.force) as each:
         if watch is not None:
             watch("holding calibrations against each other")
         drift = drift_of(
@@ -108,7 +110,7 @@ def command(options: Drift) -> int:
 
 def _walks(options: Drift, other: str | None) -> int:
     """Say how offsets of units went, by their histories; `other` is an input that is none."""
-    from flinders.apps.fleet.drift import drift_table
+    from flinders.apps.fleet.tables import record_table
     from flinders.apps.fleet.walks import UnitWalk, walks_of
     from flinders.apps.fleet.walks_page import of_walks
     from flinders.apps.fleet.walks_report import page_of
@@ -119,7 +121,7 @@ def _walks(options: Drift, other: str | None) -> int:
         if program.is_typed(field):
             raise UsageError(f"{name} goes with tables of a fleet: leave it out")
     outputs = options.checked_outputs()
-    with working() as watch, drift_table(options.out, UnitWalk, force=options.force) as each:
+    with working() as watch, record_table(options.out, UnitWalk, force=options.force) as each:
         if watch is not None:
             watch("reading histories")
         fleet = walks_of(
@@ -133,9 +135,13 @@ def _walks(options: Drift, other: str | None) -> int:
 
 
 def _refuse_no_table(paths: Iterable[str]) -> None:
-    """Refuse calibrations and recordings in the place of a table."""
+    """Refuse calibrations, recordings and CSV in the place of a table."""
+    from flinders.apps.fleet.tables import is_csv_of_fleet
+
     for path in paths:
         refuse_calibration(path, "flinders compare compares two; a table is of flinders fleet")
+        if is_csv_of_fleet(path):
+            raise UsageError(f"{path} is a table of CSV: give that of Parquet, which flinders fleet writes too")
         if is_recording(path):
             raise UsageError(f"{path} is a recording: flinders fleet calibrates a folder of them, and writes the table")
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import contextlib
 import os
 import sys
-from typing import TYPE_CHECKING, Final
+from typing import TYPE_CHECKING
 
 import click
 
@@ -13,14 +13,11 @@ from flinders.cli import _options as option
 from flinders.cli import _program as program
 from flinders.cli._output import console, print_result, say
 from flinders.cli._program import GOOD, LIMITED
-from flinders.errors import UsageError, counted, figures, percent
+from flinders.errors import UsageError, counted
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
-    from rich.console import RenderableType
-
-    from flinders.apps.fleet.job import RunSummary
     from flinders.apps.fleet.progress import ProgressCallback
 
 
@@ -56,9 +53,24 @@ class Fleet(program.Group):
     source: str = program.argument("INPUT")
     out: str = program.member(
         "-o", "--out", required=True, metavar="FILE.parquet",
-        help="The table to write, also to s3://, gs:// or az://.",
+        help="The table to write, also as CSV, or to s3://, gs:// or az://.",
     )  # fmt: skip
+    append: bool = program.member(
+        "--append", is_flag=True,
+        help="Go on with what is there: fit new recordings alone, also after a run that was stopped.",
+    )  # fmt: skip
+    bad: str | None = program.member(
+        "--bad", metavar="FILE.csv", help="Also write a table of all units that are not good, and why."
+    )
     report: str | None = program.member("--report", metavar="FILE.html", help="Also write a report of the whole fleet.")
+    alerts: str | None = program.member(
+        "--alerts", heading=program.OUTPUT, metavar="FILE.csv",
+        help="With --append, also write a table of what crossed a limit since the last run.",
+    )  # fmt: skip
+    properties: str | None = program.member(
+        "--properties", heading=program.RECORDING, metavar="FILE.csv",
+        help="Firmware, revision, place and so on of each unit: columns that are added by its name.",
+    )  # fmt: skip
     workers: int | None = program.member(
         "--workers", heading=program.METHOD, type=click.IntRange(0, 4096), metavar="N",
         help="Processes [default: one for each core].",
@@ -66,7 +78,6 @@ class Fleet(program.Group):
     scheduler: str | None = program.member(
         "--scheduler", heading=program.METHOD, metavar="tcp://…", help="Work on this Dask cluster instead."
     )
-    resume: bool = program.member("--resume", is_flag=True, help="Go on with what a run that was stopped has left.")
     log_file: str | None = program.member(
         "--log", heading=program.OUTPUT, metavar="FILE",
         help="Add a line of JSON for each thing that happens to this file.",
@@ -81,32 +92,37 @@ class Fleet(program.Group):
         Raises `UsageError` or `OutputError`.
         """
         from flinders.apps.fleet.storage import is_remote
+        from flinders.apps.fleet.tables import is_csv
         from flinders.core.files import refuse_existing
 
         if self.workers is not None and self.scheduler is not None:
             raise UsageError("--workers are processes of this machine, --scheduler has its own: leave one of them out")
-        paths = [path for path in (self.out, self.report, self.log_file) if path is not None]
+        named = (self.out, self.bad, self.alerts, self.report, self.log_file, self.properties)
+        paths = [path for path in named if path is not None]
         if len({path if is_remote(path) else os.path.realpath(path) for path in paths}) < len(paths):
-            raise UsageError("--out, --report and --log are files of their own: give each another name")
+            raise UsageError("each of the files that are read or written needs a name of its own: two have the same")
         if self.report is not None:
-            refuse_existing(self.report, force=self.force)
+            if is_csv(self.out):
+                raise UsageError(f"{self.out}: a report is made of a table of Parquet: give that another name")
+            refuse_existing(self.report, force=self.force or self.append)
 
 
 @program.command_of(
     "fleet",
     Fleet,
-    common=("out", "report", "unit_column", "columns", "unit", "resume"),
+    common=("out", "append", "bad", "report", "unit_column", "columns", "unit"),
     epilog="""\b
 Example:
-  flinders fleet logs/ --out calibrations.parquet
+  flinders fleet logs/ --out calibrations.parquet --bad bad.csv --report fleet.html
+  flinders fleet logs/ --out calibrations.parquet --append --alerts alerts.csv
   flinders fleet 'line-7/*.parquet' --unit-column serial --unit mG --out calibrations.parquet
   flinders fleet s3://fleet/2026/ --out s3://fleet/2026.parquet --scheduler tcp://10.0.0.1:8786
-  flinders fleet logs/ --out calibrations.parquet --resume
 
 \b
 Exit codes:
-  0  every recording has a calibration
-  3  written; some recordings were refused or could not be read, and say why
+  0  every recording has a calibration; of a table that was extended: nothing crossed a limit
+  3  written; some recordings were refused or could not be read, and say why; of a table that was extended:
+     something crossed a limit since the last run
 """,
 )
 def command(options: Fleet) -> int:
@@ -114,30 +130,38 @@ def command(options: Fleet) -> int:
 
     INPUT is a folder or a pattern of logs, whose first folders or names are the units, or of Parquet and Arrow tables
     with a column of units; here, or at s3://, gs:// or az://. A recording that cannot be fitted or read is a row that
-    says why.
+    says why. `flinders fleet at` writes the calibration of one unit.
     """
-    from flinders.apps.fleet.event_log import log_to
-    from flinders.apps.fleet.job import run
+    from flinders.apps.fleet.job import Outputs, run
     from flinders.apps.fleet.options import Options
+    from flinders.apps.fleet.progress import log_to
+    from flinders.apps.fleet.properties import Properties
+    from flinders.apps.fleet.run_page import of_run
 
     options.check()
+    reading = options.reading
+    known = None if options.properties is None else Properties.read(options.properties, reading.unit_column)
     with log_to(options.log_file), _progress() as watch:
         summary = run(
             options.source,
-            options.out,
-            Options(**options.reading.as_dict()),
+            Outputs(options.out, options.bad, options.alerts),
+            Options(**reading.as_dict()),
             workers=options.workers,
             scheduler=options.scheduler,
-            resume=options.resume,
+            append=options.append,
             force=options.force,
+            properties=known,
             watch=watch,
             notice=say,
         )
-    print_result(summary.as_dict, lambda: of_run(summary), as_json=options.as_json)
+    print_result(summary.as_dict, lambda: of_run(summary, options.bad or options.out), as_json=options.as_json)
     if summary.worst_deg and not options.as_json and not program.is_typed("dip_deg"):
-        say(f"heading errors are for a dip of {options.reading.dip_deg:g}° (assumed): give that of the site by --dip")
+        say(f"heading errors are for a dip of {reading.dip_deg:g}° (assumed): give that of the site by --dip")
     if options.report is not None:
-        _write_report(options.out, options.report, force=options.force)
+        _write_report(options.out, options.report, force=options.force or options.append)
+    for path, what in ((options.bad, "units that are not good"), (options.alerts, "alerts")):
+        if path is not None:
+            say(f"{what} are in {path}")
     duration = f" in {summary.seconds:.1f} s" if sys.stderr.isatty() else ""
     say(f"written to {options.out}{duration}")
     return GOOD if summary.is_whole else LIMITED
@@ -173,69 +197,3 @@ def _progress() -> Iterator[ProgressCallback | None]:
             shown.update(task, completed=done, total=total, state=f"{counted(rows, 'recording')}{rate}")
 
         yield update
-
-
-# ----------------------------------------------------------------------------------------------------------------- page
-
-SUFFIXES: Final = {"none": "without an ending"}
-"""Words for kinds of files that are not their suffix."""
-SHOWN: Final = 8
-"""Codes and findings that the page lists; the table has them all."""
-
-
-def of_run(summary: RunSummary) -> RenderableType:
-    """Lay out a run: what was read, verdicts, why rows have no calibration, and findings."""
-    from rich.console import Group
-    from rich.table import Column
-
-    from flinders.apps.fleet.merging import common_findings
-    from flinders.report.terminal import COLOURS, page, styled, table
-
-    content = (counted(summary.units, "unit"), counted(summary.rows, "recording"), counted(summary.readings, "reading"))
-    verdicts = [
-        styled(COLOURS[verdict], verdict, f"{count:,}", percent(count, summary.rows))
-        for verdict, count in summary.verdicts.items()
-    ]
-    tables = [table(("verdict", "recordings", "share"), verdicts)]
-    if summary.rejected:
-        rows = [(row["unit"], row["recording"], row["finding"] or row["code"]) for row in summary.rejected[:SHOWN]]
-        more = summary.verdicts.get("refused", 0) + summary.verdicts.get("failed", 0) - SHOWN
-        rest = [(f"and {more:,} more", "", "")] * (more > 0)
-        headings = ("refused or failed", Column("recording"), Column("because"))
-        tables.append(table(headings, [*(styled("red", *row) for row in rows), *rest]))
-    common = common_findings(summary.findings, summary.verdicts)
-    others = {code: count for code, count in summary.findings.items() if code not in common}
-    for title, counts in (("no calibration because", summary.codes), ("findings", others)):
-        if counts:
-            frequent = [(code, f"{count:,}") for code, count in list(counts.items())[:SHOWN]]
-            rest_of = [(f"and {len(counts) - SHOWN} more", "")] * (len(counts) > SHOWN)
-            tables.append(table((title, "recordings"), [*frequent, *rest_of]))
-    remarks = [f"true of each calibration: {', '.join(common)}"] if common else []
-    read = f"{counted(summary.files, 'file')}: {', '.join(content)}"
-    return page(read, *tables, Group(*remarks, *_remarks(summary)))
-
-
-def _remarks(summary: RunSummary) -> list[str]:
-    """Further lines of the page."""
-    from flinders.findings.row import TUMBLE_STATED
-
-    lines = []
-    if summary.worst_deg:
-        middle, most, largest = (figures(summary.worst_deg[name]) for name in ("median", "p95", "largest"))
-        lines.append(f"worst heading error: median {middle}°, 95% below {most}°, largest {largest}° (1 σ)")
-    if summary.verdicts.get("good"):
-        lines.append(f"good {TUMBLE_STATED}")
-    if summary.failed_readings:
-        lines.append(f"readings of recordings that failed: {summary.failed_readings:,} of {summary.readings:,}")
-    if len(summary.units_of_field) > 1:
-        units = ", ".join(f"{count:,} in {unit}" for unit, count in summary.units_of_field.items())
-        lines.append(f"units of field differ: {units}; offsets are in the unit of their row")
-    if summary.other_files:
-        kinds = ", ".join(f"{count:,} {SUFFIXES.get(kind, kind)}" for kind, count in summary.other_files.items())
-        lines.append(f"left out files that are no recordings: {kinds}")
-    if summary.resumed:
-        lines.append(f"{summary.resumed:,} of {counted(summary.partitions, 'partition')} were done before")
-    if summary.workers_lost or summary.retried:
-        again = f"{counted(summary.retried, 'partition')} {'was' if summary.retried == 1 else 'were'} done again"
-        lines.append(f"{counted(summary.workers_lost, 'worker')} died or left; {again}")
-    return lines

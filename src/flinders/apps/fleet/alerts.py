@@ -1,0 +1,155 @@
+"""Alerts of a run that extends a table: what crossed a limit since the run before.
+
+A recording is compared with the one before it of the same unit, by date or else by name. The heading is said to have
+changed where `flinders drift` would say so: by more than the target, and by more than chance explains among as many.
+
+>>> good, bad = (UnitResult(unit="A17", recording=day, verdict=verdict, cause="coverage" * (verdict != "good"))
+...              for day, verdict in (("2026-03-01", "good"), ("2026-06-01", "limited")))
+>>> [(each.unit, each.alert, each.before) for each in alerts_of([bad], [good], target_deg=1.0)]
+[('A17', 'not-good', 'good')]
+"""
+
+from __future__ import annotations
+
+import math
+from collections import defaultdict
+from dataclasses import asdict, dataclass
+from typing import TYPE_CHECKING, Any, Final, NamedTuple, Self
+
+import numpy as np
+
+from flinders.apps.fleet.dates import arranged
+from flinders.apps.fleet.drift import CHANCE
+from flinders.apps.fleet.overview import STATES
+from flinders.apps.fleet.results import VERDICTS, UnitResult
+from flinders.comparison.pairs import EllipsoidPairs, differences
+from flinders.findings import action
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Iterator, Mapping, Sequence
+
+    from flinders.errors import FlindersError
+
+
+ALERTS: Final = {
+    "not-good": "the verdict is worse than that of the recording before, or not good at the first",
+    "worst-error": "the heading error to expect went above the target",
+    "heading-changed": STATES["recalibrate"],
+    "changed-file": "a file is not as it was when it was fitted",
+    "vanished-file": "a file that was fitted is no longer there",
+}
+"""What each alert means."""
+RECORD_AGAIN: Final = "look for what was moved or exchanged near the sensor, and use the new calibration"
+
+
+@dataclass(frozen=True, slots=True)
+class Alert:
+    """Something that crossed a limit since the last run."""
+
+    unit: str  # name of the sensor or vehicle; of a file its name in parentheses
+    recording: str  # the new one
+    alert: str  # one of those in docs/fleet/growing.md
+    verdict: str  # of the new recording
+    before: str  # verdict of the recording before it; empty where there is none
+    cause: str  # code of the finding or error; empty where the alert says it all
+    number: float  # what crossed the limit: what the finding states, or degrees of heading
+    limit: float  # what the number was compared with
+    message: str  # what was found
+    remedy: str  # what to do
+
+    @classmethod
+    def of(
+        cls, alert: str, row: UnitResult, before: UnitResult | None, changed: Mapping[str, Any] | None = None
+    ) -> Self:
+        """Alert about a row of the table, with what the row says of itself unless `changed` has other values."""
+        fields: dict[str, Any] = {
+            "unit": row.unit, "recording": row.recording, "alert": alert, "verdict": row.verdict,
+            "before": before.verdict if before else "", "cause": row.cause, "number": row.number,
+            "limit": row.limit, "message": row.message, "remedy": action(row.cause),
+        }  # fmt: skip
+        return cls(**(fields | dict(changed or {})))
+
+    def as_dict(self) -> dict[str, Any]:
+        """JSON-ready fields."""
+        return asdict(self)
+
+
+def alerts_of(new: Sequence[UnitResult], earlier: Iterable[UnitResult], *, target_deg: float) -> list[Alert]:
+    """Compare new rows with those of the same units that the table has, in the order of units and recordings."""
+    found = list(_successive(new, earlier))
+    alerts = [alert for each in found for alert in _of_verdict(each, target_deg)]
+    alerts += _of_headings([each for each in found if each.reference is not None], target_deg)
+    return sorted(alerts, key=lambda alert: (alert.unit, alert.recording))
+
+
+def about_files(faults: Iterable[tuple[str, FlindersError]]) -> list[Alert]:
+    """Alerts about files that changed or vanished, each by its name."""
+    rows = [UnitResult(unit=f"({name})").with_error(error) for name, error in faults]
+    return [Alert.of(row.cause, row, None) for row in rows]
+
+
+class _Successive(NamedTuple):
+    """A new row, and those before it of its unit."""
+
+    row: UnitResult
+    before: UnitResult | None  # that of the recording before
+    reference: UnitResult | None  # the calibration before, where the row is one too and their order is known
+
+
+def _successive(new: Sequence[UnitResult], earlier: Iterable[UnitResult]) -> Iterator[_Successive]:
+    """Each new row with those before it."""
+    units: dict[str, list[UnitResult]] = defaultdict(list)
+    for row in (*earlier, *new):
+        units[row.unit].append(row)
+    fresh = set(map(id, new))
+    for rows in units.values():
+        order = arranged([row.recording for row in rows], np.array([row.start_s for row in rows]))
+        before = calibrated = None
+        for row in (rows[place] for place in order.places):
+            is_comparable = order.is_known and _has_calibration(row)
+            if id(row) in fresh:
+                yield _Successive(row, before, calibrated if is_comparable else None)
+            before, calibrated = row, row if is_comparable else calibrated
+
+
+def _of_verdict(one: _Successive, target_deg: float) -> Iterator[Alert]:
+    """Alert about a verdict that became worse, or else an error that went above the target."""
+    row, before, _ = one
+    known = "good" if before is None else before.verdict
+    if VERDICTS.index(row.verdict) > VERDICTS.index(known):
+        yield Alert.of("not-good", row, before)
+    elif row.worst_deg > target_deg and not (before and before.worst_deg > target_deg):
+        yield Alert.of("worst-error", row, before, {"cause": "", "number": row.worst_deg, "limit": target_deg})
+
+
+def _of_headings(found: Iterable[_Successive], target_deg: float) -> list[Alert]:
+    """Alerts about headings that changed between two calibrations in one unit of field."""
+    pairs = [
+        (row, before, reference)
+        for row, before, reference in found
+        if reference is not None and row.unit_of_field == reference.unit_of_field
+    ]
+    if not pairs:
+        return []
+    newer, _, older = zip(*pairs, strict=True)
+    dips = np.array([row.dip_deg for row in newer])
+    changes = differences(_ellipsoids(older), _ellipsoids(newer), dip_deg=dips)
+    beyond = (changes.worst_deg > target_deg) & (changes.p_value < CHANCE / len(pairs))
+    words = {"cause": "", "limit": target_deg, "message": ALERTS["heading-changed"], "remedy": RECORD_AGAIN}
+    return [
+        Alert.of("heading-changed", row, before, {**words, "number": float(worst)})
+        for (row, before, _), worst, is_beyond in zip(pairs, changes.worst_deg, beyond, strict=True)
+        if is_beyond
+    ]
+
+
+def _has_calibration(row: UnitResult) -> bool:
+    return row.verdict in VERDICTS[:2] and not math.isnan(row.covariance[0])
+
+
+def _ellipsoids(rows: Sequence[UnitResult]) -> EllipsoidPairs:
+    """Ellipsoids of calibrations."""
+    offset, matrix, covariance, radius = (
+        np.array([getattr(row, name) for row in rows]) for name in ("offset", "matrix", "covariance", "field_strength")
+    )
+    return EllipsoidPairs.of_columns(offset, matrix, covariance, radius)

@@ -1,0 +1,82 @@
+"""``flinders fleet at``: the calibration that a unit had at a date, out of the table of a fleet."""
+
+from __future__ import annotations
+
+import math
+
+from flinders.cli import _options as option
+from flinders.cli import _program as program
+from flinders.cli._output import say
+from flinders.cli._program import EXITS
+from flinders.cli._spelling import in_options
+
+
+class FleetAt(program.Group):
+    """A unit, a date, and the table that has its calibrations."""
+
+    unit: str = program.argument("UNIT")
+    date: str | None = program.member(
+        "--date", metavar="DATE", help="When it is to be valid, such as 2026-04-01 [default: the newest]."
+    )
+    table: str = program.member(
+        "--table", default="calibrations.parquet", show_default=True, metavar="TABLE", help="What flinders fleet wrote."
+    )
+    output: str | None = option.output("the calibration", "Where to write the calibration file.")
+    force: bool = option.force()
+    as_json: bool = option.as_json()
+
+
+@program.command_of(
+    "fleet at",
+    FleetAt,
+    common=("date", "table", "output"),
+    epilog="""\b
+Example:
+  flinders fleet at V101 --date 2026-04-01 -o V101.json
+  flinders fleet at V101 --table line-7.parquet
+
+\b
+Exit codes:
+  0  the calibration is good
+  3  it is limited
+  4  the unit has none at that date
+""",
+)
+def command(options: FleetAt) -> int:
+    """Write the calibration that UNIT had at a date, as an ordinary calibration file.
+
+    A calibration is valid from its recording on until the next one of its unit; a recording that was refused or could
+    not be read changes nothing. A folder that is called `at` is given to `flinders fleet` as ./at.
+    """
+    from datetime import UTC, datetime
+
+    from msgspec.structs import replace
+
+    from flinders.apps.fleet.store import date_of, document_of, options_of, rows_of, valid_at
+    from flinders.core.calibration_file import ProvenanceRecord, dumps
+    from flinders.core.version import VERSION
+    from flinders.fitting.result import Fit
+    from flinders.report.fit_pages import of_file
+
+    outputs = options.checked_outputs(options.table)
+    date = None if options.date is None else date_of(options.date)
+    found = valid_at(rows_of(options.table, options.unit), options.unit, date)
+    document = document_of(found.row, options_of(options.table))
+    if options.output:
+        made = ProvenanceRecord(flinders=VERSION, date=datetime.now(UTC).replace(microsecond=0))
+        outputs.write(dumps(replace(document, provenance=made)), options.output)
+    fit = Fit.from_document(document, name=f"{options.unit}, {found.row.recording}")
+    outputs.print(found.as_dict, lambda: of_file(fit, in_options, is_verbose=False))
+    until = "" if math.isnan(found.next_s) else f" until {_day(found.next_s)}"
+    recording = found.row.recording or "its one recording"
+    say(f"{options.unit}: valid from {recording}{until}")
+    for row in found.later:
+        say(f"{row.recording} was {row.verdict} ({row.cause}) and gives no other")
+    outputs.say_written("nothing was written: name a file with -o")
+    return EXITS[fit.verdict]
+
+
+def _day(seconds: float) -> str:
+    from flinders.apps.fleet.report import when
+
+    return when(seconds)

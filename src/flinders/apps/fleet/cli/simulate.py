@@ -1,0 +1,100 @@
+"""``flinders simulate fleet``: a folder of recordings of many units, and what is true of each."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import click
+
+from flinders.cli import _program as program
+from flinders.cli._output import print_json, say
+from flinders.cli._program import GOOD
+from flinders.errors import OutputExists, counted
+
+
+class SimulatedFleet(program.Group):
+    """How many units there are, how many are not good, and where the recordings go."""
+
+    output: str = program.member(
+        "-o", "--output", required=True, metavar="FOLDER", help="Where to write the recordings."
+    )
+    units: int = program.member(
+        "--units", type=click.IntRange(1, 1_000_000), default=100, show_default=True, metavar="N", help="Of the line."
+    )
+    recordings: int = program.member(
+        "--recordings", type=click.IntRange(1, 10), default=2, show_default=True, metavar="N",
+        help="Of each unit, a month apart.",
+    )  # fmt: skip
+    bad: float = program.member(
+        "--bad", type=program.within(0, 1, "a share from 0 to 1", zero=True), default=0.1, show_default=True,
+        metavar="SHARE", help="Units with a fault when they are first recorded.",
+    )  # fmt: skip
+    drifting: float = program.member(
+        "--drifting", type=program.within(0, 1, "a share from 0 to 1", zero=True), default=0.1, show_default=True,
+        metavar="SHARE", help="Units whose offset moves after that.",
+    )  # fmt: skip
+    seed: int = program.member(
+        "--seed", type=click.IntRange(min=0), default=1, show_default=True, help="Another seed, other numbers."
+    )
+    as_json: bool = program.flag("--json", "Print the result as JSON on standard output.")
+
+
+@program.command_of(
+    "fleet",
+    SimulatedFleet,
+    common=("output", "units", "recordings", "bad", "drifting"),
+    epilog="""\b
+Example:
+  flinders simulate fleet -o line --units 200
+  flinders fleet line --out calibrations.parquet --bad bad.csv --properties line.units.csv
+  flinders drift calibrations.parquet
+""",
+)
+def command(options: SimulatedFleet) -> int:
+    """Simulate a line: a folder with a folder of recordings for each unit, some good and some not.
+
+    Beside the folder, FOLDER.truth.csv has what is true of each recording: its fault, how far the offset moved, and the
+    sensor; FOLDER.units.csv has properties of the units. The same seed gives the same bytes.
+    """
+    from flinders.apps.fleet.simulate import LineTruth, line_of
+    from flinders.apps.fleet.tables import record_table
+    from flinders.core.files import make_folder, refuse_existing, write_text
+    from flinders.simulate import write_csv
+
+    folder = Path(options.output)
+    truth, properties = (folder.with_name(f"{folder.name}.{what}.csv") for what in ("truth", "units"))
+    if folder.exists():
+        raise OutputExists(folder)
+    for path in (folder, truth, properties):
+        refuse_existing(path)
+    written: list[LineTruth] = []
+    made = line_of(
+        options.units, seed=options.seed, bad=options.bad, drifting=options.drifting, recordings=options.recordings
+    )
+    for true, samples in made:
+        make_folder(folder / true.unit)
+        write_csv(samples, folder / true.unit / true.recording)
+        written.append(true)
+    with record_table(truth, LineTruth) as each:
+        if each is not None:
+            each(written)
+    units = list(dict.fromkeys(true.unit for true in written))
+    write_text("".join(["unit,revision,place\n", *map(_properties, units)]), properties)
+    faulty = len({true.unit for true in written if true.fault})
+    moved = len({true.unit for true in written if true.offset_change})
+    if options.as_json:
+        print_json(
+            {"folder": str(folder), "units": len(units), "recordings": len(written), "faulty": faulty, "moved": moved}
+        )
+    say(
+        f"simulated: {counted(len(written), 'recording')} of {counted(len(units), 'unit')}; {faulty} have a fault, "
+        f"{moved} an offset that moves"
+    )
+    say(f"the recordings are in {folder}, the truth in {truth}, properties of the units in {properties}")
+    return GOOD
+
+
+def _properties(unit: str) -> str:
+    """Line of a unit: every third is of the newer revision, and two benches take turns."""
+    number = int(unit[1:])
+    return f"{unit},{'B' if number % 3 == 0 else 'A'},bench {1 + number % 2}\n"

@@ -1,0 +1,177 @@
+"""A table that grows: which files it was made from, and which are new, changed or gone.
+
+The table itself says in its footer what was read, so that table and list are replaced in one step. A file is known by
+its name below the input, its size and its time of change (in a store its tag); its content is not read again.
+
+>>> from flinders.apps.fleet.options import Options
+>>> from flinders.apps.fleet.storage import StoredFile
+>>> one, two = StoredFile("A17.csv", "", 10, "monday"), StoredFile("B02.csv", "", 20, "monday")
+>>> before = ReadFiles.of([one], Options())
+>>> again = ReadFiles.loads(before.dumps())
+>>> new, faults = again.news([two])
+>>> [each.name for each in new], {name: error.code for name, error in faults.items()}
+(['B02.csv'], {'A17.csv': 'vanished-file'})
+"""
+
+from __future__ import annotations
+
+import base64
+import json
+import zlib
+from dataclasses import asdict, dataclass, field, replace
+from typing import TYPE_CHECKING, Any, Final, Self, TypeAlias
+
+import numpy as np
+
+from flinders.apps.fleet.results import SIGN, VERSION, UnitResult, UnitResults, integers, needs_arrow, strings
+from flinders.errors import DocumentError, FlindersError, InputError, UsageError
+
+if TYPE_CHECKING:
+    import os
+    from collections.abc import Iterable, Mapping, Sequence
+
+    from flinders.apps.fleet.options import Options
+    from flinders.apps.fleet.storage import StoredFile
+
+    State: TypeAlias = tuple[int, str, str]  # size, time of change or tag, and kind of a file that is no recording
+
+FILES: Final = b"flinders.apps.fleet.files"
+"""Key of the list of files in the metadata of a table."""
+OPTIONS: Final = b"options"
+"""Key of the options in the metadata of that list."""
+
+
+class ChangedFile(InputError):
+    """A file that is not as it was when it was fitted (`size`: bytes then, `now`)."""
+
+    code = "changed-file"
+
+    def __init__(self, name: str, size: int, now: int) -> None:
+        super().__init__(
+            f"{name} has changed since it was fitted (it had {size:,} bytes, and has {now:,}): its rows are of what it "
+            "was; give the new recording a name of its own, or begin the table again",
+            hint={"force": True},
+            size=size,
+            now=now,
+        )
+
+
+class VanishedFile(InputError):
+    """A file that was fitted and is no longer in the input."""
+
+    code = "vanished-file"
+
+    def __init__(self, name: str) -> None:
+        super().__init__(f"{name} was fitted and is no longer there: its rows stay as they are; look where it went")
+
+
+ABOUT_FILES: Final = (ChangedFile.code, VanishedFile.code)
+"""Codes of rows about files that were fitted before: they are made anew by each run."""
+
+
+@dataclass(frozen=True, slots=True)
+class ReadFiles:
+    """The files that a table was made from, and how they were read."""
+
+    options: Mapping[str, Any]  # of `Options`
+    files: Mapping[str, State] = field(default_factory=dict)
+    digest: int = 0  # of the text that it was read from
+
+    @classmethod
+    def of(cls, files: Iterable[StoredFile], options: Options, others: Mapping[StoredFile, str] | None = None) -> Self:
+        """Note some files; `others` are no recordings, with what they are."""
+        kinds = others or {}
+        read = {each.name: (each.size, each.stamp, kinds.get(each, "")) for each in (*files, *kinds)}
+        return cls(asdict(options), dict(sorted(read.items())))
+
+    @classmethod
+    def of_table(cls, path: str | os.PathLike[str]) -> Self:
+        """Read the list out of a table; raises DocumentError if it is none of a fleet, or has no list."""
+        needs_arrow()
+        from pyarrow import parquet
+        from pyarrow.lib import ArrowException
+
+        try:
+            metadata = parquet.read_metadata(path).metadata or {}
+        except (OSError, ArrowException) as error:
+            raise DocumentError(f"{path}: cannot be read as a table of a fleet: {error}") from None
+        if metadata.get(SIGN) != VERSION.encode() or FILES not in metadata:
+            raise DocumentError(
+                f"{path} does not say which files it was made from: only a table as `flinders fleet` writes it can be "
+                "extended; begin it again",
+                hint={"force": True},
+            )
+        return cls.loads(metadata[FILES])
+
+    @classmethod
+    def loads(cls, text: bytes) -> Self:
+        """From `dumps`."""
+        table = needs_arrow().ipc.open_stream(base64.b64decode(text)).read_all()
+        name, *state = (column.to_pylist() for column in table.columns)
+        files = dict(zip(name, zip(*state, strict=True), strict=True))
+        return cls(json.loads(table.schema.metadata[OPTIONS]), files, zlib.crc32(text))
+
+    def dumps(self) -> bytes:
+        """As text for the footer of a table: a stream of Arrow, compressed."""
+        arrow = needs_arrow()
+        size, stamp, kind = zip(*self.files.values(), strict=True) if self.files else ((), (), ())
+        texts = (strings(arrow, cells) for cells in (list(self.files), stamp, kind))
+        name_column, stamp_column, kind_column = texts
+        columns = [name_column, integers(arrow, np.array(size)), stamp_column, kind_column]
+        names = ("name", "size", "stamp", "kind")
+        schema = arrow.schema([(name, column.type) for name, column in zip(names, columns, strict=True)])
+        schema = schema.with_metadata({OPTIONS: json.dumps(dict(self.options), sort_keys=True)})
+        sink = arrow.BufferOutputStream()
+        compressed = arrow.ipc.IpcWriteOptions(compression="zstd")
+        with arrow.ipc.new_stream(sink, schema, options=compressed) as writer:
+            writer.write_table(arrow.Table.from_arrays(columns, schema=schema))
+        return base64.b64encode(sink.getvalue())
+
+    def refuse_other_options(self, options: Options, out: str) -> None:
+        """Refuse to extend a table with rows that were read or judged in another way: raises UsageError."""
+        other = {name: value for name, value in asdict(options).items() if self.options.get(name) != value}
+        if other:
+            name, value = next(iter(other.items()))
+            raise UsageError(
+                f"{out} was made with other options ({name} was {self.options.get(name)}, and is {value} now): name "
+                "the same again, or begin the table again",
+                hint={"force": True},
+            )
+
+    def news(self, files: Sequence[StoredFile]) -> tuple[list[StoredFile], dict[str, FlindersError]]:
+        """Files that are new, and why those are not fitted that have changed or are gone, by name."""
+        new, faults = [], dict[str, FlindersError]()
+        for each in files:
+            known = self.files.get(each.name)
+            if known is None:
+                new.append(each)
+            elif known[0] != each.size or known[1] != each.stamp:
+                if known[2]:
+                    new.append(each)
+                else:
+                    faults[each.name] = ChangedFile(each.name, known[0], each.size)
+        if len(files) - len(new) < len(self.files):  # else all that are known are there
+            present = {each.name for each in files}
+            gone = (name for name, state in self.files.items() if name not in present and not state[2])
+            faults |= {name: VanishedFile(name) for name in gone}
+        return new, dict(sorted(faults.items()))
+
+    @property
+    def recordings(self) -> list[str]:
+        """Names of the files that were fitted."""
+        return [name for name, (_, _, kind) in self.files.items() if not kind]
+
+    def other_files(self, files: Sequence[StoredFile]) -> list[str]:
+        """Kinds of those of some files that are known to be no recordings."""
+        kinds = {name: kind for name, (_, _, kind) in self.files.items() if kind}
+        return [kinds[each.name] for each in files if each.name in kinds] if kinds else []
+
+    def __add__(self, later: ReadFiles) -> ReadFiles:
+        """With the files of a later run."""
+        files = {**self.files, **later.files}
+        return replace(self, files={name: files[name] for name in sorted(files)})
+
+
+def rows_about(faults: Mapping[str, FlindersError]) -> UnitResults:
+    """A row for each file that has changed or is gone; its unit is the name of the file in parentheses."""
+    return UnitResults.of([UnitResult(unit=f"({name})").with_error(error) for name, error in faults.items()]).sorted()

@@ -1,0 +1,66 @@
+"""Which files of an input are recordings, by their names and, of what Flinders wrote itself, by what is in them.
+
+>>> is_readable("A17/monday.csv"), is_readable("A17/notes.md")
+(True, False)
+"""
+
+from __future__ import annotations
+
+import contextlib
+from functools import cache
+from pathlib import Path
+from typing import TYPE_CHECKING, Final
+
+from flinders.apps.fleet.names import CSV, TABLES, header_of
+from flinders.apps.fleet.storage import is_remote
+from flinders.apps.fleet.storage import opened as stored
+from flinders.apps.fleet.tables import is_csv_of_fleet
+from flinders.errors import FlindersError
+from flinders.readers import registry
+from flinders.readers.dialects.json_records import own_kind as kind_of_json
+
+if TYPE_CHECKING:
+    from flinders.apps.fleet.options import Options
+    from flinders.apps.fleet.storage import StoredFile
+
+TABLES_OF_FLEETS: Final = "tables of fleets"
+"""Kind of the tables that a run wrote: an output may lie among the recordings."""
+OWN_FILES: Final = {"truth": "truth files", "calibration": "calibration files"}
+"""Kinds of other files that Flinders writes beside recordings, by what these call themselves."""
+MAX_OWN_BYTES: Final = 1 << 20
+"""Size of such a file: the truth of a recording has two thousand bytes, a calibration a few times that."""
+
+
+@cache
+def _endings() -> tuple[str, ...]:
+    """Endings of what is read from a folder: of readers, of tables, and of folders that cannot be listed."""
+    return (*{suffix for reader in registry() for suffix in reader.suffixes}, *TABLES, "/")
+
+
+def is_readable(name: str) -> bool:
+    """Whether a file of a folder is read; a pattern reads whatever it matches."""
+    return name.lower().endswith(_endings())
+
+
+def is_csv_of_units(file: StoredFile, options: Options) -> bool:
+    """Whether a file is a table of text with the column of units that the options name."""
+    name = options.unit_column
+    if name is None or is_remote(file.where) or not file.name.lower().endswith(CSV):
+        return False
+    try:
+        columns, _ = header_of(Path(file.where))
+    except OSError:
+        return False
+    return name.casefold() in [column.casefold() for column in columns]
+
+
+def own_kind(file: StoredFile) -> str:
+    """Kind of a file of CSV or JSON that Flinders wrote, by what is in it; nothing of others."""
+    if file.name.lower().endswith(CSV) and not is_remote(file.where) and is_csv_of_fleet(file.where):
+        return TABLES_OF_FLEETS
+    if not file.name.lower().endswith(".json") or file.size > MAX_OWN_BYTES:
+        return ""
+    with contextlib.suppress(FlindersError, OSError), stored(file) as source:
+        content = Path(source).read_bytes() if isinstance(source, str) else source.read()
+        return OWN_FILES.get(kind_of_json(content.decode("utf-8", "replace")), "")
+    return ""

@@ -1,0 +1,170 @@
+"""Tables of records that a run writes beside its own: Parquet, or CSV for a spreadsheet, by the name of the file.
+
+The table of a fleet is CSV too where its name ends so: each number of a list is a column, as ``offset_x``, and findings
+have spaces between them. Such a file is read back to the bit.
+
+>>> flat_names()[:7], len(flat_names())
+(('unit', 'recording', 'start_s', 'end_s', 'readings', 'samples', 'verdict'), 80)
+"""
+
+from __future__ import annotations
+
+import contextlib
+import csv
+import dataclasses
+import math
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Final, TextIO, cast
+
+from flinders.apps.fleet.names import CSV, PARQUET
+from flinders.apps.fleet.results import COUNTS, LISTS, NAMES, NUMBERS, UnitResult, UnitResults, needs_arrow
+from flinders.core.files import reason, replacing
+from flinders.errors import DocumentError, UsageError
+
+if TYPE_CHECKING:
+    import os
+    from collections.abc import Callable, Iterator, Mapping, Sequence
+
+SYMMETRIC: Final = [f"{a}_{b}" for a in range(1, 10) for b in range(a, 10)]
+ENDINGS: Final = {
+    "offset": list("xyz"),
+    "matrix": [f"{row}{column}" for row in "xyz" for column in "xyz"],
+    "covariance": SYMMETRIC,
+}
+"""What the columns of a list end in."""
+
+
+def is_csv(path: str | os.PathLike[str]) -> bool:
+    """Whether a table is CSV by its name."""
+    return str(path).lower().endswith(CSV)
+
+
+def refuse_ending(path: str, what: str) -> None:
+    """Refuse a name that tells no kind of table: raises UsageError."""
+    if not path.lower().endswith((*PARQUET, CSV)):
+        raise UsageError(f"{path}: {what} is Parquet or CSV: give it a name that ends in {PARQUET[0]} or {CSV}")
+
+
+@contextlib.contextmanager
+def record_table(
+    path: str | os.PathLike[str] | None, record: type, *, force: bool = False
+) -> Iterator[Callable[[Sequence[Any]], None] | None]:
+    """Write a table that appears under its name when the block ends well; raises OutputError.
+
+    Yields a function that takes some records at a time, each a `record`, a dataclass; None if there is no path.
+    """
+    if path is None:
+        yield None
+        return
+    with replacing(path, force=force) as file:
+        if is_csv(path):
+            writer = csv.writer(file, lineterminator="\n")
+            names = [field.name for field in dataclasses.fields(record)]
+            writer.writerow(names)
+            yield lambda rows: writer.writerows([_cell(getattr(row, name)) for name in names] for row in rows)
+            return
+        from pyarrow import parquet
+
+        schema = record_schema(record)
+        with parquet.ParquetWriter(cast("TextIO", file).buffer, schema, write_page_checksum=True) as table:
+            yield lambda rows: table.write_table(_table_of(rows, schema))
+
+
+def record_schema(record: type) -> Any:  # noqa: ANN401 - pyarrow ships no types
+    """Fields of a record as columns of Arrow."""
+    arrow = needs_arrow()
+    kinds = {"str": arrow.string(), "int": arrow.int64(), "float": arrow.float64()}
+    kinds["tuple[float, ...]"] = arrow.list_(arrow.float64())
+    return arrow.schema([(field.name, kinds[str(field.type)]) for field in dataclasses.fields(record)])
+
+
+def _table_of(rows: Sequence[Any], schema: Any) -> Any:  # noqa: ANN401
+    """Table of some records, null for NaN."""
+    arrow = needs_arrow()
+    columns = [
+        arrow.array([getattr(row, field.name) for row in rows], field.type, from_pandas=True) for field in schema
+    ]
+    return arrow.table(columns, schema=schema)
+
+
+def _cell(value: object) -> object:
+    """A value as it stands in a cell: lists with spaces between, nothing for NaN."""
+    if isinstance(value, tuple):
+        return " ".join(map(str, value))
+    return "" if isinstance(value, float) and math.isnan(value) else value
+
+
+# ---------------------------------------------------------------------------------------------- the table of a fleet
+
+
+def flat_names() -> tuple[str, ...]:
+    """Columns of the table of a fleet as CSV."""
+    return tuple(
+        flat for name in NAMES for flat in ([f"{name}_{end}" for end in ENDINGS[name]] if name in LISTS else [name])
+    )
+
+
+def write_csv(table: str | os.PathLike[str], out: str | os.PathLike[str]) -> None:
+    """Write the table of a fleet, a Parquet file, as CSV; raises OutputError."""
+    from pyarrow import parquet
+
+    with replacing(out, force=True) as file, parquet.ParquetFile(table) as source:
+        added = [name for name in source.schema_arrow.names if name not in NAMES]
+        writer = csv.writer(file, lineterminator="\n")
+        writer.writerow([*flat_names(), *added])
+        for batch in source.iter_batches():
+            writer.writerows(_flat(row, added) for row in batch.to_pylist())
+
+
+def _flat(row: Mapping[str, Any], added: Sequence[str]) -> Iterator[object]:
+    """Cells of a row."""
+    for name in NAMES:
+        if name in LISTS:
+            yield from row[name] or [""] * LISTS[name]
+        else:
+            cell = row[name]
+            yield " ".join(cell or ()) if name == "findings" else "" if cell is None else cell
+    yield from (row[name] or "" for name in added)
+
+
+def is_csv_of_fleet(path: str | os.PathLike[str]) -> bool:
+    """Whether a file is the table of a fleet as CSV, by its first line."""
+    with contextlib.suppress(OSError), Path(path).open(encoding="utf-8", errors="replace") as file:
+        return file.readline(4096).startswith(",".join(flat_names()))
+    return False
+
+
+def read_table(path: str | os.PathLike[str]) -> UnitResults:
+    """Read the table of a fleet, Parquet or CSV, into memory.
+
+    Raises `DocumentError` if it is none.
+    """
+    if not is_csv(path):
+        return UnitResults.read(path)
+    if not is_csv_of_fleet(path):
+        raise DocumentError(f"{path}: this is no table of a fleet: make one with `flinders fleet`")
+    try:
+        with Path(path).open(encoding="utf-8", newline="") as file:
+            return UnitResults.of([_row(cells) for cells in csv.DictReader(file)])
+    except (OSError, ValueError, TypeError) as error:
+        words = reason(error) if isinstance(error, OSError) else str(error)
+        raise DocumentError(f"{path}: cannot be read as a table of a fleet: {words}") from None
+
+
+def _row(cells: Mapping[str, str]) -> UnitResult:
+    """A row of the cells of a line."""
+    values: dict[str, Any] = {}
+    for name in NAMES:
+        if name in LISTS:
+            values[name] = tuple(_number(cells[f"{name}_{end}"]) for end in ENDINGS[name])
+        elif name in NUMBERS:
+            values[name] = _number(cells[name])
+        elif name in COUNTS:
+            values[name] = int(cells[name])
+        else:
+            values[name] = tuple(cells[name].split()) if name == "findings" else cells[name]
+    return UnitResult(**values)
+
+
+def _number(cell: str) -> float:
+    return float(cell) if cell else math.nan
