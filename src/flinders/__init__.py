@@ -55,6 +55,7 @@ if TYPE_CHECKING:
     from flinders.fitting.aiding import Instruments as Instruments
     from flinders.fitting.axis_extremes import from_extremes as from_extremes
     from flinders.fitting.calibrate import fit as fit
+    from flinders.fitting.fit_file import load as load
     from flinders.fitting.known_heading import refresh_at_headings as refresh_at_headings
     from flinders.fitting.known_heading import refresh_on_courses as refresh_on_courses
     from flinders.fitting.refreshing import refresh as refresh
@@ -103,6 +104,7 @@ _HOMES: Final = {
     "fit_each": "workflows.sensors",
     "from_extremes": "fitting.axis_extremes",
     "headings": "workflows.heading_series",
+    "load": "fitting.fit_file",
     "merge": "comparison.merging",
     "open_log": "readers",
     "open_recording": "readers",

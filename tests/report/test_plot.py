@@ -12,7 +12,8 @@ from tests.trials import nightly
 
 import flinders
 from flinders.errors import MissingExtra, NotExportable, UsageError
-from flinders.fitting.result import Judgement
+from flinders.fitting.fit_file import fit_from
+from flinders.fitting.result import Judgement, bare_fit, document_of
 
 if TYPE_CHECKING:
     from flinders.core.samples import Samples
@@ -39,14 +40,14 @@ def test_each_part_is_drawn(fit: Fit, samples: Samples, what: str) -> None:
 
 
 def test_what_a_fit_does_not_state_is_not_drawn(fit: Fit, samples: Samples) -> None:
-    bare = flinders.Fit.of(fit.calibration)
+    bare = bare_fit(fit.calibration)
     assert bare.plot(samples, "residuals").axes
     with pytest.raises(UsageError, match="states no uncertainty"):
         bare.plot(samples, "deviation")
 
 
 def test_a_fit_of_a_file_is_drawn_as_the_fit(fit: Fit, samples: Samples) -> None:
-    loaded = flinders.Fit.from_document(fit.to_document())
+    loaded = fit_from(document_of(fit))
     assert len(loaded.plot(samples).axes) == len(fit.plot(samples).axes)
 
 

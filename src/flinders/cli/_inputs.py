@@ -138,8 +138,10 @@ def in_use(command: str, path: str, recordings: Sequence[str], fixed: Iterable[s
 
     Where ``--fix`` gives values, they are taken for those of the recording, and what that costs is said.
     """
+    from flinders.fitting.result import with_calibration
+
     fit = load(command, path, recordings)
-    return fit.with_calibration(_at_fixed(fit.calibration, fixed_values(fixed)))
+    return with_calibration(fit, _at_fixed(fit.calibration, fixed_values(fixed)))
 
 
 def _at_fixed(calibration: Calibration, values: dict[str, float]) -> Calibration:
@@ -194,12 +196,12 @@ def open_all_with(
 
 def load(command: str, path: str, recordings: Sequence[str] = ()) -> Fit:
     """Load a calibration, and see whether the files were given the other way round."""
-    from flinders.fitting.result import Fit
+    from flinders.fitting import fit_file
 
     if path == "-":
         raise UsageError(f"the calibration must be a file: flinders {command} calibration.json -")
     try:
-        return Fit.load(path)
+        return fit_file.load(path)
     except DocumentError:
         for other in recordings:
             if is_calibration(other):
@@ -214,7 +216,7 @@ def say_exact(*fits: Fit) -> None:
     """Say which calibrations state no uncertainty."""
     for fit in fits:
         if not fit.claim.states_uncertainty:
-            say(f"{fit.name} states no uncertainty: it is taken as exact")
+            say(f"{fit.provenance.name} states no uncertainty: it is taken as exact")
 
 
 def for_use(command: str, path: str) -> Fit:

@@ -191,10 +191,12 @@ class _Run:
     def write(self, fit: Fit) -> None:
         """Write and print the fit and its reports, and last what may fail although it is good: files for targets."""
         from flinders.core.calibration_file import dumps
+        from flinders.fitting.fit_json import json_of
+        from flinders.fitting.result import document_of
 
         files, outputs = self.files, self.files.outputs
         if files.output:
-            outputs.write(dumps(fit.to_document(self.provenance)), files.output)
+            outputs.write(dumps(document_of(fit, self.provenance)), files.output)
         self._trace()
         if not files.as_json and files.report_text != "-":
             if files.plots:
@@ -209,7 +211,7 @@ class _Run:
 
             write_exports(fit, files.exports, outputs, files=self.provenance.files, calibration=files.output)
         if files.as_json:
-            print_json(fit.as_dict())
+            print_json(json_of(fit))
 
     def _say_written(self) -> None:
         """Say where the calibration is, and what to do with it."""

@@ -417,21 +417,21 @@ def refuse_unlike(a: Fit, b: Fit) -> None:
     """
     if a.calibration.unit != b.calibration.unit:
         raise UnitError(
-            f"{a.name} is for readings in {label(a.calibration.unit)}, {b.name} for {label(b.calibration.unit)}: "
-            "calibrate both with one unit, or counts with a scale",
+            f"{a.provenance.name} is for readings in {label(a.calibration.unit)}, {b.provenance.name} for "
+            f"{label(b.calibration.unit)}: calibrate both with one unit, or counts with a scale",
             hint={"unit": None, "scale": None},
         )
     for one in (a, b):
         if one.calibration.linearization is not None:
             raise UsageError(
-                f"{one.name} linearizes its axes, and offset and matrix alone do not tell what it does to a reading: "
-                "compare it with a recording, flinders check CALIBRATION RECORDING"
+                f"{one.provenance.name} linearizes its axes, and offset and matrix alone do not tell what it does to a "
+                "reading: compare it with a recording, flinders check CALIBRATION RECORDING"
             )
     for what in ("axes", "frame"):
         ours, theirs = getattr(a.calibration, what), getattr(b.calibration, what)
         if ours != theirs:
             how = "mapped alike" if what == "axes" else "from readings in the same axes, sensor's or vehicle's"
             raise AxesError(
-                f"{a.name} has {what} {ours}, {b.name} has {what} {theirs}: calibrate both {how}",
+                f"{a.provenance.name} has {what} {ours}, {b.provenance.name} has {what} {theirs}: calibrate both {how}",
                 hint={"axes": None} if what == "axes" else {},
             )

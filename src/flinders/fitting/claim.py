@@ -37,6 +37,9 @@ if TYPE_CHECKING:
     from flinders.geometry.ellipsoid import Ellipsoid
     from flinders.geometry.plane import Plane
 
+TILTS: Final = (10.0, 30.0, 90.0)
+"""Degrees of tilt at which it is said how much worse headings get."""
+
 NO_ERROR: Final = HeadingError(math.nan, math.nan, math.nan)
 
 

@@ -64,9 +64,9 @@ def of_fit(fit: Fit, spell: Spelling = in_python, *, is_verbose: bool = False) -
     below, `spell` writes the arguments that carry out an advice.
     """
     is_refused = fit.verdict == "refused"
-    result = None if is_refused else numbers(fit.calibration, fit.claim.offset_sigma, fit.noise)
+    result = None if is_refused else numbers(fit.calibration, fit.claim.offset_sigma, fit.evidence.noise)
     repeats = fit.evidence.diagnosis.repeats
-    if fit.method == "merged" and repeats is not None:
+    if fit.evidence.method == "merged" and repeats is not None:
         blocks = (_merged_parts(repeats), result, _merged_verdict(fit, repeats))
         return Group(page(*blocks), findings(shown_findings(fit), spell))
     tops = () if is_refused else (Text(summary(fit)), of_recipe(fit), _before_and_after(fit), _since(fit))
@@ -81,7 +81,7 @@ def _shown(fit: Fit, *, is_verbose: bool) -> list[Finding]:
 
 def of_recipe(fit: Fit) -> RenderableType | None:
     """Lay out what a recipe of the extremes publishes: its table; None for any other method."""
-    if fit.method not in MinMax.LABELS.values():
+    if fit.evidence.method not in MinMax.LABELS.values():
         return None
     centre, half = fit.calibration.ellipsoid.centre, fit.calibration.ellipsoid.shape.diagonal()
     return extremes_table(Extremes(fit.calibration, centre - half, centre + half))
@@ -89,8 +89,10 @@ def of_recipe(fit: Fit) -> RenderableType | None:
 
 def of_refused_recipe(fit: Fit) -> RenderableType:
     """Lay out the numbers of a recipe whose fit is refused, which are shown only where somebody insists."""
-    mark = Text(f"REFUSED, not fit for use: what {fit.method} calculates all the same, to be compared", "bold red")
-    return page(mark, of_recipe(fit), numbers(fit.calibration, np.full(3, np.nan), fit.noise))
+    mark = Text(
+        f"REFUSED, not fit for use: what {fit.evidence.method} calculates all the same, to be compared", "bold red"
+    )
+    return page(mark, of_recipe(fit), numbers(fit.calibration, np.full(3, np.nan), fit.evidence.noise))
 
 
 def of_file(fit: Fit, spell: Spelling = in_python, *, is_verbose: bool) -> RenderableType:
@@ -104,13 +106,14 @@ def of_file(fit: Fit, spell: Spelling = in_python, *, is_verbose: bool) -> Rende
         ("readings", f"in {calibration.raw.name}, axes {calibration.axes}"),
     ]
     sigma = fit.claim.offset_sigma if fit.claim.states_uncertainty else np.full(3, np.nan)
-    basis = f"{counted(fit.samples, 'reading')}; {fit.method}"
+    basis = f"{counted(fit.evidence.samples, 'reading')}; {fit.evidence.method}"
     said: RenderableType = "Its uncertainty is not stated."
     if fit.claim.states_uncertainty:
         said = _quality(fit, "", "as its file says", basis, *_more(fit))
     known = facts([(name, words) for name, words in origin if words])
     return Group(
-        page(known, numbers(calibration, sigma, fit.noise), said), findings(_shown(fit, is_verbose=is_verbose), spell)
+        page(known, numbers(calibration, sigma, fit.evidence.noise), said),
+        findings(_shown(fit, is_verbose=is_verbose), spell),
     )
 
 
@@ -184,12 +187,12 @@ def _graded(quality: Verdict, words: str, *more: str) -> Table:
 
 def _before_and_after(fit: Fit) -> Table:
     ellipsoid = fit.calibration.ellipsoid
-    unit, (strength, spread) = label(fit.calibration.unit), fit.coverage.raw_strength(ellipsoid)
+    unit, (strength, spread) = label(fit.calibration.unit), fit.evidence.coverage.raw_strength(ellipsoid)
     before, after = (
         (name, f"{figures(mean, 4)} {unit}", f"{scatter:.1%}", degrees(error.rms), degrees(error.worst))
         for name, mean, scatter, error in (
             ("before", strength, spread, fit.claim.uncorrected_heading_error_deg),
-            ("after", fit.calibration.field_strength, fit.noise / ellipsoid.radius, fit.heading_error_deg),
+            ("after", fit.calibration.field_strength, fit.evidence.noise / ellipsoid.radius, fit.heading_error_deg),
         )
     )
     return table(("", "strength", "spread", "heading error, rms", "worst"), [before, styled("bold", *after)])
@@ -217,10 +220,10 @@ def _quality(fit: Fit, good: str, refused: str, basis: str, *more: str) -> Table
 
 
 def _fit_verdict(fit: Fit) -> Table:
-    is_noisy = fit.noise > NOISE_REFUSED * fit.calibration.ellipsoid.radius
+    is_noisy = fit.evidence.noise > NOISE_REFUSED * fit.calibration.ellipsoid.radius
     is_surface = not (fit.judgement.is_flat or fit.claim.plane or is_noisy)
-    seen = f", {fit.coverage.fraction:.0%} of the sphere covered" if is_surface else ""
-    basis = f"{counted(fit.samples, 'reading')}{seen}; {fit.method}"
+    seen = f", {fit.evidence.coverage.fraction:.0%} of the sphere covered" if is_surface else ""
+    basis = f"{counted(fit.evidence.samples, 'reading')}{seen}; {fit.evidence.method}"
     good = "" if fit.verdict != "good" else f", {reach(fit.claim.attitude_limit_deg)}"
     return _quality(fit, good, "no calibration was written", basis, *_more(fit))
 
@@ -246,7 +249,7 @@ def _merged_parts(repeats: Repeats) -> Table:
 
 
 def _merged_verdict(fit: Fit, repeats: Repeats) -> Table:
-    readings = f" of {counted(fit.samples, 'reading')}" if fit.samples else ""
+    readings = f" of {counted(fit.evidence.samples, 'reading')}" if fit.evidence.samples else ""
     chance = f"; chance scatters them as far with {p_value(repeats.p_value)}"
     basis = f"{counted(len(repeats.parts), 'calibration')}{readings}{chance}"
     return _quality(fit, "", "nothing was written", basis)
@@ -298,7 +301,7 @@ def _sensor_row(name: str, outcome: Fit | FitError) -> tuple[RenderableType, ...
     """Name, readings, share of the sphere, worst heading and verdict of one magnetometer."""
     fit, quality = fit_of(outcome), verdict_of(outcome)
     error = "" if fit is None or quality == "refused" else degrees(fit.heading_error_deg.worst)
-    cells = ("", "") if fit is None else (f"{fit.samples:,}", f"{fit.coverage.fraction:.0%}")
+    cells = ("", "") if fit is None else (f"{fit.evidence.samples:,}", f"{fit.evidence.coverage.fraction:.0%}")
     return name, *cells, error, _coloured(quality)
 
 

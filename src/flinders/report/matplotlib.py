@@ -86,7 +86,7 @@ def plot(fit: Fit, recording: Recording, what: str = "all") -> Figure:
     if what != "all" and what not in PARTS:
         raise UsageError(f"figure {what!r} is not known: use all or one of {', '.join(PARTS)}")
     refuse_unfit(fit)
-    if fit.coverage.by_cell is None:  # as of a file, which keeps no readings
+    if fit.evidence.coverage.by_cell is None:  # as of a file, which keeps no readings
         fit = restore(recording, fit).fit
     drawn = FigureData.of(fit, recording)
     view = drawn.view

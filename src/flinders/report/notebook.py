@@ -39,7 +39,9 @@ def html_of(fit: Fit) -> str:
     """What a notebook shows of a fit; of a refused one no number of the calibration."""
     is_described = fit.evidence.is_described
     title = f"{SIGNS[fit.verdict]} {fit.verdict}: "
-    title += f"{fit.method}, {counted(fit.samples, 'reading')}" if is_described else "nothing is stated"
+    title += (
+        f"{fit.evidence.method}, {counted(fit.evidence.samples, 'reading')}" if is_described else "nothing is stated"
+    )
     causes = said_once(finding for finding in first_causes(fit.findings) if finding.severity != "note")
     words = [f"{SIGNS[finding.severity]} {advice(finding)}" for finding in causes]
     if fit.verdict == "refused":
@@ -52,7 +54,7 @@ def html_of(fit: Fit) -> str:
         calibration.offset.tolist(),
         label(calibration.unit),
         title=title,
-        words=[good, *filter(None, [stated(fit.conditions)]), *words],
+        words=[good, *filter(None, [stated(fit.judgement.conditions)]), *words],
         offset_sigma=claim.offset_sigma.tolist() if claim.states_uncertainty else None,
         terms=None if calibration.linearization is None else calibration.linearization.as_dict(),
         pictures=_pictures(fit) if claim.states_uncertainty else "",

@@ -26,7 +26,8 @@ from flinders.core.keywords import spell_checked
 from flinders.diagnostics.random_walk import walk_through
 from flinders.errors import NeedsSamples, TooFewSamples
 from flinders.fitting.calibrate import fit
-from flinders.fitting.result import Refused
+from flinders.fitting.fit_json import json_of
+from flinders.fitting.result import Refused, with_name
 from flinders.fitting.verdict import of_extrapolation
 from flinders.likelihood.site_field import Site, recorded_site
 from flinders.workflows.correction import ELSEWHERE
@@ -96,7 +97,7 @@ class Check:
 
     def as_dict(self) -> dict[str, Any]:
         """JSON-ready; of a recording that cannot be fitted, all but the refusal."""
-        strength, fresh = self.strength.as_dict(), self.fresh.as_dict()
+        strength, fresh = self.strength.as_dict(), json_of(self.fresh)
         if self.comparison is None or self.fresh_strength is None:
             return {
                 "answer": self.answer,
@@ -226,7 +227,7 @@ def _strength(calibration: Calibration, recording: Recording) -> Strength:
 
 def _compared(known: Fit, fresh: Fit, recording: Recording, *, dip_deg: float, target_deg: float) -> Comparison:
     """Compare them; where the recording is a level turn, in the plane that was turned."""
-    fresh = fresh.with_name("fresh fit")
+    fresh = with_name(fresh, "fresh fit")
     if fresh.claim.plane == "xy" and known.claim.plane is None:
         return compare_turned(known, fresh, recording, target_deg=target_deg)
     return compare(known, fresh, dip_deg=dip_deg, target_deg=target_deg)

@@ -298,7 +298,7 @@ def _seen(summary: Summary) -> tuple[float | None, float | None]:
         surface = getattr(refusal, "fit", None)
     if surface is None:
         return None, None
-    coverage = float(surface.coverage.fraction)
+    coverage = float(surface.evidence.coverage.fraction)
     return coverage, float(surface.calibration.ellipsoid.radius) if coverage >= MIN_COVERAGE else None
 
 

@@ -59,7 +59,7 @@ In `tests/comparison/test_validation.py` the cross-validated error of unbiased m
 class Entry:
     """What one method makes of a recording."""
 
-    method: str  #: as it was asked for; `fit.method` says what was run
+    method: str  #: as it was asked for; `fit.evidence.method` says what was run
     seconds: float  #: the method alone, without the sums of the readings, which all share, and without judging it
     fit: Fit | None = None  #: None where it gives no ellipsoid
     #: None where one block of time less leaves nothing to fit, or the readings are too few
@@ -115,7 +115,7 @@ class Entry:
         fitted, checked = self.fit, self.validation
         return {
             "method": self.method,
-            "method_run": None if fitted is None else fitted.method,  # the method that was run in the end
+            "method_run": None if fitted is None else fitted.evidence.method,  # the method that was run in the end
             "verdict": self.verdict,
             **dict.fromkeys(("offset", "matrix", "field_strength", "heading_error_deg")),
             **({} if fitted is None else printed(fitted.calibration, "offset", "matrix", "field_strength")),

@@ -82,7 +82,7 @@ class State:
     @property
     def coverage(self) -> float:
         """Share of the directions that were seen, 0 to 1."""
-        return 0.0 if self.fit is None else self.fit.coverage.fraction
+        return 0.0 if self.fit is None else self.fit.evidence.coverage.fraction
 
 
 class Session:
@@ -251,4 +251,4 @@ def believe(found: Fit | None, readings: Floats) -> path_planning.Belief | None:
     """What is known after a fit of (N, 3) readings, also a refused one: what it claims, or else a sphere."""
     if found is None or found.judgement.is_flat or found.claim.direction_error_deg.worst > KNOWN_DEG:
         return path_planning.rough(readings)
-    return path_planning.Belief.of(found.claim, found.noise, found.coverage)
+    return path_planning.Belief.of(found.claim, found.evidence.noise, found.evidence.coverage)
