@@ -20,7 +20,7 @@ from flinders.core.lazy import attributes
 from flinders.core.version import VERSION
 
 if TYPE_CHECKING:
-    from matplotlib.figure import Figure
+    from matplotlib.axes import Axes as PlotAxes
 
     from flinders import errors as errors
     from flinders import estimators as estimators
@@ -46,7 +46,7 @@ if TYPE_CHECKING:
     from flinders.core import units as units
     from flinders.core.axes import Axes as Axes
     from flinders.core.calibration import Calibration as Calibration
-    from flinders.core.samples import Recording
+    from flinders.core.figure import Figure
     from flinders.core.samples import Samples as Samples
     from flinders.core.units import Unit as Unit
     from flinders.errors import FitError as FitError
@@ -73,6 +73,7 @@ if TYPE_CHECKING:
     from flinders.workflows.offset_history import OffsetHistory as OffsetHistory
     from flinders.workflows.online import OnlineCalibration as OnlineCalibration
     from flinders.workflows.recording_contents import contents as contents
+    from flinders.workflows.recordings import AnyReadings
     from flinders.workflows.sensors import fit_each as fit_each
 
 __version__: Final = VERSION
@@ -137,11 +138,13 @@ def _html_of(fit: Fit) -> str:
     return html_of(fit)
 
 
-def _plot(fit: Fit, recording: Recording, what: str = "all") -> Figure:
-    """Draw a fit and its recording with matplotlib, as `flinders.report.matplotlib.plot` does."""
-    from flinders.report.matplotlib import plot
+def _plot(
+    fit: Fit, kind: str, recording: AnyReadings | None = None, *, ax: PlotAxes | None = None
+) -> Figure | PlotAxes:
+    """Draw a fit, as `flinders.report.fit_figure.plot` does."""
+    from flinders.report.fit_figure import plot
 
-    return plot(fit, recording, what)
+    return plot(fit, kind, recording, ax=ax)
 
 
 def __dir__() -> list[str]:

@@ -28,6 +28,7 @@ from flinders.fitting.diagnosis import add_faults, faults_of_axes
 from flinders.fitting.estimated import Estimated, turned_readings
 from flinders.fitting.judgement import accepted, judged, mounted
 from flinders.fitting.request import Request, estimator_of, refuse_combinations
+from flinders.fitting.result import of_recording
 from flinders.fitting.widening import claimed
 from flinders.likelihood.prior import SPREAD
 from flinders.native.engine import engine
@@ -161,6 +162,7 @@ def fit(
     unit = Unit.of(unit) if isinstance(unit, str) else unit
     axes = Axes.of(axes) if isinstance(axes, str) else axes
     source, sensor = recording_of(source, unit, axes, sensor)
+    given = None if isinstance(source, Summary) else source
     source, disturbed, tried = _compensated(source, disturbances, request)
     frame = _Frame.of(source, unit, axes)
     found = _estimated(Readings.of(source), estimator, request, frame.unit)
@@ -173,7 +175,7 @@ def fit(
     if found.is_joint and (alone := _unaided(source, found, estimator, request, frame.unit)) is not None:
         left_out = _left_out(result, judged_with(alone), found.aiding)
         result = result if left_out is None else judged_with(alone._replace(aiding=left_out))
-    return accepted(mounted(result, request.alignment_sigma_deg))
+    return accepted(of_recording(mounted(result, request.alignment_sigma_deg), given))
 
 
 def _judged(
@@ -379,7 +381,8 @@ def judged_as(
         coverage=found.coverage,
         is_joint=True,
     )
-    return accepted(mounted(judged(widened, found, calibration, request), request.alignment_sigma_deg))
+    fit = mounted(judged(widened, found, calibration, request), request.alignment_sigma_deg)
+    return accepted(of_recording(fit, readings.as_read.recording))
 
 
 def _turned(calibration: Calibration, aiding_result: Aiding | None) -> Calibration:

@@ -18,7 +18,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, ClassVar
+from typing import TYPE_CHECKING, ClassVar, TypeAlias, overload
 
 from msgspec import UNSET
 
@@ -33,14 +33,19 @@ from flinders.fitting.evidence import Evidence
 if TYPE_CHECKING:
     import os
 
-    from matplotlib.figure import Figure
+    from matplotlib.axes import Axes
+    from numpy.typing import ArrayLike
 
     from flinders.core.calibration import Calibration
     from flinders.core.calibration_file import Document, FindingRecord, ProvenanceRecord, SourceFile
+    from flinders.core.figure import Figure
     from flinders.core.samples import Recording
     from flinders.errors import FlindersError
     from flinders.findings import Condition
     from flinders.heading.error_propagation import HeadingError
+    from flinders.readers import AnySource
+
+    AnyReadings: TypeAlias = Recording | ArrayLike | AnySource
 
 
 class Judged:
@@ -113,6 +118,12 @@ class Provenance:
 
     name: str = "fit"  #: of a fit that was loaded, the path of its file
     record: ProvenanceRecord | None = None  #: release, date and recordings, of a file that states them
+    #: the readings as they were given, in the process that fitted them: a file, a pickle and a copy lack them
+    recording: Recording | None = None
+
+    def __reduce__(self) -> tuple[object, ...]:
+        """Leave the readings where they are."""
+        return Provenance, (self.name, self.record)
 
     @property
     def files(self) -> tuple[SourceFile, ...]:
@@ -130,10 +141,41 @@ class Fit:
     judgement: Judgement  #: findings, verdict, and what a verdict rests on
     provenance: Provenance = Provenance()  #: what messages call it; release, date and recordings of a loaded file
 
-    def plot(self, recording: Recording, what: str = "all") -> Figure:
-        """Draw the fit and its recording with matplotlib, as `flinders.report.matplotlib.plot` does."""
-        figure: Figure = DISPLAYS["plot"](self, recording, what)
-        return figure
+    @overload
+    def plot(self, kind: str = "sphere", recording: AnyReadings | None = None) -> Figure: ...
+    @overload
+    def plot(self, kind: str = "sphere", recording: AnyReadings | None = None, *, ax: Axes) -> Axes: ...
+    def plot(
+        self, kind: str = "sphere", recording: AnyReadings | None = None, *, ax: Axes | None = None
+    ) -> Figure | Axes:
+        """Draw the fit, for a notebook or into axes of one's own.
+
+        Parameters
+        ----------
+        kind : str
+            ``sphere``: the readings before and after, and the heading error to expect in each direction;
+            ``residuals``: how much longer each corrected reading is than the field, over time;
+            ``deviation``: the heading error of a level vehicle over its heading, before and after;
+            ``strength``: the length of each corrected reading over time, with the limit of a disturbed one.
+        recording : Recording, (N, 3) array-like, path, open file or data frame, optional
+            The readings. A fit that was made in this process has them; of one that was loaded they are needed.
+        ax : axes of matplotlib, optional
+            Draw into these.
+
+        Returns
+        -------
+        Figure or Axes
+            What a notebook shows, with ``save``; `ax` where that was given.
+
+        Raises
+        ------
+        NeedsRecording
+            For readings of a fit that was loaded.
+        UsageError
+            For an unknown kind, or the deviation of a fit that states no uncertainty.
+        """
+        drawn: Figure | Axes = DISPLAYS["plot"](self, kind, recording, ax=ax)
+        return drawn
 
     def save(
         self, path: str | os.PathLike[str], *, force: bool = False, provenance: ProvenanceRecord | None = None
@@ -193,6 +235,11 @@ def with_calibration(fit: Fit, calibration: Calibration) -> Fit:
 def with_name(fit: Fit, name: str) -> Fit:
     """The same fit by another name."""
     return replace(fit, provenance=replace(fit.provenance, name=name))
+
+
+def of_recording(fit: Fit, recording: Recording | None) -> Fit:
+    """The same fit with the readings that it was made from."""
+    return replace(fit, provenance=replace(fit.provenance, recording=recording))
 
 
 def document_of(fit: Fit, provenance: ProvenanceRecord | None = None) -> Document:
