@@ -12,10 +12,10 @@ Names are looked up when they are first used, so that importing the package cost
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Final
+from typing import TYPE_CHECKING, Any, Final
 
 from flinders.core import plugins
-from flinders.core.displays import DISPLAYS
+from flinders.core.above import ABOVE
 from flinders.core.lazy import attributes
 from flinders.core.version import VERSION
 
@@ -147,8 +147,15 @@ def _plot(
     return plot(fit, kind, recording, ax=ax)
 
 
+def _correct_frame(calibration: Calibration, frame: Any, **options: Any) -> Any:  # noqa: ANN401 - any frame
+    """Correct a data frame, as `flinders.workflows.frames.correct_frame` does."""
+    from flinders.workflows.frames import correct_frame
+
+    return correct_frame(calibration, frame, **options)
+
+
 def __dir__() -> list[str]:
     return sorted([*_public(), "__version__"])
 
 
-DISPLAYS.update(html=_html_of, plot=_plot)  # pages and figures are above fits, which do not know of them
+ABOVE.update(html=_html_of, plot=_plot, correct_frame=_correct_frame)

@@ -89,7 +89,7 @@ def of_rows() -> Iterator[type[FlindersError]]:
 
 NEVER: frozenset[str] = frozenset({
     "fit", "input", "array", "link", "needs-samples", "needs-recording", "not-merged", "no-accelerometer",
-    "not-validated", "collapsed", "constant-strength",
+    "not-validated", "collapsed", "constant-strength", "unknown-parameter",
 })  # fmt: skip
 """Of bases, of connections, and of methods that a fleet does not call."""
 

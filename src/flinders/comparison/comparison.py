@@ -28,6 +28,7 @@ from flinders.comparison.pairs import EllipsoidPairs, Pairs
 from flinders.comparison.results import printed, with_bound
 from flinders.comparison.rotation_difference import RotationDifference
 from flinders.core.calibration import Calibration
+from flinders.core.keywords import spell_checked
 from flinders.core.units import label
 from flinders.errors import AxesError, UnitError, UsageError
 from flinders.geometry.ellipsoid import Ellipsoid, symmetric
@@ -256,6 +257,7 @@ class Strength:
         return f"Strength(mean={self.mean:.3f}, spread={self.spread:.1%}, readings={self.readings:,})"
 
 
+@spell_checked()
 def compare(a: Fit, b: Fit, *, dip_deg: float | None = None, target_deg: float = 1.0) -> Comparison:
     """Say how far two calibrations of one sensor are apart, and whether that is more than chance.
 

@@ -36,6 +36,7 @@ import numpy as np
 from flinders.comparison.comparison import refuse_unlike
 from flinders.comparison.pairs import rescaled, trace_with, without_scale
 from flinders.core.calibration import Calibration
+from flinders.core.keywords import spell_checked
 from flinders.core.units import Unit, label
 from flinders.diagnostics.repeatability import RecordingFit, compared
 from flinders.errors import UsageError, counted, figures
@@ -86,6 +87,7 @@ class NotMerged(Refused):
     code: ClassVar[str] = "not-merged"
 
 
+@spell_checked()
 def merge(parts: Sequence[Fit], *, target_deg: float = 1.0, dip_deg: float | None = None) -> Fit:
     """Put several calibrations of one sensor together.
 

@@ -23,6 +23,7 @@ import numpy as np
 from flinders.arrays import Floats, column, floats, table
 from flinders.core.axes import Axes
 from flinders.core.disturbance import KINDS, MOST, MOTORS, motor, motors, place_of
+from flinders.core.keywords import spell_checked
 from flinders.core.silence import silent
 from flinders.core.units import Unit
 from flinders.errors import ArrayError, AxesError, counted
@@ -164,6 +165,7 @@ class Samples:
     nameless: str = ""
 
     @classmethod
+    @spell_checked()
     def of(
         cls,
         field: ArrayLike,

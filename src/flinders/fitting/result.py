@@ -22,8 +22,8 @@ from typing import TYPE_CHECKING, ClassVar, TypeAlias, overload
 
 from msgspec import UNSET
 
+from flinders.core.above import ABOVE
 from flinders.core.calibration_file import PARAMETERS, Fitted, HeadingErrorRecord, write
-from flinders.core.displays import DISPLAYS
 from flinders.core.units import label
 from flinders.errors import FitError, counted, figures
 from flinders.findings import VERDICTS, Finding, Verdict, first_causes
@@ -174,7 +174,7 @@ class Fit:
         UsageError
             For an unknown kind, or the deviation of a fit that states no uncertainty.
         """
-        drawn: Figure | Axes = DISPLAYS["plot"](self, kind, recording, ax=ax)
+        drawn: Figure | Axes = ABOVE["plot"](self, kind, recording, ax=ax)
         return drawn
 
     def save(
@@ -192,7 +192,7 @@ class Fit:
         write(document_of(self, provenance), path, force=force)
 
     def _repr_html_(self) -> str:
-        return str(DISPLAYS["html"](self))
+        return str(ABOVE["html"](self))
 
     @property
     def verdict(self) -> Verdict:

@@ -14,6 +14,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from flinders.core.files import write_bytes, write_text
+from flinders.core.keywords import spell_checked
 from flinders.fitting.export import export_fit, limit_lines, refuse_unfit
 from flinders.targets import taking
 from flinders.workflows.recordings import fit_for
@@ -49,6 +50,7 @@ class Exported:
             write_bytes(self.export.data, path, force=force)
 
 
+@spell_checked()
 def export(
     calibration: AnyCalibration,
     target: str,

@@ -20,6 +20,7 @@ from typing import TYPE_CHECKING, Any, Final, Self
 import numpy as np
 
 from flinders.core.geomag import recorded_field
+from flinders.core.keywords import spell_checked
 from flinders.core.samples import Wrapped
 from flinders.core.units import COUNTS, unit_of_the_earth
 from flinders.diagnostics.unmoved import require_moved
@@ -165,6 +166,7 @@ class Contents:
         return {**asdict(self), "site": None if self.site is None else self.site.as_dict()}
 
 
+@spell_checked()
 def contents(
     source: Log | str | os.PathLike[str],
     *,
