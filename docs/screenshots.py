@@ -21,6 +21,7 @@ from typing import TYPE_CHECKING, Any, Final
 import numpy as np
 from benchmarks.stage import Program, Site, chromium
 
+import flinders
 from flinders import simulate
 
 if TYPE_CHECKING:
@@ -29,6 +30,8 @@ if TYPE_CHECKING:
     from flinders.arrays import Floats
 
 IMAGES: Final = Path(__file__).resolve().parent / "images"
+NOTEBOOK: Final = "notebook-"
+"""Begins the names of figures that a notebook shows."""
 LARGEST: Final = 250_000
 """Bytes of a picture."""
 DESK: Final[ViewportSize] = {"width": 1280, "height": 800}
@@ -288,6 +291,13 @@ def _watch(folder: Path) -> list[str]:
     return ["watch", "--replay", week]
 
 
+def notebook(kind: str) -> Path:
+    """Save a figure that a notebook shows, light and dark in one file."""
+    path = IMAGES / f"{NOTEBOOK}{kind}.svg"
+    flinders.fit(simulate.tumble(seed=1).samples).plot(kind).save(path, force=True)
+    return path
+
+
 def _saved(page: Page, name: str) -> Path:
     """Write what the page looks like, in fewer colours where it would be too large.
 
@@ -317,10 +327,16 @@ def main() -> None:
         with chromium() as browser:
             states(browser, Path(asked[1]), asked[2:])
         return
-    names = [*(shot.name for shot in SHOTS), *REPORTS, *STANDALONE]
+    figures = {f"{NOTEBOOK}{kind}": kind for kind in ("sphere", "strength")}
+    names = [*(shot.name for shot in SHOTS), *REPORTS, *STANDALONE, *figures]
     unknown = [name for name in asked if name not in names]
     if unknown:
         sys.exit(f"there is no picture {', '.join(unknown)}: there are {', '.join(names)}")
+    for name, kind in figures.items():
+        if not asked or name in asked:
+            _tell(notebook(kind))
+    if asked and set(asked) <= set(figures):
+        return
     with tempfile.TemporaryDirectory() as folder, chromium() as browser:
         for shot in SHOTS:
             if not asked or shot.name in asked:

@@ -29,8 +29,9 @@ from flinders.comparison.results import printed, with_bound
 from flinders.comparison.rotation_difference import RotationDifference
 from flinders.core.calibration import Calibration
 from flinders.core.keywords import spell_checked
+from flinders.core.notebook import as_table
 from flinders.core.units import label
-from flinders.errors import AxesError, UnitError, UsageError
+from flinders.errors import AxesError, UnitError, UsageError, figures
 from flinders.geometry.ellipsoid import Ellipsoid, symmetric
 from flinders.geometry.plane import IN_PLANE, to_equator
 from flinders.geometry.rotation import rotation_vectors
@@ -90,6 +91,19 @@ class Comparison:
     #: how far the rotations into the body are apart, where both know one. They are in none of the other numbers.
     rotation: RotationDifference | None = None
     omitted_rotation_deg: float | None = None  #: angle of the rotation, where one of both alone knows one
+
+    def _repr_html_(self) -> str:
+        """What a notebook shows."""
+        found, claimed, p_value = self.heading_difference_deg, self.claimed_deg, self.p_value
+        offset = f"{figures(math.hypot(*self.offset_difference))} {label(self.unit)}"
+        rows = [
+            ("heading, rms", _degrees(found.rms), "" if claimed is None else _degrees(claimed.rms)),
+            ("heading, worst", _degrees(found.worst), "" if claimed is None else _degrees(claimed.worst)),
+            ("offset", offset, ""),
+        ]
+        chance = "no covariance is stated" if p_value is None else f"chance makes as much with p = {p_value:.2g}"
+        words = [f"target {self.target_deg:g}°; {chance}"]
+        return as_table(f"Comparison: {self.answer}", ("", "difference", "1 σ claimed"), rows, words)
 
     @property
     def offset_share(self) -> float:
@@ -255,6 +269,11 @@ class Strength:
 
     def __repr__(self) -> str:
         return f"Strength(mean={self.mean:.3f}, spread={self.spread:.1%}, readings={self.readings:,})"
+
+
+def _degrees(angle_deg: float) -> str:
+    """An angle of a table; rounding alone is none."""
+    return f"{figures(angle_deg)}°" if angle_deg > 1e-6 else "0°"
 
 
 @spell_checked()

@@ -130,7 +130,7 @@ NAMES: Final = {
 """What each of `COLUMNS` is called for the readers, and the axes of a vector; motors are counted from 1."""
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@dataclass(frozen=True, slots=True, eq=False, repr=False)
 class Samples:
     """Columns of one recording, or of a stretch of it."""
 
@@ -265,6 +265,14 @@ class Samples:
 
     def __len__(self) -> int:
         return len(self.field)
+
+    def __repr__(self) -> str:
+        first, last = self.span
+        over = f" over {last - first:,.4g} s" if last > first else ""
+        others = ", ".join(name for name in COLUMNS[1:] if getattr(self, name) is not None)
+        axes = "" if self.axes.is_identity else f", axes {self.axes}"
+        more = f"{f', with {others}' * bool(others)}{', some left out' * bool(self.skipped)}"
+        return f"Samples({self.source}: {counted(len(self), 'reading')}{over} in {self.unit.inside}{axes}{more})"
 
     def __getitem__(self, rows: slice | NDArray[np.bool_] | Sequence[int]) -> Samples:
         """Take some rows: a slice is a view, an index or mask a copy."""

@@ -24,6 +24,7 @@ from msgspec import UNSET
 
 from flinders.core.above import ABOVE
 from flinders.core.calibration_file import PARAMETERS, Fitted, HeadingErrorRecord, write
+from flinders.core.short_repr import ShortRepr
 from flinders.core.units import label
 from flinders.errors import FitError, counted, figures
 from flinders.findings import VERDICTS, Finding, Verdict, first_causes
@@ -90,7 +91,7 @@ class Outcome:
         write(self.to_document(provenance), path, force=force)
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@dataclass(frozen=True, slots=True, eq=False, repr=False)
 class Judgement(Judged):
     """What is said of a fit."""
 
@@ -106,14 +107,18 @@ class Judgement(Judged):
         verdicts = {self.stated_verdict, Judged.verdict.__get__(self)}
         return next(verdict for verdict in VERDICTS.values() if verdict in verdicts)
 
+    def __repr__(self) -> str:
+        codes = ", ".join(finding.code for finding in self.findings) or "no findings"
+        return f"Judgement({self.verdict}: {codes}{'; holds if ' * bool(self.conditions)}{', '.join(self.conditions)})"
+
     @property
     def is_flat(self) -> bool:
         """The readings lie in one plane: there is no sphere to have seen a part of, and no number to trust."""
         return any(finding.code == "one-plane" for finding in self.findings)
 
 
-@dataclass(frozen=True, slots=True)
-class Provenance:
+@dataclass(frozen=True, slots=True, repr=False)
+class Provenance(ShortRepr):
     """What messages call a fit, and what its file states of where it comes from."""
 
     name: str = "fit"  #: of a fit that was loaded, the path of its file
