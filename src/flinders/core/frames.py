@@ -88,7 +88,7 @@ def is_pandas(frame: object) -> bool:
     return all(hasattr(frame, name) for name in ("columns", "index", "items", "dtypes"))
 
 
-class Kind(NamedTuple):
+class FrameKind(NamedTuple):
     """A kind of table in memory."""
 
     accepts: Callable[[Any], bool]
@@ -96,7 +96,7 @@ class Kind(NamedTuple):
     with_columns: Callable[[Any, Mapping[Any, Floats]], Any]
 
 
-def _kind_of(frame: object) -> Kind:
+def _kind_of(frame: object) -> FrameKind:
     """The first kind that takes it."""
     return next((kind for kind in KINDS if kind.accepts(frame)), ARROW)
 
@@ -198,14 +198,16 @@ def _package_of(frame: object) -> Any:  # noqa: ANN401
 
 
 KINDS: Final = (
-    Kind(lambda frame: hasattr(frame, "get_column") or hasattr(frame, "collect_schema"), _of_polars, _polars_with),
-    Kind(is_pandas, _of_pandas, _pandas_with),
-    Kind(lambda frame: hasattr(frame, "data_vars"), _of_xarray, _xarray_with),
-    Kind(lambda frame: isinstance(frame, Mapping), _of_mapping, lambda frame, columns: {**frame, **columns}),
-    Kind(lambda frame: bool(getattr(getattr(frame, "dtype", None), "names", None)), _of_structured, _structured_with),
-    Kind(lambda frame: hasattr(frame, "fetchnumpy"), _of_duckdb, _refused),
+    FrameKind(lambda frame: hasattr(frame, "get_column") or hasattr(frame, "collect_schema"), _of_polars, _polars_with),
+    FrameKind(is_pandas, _of_pandas, _pandas_with),
+    FrameKind(lambda frame: hasattr(frame, "data_vars"), _of_xarray, _xarray_with),
+    FrameKind(lambda frame: isinstance(frame, Mapping), _of_mapping, lambda frame, columns: {**frame, **columns}),
+    FrameKind(
+        lambda frame: bool(getattr(getattr(frame, "dtype", None), "names", None)), _of_structured, _structured_with
+    ),
+    FrameKind(lambda frame: hasattr(frame, "fetchnumpy"), _of_duckdb, _refused),
 )
 """Kinds of tables that hand out their columns, in the order in which they are asked."""
 
-ARROW: Final = Kind(lambda frame: hasattr(frame, "__arrow_c_stream__"), lambda _: {}, _arrow_with)
+ARROW: Final = FrameKind(lambda frame: hasattr(frame, "__arrow_c_stream__"), lambda _: {}, _arrow_with)
 """Whatever hands out a stream of Arrow: pyarrow makes a table of it."""

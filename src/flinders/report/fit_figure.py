@@ -152,17 +152,17 @@ def _stacked(
     return lambda fit, recording: stacked(title, panels(fit, recording), wide=figures.WIDE, high=high)
 
 
-class Kind(NamedTuple):
+class FigureKind(NamedTuple):
     """A figure of a fit and its readings."""
 
     chart: Callable[[Fit, AnyReadings | None], str]  #: as SVG for a page
     panels: Callable[[Fit, AnyReadings | None], tuple[Panel, ...]]  #: what it consists of; the last is for one axes
 
 
-KINDS: Final[Mapping[str, Kind]] = {
-    "sphere": Kind(_sphere, _cloud),
-    "residuals": Kind(_stacked("Residuals over time", HIGH, _residuals), _residuals),
-    "deviation": Kind(_stacked("Deviation over the heading, before and after", 120.0, _deviation), _deviation),
-    "strength": Kind(_stacked("Strength over time", HIGH, _strength), _strength),
+KINDS: Final[Mapping[str, FigureKind]] = {
+    "sphere": FigureKind(_sphere, _cloud),
+    "residuals": FigureKind(_stacked("Residuals over time", HIGH, _residuals), _residuals),
+    "deviation": FigureKind(_stacked("Deviation over the heading, before and after", 120.0, _deviation), _deviation),
+    "strength": FigureKind(_stacked("Strength over time", HIGH, _strength), _strength),
 }
 """Figures by name."""

@@ -31,7 +31,7 @@ from flinders.core.axes import Axes
 from flinders.core.geomag import ASSUMED_DIP_DEG
 from flinders.core.samples import Samples
 from flinders.core.units import Unit
-from flinders.errors import FitError, UsageError
+from flinders.errors import FitError, UsageError, counted
 from flinders.fitting.advice import guided
 from flinders.fitting.calibrate import fit
 from flinders.fitting.request import Request
@@ -161,6 +161,11 @@ class Session:
             self._due_s = self._timeline.at + self._every_s
             self._state = self._fitted()
         return self._state
+
+    def __repr__(self) -> str:
+        state = self._state
+        what = state.refusal or "no fit yet" if state.fit is None else repr(state.fit)
+        return f"Session({counted(state.readings, 'reading')}: {what})"
 
     @property
     def state(self) -> State:
