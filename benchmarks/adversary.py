@@ -565,7 +565,7 @@ def tried(row: tuple[str, int], seed: int, paths: Sequence[Path]) -> Trial:
         return Trial("refused")
     true = float(np.abs(headings(fit.calibration.apply(level(seed, of, effect)))).max())
     codes = tuple(finding.code for finding in fit.findings)
-    return Trial(fit.verdict, codes, fit.conditions, fit.heading_error_deg.worst, true, probability(fit))
+    return Trial(fit.verdict, codes, fit.judgement.conditions, fit.heading_error_deg.worst, true, probability(fit))
 
 
 def tried_on(case: tuple[str, int], *, rows: Sequence[tuple[str, int]]) -> list[Trial]:

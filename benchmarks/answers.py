@@ -27,7 +27,7 @@ import flinders
 from flinders import simulate
 from flinders.comparison.comparison import compare
 from flinders.errors import FlindersError
-from flinders.fitting.result import Fit
+from flinders.fitting.result import Fit, bare_fit, with_calibration
 from flinders.geometry.ellipsoid import symmetric
 
 if TYPE_CHECKING:
@@ -103,7 +103,7 @@ def checked(seed: int, off_deg: float) -> Trial:
     sensor = simulate.Sensor.random(rng)
     known = moved(flinders.fit(simulate.tumble(rng, sensor=sensor).samples), sensor, off_deg, rng)
     if rng.random() < 0.5:
-        known = Fit.of(known.calibration)
+        known = bare_fit(known.calibration)
     recorded = recording(row, sensor, rng)
     try:
         found = flinders.check(recorded.samples, known, target_deg=TARGET_DEG)
@@ -142,12 +142,12 @@ def moved(fit: Fit, sensor: Sensor, off_deg: float, rng: np.random.Generator) ->
     for _ in range(40):
         middle = (low + high) / 2.0
         low, high = (middle, high) if apart_deg(by(middle), truth) < off_deg else (low, middle)
-    return fit.with_calibration(by(low))
+    return with_calibration(fit, by(low))
 
 
 def apart_deg(one: Calibration, other: Calibration) -> float:
     """Difference of level headings at the worst."""
-    return compare(Fit.of(one), Fit.of(other), dip_deg=DIP_DEG).heading_difference_deg.worst
+    return compare(bare_fit(one), bare_fit(other), dip_deg=DIP_DEG).heading_difference_deg.worst
 
 
 def table(trials: Sequence[Trial]) -> Iterator[str]:

@@ -120,7 +120,7 @@ def tried(recipe: Callable[[int], Simulated], seed: int, *, textbook: bool = Fal
         heading_deg=heading_error_deg(matrix, offset, recording),
         claimed_deg=fit.heading_error_deg.rms,
         verdict=fit.verdict,
-        method=fit.method,
+        method=fit.evidence.method,
     )
 
 

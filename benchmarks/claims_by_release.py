@@ -75,7 +75,7 @@ def fitted(name: str) -> Kept:
         return Kept("refused", limits=(error.code,))
     limits = tuple(sorted(finding.code for finding in fit.findings if finding.severity != "note"))
     claimed = None if fit.verdict == "refused" else _digits(fit.heading_error_deg.worst)
-    return Kept(fit.verdict, claimed, _digits(fit.noise), limits)
+    return Kept(fit.verdict, claimed, _digits(fit.evidence.noise), limits)
 
 
 def _digits(number: float) -> float:

@@ -272,7 +272,7 @@ def compared(name: str, floats: Path, doubles: Path, m4: Path | None) -> dict[st
     return {
         "name": name,
         "readings": len(samples),
-        "method": fit.method,
+        "method": fit.evidence.method,
         "rounding_ut": float(off * 50.0 / of_double["field"]),
         "claim_of_double": float(of_single["heading_worst_deg"] / of_double["heading_worst_deg"]),
         "verdicts_of_precision": (int(of_single["verdict"]), int(of_double["verdict"])),

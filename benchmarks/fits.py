@@ -102,13 +102,13 @@ def numbers_of(fit: Fit) -> Row:
     error, textbook = fit.heading_error_deg, fit.claim.textbook_heading_error_deg
     return {
         "verdict": fit.verdict,
-        "used": fit.method,
-        "samples": fit.samples,
+        "used": fit.evidence.method,
+        "samples": fit.evidence.samples,
         "offset": fit.calibration.offset.tolist(),
         "matrix": fit.calibration.matrix.tolist(),
         "covariance": fit.claim.covariance.tolist(),
         "field_strength": fit.calibration.field_strength,
-        "noise": fit.noise,
+        "noise": fit.evidence.noise,
         "heading_rms_deg": error.rms,
         "heading_worst_deg": error.worst,
         "textbook_worst_deg": None if textbook is None else textbook.worst,

@@ -129,9 +129,13 @@ class Follower:
         else:
             if fit is None:
                 return self._axis
-            here = path_planning.Belief.of(fit.claim, fit.noise, fit.coverage).direction(field[-1])
+            here = path_planning.Belief.of(fit.claim, fit.evidence.noise, fit.evidence.coverage).direction(field[-1])
             there = guide(
-                fit.calibration.ellipsoid, fit.claim.covariance, noise=fit.noise, coverage=fit.coverage, goal="attitude"
+                fit.calibration.ellipsoid,
+                fit.claim.covariance,
+                noise=fit.evidence.noise,
+                coverage=fit.evidence.coverage,
+                goal="attitude",
             ).direction
         axis: Floats = np.cross(here, there)
         return axis if np.linalg.norm(axis) > 1e-3 else self._axis

@@ -181,7 +181,7 @@ def aids_table(trials: int) -> Iterator[str]:
             for number in range(trials):
                 truth, site = TURNS[title].record(number)
                 found = tried(truth.samples, aiding=aiding, site=site)
-                run[found if isinstance(found, str) else found.method] += 1
+                run[found if isinstance(found, str) else found.evidence.method] += 1
                 if not isinstance(found, str):
                     scores.append(scored(found, truth))
             told = ", ".join(f"{count} {name}" for name, count in run.most_common())

@@ -34,7 +34,7 @@ from flinders.core.units import label
 from flinders.errors import FitError
 from flinders.fitting.refreshing import refresh
 from flinders.fitting.request import judged_dip
-from flinders.fitting.result import Refused
+from flinders.fitting.result import Refused, document_of
 from flinders.native import build
 from flinders.native.engine import engine
 from flinders.report.view import view
@@ -170,7 +170,7 @@ def site_of(known: Site | None) -> dict[str, float | None] | None:
 
 def _file_of(fit: Fit) -> dict[str, str]:
     """Name and text of a calibration file."""
-    return {"name": fit.name, "text": dumps(fit.to_document())}
+    return {"name": fit.provenance.name, "text": dumps(document_of(fit))}
 
 
 def _packed(numbers: Floats) -> str:

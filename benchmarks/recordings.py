@@ -57,10 +57,10 @@ def row(reference: Reference) -> str:
     """Fit one recording and write its row."""
     fit = flinders.fit(flinders.read(FOLDER / reference.recording))
     apart = float(np.linalg.norm(fit.calibration.offset - reference.offset)) / fit.calibration.field_strength
-    error, (_, spread) = fit.heading_error_deg, fit.coverage.raw_strength(fit.calibration.ellipsoid)
+    error, (_, spread) = fit.heading_error_deg, fit.evidence.coverage.raw_strength(fit.calibration.ellipsoid)
     return (
-        f"| {reference.recording} | {fit.samples:,} | {reference.tool} | {apart:.2%} | "
-        f"{spread:.1%} → {fit.noise / fit.calibration.field_strength:.1%} | "
+        f"| {reference.recording} | {fit.evidence.samples:,} | {reference.tool} | {apart:.2%} | "
+        f"{spread:.1%} → {fit.evidence.noise / fit.calibration.field_strength:.1%} | "
         f"{fit.verdict}, {error.worst:.2f}° |"
     )
 
@@ -83,7 +83,9 @@ def judged(path: Path) -> str | None:
     told = ", ".join(code for code in codes if code.strip("()") not in ALWAYS)
     claimed = "" if fit.verdict == "refused" else f"{error.worst:.2g}°"
     white = "" if fit.verdict == "refused" or textbook is None else f"{textbook.worst:.2g}°"
-    return f"| {name} | {fit.samples:,} | {fit.verdict}, {fit.method} | {claimed} | {white} | {told} |"
+    return (
+        f"| {name} | {fit.evidence.samples:,} | {fit.verdict}, {fit.evidence.method} | {claimed} | {white} | {told} |"
+    )
 
 
 def main() -> None:

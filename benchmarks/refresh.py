@@ -30,7 +30,7 @@ from flinders.core.units import Unit
 from flinders.errors import FitError
 from flinders.fitting.known_heading import PoseSigmas, refresh_at_headings
 from flinders.fitting.refreshing import known_shape
-from flinders.fitting.result import Refused
+from flinders.fitting.result import Refused, with_name
 from flinders.geometry.ellipsoid import Ellipsoid, symmetric, upper
 from flinders.heading.error_propagation import level_error
 from flinders.likelihood.magnitude import information
@@ -111,7 +111,7 @@ def repeats() -> Floats:
                 fit = flinders.refresh(part, earlier)
             except Refused as refused:
                 fit = refused.fit
-            apart = flinders.compare(fit.with_name("refreshed"), whole, dip_deg=DIP_DEG).heading_difference_deg.worst
+            apart = flinders.compare(with_name(fit, "refreshed"), whole, dip_deg=DIP_DEG).heading_difference_deg.worst
             ratios.append(apart / math.hypot(fit.heading_error_deg.worst, whole.heading_error_deg.worst))
     return np.array(ratios)
 

@@ -34,6 +34,7 @@ nitpicky = True
 APPS = "fleet.(dataset|keys|options|plan|progress|storage|summary)|vehicles.targets.autopilot"
 INNER = rf"flinders\.(.*\._\w+|estimators\.(auto|rests)|apps\.({APPS}))\..*"  # named in signatures, and told by nobody
 nitpick_ignore_regex = [(r"py:.*", r"(?!flinders\.).*"), (r"py:.*", INNER)]
+nitpick_ignore = [("py:class", "flinders.core.calibration.Frame")]  # a variable of types
 suppress_warnings = ["misc.highlighting_failure"]  # of sessions that show files, whose apostrophes open no string
 autodoc_inherit_docstrings = False
 

@@ -21,14 +21,19 @@ from typing import TYPE_CHECKING, Any, Final
 import numpy as np
 from benchmarks.stage import Program, Site, chromium
 
+import flinders
 from flinders import simulate
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
+
     from playwright.sync_api import Browser, Page, ViewportSize
 
     from flinders.arrays import Floats
 
 IMAGES: Final = Path(__file__).resolve().parent / "images"
+NOTEBOOK: Final = "notebook-"
+"""Begins the names of figures that a notebook shows."""
 LARGEST: Final = 250_000
 """Bytes of a picture."""
 DESK: Final[ViewportSize] = {"width": 1280, "height": 800}
@@ -313,6 +318,13 @@ def _watch(folder: Path) -> list[str]:
     return ["watch", "--replay", week]
 
 
+def notebook(kind: str) -> Path:
+    """Save a figure that a notebook shows, light and dark in one file."""
+    path = IMAGES / f"{NOTEBOOK}{kind}.svg"
+    flinders.fit(simulate.tumble(seed=1).samples).plot(kind).save(path, force=True)
+    return path
+
+
 def _saved(page: Page, name: str) -> Path:
     """Write what the page looks like, in fewer colours where it would be too large.
 
@@ -342,23 +354,28 @@ def main() -> None:
         with chromium() as browser:
             states(browser, Path(asked[1]), asked[2:])
         return
-    names = [*(shot.name for shot in SHOTS), *REPORTS, *STANDALONE, *STATION]
+    figures = {f"{NOTEBOOK}{kind}": kind for kind in ("sphere", "strength")}
+    pages: dict[str, Callable[[Browser, Path], Path]] = {
+        **{shot.name: lambda browser, folder, shot=shot: shoot(browser, shot, folder) for shot in SHOTS},
+        **{
+            name: lambda browser, folder, made=made, name=name: made(browser, name, folder)
+            for made, group in ((report, REPORTS), (standalone, STANDALONE), (station, STATION))
+            for name in group
+        },
+    }
+    names = [*pages, *figures]
     unknown = [name for name in asked if name not in names]
     if unknown:
         sys.exit(f"there is no picture {', '.join(unknown)}: there are {', '.join(names)}")
+    wanted = asked or names
+    for name in figures.keys() & set(wanted):
+        _tell(notebook(figures[name]))
+    if not pages.keys() & set(wanted):
+        return
     with tempfile.TemporaryDirectory() as folder, chromium() as browser:
-        for shot in SHOTS:
-            if not asked or shot.name in asked:
-                _tell(shoot(browser, shot, Path(folder)))
-        for name in REPORTS:
-            if not asked or name in asked:
-                _tell(report(browser, name, Path(folder)))
-        for name in STANDALONE:
-            if not asked or name in asked:
-                _tell(standalone(browser, name, Path(folder)))
-        for name in STATION:
-            if not asked or name in asked:
-                _tell(station(browser, name, Path(folder)))
+        for name in wanted:
+            if name in pages:
+                _tell(pages[name](browser, Path(folder)))
 
 
 def _tell(path: Path) -> None:

@@ -11,7 +11,8 @@ from flinders import simulate
 from flinders.core.units import Unit
 from flinders.fitting.aiding import Aiding
 from flinders.fitting.calibrate import fit
-from flinders.fitting.result import Fit
+from flinders.fitting.fit_file import load
+from flinders.fitting.result import with_calibration
 from flinders.geometry.rotation import rotations
 
 if TYPE_CHECKING:
@@ -68,11 +69,11 @@ def calibrated(n: int) -> None:
 
 def with_rotation_error(off_deg: float, claimed_deg: float) -> None:
     """Turn the calibration by so much about the body's x axis, with that claim about each axis."""
-    known = Fit.load("calibration.json")
+    known = load("calibration.json")
     turn = rotations(np.array([[np.radians(off_deg), 0.0, 0.0]]))[0]
     turned = replace(known.calibration, matrix=turn @ known.calibration.matrix, rotation="estimated")
     aiding = Aiding(rotation_covariance=np.radians(claimed_deg) ** 2 * np.eye(3))
-    known = replace(known, evidence=replace(known.evidence, aiding=aiding)).with_calibration(turned)
+    known = with_calibration(replace(known, evidence=replace(known.evidence, aiding=aiding)), turned)
     known.save("calibration.json", force=True)
 
 

@@ -31,8 +31,8 @@ STATED: Final = re.compile(
 """Units that a comment states."""
 
 FIT = (
-    "fitting.result:Fit fitting.evidence:Disturbances fitting.evidence:Residuals fitting.evidence:Diagnosis "
-    "fitting.evidence:Evidence fitting.claim:Claim"
+    "fitting.fit_json:json_of fitting.result:Judgement fitting.result:Fit fitting.evidence:Disturbances "
+    "fitting.evidence:Residuals fitting.evidence:Diagnosis fitting.evidence:Evidence fitting.claim:Claim"
 )
 """A fit, and the values that it consists of."""
 
@@ -183,7 +183,7 @@ def keys_of(source: str) -> tuple[Key, ...]:
     """Keys of a record or function, ``module:name``; others after it are asked for the meanings that it lacks."""
     made, *others = (_found(name) for name in source.split())
     fields = _fields(made) if inspect.isclass(made) else {}
-    known = {name: words for other in others for name, words in _fields(other).items()}
+    known = {name: words for other in others if inspect.isclass(other) for name, words in _fields(other).items()}
     return tuple(_key(name, words or fields.get(name) or known.get(name, "")) for name, words in _named(made))
 
 
@@ -226,9 +226,10 @@ def _named(made: type) -> Iterator[tuple[str, str]]:
 
 
 def _parts(made: type, function: Callable[..., object]) -> Iterator[Callable[..., object]]:
-    """Private methods that make a part of the keys."""
-    for name in re.findall(r"self\.(_\w+_as_dict)\(\)", inspect.getsource(function)):
-        yield getattr(made, name)
+    """Private methods, or functions beside it, that make a part of the keys."""
+    home = made if inspect.isclass(made) else inspect.getmodule(function)
+    for name in re.findall(r"\*(?:self\.)?(_\w+_as_dict)\(", inspect.getsource(function)):
+        yield getattr(home, name)
 
 
 def _own(made: type) -> tuple[str, ...]:
@@ -271,7 +272,7 @@ def _of_mapping(node: ast.Dict, comments: Mapping[int, str], parent: str) -> Ite
 def _fields(made: type) -> dict[str, str]:
     """Comments of a record's fields, and first lines of the docstrings of its methods."""
     words: dict[str, str] = {}
-    for kind in reversed([kind for kind in made.__mro__ if kind.__module__.startswith("flinders")]):
+    for kind in reversed([kind for kind in inspect.getmro(made) if kind.__module__.startswith("flinders")]):
         source = textwrap.dedent(inspect.getsource(kind))
         comments, body = _comments(source), ast.parse(source).body[0]
         assert isinstance(body, ast.ClassDef)

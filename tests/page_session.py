@@ -26,6 +26,7 @@ from flinders.apps.live.session_file import Log
 from flinders.apps.live.standalone.package import live_data
 from flinders.core.calibration_file import dumps
 from flinders.core.units import MICROTESLA, Unit
+from flinders.fitting.result import document_of
 from flinders.native import build
 
 if TYPE_CHECKING:
@@ -105,7 +106,7 @@ class PageSession:
 
     def got_previous(self, at: float, fit: Fit) -> None:
         """A calibration from before."""
-        self._tell("previous", at, name=fit.name, text=dumps(fit.to_document()))
+        self._tell("previous", at, name=fit.provenance.name, text=dumps(document_of(fit)))
 
     def requested(self, at: float, type: str, **command: Any) -> list[SimpleNamespace]:
         """A command of a person; what they are told."""

@@ -12,15 +12,15 @@ Names are looked up when they are first used, so that importing the package cost
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Final
+from typing import TYPE_CHECKING, Any, Final
 
 from flinders.core import plugins
-from flinders.core.displays import DISPLAYS
+from flinders.core.above import ABOVE
 from flinders.core.lazy import attributes
 from flinders.core.version import VERSION
 
 if TYPE_CHECKING:
-    from matplotlib.figure import Figure
+    from matplotlib.axes import Axes as PlotAxes
 
     from flinders import errors as errors
     from flinders import estimators as estimators
@@ -47,7 +47,7 @@ if TYPE_CHECKING:
     from flinders.core import units as units
     from flinders.core.axes import Axes as Axes
     from flinders.core.calibration import Calibration as Calibration
-    from flinders.core.samples import Recording
+    from flinders.core.figure import Figure
     from flinders.core.samples import Samples as Samples
     from flinders.core.units import Unit as Unit
     from flinders.errors import FitError as FitError
@@ -57,6 +57,7 @@ if TYPE_CHECKING:
     from flinders.fitting.aiding import Instruments as Instruments
     from flinders.fitting.axis_extremes import from_extremes as from_extremes
     from flinders.fitting.calibrate import fit as fit
+    from flinders.fitting.fit_file import load as load
     from flinders.fitting.known_heading import refresh_at_headings as refresh_at_headings
     from flinders.fitting.known_heading import refresh_on_courses as refresh_on_courses
     from flinders.fitting.refreshing import refresh as refresh
@@ -76,6 +77,7 @@ if TYPE_CHECKING:
     from flinders.workflows.onboard import judge_onboard as judge_onboard
     from flinders.workflows.online import OnlineCalibration as OnlineCalibration
     from flinders.workflows.recording_contents import contents as contents
+    from flinders.workflows.recordings import AnyReadings
     from flinders.workflows.sensors import fit_each as fit_each
 
 __version__: Final = VERSION
@@ -110,6 +112,7 @@ _HOMES: Final = {
     "heading_history": "workflows.log_headings",
     "headings": "workflows.heading_series",
     "judge_onboard": "workflows.onboard",
+    "load": "fitting.fit_file",
     "merge": "comparison.merging",
     "open_log": "readers",
     "open_recording": "readers",
@@ -142,15 +145,24 @@ def _html_of(fit: Fit) -> str:
     return html_of(fit)
 
 
-def _plot(fit: Fit, recording: Recording, what: str = "all") -> Figure:
-    """Draw a fit and its recording with matplotlib, as `flinders.report.matplotlib.plot` does."""
-    from flinders.report.matplotlib import plot
+def _plot(
+    fit: Fit, kind: str, recording: AnyReadings | None = None, *, ax: PlotAxes | None = None
+) -> Figure | PlotAxes:
+    """Draw a fit, as `flinders.report.fit_figure.plot` does."""
+    from flinders.report.fit_figure import plot
 
-    return plot(fit, recording, what)
+    return plot(fit, kind, recording, ax=ax)
+
+
+def _correct_frame(calibration: Calibration, frame: Any, **options: Any) -> Any:  # noqa: ANN401 - any frame
+    """Correct a data frame, as `flinders.workflows.frames.correct_frame` does."""
+    from flinders.workflows.frames import correct_frame
+
+    return correct_frame(calibration, frame, **options)
 
 
 def __dir__() -> list[str]:
     return sorted([*_public(), "__version__"])
 
 
-DISPLAYS.update(html=_html_of, plot=_plot)  # pages and figures are above fits, which do not know of them
+ABOVE.update(html=_html_of, plot=_plot, correct_frame=_correct_frame)

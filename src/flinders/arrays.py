@@ -26,22 +26,53 @@ Floats: TypeAlias = NDArray[np.floating[Any]]
 
 Its shape and unit are in the docstring that uses it."""
 
+FOREIGN: Final = (
+    (str | bytes, "text ('{first}'): need real numbers; convert it to float"),
+    (type(None), "None for what is missing: need real numbers; write NaN in its place"),
+    (int, "a number of more than 64 bits ({first}), which no sensor reads: check the column"),
+    (dict, "records: need columns of numbers; make a data frame of them"),
+    (list | tuple | np.ndarray, "{count:,} arrays: need one of numbers; stack them, as numpy.stack({name}) does"),
+)
+"""Entries of an array that are no real numbers, and what to say of them."""
+
 FEW: Final = 9
 """Numbers up to which Python is faster than NumPy."""
 
 
 def floats(values: ArrayLike, name: str = "values") -> Floats:
-    """Turn anything array-like into float64 without copying where it is float64 already.
+    """Turn anything array-like into float64 without copying where it is float64 already; masked values become NaN.
 
     Raises `ArrayError` for text, ragged lists, complex numbers, dates and objects.
+
+    >>> floats(["1.5", "2.5"], "field")
+    Traceback (most recent call last):
+    flinders.errors.ArrayError: field holds text ('1.5'): need real numbers; convert it to float
     """
+    if isinstance(values, np.ma.MaskedArray):
+        values = np.ma.filled(values.astype(np.float64), np.nan)
     try:
         array = np.asarray(values)
     except ValueError as error:
-        raise ArrayError(f"{name} is not a regular array: {error}") from None
+        what = "has rows of different lengths" if "inhomogeneous" in str(error) else f"is no array: {error}"
+        raise ArrayError(f"{name} {what}: need three numbers in each row") from None
     if array.dtype.kind not in "fiub":
-        raise ArrayError(f"{name} holds {array.dtype.name}, need real numbers")
+        raise ArrayError(f"{name} holds {_held(array, name)}")
     return array.astype(np.float64, copy=False)
+
+
+def _held(array: NDArray[Any], name: str) -> str:
+    """What an array holds that is no real number, and what to do about it."""
+    if array.dtype.kind not in "OUS":
+        return f"{array.dtype.name}: need real numbers"
+    first = next((entry for entry in array.flat if not _is_number(entry)), None)
+    known = (words for kinds, words in FOREIGN if isinstance(first, kinds))
+    words = next(known, f"{type(first).__name__} objects: need real numbers; convert them to float")
+    return words.format(first=first, count=len(array) if array.ndim else 1, name=name)
+
+
+def _is_number(entry: object) -> bool:
+    """Whether an entry of an array of objects is a number that fits into 64 bits."""
+    return isinstance(entry, float) or (isinstance(entry, int) and abs(entry) < 2**63)
 
 
 def vectors(values: ArrayLike, name: str = "field", *, finite: bool = True) -> Floats:
@@ -51,10 +82,21 @@ def vectors(values: ArrayLike, name: str = "field", *, finite: bool = True) -> F
     """
     array = floats(values, name)
     if array.ndim == 0 or array.shape[-1] != 3:
-        raise ArrayError(f"{name} has shape {array.shape}: need (..., 3), one x, y, z triple a reading")
+        raise ArrayError(
+            f"{name} has shape {array.shape}: need (..., 3), one x, y, z triple a reading{_reshaped(array, name)}"
+        )
     if finite:
         refuse_gaps(array, name)
     return array
+
+
+def _reshaped(array: Floats, name: str) -> str:
+    """How an array of another shape may have been meant; nothing where no rule fits."""
+    if array.ndim == 2 and array.shape[0] == 3:
+        return f"; transposed? give {name}.T"
+    if array.ndim == 1 and array.size % 3 == 0 and array.size:
+        return f"; one triple after the other? give {name}.reshape(-1, 3)"
+    return ""
 
 
 def table(values: ArrayLike, name: str = "field", *, finite: bool = True) -> Floats:

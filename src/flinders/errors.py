@@ -4,6 +4,7 @@
 
     FlindersError                    code              exit code
     ├── UsageError                   usage             2    an option or argument cannot be used
+    │   ├── UnknownParameter         unknown-parameter 2    a keyword that a function does not have
     │   ├── UnitError                unit              2    an unknown unit, or units that contradict each other
     │   └── AxesError                axes              2    an axes mapping that is not a signed permutation
     ├── InputError                   input             5    what was given cannot be read
@@ -170,6 +171,12 @@ class UsageError(FlindersError):
     """An option or argument that cannot be used."""
 
     code, exit_code = "usage", 2
+
+
+class UnknownParameter(UsageError, TypeError):
+    """A keyword that a function does not have; also a `TypeError`, as Python's own answer is."""
+
+    code = "unknown-parameter"
 
 
 class UnitError(UsageError):

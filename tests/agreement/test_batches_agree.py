@@ -152,14 +152,20 @@ def alone(one: Samples, target_deg: float) -> Fit:
 def assert_alike(found: BatchColumns, place: int, fit: Fit) -> None:
     calibration = fit.calibration
     told = (found.verdict[place], found.method[place], found.samples[place], found.findings[place])
-    assert told == (fit.verdict, fit.method, fit.samples, tuple(finding.code for finding in fit.findings)), place
+    assert told == (
+        fit.verdict,
+        fit.evidence.method,
+        fit.evidence.samples,
+        tuple(finding.code for finding in fit.findings),
+    ), place
     radius = calibration.field_strength
     assert np.abs(found.offset[place] - calibration.offset).max() < AGREED * radius
     for name, expected in (
         ("matrix", calibration.matrix.ravel()), ("covariance", fit.claim.covariance.ravel()[UPPER]),
-        ("noise", fit.noise),
-        ("field_strength", radius), ("coverage", fit.coverage.fraction), ("worst_deg", fit.heading_error_deg.worst),
-        ("rms_deg", fit.heading_error_deg.rms), ("dip_deg", fit.heading_error_deg.dip_deg),
+        ("noise", fit.evidence.noise),
+        ("field_strength", radius), ("coverage", fit.evidence.coverage.fraction),
+        ("worst_deg", fit.heading_error_deg.worst), ("rms_deg", fit.heading_error_deg.rms),
+        ("dip_deg", fit.heading_error_deg.dip_deg),
     ):  # fmt: skip
         numbers = getattr(found, name)[place]
         assert np.abs(numbers - expected).max() <= AGREED * np.abs(expected).max(), (place, name)

@@ -63,8 +63,8 @@ def test_it_says_what_python_says(program: Path, world: dict[str, object]) -> No
     advice = guide(
         fit.calibration.ellipsoid,
         fit.claim.covariance,
-        noise=fit.noise,
-        coverage=fit.coverage,
+        noise=fit.evidence.noise,
+        coverage=fit.evidence.coverage,
         dip_deg=fit.claim.known_dip_deg,
     )
     assert float(turn.split()[-2]) == pytest.approx(advice.after_deg, rel=0.02)

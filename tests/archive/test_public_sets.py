@@ -16,6 +16,7 @@ from scipy.io import savemat
 
 from flinders import Fit, simulate
 from flinders.core.calibration import Calibration
+from flinders.fitting.result import bare_fit
 from flinders.geometry.plane import heading_errors
 from flinders.geometry.quaternions import inverse, of_angles, of_matrix, product
 from flinders.heading.error_propagation import level_turn
@@ -137,7 +138,7 @@ def test_each_format_is_read_and_judged_as_the_recording_behind_it(name: str, tm
     for found, column in zip(read, columns(), strict=True):
         assert found is not None
         np.testing.assert_allclose(found, column[first:], atol=1e-4)
-    rough = Fit.of(Calibration(np.eye(3), unit * RECORDING.sensor.offset, 50.0 * unit))
+    rough = bare_fit(Calibration(np.eye(3), unit * RECORDING.sensor.offset, 50.0 * unit))
     expected = public.compared(uncorrected(RECORDING), public.Trial("", RECORDING.samples, TRUTH))
     measured = public.compared(rough, trials[0])
     assert measured.worst_deg == pytest.approx(expected.worst_deg, rel=0.02)
@@ -147,7 +148,7 @@ def test_each_format_is_read_and_judged_as_the_recording_behind_it(name: str, tm
 
 def uncorrected(recording: simulate.Simulated) -> Fit:
     """Nothing but the offset of the sensor."""
-    return Fit.of(Calibration(np.eye(3), recording.sensor.offset, 50.0))
+    return bare_fit(Calibration(np.eye(3), recording.sensor.offset, 50.0))
 
 
 SENSOR: Final = simulate.Sensor(
@@ -167,7 +168,7 @@ def test_the_heading_error_of_a_calibration_is_found_whatever_the_mounting_and_t
     heading, fields = level_turn(60.0)
     readings = fields - np.linalg.solve(SENSOR.matrix, error)[:, np.newaxis] / 50.0
     expected = np.degrees(np.abs(heading_errors(readings, heading)[0]).max())
-    found = public.compared(Fit.of(calibration), public.Trial("", recording.samples, truth_of(recording)))
+    found = public.compared(bare_fit(calibration), public.Trial("", recording.samples, truth_of(recording)))
     assert found.worst_deg == pytest.approx(expected, rel=0.01, abs=1e-3)
     assert found.rest_deg < 0.001
 

@@ -115,7 +115,7 @@ def test_a_board_claims_what_the_library_claims_of_independent_readings(name: st
     answer = firmware.run(firmware.HOST_DOUBLE, double, world(name))["answer"]
     npt.assert_allclose(answer["offset"], fit.calibration.offset, atol=1e-3)
     npt.assert_allclose(answer["heading_worst_deg"], fit.heading_error_deg.worst, rtol=0.02)
-    npt.assert_allclose(answer["noise"], fit.noise, rtol=1e-3)
+    npt.assert_allclose(answer["noise"], fit.evidence.noise, rtol=1e-3)
     assert answer["verdict"] == firmware.verdict_of(fit, answer)
 
 
@@ -130,7 +130,11 @@ def test_a_board_advises_what_the_library_advises(double: Path) -> None:
     fit = flinders.fit(world("tilted"), unit="uT")
     answer = firmware.run(firmware.HOST_DOUBLE, double, world("tilted"))["answer"]
     advice = guide(
-        fit.calibration.ellipsoid, textbook_of(world("tilted")), noise=fit.noise, coverage=fit.coverage, dip_deg=60.0
+        fit.calibration.ellipsoid,
+        textbook_of(world("tilted")),
+        noise=fit.evidence.noise,
+        coverage=fit.evidence.coverage,
+        dip_deg=60.0,
     )
     npt.assert_allclose(answer["turn"], advice.direction, atol=1e-9)
     npt.assert_allclose(answer["after_deg"], advice.after_deg, rtol=0.05)

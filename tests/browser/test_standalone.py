@@ -141,7 +141,7 @@ def test_a_log_that_is_dropped_gets_a_verdict_and_a_file_that_flinders_reads(vis
     with page.expect_download() as started:
         page.locator("#save-calibration").click()
     started.value.save_as(tmp_path / "cal.json")
-    saved = flinders.Fit.load(tmp_path / "cal.json")
+    saved = flinders.load(tmp_path / "cal.json")
     fit = flinders.fit(TUMBLE)
     np.testing.assert_allclose(saved.calibration.offset, fit.calibration.offset, atol=0.02)
     np.testing.assert_allclose(saved.calibration.matrix, fit.calibration.matrix, atol=5e-4)
@@ -241,7 +241,7 @@ def test_what_an_accelerometer_felt_in_a_log_counts_as_in_the_program(visitor: V
     with page.expect_download() as started:
         page.locator("#save-calibration").click()
     started.value.save_as(tmp_path / "cal.json")
-    saved = flinders.Fit.load(tmp_path / "cal.json")
+    saved = flinders.load(tmp_path / "cal.json")
     assert saved.evidence.z_down is True
     assert [each.code for each in saved.findings] == [each.code for each in fit.findings]
 

@@ -171,7 +171,7 @@ def test_noise_and_verdict_are_not_misled_by_the_strength() -> None:
     samples = orbit(1.0)
     fit = flinders.fit(samples, method="alonso-shuster")
     assert (fit.verdict, fit.calibration.field_strength_known) == ("good", True)
-    assert fit.noise == pytest.approx(1.0 / 1.06, rel=0.1)
+    assert fit.evidence.noise == pytest.approx(1.0 / 1.06, rel=0.1)
     assert not {"noise", "structure", "field-changed", "scale-unknown"} & {finding.code for finding in fit.findings}
     with pytest.raises(Refused, match="21% of the field off the ellipsoid"):
         flinders.fit(samples, target_deg=20.0)

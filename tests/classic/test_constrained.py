@@ -109,7 +109,7 @@ def test_a_centre_that_is_not_zero_is_an_error_that_is_told() -> None:
     """6 µT of offset left in: the claim grows to it."""
     field = recorded(50.0 * np.eye(3), n=2000) - HARD_IRON + [6.0, 0.0, 0.0]
     fit = flinders.fit(field, target_deg=30.0, method=flinders.estimators.Constrained(radii="sphere", centred=True))
-    assert fit.method == "ellipsoid sphere centred"
+    assert fit.evidence.method == "ellipsoid sphere centred"
     assert fit.verdict == "limited"
     assert fit.claim.offset_sigma[0] == pytest.approx(6.0, rel=0.05)
     assert fit.claim.bias_deg > 5.0

@@ -21,6 +21,7 @@ from flinders.comparison.cross_validation import cross_validated
 from flinders.comparison.merging import merge
 from flinders.errors import UsageError
 from flinders.estimators import METHODS, Readings
+from flinders.fitting.result import with_name
 from flinders.heading.guidance import guide
 
 if TYPE_CHECKING:
@@ -72,7 +73,7 @@ def test_a_method_that_holds_parameters_is_guided_too(method: str) -> None:
     sensor = simulate.Sensor.random(np.random.default_rng(2), noise=0.5, strength=0.6)
     fit = judged(simulate.tumble(seed=2, motion="tilted", n=150, sensor=sensor).samples.field, method=method)
     advice = guide(
-        fit.calibration.ellipsoid, fit.claim.covariance, noise=fit.noise, coverage=fit.coverage,
+        fit.calibration.ellipsoid, fit.claim.covariance, noise=fit.evidence.noise, coverage=fit.evidence.coverage,
         dip_deg=60.0, down=np.array([0.0, 0.0, np.copysign(1.0, fit.heading_error_deg.dip_deg)]), goal="heading",
     )  # fmt: skip
     assert np.isfinite([advice.after_deg, *advice.errors_deg]).all()
@@ -94,7 +95,7 @@ def test_a_simpler_method_is_not_weighted_as_exact() -> None:
         flinders.fit(simulate.tumble(seed=seed, motion="uniform", sensor=sensor).samples, method=method)
         for seed, method in ((1, "auto"), (2, "sphere"))
     ]
-    parts = [fit.with_name(fit.method) for fit in fits]
+    parts = [with_name(fit, fit.evidence.method) for fit in fits]
     with pytest.raises(UsageError, match=r"sphere leaves \d of 8 parameters free"):
         merge(parts)
 

@@ -29,7 +29,8 @@ from flinders.cli import main
 from flinders.errors import FitError, NeedsSamples, NotAnEllipsoid, StuckAxis, TooFewSamples, UnitError, UsageError
 from flinders.estimators import Readings
 from flinders.estimators.ellipse import Ellipse
-from flinders.fitting.result import Fit, Refused
+from flinders.fitting.fit_file import fit_from
+from flinders.fitting.result import Fit, Refused, document_of
 from flinders.geometry.plane import PLANES, PlaneEllipse, Spacing, Turn, order_of, root
 from flinders.heading.error_propagation import level_turn
 from flinders.summary.summary import Summary
@@ -91,7 +92,7 @@ def test_36_points_without_noise_are_exact(method: str, plane: Plane) -> None:
     npt.assert_allclose(found.offset, COMPASS.offset, atol=1e-9)
     npt.assert_allclose(found.scale, COMPASS.scale, atol=1e-9)
     assert found.skew_deg == pytest.approx(COMPASS.skew_deg, abs=1e-7)
-    assert (fit.method, fit.claim.plane) == (f"{method} {plane}", plane)
+    assert (fit.evidence.method, fit.claim.plane) == (f"{method} {plane}", plane)
     assert fit.calibration.offset[order[2]] == 0.0
     npt.assert_allclose(fit.calibration.matrix[order[2]], np.eye(3)[order[2]], atol=1e-12)
 
@@ -279,7 +280,7 @@ def test_a_vehicle_turned_by_hand_is_not_evenly_spaced(recordings: Callable[[str
     assert mean.verdict == "refused"
     assert mean.heading_error_deg.worst == pytest.approx(14.0, abs=1.0)
     assert ellipse.heading_error_deg.worst == pytest.approx(0.18, abs=0.01)
-    assert ellipse.noise / ellipse.calibration.field_strength < 0.005
+    assert ellipse.evidence.noise / ellipse.calibration.field_strength < 0.005
     reference = PlaneEllipse(ellipse.calibration.offset[:2], ellipse.calibration.shape[:2, :2])
     assert Spacing.of(reference.angles(points)).cost_deg == pytest.approx(15.2, abs=0.1)
 
@@ -469,7 +470,7 @@ def composed(sensor: simulate.Sensor, planes: tuple[Plane, ...], rng: Generator,
             readings, target_deg=50.0, site=flinders.Site(strength=strength), method=method_with(method, plane=plane)
         )
         found = fit if first is None else composition.composed(first, fit)
-        loaded.append(Fit.from_document(found.to_document()))
+        loaded.append(fit_from(document_of(found)))
     return loaded
 
 
@@ -526,7 +527,7 @@ def test_a_composition_has_findings_of_its_own() -> None:
         assert [finding.code for finding in step.findings] == ["composed", "scale-unknown"]
         assert (step.verdict, step.claim.plane, step.claim.states_uncertainty) == ("limited", None, False)
     assert "(xy, then yz); not turned yet in zx" in second.findings[0].advice
-    assert (second.samples, third.samples) == (72, 108)
+    assert (second.evidence.samples, third.evidence.samples) == (72, 108)
 
 
 @pytest.mark.nightly
@@ -575,7 +576,12 @@ def test_a_sensor_that_was_calibrated_all_round_may_be_put_into_a_vehicle() -> N
 
 def test_a_turn_gives_the_compass_it_was_made_with() -> None:
     found = classic.two_axis(read(np.arange(0.0, 360.0, 10.0)))
-    assert (found.fit.method, found.fit.verdict, found.composed, found.notes) == ("two-axis xy", "limited", None, ())
+    assert (found.fit.evidence.method, found.fit.verdict, found.composed, found.notes) == (
+        "two-axis xy",
+        "limited",
+        None,
+        (),
+    )
     assert np.abs(off_deg(found.fit.calibration)).max() < 2.0 * found.fit.heading_error_deg.worst
     assert found.as_dict()["turn"]["is_mean_trusted"]
 
@@ -583,7 +589,7 @@ def test_a_turn_gives_the_compass_it_was_made_with() -> None:
 def test_where_the_mean_is_off_least_squares_is_taken_unless_the_mean_was_asked_for() -> None:
     arc = read(np.arange(0.0, 270.0, 10.0))
     found = classic.two_axis(arc)
-    assert (found.fit.method, [note.code for note in found.notes]) == ("ellipse xy", ["mean-off"])
+    assert (found.fit.evidence.method, [note.code for note in found.notes]) == ("ellipse xy", ["mean-off"])
     assert np.abs(off_deg(found.fit.calibration)).max() < 2.0 * found.fit.heading_error_deg.worst
     with pytest.raises(Refused):
         classic.two_axis(arc, method="two-axis")
@@ -683,9 +689,9 @@ def test_three_planes_through_the_command_compose() -> None:
     npt.assert_allclose(loaded.matrix, wanted.matrix, atol=1e-7)
     npt.assert_allclose(loaded.offset, wanted.offset, atol=1e-6)
     assert loaded.rotation == "composed"
-    fit = flinders.Fit.load("2.json")
+    fit = flinders.load("2.json")
     assert not fit.claim.states_uncertainty
-    assert fit.method == "two-axis xy, then two-axis yz, then two-axis zx"
+    assert fit.evidence.method == "two-axis xy, then two-axis yz, then two-axis zx"
     assert [file.name for file in fit.provenance.files] == ["sweep.csv"] * 3
 
 

@@ -28,6 +28,7 @@ from flinders.cli._program import EXIT_CODES
 from flinders.cli._signals import ENDING, handled, interrupt
 from flinders.core import calibration_file
 from flinders.core.calibration import Calibration
+from flinders.fitting.fit_json import json_of
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
@@ -176,7 +177,7 @@ def test_json_has_the_promised_keys(home: Path) -> None:
 
 def test_json_has_the_fields_of_the_python_objects(home: Path) -> None:
     found = flinders_("calibrate", "tumble.csv", "--json").json
-    assert found == json.loads(json.dumps(flinders.fit(flinders.read("tumble.csv")).as_dict()))
+    assert found == json.loads(json.dumps(json_of(flinders.fit(flinders.read("tumble.csv")))))
 
 
 def test_results_go_to_stdout_and_talk_to_stderr(home: Path) -> None:

@@ -23,6 +23,7 @@ from flinders import simulate
 from flinders.cli import main
 from flinders.core import calibration_file
 from flinders.core.calibration import Calibration
+from flinders.fitting.result import with_calibration
 from flinders.report.comparison_pages import of_comparison
 from flinders.targets._mounting import euler
 
@@ -101,7 +102,7 @@ def test_a_sensor_that_changed(offset: float, code: int, answer: str) -> None:
 def test_compare_prints_the_fields_of_the_python_object() -> None:
     found = flinders_("compare", "monday.json", "tuesday.json", "--json", "--dip", "-40", "--target", "2").json
     wanted = flinders.compare(
-        flinders.Fit.load("monday.json"), flinders.Fit.load("tuesday.json"), dip_deg=-40.0, target_deg=2.0
+        flinders.load("monday.json"), flinders.load("tuesday.json"), dip_deg=-40.0, target_deg=2.0
     )
     assert list(found) == KEYS
     assert found == json.loads(json.dumps(wanted.as_dict()))
@@ -166,10 +167,10 @@ def test_a_calibration_checked_on_its_own_recording_proves_nothing() -> None:
 
 def test_calibrations_that_leave_any_angle_say_so() -> None:
     """One of another sensor, whose claim is as wide as it is wrong."""
-    first = flinders.Fit.load("monday.json")
+    first = flinders.load("monday.json")
     moved = replace(first.calibration, offset=first.calibration.offset + np.array([200.0, 0.0, 0.0]))
     claim = replace(first.claim, covariance=1e8 * first.claim.covariance)
-    replace(first, claim=claim).with_calibration(moved).save("wide.json")
+    with_calibration(replace(first, claim=claim), moved).save("wide.json")
     ended = flinders_("compare", "monday.json", "wide.json")
     assert ended.code == 3
     assert "headings any angle apart" in " ".join(ended.out.split())
@@ -181,7 +182,7 @@ def test_calibrations_that_leave_any_angle_say_so() -> None:
 
 
 def test_angles_and_shares_that_round_to_nothing_have_no_sign() -> None:
-    found = flinders.compare(flinders.Fit.load("monday.json"), flinders.Fit.load("tuesday.json"))
+    found = flinders.compare(flinders.load("monday.json"), flinders.load("tuesday.json"))
     tiny = replace(found, heading_mean_deg=-0.001, scale_difference=-0.00001)
     with StringIO() as out:
         Console(file=out, width=100, color_system=None).print(of_comparison(tiny))

@@ -22,7 +22,8 @@ from flinders.core.samples import Samples
 from flinders.core.units import Unit
 from flinders.errors import ArrayError, AxesError, DocumentError, UnitError, UsageError
 from flinders.fitting.aiding import Aiding
-from flinders.fitting.result import Fit
+from flinders.fitting.fit_file import fit_from, load
+from flinders.fitting.result import Fit, bare_fit, with_calibration, with_name
 from flinders.summary.pooling import chance_of
 from flinders.targets._mounting import euler
 
@@ -44,7 +45,7 @@ def judged(seed: int, *, n: int = 400, field_strength: float | None = None, move
 
 
 def changed(one: Fit, **changes: Any) -> Fit:
-    return one.with_calibration(replace(one.calibration, **changes))
+    return with_calibration(one, replace(one.calibration, **changes))
 
 
 def claiming(one: Fit, covariance: Floats) -> Fit:
@@ -132,7 +133,7 @@ def test_the_wider_claim_is_named() -> None:
 
 def test_the_heading_difference_is_the_one_of_the_offset() -> None:
     """An offset of δ across a horizontal field of H cos I errs by δ/(H cos I) sin ψ."""
-    one = Fit.of(Calibration(np.eye(3), np.zeros(3), 50.0))
+    one = bare_fit(Calibration(np.eye(3), np.zeros(3), 50.0))
     other = changed(one, offset=np.array([0.1, 0.0, 0.0]))
     found = compare(one, other, dip_deg=60.0)
     assert found.heading_difference_deg.worst == pytest.approx(np.rad2deg(0.1 / 25.0), rel=0.01)
@@ -173,13 +174,13 @@ def test_two_rotations_that_differ_beyond_chance_and_target_fail() -> None:
     small = compare(first, second, target_deg=5.0)
     assert (small.answer, small.is_turned, small.is_turned_beyond_target) == ("holds", True, False)
     assert not compare(first, alike).is_turned
-    bare = [Fit.of(each.calibration) for each in (first, second)]
+    bare = [bare_fit(each.calibration) for each in (first, second)]
     assert (compare(*bare).answer, compare(bare[0], bare[0]).answer) == ("fails", "holds")
 
 
 def test_an_offset_beyond_the_field_is_no_constant_heading() -> None:
     """Where the heading no longer goes round, the difference is all angles, not a mean to be removed."""
-    one = Fit.of(Calibration(np.eye(3), np.zeros(3), 50.0))
+    one = bare_fit(Calibration(np.eye(3), np.zeros(3), 50.0))
     for far in (200.0, 1e200):
         found = compare(one, changed(one, offset=np.array([far, 0.0, 0.0])))
         assert found.heading_difference_deg.rms > 60.0
@@ -190,13 +191,13 @@ def test_the_scale_counts_where_both_fields_are_known() -> None:
     """The same sensor in a stronger field reads longer; a gain that changed reads longer in the same field."""
     one = judged(0, n=4000)
     shape = 1.1 * one.calibration.shape
-    stronger = one.with_calibration(Calibration.from_ellipsoid(one.calibration.offset, shape, raw=Unit.of("uT")))
+    stronger = with_calibration(one, Calibration.from_ellipsoid(one.calibration.offset, shape, raw=Unit.of("uT")))
     found = compare(one, stronger)
     assert (found.answer, found.is_scale_known) == ("holds", False)
     assert found.scale_difference == pytest.approx(0.1)
     assert found.chi_square == pytest.approx(0.0, abs=1e-6)
     known = [
-        one.with_calibration(Calibration.from_ellipsoid(
+        with_calibration(one, Calibration.from_ellipsoid(
             one.calibration.offset, factor * one.calibration.shape, field_strength=field, raw=Unit.of("uT")
         ))
         for factor, field in ((1.0, 50.0), (1.1, 55.0), (1.1, 50.0))
@@ -267,7 +268,7 @@ def test_calibrations_that_claim_little_do_not_tell() -> None:
 def test_a_file_says_what_the_fit_did(tmp_path: Path) -> None:
     fit = flinders.fit(simulate.tumble(seed=3, motion="uniform", sensor=RANDOM_SENSOR).samples)
     fit.save(tmp_path / "a.json")
-    loaded, kept = Fit.load(tmp_path / "a.json"), fit
+    loaded, kept = load(tmp_path / "a.json"), fit
     npt.assert_array_equal(loaded.claim.covariance, kept.claim.covariance)
     ours, theirs = compare(kept, judged(0)), compare(loaded, judged(0))
     assert (theirs.answer, theirs.freedom) == (ours.answer, ours.freedom)
@@ -281,7 +282,7 @@ def test_the_covariance_of_a_file_is_found_by_its_names() -> None:
     names = [PARAMETERS[row] for row in order]
     rows = tuple(map(tuple, one.claim.covariance[np.ix_(order, order)].tolist()))
     fitted = Fitted(method="x", samples=1, covariance=rows, covariance_of=tuple(names))
-    found = Fit.from_document(one.calibration.to_document(fit=fitted))
+    found = fit_from(one.calibration.to_document(fit=fitted))
     npt.assert_array_equal(found.claim.covariance, one.claim.covariance)
 
 
@@ -297,13 +298,13 @@ def test_a_covariance_that_is_none(covariance: Floats, message: str) -> None:
     rows = tuple(map(tuple, covariance.tolist()))
     fitted = Fitted(method="x", samples=1, covariance=rows, covariance_of=PARAMETERS[: len(rows)])
     with pytest.raises(DocumentError, match=message):
-        Fit.from_document(judged(0).calibration.to_document(fit=fitted), name="a.json")
+        fit_from(judged(0).calibration.to_document(fit=fitted), name="a.json")
 
 
 def test_what_cannot_be_compared() -> None:
     one = judged(0)
     with pytest.raises(UnitError, match="fit is for readings in µT, other for counts"):
-        compare(one, changed(one, raw=Unit.of("counts")).with_name("other"))
+        compare(one, with_name(changed(one, raw=Unit.of("counts")), "other"))
     with pytest.raises(AxesError, match="axes x,-y,-z"):
         compare(one, changed(one, axes=Axes.of("x,-y,-z")))
     for wrong in ({"target_deg": 0.0}, {"target_deg": float("nan")}, {"dip_deg": 90.0}):

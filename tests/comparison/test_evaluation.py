@@ -19,7 +19,7 @@ from flinders.core.samples import Samples
 from flinders.core.units import Unit
 from flinders.errors import UnitError, UsageError
 from flinders.fitting import calibrate
-from flinders.fitting.result import Fit
+from flinders.fitting.result import Fit, bare_fit, with_calibration
 from flinders.geometry.rotation import rotations
 from flinders.simulate import Sensor, tumble
 from flinders.simulate.truth import Truth
@@ -35,7 +35,7 @@ TRUTH = Truth.of(RECORDING)
 
 
 def calibration(matrix: Floats, offset: Floats, **options: object) -> Fit:
-    return Fit.of(Calibration(matrix, offset, 50.0, raw=MICROTESLA, **options))  # type: ignore[arg-type]
+    return bare_fit(Calibration(matrix, offset, 50.0, raw=MICROTESLA, **options))  # type: ignore[arg-type]
 
 
 def test_the_truth_itself_has_no_error_and_claims_nothing() -> None:
@@ -84,7 +84,7 @@ def with_rotation_error(fit: Fit, off_deg: float, claimed_deg: float) -> Fit:
     turned = replace(fit.calibration, matrix=turn @ fit.calibration.matrix)
     covariance = np.radians(claimed_deg) ** 2 * np.eye(3)
     aiding = replace(fit.evidence.aiding, rotation_covariance=covariance)
-    return replace(fit.with_calibration(turned), evidence=replace(fit.evidence, aiding=aiding))
+    return replace(with_calibration(fit, turned), evidence=replace(fit.evidence, aiding=aiding))
 
 
 def test_a_rotation_error_that_is_claimed_is_no_error_beyond_the_claim() -> None:
@@ -189,11 +189,11 @@ def test_mapped_axes_are_held_against_the_mapped_truth() -> None:
 
 def test_axes_of_a_mirrored_log_can_be_put_right() -> None:
     mirrored = Calibration(np.eye(3), np.zeros(3), 50.0, raw=MICROTESLA, axes=Axes.of("x,y,-z"))
-    assert evaluate(Fit.of(mirrored), Truth.of(tumble(n=10, sensor=Sensor()))).heading_error_deg.worst < 1e-7
+    assert evaluate(bare_fit(mirrored), Truth.of(tumble(n=10, sensor=Sensor()))).heading_error_deg.worst < 1e-7
 
 
 def test_another_unit_and_an_impossible_target_are_refused() -> None:
-    counts = Fit.of(Calibration(np.eye(3), np.zeros(3), 50.0), name="calibration.json")
+    counts = bare_fit(Calibration(np.eye(3), np.zeros(3), 50.0), name="calibration.json")
     with pytest.raises(UnitError, match=r"calibration\.json is for readings in counts, the truth is in µT"):
         evaluate(counts, TRUTH)
     with pytest.raises(UsageError, match="target is 0°"):

@@ -25,7 +25,8 @@ from flinders.core.units import Unit
 from flinders.errors import AxesError, UnitError, UsageError
 from flinders.findings import Finding
 from flinders.fitting.claim import Claim
-from flinders.fitting.result import Fit, Judgement
+from flinders.fitting.fit_json import json_of
+from flinders.fitting.result import Fit, Judgement, bare_fit, with_calibration, with_name
 from flinders.geometry.ellipsoid import upper
 from flinders.summary.pooling import chi_square_of
 
@@ -50,7 +51,7 @@ def judged(
     seed: int, name: str = "", *, n: int = 1000, motion: str = "uniform", by: float = 0.0, method: str = "auto"
 ) -> Fit:
     recording = simulate.tumble(seed=seed, motion=motion, n=n, sensor=moved(by))
-    return flinders.fit(recording.samples, method=method).with_name(name or f"{motion} {seed}")
+    return with_name(flinders.fit(recording.samples, method=method), name or f"{motion} {seed}")
 
 
 def repeats(merged: Fit) -> Repeats:
@@ -81,7 +82,7 @@ def test_it_is_as_good_as_it_claims(known: bool, fields: tuple[float, float], mo
                 seed=2 * trial + part, sensor=sensor, motion=motion, n=500, field_strength=field
             ).samples
             fit = flinders.fit(samples, site=flinders.Site(strength=field if known else None))
-            parts.append(fit.with_name(f"part {part}"))
+            parts.append(with_name(fit, f"part {part}"))
         merged = merge(parts)
         assert merged.calibration.field_strength_known is known
         turn, gains, _ = np.linalg.svd(sensor.matrix)
@@ -106,10 +107,10 @@ def test_two_halves_merged_are_the_joint_fit(field_strength: float | None) -> No
     for seed in range(12):
         recording = simulate.tumble(seed=seed, motion="uniform", n=2000, sensor=RANDOM_SENSOR)
         whole, parts = halves(recording.samples, site=flinders.Site(strength=field_strength))
-        merged = merge([part.with_name(name) for part, name in zip(parts, "ab", strict=True)])
+        merged = merge([with_name(part, name) for part, name in zip(parts, "ab", strict=True)])
         sigma = np.sqrt(np.diag(whole.claim.covariance))
         off = parameters(merged.calibration) - parameters(whole.calibration)
-        if any(part.evidence.residuals.independent_samples < part.samples for part in parts):
+        if any(part.evidence.residuals.independent_samples < part.evidence.samples for part in parts):
             continue
         assert np.abs(off / sigma).max() < 0.1
         if not repeats(merged).scatter.any():
@@ -121,7 +122,7 @@ def test_two_halves_merged_are_the_joint_fit(field_strength: float | None) -> No
 
 def test_two_hemispheres_make_up_for_each_other() -> None:
     """Each is weak where the other is strong; the plain mean would be as weak as the weaker."""
-    down, up = (one.with_name(name) for one, name in ((judged(1, motion="hemisphere"), "a"), (judged(2), "b")))
+    down, up = (with_name(one, name) for one, name in ((judged(1, motion="hemisphere"), "a"), (judged(2), "b")))
     merged = merge([down, up])
     assert merged.heading_error_deg.worst < min(part.claimed_deg for part in repeats(merged).parts)
     assert merged.verdict == "good"
@@ -131,7 +132,7 @@ def test_unlike_fields_of_unknown_strength_merge_well() -> None:
     parts = []
     for seed, field in enumerate((25.0, 50.0, 65.0)):
         samples = simulate.tumble(seed=seed, motion="uniform", sensor=RANDOM_SENSOR, field_strength=field).samples
-        parts.append(flinders.fit(samples).with_name(f"{field:g} µT"))
+        parts.append(with_name(flinders.fit(samples), f"{field:g} µT"))
     merged = merge(parts)
     assert merged.verdict == "good"
     assert repeats(merged).p_value > 0.01
@@ -154,7 +155,7 @@ def test_a_moved_battery_is_refused_by_name() -> None:
     assert merged.verdict == "refused"
     assert repeats(merged).farthest.source == "moved"
     assert repeats(merged).farthest.difference_deg == pytest.approx(np.rad2deg(3.0 / 25.0), rel=0.15)
-    assert merged.as_dict()["calibration"] is None
+    assert json_of(merged)["calibration"] is None
     assert caught.value.evidence["recordings-differ"] == pytest.approx(repeats(merged).farthest.difference_deg)
     with pytest.raises(NotMerged, match=r"moved and monday are 6\.\d° of heading apart"):
         merge([parts[2], parts[0]])
@@ -220,7 +221,7 @@ def turned(one: Fit) -> Fit:
 
 
 def with_(**changes: Any) -> Callable[[Fit], Fit]:
-    return lambda one: one.with_calibration(replace(one.calibration, **changes))
+    return lambda one: with_calibration(one, replace(one.calibration, **changes))
 
 
 def refused(one: Fit) -> Fit:
@@ -265,7 +266,7 @@ def test_two_level_turns_are_as_limited_as_each() -> None:
         merge([judged(seed, motion="level", method="level") for seed in (1, 2)])
     recordings = [simulate.tumble(seed=seed, motion="level", sensor=RANDOM_SENSOR).samples for seed in (1, 2)]
     fits = [flinders.fit(recording, method="level", site=flinders.Site(strength=50.0)) for recording in recordings]
-    merged = merge([fit.with_name(f"turn {number}") for number, fit in enumerate(fits)])
+    merged = merge([with_name(fit, f"turn {number}") for number, fit in enumerate(fits)])
     assert merged.verdict == "limited"
     assert "level-plane" in [finding.code for finding in merged.findings]
     assert merged.heading_error_deg.worst < min(part.claimed_deg for part in repeats(merged).parts)
@@ -279,7 +280,7 @@ def test_the_scale_is_known_only_where_all_know_it() -> None:
         )
         for seed, field in ((1, 50.0), (2, 50.0), (3, None))
     ]
-    parts = [fit.with_name(f"{seed}") for seed, fit in enumerate(fits)]
+    parts = [with_name(fit, f"{seed}") for seed, fit in enumerate(fits)]
     known, mixed = merge(parts[:2]), merge(parts)
     assert known.calibration.field_strength_known
     assert known.calibration.field_strength == pytest.approx(50.0)
@@ -304,17 +305,17 @@ def test_numbers_out_of_range() -> None:
 def test_the_dip_is_that_of_the_calibrations() -> None:
     def at(dip: float, seed: int) -> Fit:
         samples = simulate.tumble(seed=seed, motion="uniform", sensor=RANDOM_SENSOR).samples
-        return flinders.fit(samples, site=flinders.Site(inclination_deg=dip)).with_name(f"dip {dip:g}")
+        return with_name(flinders.fit(samples, site=flinders.Site(inclination_deg=dip)), f"dip {dip:g}")
 
     assert merge([at(50.0, 1), at(70.0, 2)]).heading_error_deg.dip_deg == 70.0
     assert merge([at(50.0, 1), at(70.0, 2)], dip_deg=40.0).heading_error_deg.dip_deg == 40.0
     fits = (judged(1), judged(2))
     bare = [
-        replace(Fit.of(one.calibration, name=name), claim=Claim(one.calibration, one.claim.covariance))
+        replace(bare_fit(one.calibration, name=name), claim=Claim(one.calibration, one.claim.covariance))
         for one, name in zip(fits, "ab", strict=True)
     ]
     found = merge(bare)
-    assert (found.heading_error_deg.dip_deg, found.samples, np.isnan(found.noise)) == (60.0, 0, True)
+    assert (found.heading_error_deg.dip_deg, found.evidence.samples, np.isnan(found.evidence.noise)) == (60.0, 0, True)
 
 
 # on the command line
@@ -390,7 +391,7 @@ def test_a_refusal_shows_no_number_of_the_calibration_and_writes_nothing() -> No
 def test_json() -> None:
     good, bad = run("merge monday.json tuesday.json --json"), run("merge monday.json moved.json --json")
     found, refusal = json.loads(good.out), json.loads(bad.out)
-    assert list(found) == list(judged(1).as_dict())
+    assert list(found) == list(json_of(judged(1)))
     assert (good.code, found["verdict"], found["method"]) == (0, "good", "merged")
     assert [part["source"] for part in found["repeats"]["parts"]] == ["monday.json", "tuesday.json"]
     assert (bad.code, refusal["verdict"], refusal["calibration"]) == (4, "refused", None)

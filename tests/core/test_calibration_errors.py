@@ -211,7 +211,7 @@ BAD_ARGUMENTS: dict[str, tuple[Callable[[], object], type[FlindersError], str]] 
     ),
     "negative strength": (lambda: Calibration(EYE, np.zeros(3), -50), UsageError, "field_strength is -50"),
     "NaN strength": (lambda: Calibration(EYE, np.zeros(3), np.nan), UsageError, "field_strength is nan"),
-    "text strength": (lambda: Calibration(EYE, np.zeros(3), "50"), ArrayError, "field_strength holds str"),  # type: ignore[arg-type]
+    "text strength": (lambda: Calibration(EYE, np.zeros(3), "50"), ArrayError, "field_strength holds text"),  # type: ignore[arg-type]
     "unknown rotation": (
         lambda: Calibration(EYE, np.zeros(3), 1.0, rotation="free"),  # type: ignore[arg-type]
         UsageError,
@@ -238,7 +238,7 @@ BAD_ARGUMENTS: dict[str, tuple[Callable[[], object], type[FlindersError], str]] 
         "field_strength is -1",
     ),
     "pairs of readings": (lambda: Calibration.identity().apply([[1, 2]]), ArrayError, r"raw has shape \(1, 2\)"),
-    "words as readings": (lambda: Calibration.identity().apply(["a", "b", "c"]), ArrayError, "raw holds str"),
+    "words as readings": (lambda: Calibration.identity().apply(["a", "b", "c"]), ArrayError, "raw holds text"),
     "a lone number": (lambda: Calibration.identity().unapply(3.0), ArrayError, "corrected has shape"),
 }
 

@@ -187,7 +187,7 @@ def test_several_recordings_and_level_turns_are_not_looked_at() -> None:
     parts = tuple(Samples.of(ramped(seed, np.array([3.0, 0.0, 0.0]))) for seed in (1, 2))
     assert flinders.fit(Joined(parts), target_deg=90.0).evidence.diagnosis.drift is None
     level = flinders.fit(tumbled(1, motion="level"))
-    assert (level.method, level.evidence.diagnosis.drift) == ("level", None)
+    assert (level.evidence.method, level.evidence.diagnosis.drift) == ("level", None)
 
 
 # What creeps below the noise.

@@ -233,7 +233,7 @@ def test_linear_axes_stay_as_they_are() -> None:
 def test_the_file_keeps_terms_and_claim(tmp_path: Path) -> None:
     fit = flinders.fit(curved(3, cubic=0.05), linearize=True)
     fit.save(tmp_path / "bent.json")
-    loaded = flinders.Fit.load(tmp_path / "bent.json")
+    loaded = flinders.load(tmp_path / "bent.json")
     assert loaded.calibration.isclose(fit.calibration, tolerance=0.0)
     assert loaded.heading_error_deg == fit.heading_error_deg
     assert loaded.claim.heading_bound_deg == fit.claim.heading_bound_deg

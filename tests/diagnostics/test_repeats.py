@@ -17,6 +17,7 @@ from tests.worlds import SENSOR
 import flinders
 from flinders.cli import main
 from flinders.core.joining import Joined
+from flinders.fitting.fit_json import json_of
 from flinders.fitting.result import Refused
 from flinders.simulate import Simulated, tumble
 
@@ -141,7 +142,7 @@ def test_a_recording_too_short_to_stand_alone_is_passed_over() -> None:
     fit = judged(long, short, again)
     assert fit.evidence.diagnosis.repeats is not None
     assert [part.source for part in fit.evidence.diagnosis.repeats.parts] == ["a", "c"]
-    assert fit.samples == 2009
+    assert fit.evidence.samples == 2009
 
 
 def test_a_level_turn_beside_a_tumble_is_passed_over() -> None:
@@ -149,7 +150,7 @@ def test_a_level_turn_beside_a_tumble_is_passed_over() -> None:
     turn, one, other = named("turn", recording(1, motion="level")), named("b", recording(2)), named("c", recording(3))
     assert judged(turn, one).evidence.diagnosis.repeats is None
     fit = judged(turn, one, other)
-    assert (fit.method, fit.verdict) == ("likelihood", "good")
+    assert (fit.evidence.method, fit.verdict) == ("likelihood", "good")
     assert fit.evidence.diagnosis.repeats is not None
     assert [part.source for part in fit.evidence.diagnosis.repeats.parts] == ["b", "c"]
 
@@ -170,7 +171,7 @@ def test_other_field_strengths_with_the_same_headings_are_noted() -> None:
 def test_level_turns_are_held_against_each_other(moved: float, severity: str | None) -> None:
     parts = recording(1, motion="level").samples, recording(2, (moved, 0.0, 0.0), motion="level").samples
     fit = judged(*parts)
-    assert fit.method == "level"
+    assert fit.evidence.method == "level"
     assert fit.evidence.diagnosis.repeats is not None
     assert len(fit.evidence.diagnosis.repeats.parts) == 2
     finding = differing(fit)
@@ -184,7 +185,7 @@ def test_what_scatters_is_in_the_covariance_and_in_json() -> None:
     assert fit.evidence.diagnosis.repeats.p_value < 1e-6
     assert np.linalg.eigvalsh(fit.claim.covariance - fit.evidence.diagnosis.repeats.scatter)[0] > -1e-9
     assert fit.claim.offset_sigma[0] > 0.3
-    fields = json.loads(json.dumps(fit.as_dict()))["repeats"]
+    fields = json.loads(json.dumps(json_of(fit)))["repeats"]
     assert fields["scatter_deg"] == fit.evidence.diagnosis.repeats.scatter_deg
     assert [part["source"] for part in fields["parts"]] == ["0", "1", "2"]
     npt.assert_allclose(

@@ -18,6 +18,8 @@ from flinders.estimators.aiding import solve
 from flinders.estimators.data import Readings
 from flinders.estimators.likelihood import Likelihood
 from flinders.fitting.aid_selection import aided_by
+from flinders.fitting.fit_json import json_of
+from flinders.fitting.result import document_of
 from flinders.geometry.ellipsoid import upper
 from flinders.geometry.quaternions import of_angles, of_matrix, product
 from flinders.geometry.rotation import rotations
@@ -279,8 +281,8 @@ def test_fit_takes_aids_and_says_what_each_changed() -> None:
     assert fit.evidence.aiding.dip_deg == pytest.approx(DIP_DEG, abs=3.0 * (fit.evidence.aiding.dip_sigma_deg or 0.0))
     assert fit.evidence.aiding.acceleration_bias == pytest.approx(0.0, abs=0.3)
     assert "rotation-unknown" not in {finding.code for finding in fit.findings}
-    assert fit.as_dict()["aiding"]["sensors"][0]["name"] == "rate"
-    again = flinders.Calibration.from_document(fit.to_document())
+    assert json_of(fit)["aiding"]["sensors"][0]["name"] == "rate"
+    again = flinders.Calibration.from_document(document_of(fit))
     assert again.isclose(fit.calibration)
 
 
@@ -298,6 +300,6 @@ def test_where_no_aid_is_kept_the_fit_is_that_of_the_magnetometer() -> None:
     true = swayed(8)
     fit = flinders.fit(replace(true.samples, rate=np.rad2deg(true.samples.rate)), aiding=("rate",))  # type: ignore[arg-type]
     plain = flinders.fit(true.samples)
-    assert fit.method == plain.method
+    assert fit.evidence.method == plain.evidence.method
     npt.assert_array_equal(fit.calibration.offset, plain.calibration.offset)
     assert "gyro-unit" in {finding.code for finding in fit.findings}

@@ -18,6 +18,7 @@ import flinders
 from flinders.estimators import Readings
 from flinders.estimators.auto import Auto
 from flinders.estimators.likelihood import Likelihood
+from flinders.fitting.fit_json import json_of
 from flinders.likelihood.magnitude import distances
 from flinders.simulate import Sensor, tumble
 
@@ -182,7 +183,7 @@ def test_few_readings_say_nothing_of_their_correlation() -> None:
     assert found.correlation is None
     fit = flinders.fit(tumble(seed=1, motion="uniform", n=49).samples)
     assert fit.evidence.residuals.independent_samples == np.inf
-    assert fit.as_dict()["independent_samples"] == 49
+    assert json_of(fit)["independent_samples"] == 49
 
 
 @pytest.mark.nightly

@@ -28,7 +28,8 @@ from flinders.errors import InputError, NotTurned, UsageError
 from flinders.estimators.disturbance import fit_disturbances
 from flinders.estimators.static_bench import still
 from flinders.fitting.disturbance_selection import earned
-from flinders.fitting.result import Refused
+from flinders.fitting.fit_file import fit_from
+from flinders.fitting.result import Refused, document_of
 from flinders.simulate import recording
 from flinders.targets import ExportOptions, find, registry
 
@@ -75,12 +76,12 @@ def test_a_fit_that_follows_motors_is_as_good_as_without_them() -> None:
     fit = flinders.fit(simulated.samples, disturbances=("current",))
     calm = flinders.fit(simulate.tumble(seed=3, sensor=OFFSET_SENSOR).samples)
     assert fit.verdict == "good"
-    assert fit.noise == pytest.approx(calm.noise, rel=0.01)
+    assert fit.evidence.noise == pytest.approx(calm.evidence.noise, rel=0.01)
     npt.assert_array_less(np.abs(fit.calibration.offset - OFFSET_SENSOR.offset), 4.0 * fit.claim.offset_sigma)
     assert fit.heading_error_deg.worst > calm.heading_error_deg.worst  # b and P are found from the same readings
     assert fit.heading_error_deg.worst < 3.0 * calm.heading_error_deg.worst
     without = flinders.fit(simulated.samples)
-    assert without.noise > 3.0 * fit.noise
+    assert without.evidence.noise > 3.0 * fit.evidence.noise
     code = [finding.code for finding in fit.findings]
     assert "disturbance" in code
     disturbance = fit.calibration.disturbances[0]
@@ -92,13 +93,13 @@ def test_a_fit_that_follows_motors_is_as_good_as_without_them() -> None:
 
 def test_the_file_of_such_a_fit_holds_what_it_claims_of_the_driver() -> None:
     fit = flinders.fit(simulate.tumble(seed=3, disturbances=[MOTORS]).samples, disturbances=("current",))
-    document = fit.to_document()
+    document = document_of(fit)
     assert document.fit is not None
     assert document.fit.covariance_of[-3:] == ("current_A_x", "current_A_y", "current_A_z")
     covariance = np.array(document.fit.covariance)
     assert covariance.shape == (12, 12)
     assert np.linalg.eigvalsh(covariance)[0] > 0.0
-    npt.assert_array_equal(flinders.Fit.from_document(document).claim.covariance, fit.claim.covariance)
+    npt.assert_array_equal(fit_from(document).claim.covariance, fit.claim.covariance)
 
 
 def test_a_lag_is_found_only_where_there_is_one() -> None:
@@ -391,8 +392,8 @@ def test_motors_that_go_together_are_named_and_what_they_do_together_is_known() 
 def test_the_battery_of_four_motors_leaves_what_they_do_apart() -> None:
     samples = flown_by_four(3, 0.1)
     whole, each = (flinders.fit(samples, disturbances=(name,)) for name in ("current", "currents"))
-    assert each.noise == pytest.approx(OFFSET_SENSOR.noise, rel=0.05)
-    assert whole.noise > 1.1 * each.noise
+    assert each.evidence.noise == pytest.approx(OFFSET_SENSOR.noise, rel=0.05)
+    assert whole.evidence.noise > 1.1 * each.evidence.noise
 
 
 @pytest.mark.nightly
@@ -427,7 +428,7 @@ def test_four_motors_go_through_table_calibration_file_and_command(tmp_path: Pat
     saved = str(tmp_path / "calibration.json")
     made = CliRunner().invoke(main, ["calibrate", str(tmp_path / "flight.csv"), "--with", "currents", "-o", saved])
     assert made.exit_code == 0, made.output
-    judged = flinders.Fit.load(saved)
+    judged = flinders.load(saved)
     assert [disturbance.name for disturbance in judged.calibration.disturbances] == [
         "current1",
         "current2",

@@ -142,7 +142,7 @@ def test_repeated_readings_widen_the_covariance() -> None:
     field = tumble(seed=9, motion="uniform", n=500).samples.field
     once, fourfold = flinders.fit(field), flinders.fit(np.repeat(field, 4, axis=0))
     npt.assert_allclose(np.diag(fourfold.claim.covariance), np.diag(once.claim.covariance), rtol=0.1)
-    assert fourfold.samples == 500
+    assert fourfold.evidence.samples == 500
     assert "stale-repeats" in {finding.code for finding in fourfold.findings}
 
 
@@ -169,7 +169,7 @@ def test_a_recording_too_long_to_hold_gives_the_fit_of_the_array(monkeypatch: py
     part = flinders.fit(long)
     assert long.passes > 1
     every_second = flinders.fit(truth.samples[::2])
-    assert part.samples == every_second.samples
+    assert part.evidence.samples == every_second.evidence.samples
     npt.assert_allclose(part.calibration.offset, every_second.calibration.offset, rtol=0, atol=1e-6)
     npt.assert_allclose(part.claim.covariance, every_second.claim.covariance, rtol=1e-3, atol=1e-9)
 
@@ -179,7 +179,7 @@ def test_the_likelihood_asks_for_readings_where_there_are_only_sums() -> None:
     with pytest.raises(NeedsSamples, match="was given a Summary"):
         Likelihood().estimate(Readings(summary))
     assert Auto().estimate(Readings(summary)).method == "consistent"
-    assert flinders.fit(summary).method == "consistent"
+    assert flinders.fit(summary).evidence.method == "consistent"
 
 
 def test_a_given_field_strength_scales_the_matrix_and_nothing_else() -> None:

@@ -24,7 +24,7 @@ from flinders.errors import FitError, NeedsSamples, NotAnEllipsoid, TooFewSample
 from flinders.estimators import Readings
 from flinders.estimators.minmax import MinMax
 from flinders.fitting.axis_extremes import from_extremes
-from flinders.fitting.result import Fit
+from flinders.fitting.fit_file import load
 from flinders.geometry.ellipsoid import Ellipsoid
 from flinders.heading.error_propagation import level_error, level_turn
 from flinders.summary.summary import Summary
@@ -227,7 +227,7 @@ def test_trimming_takes_off_what_spoils_the_extremes() -> None:
 def test_trimming_tells_what_it_left_out() -> None:
     fit = flinders.fit(spoilt(), target_deg=5.0, method=flinders.estimators.MinMax(trim=True))
     assert "outliers" in [finding.code for finding in fit.findings]
-    assert fit.samples <= 2000 - 3
+    assert fit.evidence.samples <= 2000 - 3
     assert np.all(np.abs(fit.calibration.offset - HARD_IRON) < 3 * fit.claim.offset_sigma)
 
 
@@ -283,8 +283,8 @@ def test_typed_extremes_claim_nothing_and_are_never_good(tmp_path: Path) -> None
         fields = found.as_dict()
         assert (fields["heading_error_deg"], fields["noise"], fields["covariance"]) == (None, None, None)
         found.save(tmp_path / "typed.json", force=True)
-        loaded = Fit.load(tmp_path / "typed.json")
-        assert (loaded.claim.states_uncertainty, loaded.samples, loaded.verdict) == (False, 0, "limited")
+        loaded = load(tmp_path / "typed.json")
+        assert (loaded.claim.states_uncertainty, loaded.evidence.samples, loaded.verdict) == (False, 0, "limited")
     assert found.findings[0].number == 0.0
 
 

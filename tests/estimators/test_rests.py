@@ -62,7 +62,7 @@ def test_a_good_turn_stays_good_when_the_board_is_put_down(where: str, seconds: 
     assert alone.verdict == fit.verdict == "good"
     npt.assert_allclose(fit.calibration.offset, alone.calibration.offset, atol=0.05)
     assert fit.heading_error_deg.worst < 1.1 * alone.heading_error_deg.worst
-    assert fit.samples <= alone.samples
+    assert fit.evidence.samples <= alone.evidence.samples
 
 
 def test_rests_beside_a_turn_are_left_out_and_a_note_has_their_times() -> None:
@@ -71,7 +71,7 @@ def test_rests_beside_a_turn_are_left_out_and_a_note_has_their_times() -> None:
     assert (note.severity, round(note.number, 3)) == ("note", 0.333)
     assert "(30.0–45.0 s): rests are left out" in note.advice
     assert not fit.evidence.outliers
-    assert fit.samples == 1500
+    assert fit.evidence.samples == 1500
 
 
 def test_a_pose_that_does_not_fit_is_left_out_with_its_time() -> None:
@@ -241,7 +241,7 @@ def test_a_fleet_counts_rests_as_a_fit_does() -> None:
     columns = fit_batch(samples)
     for place, one in enumerate(samples):
         fit = flinders.fit(one)
-        assert (columns.verdict[place], columns.samples[place]) == (fit.verdict, fit.samples)
+        assert (columns.verdict[place], columns.samples[place]) == (fit.verdict, fit.evidence.samples)
         assert columns.worst_deg[place] == pytest.approx(fit.heading_error_deg.worst, rel=1e-6)
 
 

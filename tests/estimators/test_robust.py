@@ -54,7 +54,7 @@ def test_gross_outliers_cost_no_more_than_the_readings_they_are(noise: float, tr
     for seed in claim.seeds:
         truth = tumble(seed=seed, motion="uniform", n=500, noise=noise, outliers=0.03)
         fit = flinders.fit(truth.samples)
-        assert fit.method == "robust"
+        assert fit.evidence.method == "robust"
         kept = flinders.fit(truth.samples.field[~truth.outliers], method="likelihood")
         robust.append(angle_error_deg(fit.calibration.matrix, fit.calibration.offset, truth))
         clean.append(angle_error_deg(kept.calibration.matrix, kept.calibration.offset, truth))
@@ -72,7 +72,7 @@ def test_a_minority_that_is_moved_alike_cannot_win(share: float, size: float, tr
     for seed in claim.seeds:
         moved = size * simulate.uniform(np.random.default_rng(seed), 1)[0]
         found = flinders.fit(moved_alike(seed, share, moved))
-        assert found.method == "robust"
+        assert found.evidence.method == "robust"
         spoiled.append(found.calibration.offset - SENSOR.offset)
         clean.append(flinders.fit(moved_alike(seed, 0.0, moved)).calibration.offset - SENSOR.offset)
     assert np.sqrt(np.mean(np.square(spoiled))) < 1.4**claim.widening * np.sqrt(np.mean(np.square(clean)))
@@ -85,13 +85,13 @@ def test_a_fifth_in_one_tight_cluster_cannot_win(place: float) -> None:
     field[:100] = SENSOR.offset + place * 50.0 * SENSOR.matrix @ [0.6, 0.0, 0.8] + 0.3 * rng.standard_normal((100, 3))
     fit = flinders.fit(field)
     assert np.linalg.norm(fit.calibration.offset - SENSOR.offset) < 0.35
-    assert fit.samples <= 400  # they are a rest
+    assert fit.evidence.samples <= 400  # they are a rest
 
 
 def test_a_magnet_that_passes_is_told_with_its_rows_its_time_and_how_far_it_pulled() -> None:
     truth, samples = passed_by_a_magnet(PASSED)
     fit = flinders.fit(samples, site=flinders.Site(strength=50.0))
-    assert fit.method == "robust"
+    assert fit.evidence.method == "robust"
     assert np.linalg.norm(fit.calibration.offset - truth.sensor.offset) < 0.2
     largest = max(fit.evidence.outliers, key=lambda outlier: outlier.readings)
     assert largest.readings > 60
@@ -132,7 +132,7 @@ def test_the_rows_of_a_stray_are_those_of_the_recording() -> None:
     ]
     assert [str(outlier) for outlier in fit.evidence.outliers][1] == "reading 100"
     assert all(np.isnan(outlier.start_s) for outlier in fit.evidence.outliers)
-    assert fit.samples == 597
+    assert fit.evidence.samples == 597
 
 
 def test_a_stream_too_long_to_hold_lists_the_same_strays(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -162,8 +162,8 @@ def test_asked_for_it_costs_clean_readings_next_to_nothing() -> None:
             flinders.fit(truth.samples),
             flinders.fit(truth.samples, method=flinders.estimators.Auto(robust=True)),
         )
-        assert (plain.method, robust.method) == ("likelihood", "robust")
-        assert robust.samples >= 1996
+        assert (plain.evidence.method, robust.evidence.method) == ("likelihood", "robust")
+        assert robust.evidence.samples >= 1996
         npt.assert_allclose(
             robust.calibration.offset, plain.calibration.offset, rtol=0, atol=0.4 * plain.claim.offset_sigma.max()
         )
@@ -177,7 +177,7 @@ def test_the_method_and_the_option_are_the_same() -> None:
         flinders.fit(field, method="robust"),
         flinders.fit(field, method=flinders.estimators.Auto(robust=True)),
     )
-    assert {fit.method for fit in fits} == {"robust"}
+    assert {fit.evidence.method for fit in fits} == {"robust"}
     for fit in fits:
         npt.assert_array_equal(fit.calibration.offset, fits[0].calibration.offset)
         assert fit.evidence.outliers == fits[0].evidence.outliers
@@ -202,7 +202,7 @@ def test_a_rest_that_is_disturbed_does_not_count_though_it_is_the_majority() -> 
     field[500:] += 0.2 * 50.0 * truth.directions[500:] @ SENSOR.matrix.T
     fit = flinders.fit(field)
     assert np.linalg.norm(fit.calibration.offset - SENSOR.offset) < 0.4
-    assert fit.samples <= 500
+    assert fit.evidence.samples <= 500
 
 
 def test_coverage_does_not_count_directions_of_strays() -> None:
@@ -210,9 +210,9 @@ def test_coverage_does_not_count_directions_of_strays() -> None:
     field = tumble(seed=4, motion="hemisphere", n=2000, sensor=SENSOR).samples.field
     below = SENSOR.offset + 1.8 * 50.0 * simulate.uniform(np.random.default_rng(1), 150) @ SENSOR.matrix.T
     fit = flinders.fit(np.concatenate([field, below]))
-    assert fit.method == "robust"
-    assert fit.coverage.fraction < 0.6
-    assert fit.coverage.hole_deg > 60.0
+    assert fit.evidence.method == "robust"
+    assert fit.evidence.coverage.fraction < 0.6
+    assert fit.evidence.coverage.hole_deg > 60.0
     summary = Readings.of(np.concatenate([field, below])).summary
     assert Coverage.through(summary.cloud, fit.calibration.ellipsoid).fraction > 0.75
 

@@ -56,7 +56,7 @@ def test_recordings_are_read_once_and_kept_each_on_its_own() -> None:
         npt.assert_array_equal(part.recording.time, own.time)
         assert np.shares_memory(part.recording.field, readings.recording.field)
         assert part.parts == ()
-    assert flinders.fit(Joined(tuple(streams))).samples > 6400
+    assert flinders.fit(Joined(tuple(streams))).evidence.samples > 6400
     assert [stream.passes for stream in streams] == [2, 2, 2]
 
 
@@ -111,7 +111,7 @@ def test_of_a_recording_that_is_too_long_for_memory_a_part_is_fitted(
         assert np.all(np.abs(off) < 3.0 * np.hypot(part.claim.offset_sigma, whole.claim.offset_sigma))
         assert part.verdict == whole.verdict
         if method != "consistent":
-            assert used - 10 <= part.samples <= used
+            assert used - 10 <= part.evidence.samples <= used
 
 
 def test_an_empty_recording_adds_nothing() -> None:

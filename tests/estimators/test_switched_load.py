@@ -38,8 +38,8 @@ def switched(field: Floats, seed: int, apart: float = 400.0) -> Floats:
 def test_a_load_on_and_off_is_left_out_and_limits() -> None:
     """Of ten, at least eight; a fit to all of them is one to a mixture, and off by up to two degrees."""
     fits = [judged(in_ut(switched(tumbled(seed), seed))) for seed in range(10)]
-    assert sum(fit.method == "robust" for fit in fits) >= 8
-    assert not [fit for fit in fits if fit.method == "robust" and fit.noise > 0.35]
+    assert sum(fit.evidence.method == "robust" for fit in fits) >= 8
+    assert not [fit for fit in fits if fit.evidence.method == "robust" and fit.evidence.noise > 0.35]
 
 
 def test_a_load_that_is_on_as_long_as_off_is_an_unsteady_field() -> None:

@@ -11,8 +11,10 @@ from tests.program import flinders_
 from tests.worlds import MOTORS, OFFSET_SENSOR
 
 import flinders
-from flinders import Fit, simulate
+from flinders import simulate
 from flinders.core.joining import Joined
+from flinders.fitting.fit_file import load
+from flinders.fitting.fit_json import json_of
 from flinders.fitting.result import Judgement, Refused
 from flinders.report.formatting import condition
 
@@ -22,41 +24,41 @@ if TYPE_CHECKING:
 
 def test_one_recording_shows_neither() -> None:
     fit = flinders.fit(simulate.tumble(seed=1).samples)
-    assert fit.conditions == ("uniform-field", "constant-iron")
-    assert fit.as_dict()["conditions"] == ["uniform-field", "constant-iron"]
+    assert fit.judgement.conditions == ("uniform-field", "constant-iron")
+    assert json_of(fit)["conditions"] == ["uniform-field", "constant-iron"]
     assert condition(fit) == "holds if no iron is near and currents are constant: record elsewhere too"
     assert len(condition(fit)) <= 74  # a line of a terminal
 
 
 def test_a_limited_fit_states_them_and_a_refused_one_none() -> None:
     fit = flinders.fit(simulate.tumble(seed=1, motion="tilted").samples, target_deg=0.2)
-    assert (fit.verdict, fit.conditions) == ("limited", ("uniform-field", "constant-iron"))
+    assert (fit.verdict, fit.judgement.conditions) == ("limited", ("uniform-field", "constant-iron"))
     with pytest.raises(Refused) as refusal:
         flinders.fit(simulate.tumble(seed=1, motion="hemisphere", n=12).samples)
-    assert (refusal.value.fit.conditions, condition(refusal.value.fit)) == ((), "")
+    assert (refusal.value.fit.judgement.conditions, condition(refusal.value.fit)) == ((), "")
 
 
 def test_a_few_seconds_show_one_state_of_the_body() -> None:
     samples = simulate.tumble(seed=1, n=300).samples  # six seconds
     fit = flinders.fit(samples)
-    assert fit.conditions == ("unchanged-body", "uniform-field")
+    assert fit.judgement.conditions == ("unchanged-body", "uniform-field")
     assert condition(fit).endswith(": record again while it is in use")
     both = (simulate.tumble(seed=seed, sensor=OFFSET_SENSOR, n=300).samples for seed in (1, 2))
-    assert flinders.fit(Joined(tuple(both))).conditions == ("constant-iron",)
+    assert flinders.fit(Joined(tuple(both))).judgement.conditions == ("constant-iron",)
 
 
 def test_a_second_recording_that_agrees_speaks_for_the_place() -> None:
     first, second = (simulate.tumble(seed=seed, sensor=OFFSET_SENSOR, n=1500).samples for seed in (1, 2))
     fit = flinders.fit(Joined((first, second)))
-    assert (fit.verdict, fit.conditions) == ("good", ("constant-iron",))
+    assert (fit.verdict, fit.judgement.conditions) == ("good", ("constant-iron",))
     assert condition(fit) == "holds if currents are constant: record the currents"
 
 
 def test_the_strength_of_the_place_speaks_for_it_where_readings_have_it() -> None:
     samples = simulate.tumble(seed=1, sensor=OFFSET_SENSOR).samples
     there, elsewhere = (flinders.fit(samples, site=flinders.Site(strength=strength)) for strength in (50.0, 40.0))
-    assert there.conditions == ("constant-iron",)
-    assert "uniform-field" in elsewhere.conditions
+    assert there.judgement.conditions == ("constant-iron",)
+    assert "uniform-field" in elsewhere.judgement.conditions
 
 
 def test_the_command_line_ends_each_with_its_evidence(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -125,7 +127,7 @@ def test_a_current_that_follows_the_attitude_is_a_condition_wherever_a_verdict_i
 def test_a_current_that_is_compensated_is_no_condition() -> None:
     samples = simulate.tumble(seed=3, sensor=OFFSET_SENSOR, disturbances=[MOTORS]).samples
     fit = flinders.fit(samples, disturbances=("current",))
-    assert fit.verdict != "good" or fit.conditions == ("uniform-field",)
+    assert fit.verdict != "good" or fit.judgement.conditions == ("uniform-field",)
     good = replace(fit, judgement=Judgement())
     assert good.verdict == "good"
 
@@ -133,4 +135,4 @@ def test_a_current_that_is_compensated_is_no_condition() -> None:
 def test_a_file_keeps_them(tmp_path: Path) -> None:
     fit = flinders.fit(simulate.tumble(seed=1).samples)
     fit.save(tmp_path / "calibration.json")
-    assert Fit.load(tmp_path / "calibration.json").conditions == fit.conditions != ()
+    assert load(tmp_path / "calibration.json").judgement.conditions == fit.judgement.conditions != ()

@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from collections.abc import Iterator
 
 SOURCES: Final = sorted(Path(flinders.__file__).parent.rglob("*.py"))
-PYTHON_ALONE: Final = {"find", "once", "rotation"}
+PYTHON_ALONE: Final = {"ax", "find", "once", "rotation"}
 """Keywords that no command has an option for."""
 
 

@@ -58,7 +58,7 @@ def test_an_attitude_that_says_less_than_none_is_left_out_and_both_claims_are_sa
 def test_beside_an_attitude_a_gap_in_the_directions_limits_nothing(motion: str) -> None:
     fit = flinders.fit(with_attitude(motion), aiding="attitude", target_deg=2.0)
     assert sensors_of(fit)[0].is_used
-    assert fit.coverage.hole_deg > 90.0
+    assert fit.evidence.coverage.hole_deg > 90.0
     assert fit.verdict == "good"
 
 

@@ -90,7 +90,7 @@ def test_headings_after_a_level_turn_are_as_good_as_can_be_and_as_claimed(sigma:
     for trial in claim.seeds:
         recording = dataset("S7", trial, sigma)
         fit = flinders.fit(recording.samples.field, target_deg=5.0)
-        assert (fit.method, fit.verdict) == ("level", "limited")
+        assert (fit.evidence.method, fit.verdict) == ("level", "limited")
         assert codes(fit)[0] == "level-plane"
         true.append(heading_error_deg(fit.calibration.matrix, fit.calibration.offset, recording))
         claimed.append(fit.heading_error_deg.rms)
@@ -111,7 +111,7 @@ def test_three_percent_of_strays_are_left_out(trials: Choose) -> None:
         struck = rng.choice(len(field), 18, replace=False)
         field[struck] += simulate.uniform(rng, 18) * rng.uniform(25.0, 150.0, (18, 1))
         fit, plain = flinders.fit(field), flinders.fit(recording.samples.field)
-        assert (fit.method, fit.verdict) == ("level", "limited")
+        assert (fit.evidence.method, fit.verdict) == ("level", "limited")
         assert "outliers" in codes(fit)
         assert 0.01 < next(finding.number for finding in fit.findings if finding.code == "outliers") < 0.06
         true.append(heading_error_deg(fit.calibration.matrix, fit.calibration.offset, recording))
@@ -129,7 +129,7 @@ def test_less_than_a_full_turn_claims_as_much_less(arc_deg: float, verdicts: set
     for seed in claim.seeds:
         recording = level_turn(seed, np.linspace(20.0, 20.0 + arc_deg, 600))
         fit = judged(recording.samples.field)
-        assert fit.method == "level"
+        assert fit.evidence.method == "level"
         assert fit.verdict in verdicts
         true = heading_error_deg(fit.calibration.matrix, fit.calibration.offset, recording)
         weighed.append(true / fit.heading_error_deg.rms)
@@ -161,7 +161,7 @@ def test_a_rest_at_one_heading_does_not_outweigh_the_turn(share: float, trials: 
     for seed in claim.seeds:
         recording = resting(seed, share)
         fit = flinders.fit(recording.samples.field)
-        assert (fit.method, fit.verdict) == ("level", "limited")
+        assert (fit.evidence.method, fit.verdict) == ("level", "limited")
         true = heading_error_deg(fit.calibration.matrix, fit.calibration.offset, recording)
         weighed.append(true / fit.heading_error_deg.rms)
     low, high = claim.ratios(0.6, 1.4)
@@ -241,7 +241,7 @@ def test_the_hint_at_the_axes_helps() -> None:
     assert judged(Samples.of(field, unit="uT")).verdict == "refused"
     fit = flinders.fit(Samples.of(field, unit="uT", axes="y,z,x"))
     plain = flinders.fit(recording.samples)
-    assert fit.method == "level"
+    assert fit.evidence.method == "level"
     npt.assert_allclose(fit.calibration.offset, plain.calibration.offset, atol=1e-9)
 
 
@@ -253,7 +253,7 @@ def test_a_sensor_mounted_a_few_degrees_askew_still_gives_headings(
     for seed in claim.seeds:
         recording = level_turn(seed, mounted=mounted)
         fit = flinders.fit(recording.samples.field)
-        assert fit.method == "level"
+        assert fit.evidence.method == "level"
         headings = np.linspace(0.0, 2 * np.pi, 600, endpoint=False)
         exact = FIELD_STRENGTH * recording.directions @ recording.sensor.matrix.T + recording.sensor.offset
         corrected = fit.calibration.apply(exact)
@@ -271,7 +271,7 @@ def test_a_file_an_array_and_blocks_give_the_same(tmp_path: Path) -> None:
     array = flinders.fit(samples)
     file = flinders.fit(flinders.read(path))
     blocks = flinders.fit(Streamed(samples))
-    assert {fit.method for fit in (array, file, blocks)} == {"level"}
+    assert {fit.evidence.method for fit in (array, file, blocks)} == {"level"}
     for other in (file, blocks):
         npt.assert_allclose(other.calibration.offset, array.calibration.offset, atol=1e-7)
         npt.assert_allclose(other.calibration.matrix, array.calibration.matrix, atol=1e-9)
@@ -283,7 +283,7 @@ def test_two_level_turns_are_one_as_good_as_both() -> None:
     one, other = level_turn(4), level_turn(4)
     both = Joined((one.samples, replace_noise(other)))
     alone, together = flinders.fit(one.samples), flinders.fit(both)
-    assert together.method == "level"
+    assert together.evidence.method == "level"
     assert together.heading_error_deg.rms == pytest.approx(alone.heading_error_deg.rms / np.sqrt(2.0), rel=0.2)
 
 
@@ -323,7 +323,7 @@ def test_readings_without_noise_give_the_truth_to_rounding() -> None:
     for seed in range(10):
         recording = level_turn(seed, noise=0.0)
         fit = flinders.fit(recording.samples.field)
-        assert fit.method == "level"
+        assert fit.evidence.method == "level"
         assert heading_error_deg(fit.calibration.matrix, fit.calibration.offset, recording) < 1e-6
 
 
@@ -348,4 +348,4 @@ def test_auto_leaves_all_attitudes_to_the_ellipsoid() -> None:
         attitudes = simulate.tilted(rng, 1000, tilt_deg=15.0)
         sensor = Sensor.random(rng)
         raw = sensor.read(FIELD_STRENGTH * simulate.seen_from(attitudes, FIELD), rng)
-        assert judged(raw).method == "likelihood"
+        assert judged(raw).evidence.method == "likelihood"

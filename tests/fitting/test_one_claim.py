@@ -21,6 +21,9 @@ from flinders.comparison.evaluation import evaluate
 from flinders.comparison.merging import merge
 from flinders.fitting.batch import fit_batch
 from flinders.fitting.claim import heading_words
+from flinders.fitting.fit_file import fit_from, load
+from flinders.fitting.fit_json import json_of
+from flinders.fitting.result import bare_fit, document_of, with_calibration, with_name
 from flinders.geometry.rotation import rotations
 from flinders.likelihood.site_field import Site
 from flinders.report.fit_pages import of_file, of_fit
@@ -96,11 +99,11 @@ def test_every_door_states_one_number(fit: Fit) -> None:
     claim, bound = fit.heading_error_deg.worst, fit.claim.heading_bound_deg
     assert fit.claim.level_error().worst == pytest.approx(claim, rel=1e-9)
     assert claim < bound < 4.0 * claim
-    stated = fit.as_dict()["heading_error_deg"]
+    stated = json_of(fit)["heading_error_deg"]
     assert (stated["worst"], stated["bound_95"]) == (claim, bound)
     drawn = view(fit, SAMPLES).heading_error_deg
     assert drawn is None or (drawn.worst, drawn.bound_95) == (claim, bound)
-    loaded = Fit.from_document(fit.to_document())
+    loaded = fit_from(document_of(fit))
     assert loaded.claim.level_error().worst == pytest.approx(claim, rel=1e-6)
     assert loaded.claim.heading_bound_deg == pytest.approx(bound, rel=1e-6)
     if fit.claim.alignment_error_deg is not None:
@@ -139,8 +142,8 @@ def test_commands_file_and_page_state_one_number(
     flinders_("simulate", "three-axis", "-o", "hand.csv", "--seed", "7", "--readings", "1500")
     words = ("--with", ",".join(aiding)) if aiding else ()
     made = flinders_("calibrate", "hand.csv", *words, "-o", "fit.json", "--json").json
-    fit = Fit.load("fit.json")
-    Fit.of(fit.calibration).save("exact.json")
+    fit = load("fit.json")
+    bare_fit(fit.calibration).save("exact.json")
     stated = made["heading_error_deg"]
     claims = {
         "the file": json.loads(Path("fit.json").read_text())["fit"]["heading_error_deg"],
@@ -174,7 +177,7 @@ def test_a_fleet_states_it(change: Callable[[Floats], Floats]) -> None:
 def test_what_the_mounting_adds_is_said_wherever_the_rotation_was_seen() -> None:
     """By the terminal, of a fit and of its file, and by the file."""
     fit = made("with dip")
-    loaded = Fit.from_document(fit.to_document())
+    loaded = fit_from(document_of(fit))
     for page in (of_fit(fit), of_file(loaded, is_verbose=False)):
         console = Console(file=io.StringIO(), width=200)
         console.print(page)
@@ -186,7 +189,7 @@ def test_before_and_after_are_of_the_same_axes() -> None:
     fit = made("clean")
     turn = rotations(np.array([[0.3, -0.2, 1.4]]))[0]
     turned = replace(fit.calibration, matrix=turn @ fit.calibration.matrix, rotation="composed")
-    mounted = fit.with_calibration(turned)
+    mounted = with_calibration(fit, turned)
     drawn = view(mounted, SAMPLES).turn
     assert drawn is not None
     assert max(map(abs, drawn.before_deg)) == pytest.approx(mounted.claim.uncorrected_heading_error_deg.worst, abs=1e-3)
@@ -195,7 +198,7 @@ def test_before_and_after_are_of_the_same_axes() -> None:
 def test_a_merged_calibration_has_what_belongs_to_the_direction() -> None:
     """Two recordings of one sensor do not average it out."""
     parts = [
-        judged(in_ut(structured(simulate.tumble(seed=seed, n=1500, sensor=SENSOR).samples.field))).with_name(name)
+        with_name(judged(in_ut(structured(simulate.tumble(seed=seed, n=1500, sensor=SENSOR).samples.field))), name)
         for seed, name in ((1, "a"), (2, "b"))
     ]
     merged = merge(parts)

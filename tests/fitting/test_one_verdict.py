@@ -10,7 +10,7 @@ from click.testing import CliRunner
 
 from flinders import simulate
 from flinders.cli import main
-from flinders.fitting.result import Fit
+from flinders.fitting.fit_file import load
 from flinders.report.notebook import html_of
 from flinders.simulate.recording import write_csv
 
@@ -35,6 +35,6 @@ def test_all_renderings_have_the_word(verdict: str, tmp_path: Path, monkeypatch:
     if verdict == "refused":
         assert not Path("c.json").exists()
     else:
-        loaded = Fit.load("c.json")
+        loaded = load("c.json")
         assert loaded.verdict == verdict
         assert f" {verdict}: " in html_of(loaded)

@@ -20,7 +20,15 @@ from tests.frames import PolarsLike, Streamed, of_polars, refuse
 import flinders
 from flinders.core.samples import COLUMNS
 from flinders.core.units import Unit
-from flinders.errors import AxesError, MissingExtra, NoMagnetometer, OutputExists, UnitError, UsageError
+from flinders.errors import (
+    AxesError,
+    MissingExtra,
+    NoMagnetometer,
+    OutputExists,
+    UnitError,
+    UnknownParameter,
+    UsageError,
+)
 from flinders.simulate.recording import write_csv
 
 if TYPE_CHECKING:
@@ -133,20 +141,29 @@ def test_unit_and_axes_of_an_array_are_words(samples: Samples) -> None:
 
 
 def test_a_mistyped_parameter_is_answered_with_the_one_that_was_meant(samples: Samples) -> None:
-    with pytest.raises(UsageError, match=r"'columns': it is one of flinders\.read"):
-        flinders.fit(samples.field, columns="1,2,3")  # type: ignore[call-arg]
-    with pytest.raises(UsageError, match=r"'targt_deg' .did you mean 'target_deg'"):
-        flinders.fit(samples.field, targt_deg=2.0)  # type: ignore[call-arg]
+    with pytest.raises(UsageError, match=r"'topic': it is one of flinders\.read"):
+        flinders.fit(samples.field, topic="mag")  # type: ignore[call-arg]
+    with pytest.raises(UsageError, match=r"'method': it is one of flinders\.fit"):
+        flinders.read("log.csv", method="robust")  # type: ignore[call-arg]
+    calls: list[tuple[Callable[..., object], str]] = [
+        (flinders.fit, "unit"), (flinders.read, "unit"), (flinders.open_recording, "unit"), (flinders.open_log, "unit"),
+        (flinders.Samples.of, "unit"), (flinders.from_extremes, "unit"), (flinders.export, "compass"),
+        (flinders.compare, "dip_deg"), (flinders.merge, "dip_deg"), (flinders.fit_many, "unit"),
+    ]  # fmt: skip
+    for function, word in calls:
+        with pytest.raises(UnknownParameter, match=f"did you mean '{word}'") as unknown:
+            function(samples.field, **{f"{word}s": None})
+        assert isinstance(unknown.value, TypeError)
     with pytest.raises(UsageError, match=r"'libelihood' is not known .did you mean 'likelihood'"):
         flinders.fit(samples.field, method="libelihood")
     with pytest.raises(AttributeError, match=r"'Robst' .did you mean 'Robust'"):
         flinders.estimators.Robst()
 
 
-def test_a_fit_has_ten_parameters_and_all_are_named() -> None:
+def test_a_fit_has_eleven_parameters_and_all_are_named() -> None:
     """No ``**options``: a type checker sees a mistake, and no two parameters say the same."""
     parameters = inspect.signature(flinders.fit).parameters.values()
-    assert len(parameters) <= 10
+    assert len(parameters) <= 11
     assert all(parameter.kind is not parameter.VAR_KEYWORD for parameter in parameters)
 
 

@@ -13,8 +13,9 @@ import flinders
 from flinders.core.samples import Samples
 from flinders.core.units import Unit
 from flinders.errors import AxesError, TooFewSamples, UnitError, UsageError
+from flinders.fitting.fit_file import fit_from
 from flinders.fitting.known_heading import PoseSigmas, refresh_at_headings
-from flinders.fitting.result import Fit, Refused
+from flinders.fitting.result import Fit, Refused, document_of
 from flinders.likelihood.site_field import Site
 from flinders.simulate import tumble
 from flinders.simulate.attitudes import north_and_down, posed, seen_from, turns
@@ -60,8 +61,8 @@ def test_a_fresh_fit_of_the_same_readings_is_refused() -> None:
 
 def test_a_good_verdict_rests_on_the_soft_iron(earlier: Fit) -> None:
     fit = flinders.refresh(recorded().samples, earlier)
-    assert fit.conditions[0] == "same-soft-iron"
-    assert Fit.from_document(fit.to_document()).conditions == fit.conditions
+    assert fit.judgement.conditions[0] == "same-soft-iron"
+    assert fit_from(document_of(fit)).judgement.conditions == fit.judgement.conditions
 
 
 def test_steel_is_noticed_and_allowed_for(earlier: Fit) -> None:
@@ -162,7 +163,7 @@ def test_poses_at_known_headings_give_the_offset(earlier: Fit, headings: list[fl
     fit = refresh_at_headings(poses(headings), earlier, headings, site=flinders.Site(inclination_deg=60.0))
     assert fit.verdict == verdict
     assert np.all(np.abs(fit.calibration.offset - TUMBLED_SENSOR.offset - MOVED) < 3.0 * fit.claim.offset_sigma)
-    assert fit.conditions == ("same-soft-iron", "uniform-field", "constant-iron")
+    assert fit.judgement.conditions == ("same-soft-iron", "uniform-field", "constant-iron")
 
 
 def test_an_accelerometer_tells_how_a_pose_leans(earlier: Fit) -> None:

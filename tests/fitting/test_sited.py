@@ -150,7 +150,7 @@ def test_what_stays_in_the_body_is_a_bias_of_the_accelerometer_and_no_slope(slop
 def test_aids_of_a_level_turn_are_left_out_and_named(aiding: str | tuple[str, ...]) -> None:
     truth, site = Turned(mounted_deg=2.0).record(2, 300)
     fit = flinders.fit(truth.samples, aiding=aiding, site=site)
-    assert fit.method == "level"
+    assert fit.evidence.method == "level"
     assert fit.evidence.aiding is not None
     assert all(not aid.is_used and "one plane" in aid.reason for aid in fit.evidence.aiding.sensors)
     npt.assert_array_equal(fit.calibration.matrix, flinders.fit(truth.samples, site=site).calibration.matrix)

@@ -23,6 +23,7 @@ from flinders.core.samples import Samples
 from flinders.errors import DocumentError, FitError, StuckAxis, TooFewSamples
 from flinders.findings import CATALOGUE, REFUSALS, Finding
 from flinders.fitting.advice import advised
+from flinders.fitting.fit_json import json_of
 from flinders.fitting.result import Refused
 from flinders.likelihood.site_field import Site
 from flinders.report.plain import page
@@ -480,10 +481,10 @@ def test_what_everybody_reads_each_time_is_short() -> None:
 
 def test_a_refused_fit_gives_no_number_to_copy_and_keeps_its_evidence() -> None:
     fit = drowned()
-    fields = fit.as_dict()
+    fields = json_of(fit)
     assert (fields["calibration"], fields["uncorrected_heading_error_deg"]) == (None, None)
-    assert fields["noise"] == fit.noise
-    assert fields["coverage"] == fit.coverage.as_dict()
+    assert fields["noise"] == fit.evidence.noise
+    assert fields["coverage"] == fit.evidence.coverage.as_dict()
     assert fields["covariance"] == fit.claim.covariance.tolist()
     assert "noise" in [finding["code"] for finding in fields["findings"]]
     assert fields["heading_error_deg"]["worst"] == fit.heading_error_deg.worst
@@ -492,7 +493,7 @@ def test_a_refused_fit_gives_no_number_to_copy_and_keeps_its_evidence() -> None:
 
 def test_of_flat_readings_nothing_is_told_that_rests_on_a_surface() -> None:
     fit = flat()
-    fields = fit.as_dict()
+    fields = json_of(fit)
     told = {key for key, value in fields.items() if value is not None}
     assert fit.judgement.is_flat
     assert {"findings", "covariance", "noise", "samples", "unobserved", "prior_influence"} <= told
@@ -501,7 +502,7 @@ def test_of_flat_readings_nothing_is_told_that_rests_on_a_surface() -> None:
 
 def test_the_fit_has_what_its_json_has() -> None:
     fit = leaning_on_the_prior()
-    fields = fit.as_dict()
+    fields = json_of(fit)
     assert fields["direction_error_deg"] == fit.claim.direction_error_deg._asdict()
     assert 0.0 < fit.claim.direction_error_deg.rms < fit.claim.direction_error_deg.worst
     assert (fields["prior_influence"], fields["unobserved"], fields["bias_deg"]) == (

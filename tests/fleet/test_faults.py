@@ -94,7 +94,7 @@ def test_what_is_so_throughout_cannot_be_told_from_the_readings(fault: str) -> N
     for number in range(2):
         good, mirrored = (flinders.fit(unit(number, seed=5, fault=name).samples) for name in ("", fault))
         assert mirrored.verdict == good.verdict == "good"
-        assert mirrored.noise == pytest.approx(good.noise, rel=1e-6)
+        assert mirrored.evidence.noise == pytest.approx(good.evidence.noise, rel=1e-6)
         npt.assert_allclose(mirrored.calibration.ellipsoid.semi_axes, good.calibration.ellipsoid.semi_axes, rtol=1e-6)
 
 

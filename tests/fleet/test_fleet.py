@@ -72,7 +72,12 @@ def test_a_row_has_the_numbers_of_the_single_command(logs: Path, tmp_path: Path)
     for place in range(6):
         fit = flinders.fit(flinders.open_recording(logs / f"U{place}" / "monday.csv"))
         row = rows.row(place)
-        assert (row.verdict, row.readings, row.samples, row.recording) == ("good", 150, fit.samples, "monday.csv")
+        assert (row.verdict, row.readings, row.samples, row.recording) == (
+            "good",
+            150,
+            fit.evidence.samples,
+            "monday.csv",
+        )
         np.testing.assert_allclose(row.offset, fit.calibration.offset, rtol=1e-9)
         np.testing.assert_allclose(row.matrix, fit.calibration.matrix.ravel(), rtol=1e-9)
         np.testing.assert_allclose(row.covariance, fit.claim.covariance[np.triu_indices(9)], rtol=1e-9)

@@ -23,7 +23,7 @@ from flinders.apps.fleet.store import NoCalibration, document_of, options_of, ro
 from flinders.apps.fleet.tables import read_table
 from flinders.cli import main
 from flinders.errors import UsageError
-from flinders.fitting.result import Fit
+from flinders.fitting.fit_file import fit_from
 
 if TYPE_CHECKING:
     from flinders.arrays import Floats
@@ -168,7 +168,7 @@ def test_a_calibration_is_valid_until_the_next_one_of_its_unit() -> None:
 def test_it_is_written_as_an_ordinary_calibration_file() -> None:
     run("logs", "out.parquet", Options(), workers=0)
     row = valid_at(rows_of("out.parquet", "A"), "A", when("2026-04-01")).row
-    loaded = Fit.from_document(document_of(row, options_of("out.parquet")))
+    loaded = fit_from(document_of(row, options_of("out.parquet")))
     fit = flinders.fit(flinders.open_recording("logs/A/2026-03-01.csv"), site=flinders.Site(inclination_deg=60.0))
     assert np.allclose(loaded.calibration.offset, fit.calibration.offset)
     assert np.allclose(loaded.claim.claimed_covariance, fit.claim.claimed_covariance)

@@ -89,7 +89,7 @@ def of_rows() -> Iterator[type[FlindersError]]:
 
 NEVER: frozenset[str] = frozenset({
     "fit", "input", "array", "link", "needs-samples", "needs-recording", "not-merged", "no-accelerometer",
-    "not-validated", "collapsed", "constant-strength", "no-calibration", "no-onboard",
+    "not-validated", "collapsed", "constant-strength", "no-calibration", "no-onboard", "unknown-parameter",
 })  # fmt: skip
 """Of bases, of connections, of methods that a fleet does not call, and of a question to its table."""
 

@@ -48,8 +48,8 @@ def advised(fit: Fit, goal: Goal) -> Guidance:
     return guide(
         fit.calibration.ellipsoid,
         fit.claim.covariance,
-        noise=fit.noise,
-        coverage=fit.coverage,
+        noise=fit.evidence.noise,
+        coverage=fit.evidence.coverage,
         dip_deg=DIP_DEG,
         down=np.array([0.0, 0.0, -1.0 if upside_down else 1.0]),
         goal=goal,
@@ -95,7 +95,11 @@ def where_next(followed: str, fit: Fit, goal: Goal, rng: Generator) -> Floats:
     """(10, 3) directions of the field in the next batch, by who is followed."""
     if followed == "words":
         return swept(advised(fit, goal).pose("sensor").down, BATCH)
-    one = {"advice": advised(fit, goal).direction, "hole": fit.coverage.hole, "chance": simulate.uniform(rng, 1)[0]}
+    one = {
+        "advice": advised(fit, goal).direction,
+        "hole": fit.evidence.coverage.hole,
+        "chance": simulate.uniform(rng, 1)[0],
+    }
     return np.tile(one[followed], (BATCH, 1))
 
 
@@ -295,6 +299,8 @@ def test_a_sphere_all_around_is_advised_without_preference_and_done() -> None:
     sphere = Ellipsoid(np.zeros(3), 50.0 * np.eye(3))
     recording = simulate.tumble(seed=1, motion="uniform", n=2000, sensor=Sensor(noise=0.5))
     fit = judged(recording.samples.field)
-    advice = guide(sphere, fit.claim.covariance, noise=fit.noise, coverage=fit.coverage, goal="attitude")
+    advice = guide(
+        sphere, fit.claim.covariance, noise=fit.evidence.noise, coverage=fit.evidence.coverage, goal="attitude"
+    )
     assert advice.is_reached(1.0)
     assert 0.9 * advice.worst_deg < advice.after_deg < advice.worst_deg

@@ -34,7 +34,7 @@ from flinders.core.calibration_file import Fitted, aiding_record
 from flinders.core.samples import Samples
 from flinders.core.units import Unit
 from flinders.fitting.calibrate import fit
-from flinders.fitting.result import Fit
+from flinders.fitting.fit_file import fit_from
 from flinders.geometry.angles import folded
 from flinders.geometry.ellipsoid import symmetric
 from flinders.heading.attitude import magnetic_heading_deg
@@ -472,7 +472,7 @@ def test_what_the_calibration_found_wrong_with_the_accelerometer_is_taken_off(ho
     for gravity in (9.80665, 1.0):
         force = body @ np.array([0.0, 0.0, -gravity]) @ gains
         samples = Samples.of(body @ FIELD, unit="uT", acceleration=force + bias * gravity / 9.80665)
-        loaded = Fit.from_document(calibration.to_document(fit=fitted))
+        loaded = fit_from(calibration.to_document(fit=fitted))
         aiding = loaded.evidence.aiding
         assert aiding is not None
         off, matrix = aiding.acceleration_bias, aiding.acceleration_matrix

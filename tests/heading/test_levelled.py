@@ -12,7 +12,7 @@ from tests.trials import daily
 import flinders
 from flinders.comparison.level_plane import Levelled, compare_turned
 from flinders.core.samples import Samples
-from flinders.fitting.result import Fit
+from flinders.fitting.result import Fit, bare_fit
 from flinders.targets._mounting import euler
 
 if TYPE_CHECKING:
@@ -95,6 +95,6 @@ def test_what_moved_in_the_plane_of_the_turn_is_found_and_what_moved_across_it_i
 
 def test_a_calibration_that_is_taken_as_exact_adds_nothing_to_the_claim() -> None:
     samples = reading(level_turn(), (0.0, 0.0, 0.0), 6)
-    exact = Fit.of(known((0.0, 0.0, 0.0)).calibration)
+    exact = bare_fit(known((0.0, 0.0, 0.0)).calibration)
     held = Levelled.of(exact, turned(samples), samples)
     assert (held.known.claim.states_uncertainty, held.fresh.claim.states_uncertainty) == (False, True)

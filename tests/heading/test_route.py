@@ -16,20 +16,20 @@ from flinders.simulate import turns
 
 def partly_known() -> path_planning.Belief:
     fit = flinders.fit(simulate.tumble(seed=3, motion="tilted").samples)
-    return path_planning.Belief.of(fit.claim, fit.noise, fit.coverage)
+    return path_planning.Belief.of(fit.claim, fit.evidence.noise, fit.evidence.coverage)
 
 
 def test_the_way_is_no_worse_than_standing_still_and_beats_any_single_direction() -> None:
     fit = flinders.fit(simulate.tumble(seed=3, motion="tilted", n=300).samples)
-    belief = path_planning.Belief.of(fit.claim, fit.noise, fit.coverage)
+    belief = path_planning.Belief.of(fit.claim, fit.evidence.noise, fit.evidence.coverage)
     way = path_planning.plan(belief, [0.0, 0.0, 1.0], goal="attitude", target_deg=1e-3)
     assert way.after_deg < way.worst_deg
     taken = path_planning.READINGS_PER_DEG * 35.0 * 6
     one = guide(
         fit.calibration.ellipsoid,
         fit.claim.covariance,
-        noise=fit.noise,
-        coverage=fit.coverage,
+        noise=fit.evidence.noise,
+        coverage=fit.evidence.coverage,
         goal="attitude",
         batch=taken,
     )

@@ -21,7 +21,8 @@ from flinders.comparison.merging import NotMerged, merge
 from flinders.comparison.pairs import rescaled, trace_with, without_scale
 from flinders.core.calibration import Calibration
 from flinders.errors import UsageError
-from flinders.fitting.result import Fit
+from flinders.fitting.fit_file import fit_from
+from flinders.fitting.result import Fit, document_of, with_calibration, with_name
 from flinders.geometry.ellipsoid import upper
 
 if TYPE_CHECKING:
@@ -34,7 +35,7 @@ KNOWN = (None, 50.0)
 def judged(seed: int, *, motion: str = "uniform", field_strength: float | None = None) -> Fit:
     recording = simulate.tumble(seed=seed, motion=motion, n=600, sensor=RANDOM_SENSOR)
     fit = flinders.fit(recording.samples, site=flinders.Site(strength=field_strength))
-    return fit.with_name(f"{motion} {seed}")
+    return with_name(fit, f"{motion} {seed}")
 
 
 def in_field(one: Fit, factor: float) -> Fit:
@@ -44,7 +45,7 @@ def in_field(one: Fit, factor: float) -> Fit:
         one.calibration.offset, factor * one.calibration.shape, field_strength=known, raw=one.calibration.raw
     )
     claim = replace(one.claim, covariance=rescaled(one.claim.covariance, factor))
-    return replace(one, claim=claim).with_calibration(stronger)
+    return with_calibration(replace(one, claim=claim), stronger)
 
 
 def repeats(merged: Fit) -> Repeats:
@@ -53,7 +54,7 @@ def repeats(merged: Fit) -> Repeats:
 
 
 def again(merged: Fit, name: str = "merged") -> Fit:
-    return Fit.from_document(merged.to_document()).with_name(name)
+    return with_name(fit_from(document_of(merged)), name)
 
 
 def same(found: Fit, expected: Fit, rtol: float = 1e-8) -> None:
@@ -117,7 +118,7 @@ def test_with_itself_it_is_refused() -> None:
     with pytest.raises(UsageError, match="uniform 1 is given twice"):
         merge([judged(1), judged(1)])
     with pytest.raises(UsageError, match="uniform 1 and copy are the same calibration"):
-        merge([judged(1), judged(1).with_name("copy")])
+        merge([judged(1), with_name(judged(1), "copy")])
 
 
 @given(st.floats(-50.0, 50.0), st.floats(-50.0, 50.0), st.floats(-50.0, 50.0))

@@ -25,7 +25,7 @@ from flinders.apps.live.station.limits import misses
 from flinders.apps.live.station.plan import CertificateFacts, PassLimits
 from flinders.core.calibration import Calibration
 from flinders.fitting import calibrate
-from flinders.fitting.result import Fit
+from flinders.fitting.result import Fit, bare_fit
 
 if TYPE_CHECKING:
     from lxml.etree import _Element
@@ -203,4 +203,4 @@ def test_the_command_writes_one_of_a_calibration_file(fit: Fit, tmp_path: Path) 
 
 
 def test_a_calibration_of_which_nothing_is_stated_does_not_conform() -> None:
-    assert [miss.code for miss in misses(Fit.of(Calibration.identity()), PassLimits())] == ["unstated"]
+    assert [miss.code for miss in misses(bare_fit(Calibration.identity()), PassLimits())] == ["unstated"]

@@ -187,7 +187,7 @@ def test_killed_ten_times_at_random_moments_it_loses_at_most_a_second_and_goes_o
     assert found.fit is not None
     assert found.provenance is not None
     assert sum(file.rows for file in found.provenance.files) == len(rows)
-    assert found.fit.samples == uninterrupted.samples  # of the rows, where it turned slowly: those are a rest
+    assert found.fit.samples == uninterrupted.evidence.samples  # of the rows, where it turned slowly: those are a rest
     npt.assert_allclose(found.calibration.offset, uninterrupted.calibration.offset, rtol=1e-12)
     npt.assert_allclose(found.calibration.matrix, uninterrupted.calibration.matrix, rtol=1e-12, atol=1e-15)
 
@@ -541,7 +541,7 @@ def test_in_the_end_it_prints_the_fit_of_all_readings_that_came(tmp_path: Path) 
     fit = flinders.fit(flinders.open_recording(session), target_deg=2.0)
     assert (found["recording"], found["readings"]) == (str(session), len(recorded(session)))
     assert (found["refusal"], found["fit"]["verdict"]) == ("", fit.verdict)
-    assert found["fit"]["samples"] == fit.samples
+    assert found["fit"]["samples"] == fit.evidence.samples
     assert found["fit"]["heading_error_deg"]["worst"] == fit.heading_error_deg.worst
 
 

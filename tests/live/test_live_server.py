@@ -43,7 +43,7 @@ from flinders.core.calibration_file import loads
 from flinders.core.units import Unit
 from flinders.errors import UsageError
 from flinders.fitting import calibrate
-from flinders.fitting.result import Fit
+from flinders.fitting.fit_file import fit_from
 from flinders.likelihood.site_field import Site
 from flinders.links import motioncal
 from flinders.links.feeds import Replay
@@ -575,14 +575,14 @@ def test_the_calibration_is_that_of_flinders_calibrate(wall: Bench) -> None:
     document = loads(answer.content)
     fit = flinders.fit(flinders.open_recording(wall.path))
     assert document.fit is not None
-    assert document.fit.samples == fit.samples > 2900
+    assert document.fit.samples == fit.evidence.samples > 2900
     npt.assert_array_equal(document.calibration.offset, fit.calibration.offset)
     npt.assert_array_equal(document.calibration.matrix, fit.calibration.matrix)
     assert document.provenance is not None
     assert document.provenance.files[0].name == "session.csv"
     assert "attachment" in answer.headers["content-disposition"]
     assert (told["name"], told["refusal"]) == ("session.csv", "")
-    assert told["view"]["samples"] == fit.samples
+    assert told["view"]["samples"] == fit.evidence.samples
     assert told["view"]["verdict"] == fit.verdict
 
 
@@ -616,11 +616,11 @@ def test_what_is_finished_is_made_once_of_the_readings_up_to_then(bench: Bench) 
         socket.send_text(encode(edits))
         kept(socket)
     answers = [bench.finish(edits).json() for _ in range(2)]
-    samples = flinders.fit(simulate.tumble(seed=1).samples[:2001]).samples
+    samples = flinders.fit(simulate.tumble(seed=1).samples[:2001]).evidence.samples
     assert [answer["view"]["samples"] for answer in answers] == [samples, samples]
     assert answers[0]["number"] == answers[1]["number"]
     assert bench.finish(Edits(finished_s=40.0, target_deg=2.0)).json()["number"] != answers[0]["number"]
-    assert bench.hub.made().fit.samples == samples
+    assert bench.hub.made().fit.evidence.samples == samples
     wait_until(lambda: read_edits(bench.path) == edits)
     assert len(flinders.read(bench.path)) == 3000
 
@@ -1025,7 +1025,7 @@ def test_what_cannot_be_recorded_is_in_the_calibration_all_the_same(tmp_path: Pa
             document = loads(bench.client.get(f"/calibration.json{number}").content, source="the page")
             bench.sink.why = ""
             assert received(socket, "unrecorded")["words"] == ""
-    found = Fit.from_document(document, name="the page").calibration
+    found = fit_from(document, name="the page").calibration
     npt.assert_allclose(found.offset, calibrate.fit(samples).calibration.offset, rtol=1e-6)
     bench.sink.close()
 

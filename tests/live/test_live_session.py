@@ -23,7 +23,7 @@ from flinders.core.axes import Axes
 from flinders.core.samples import Samples
 from flinders.core.units import Unit
 from flinders.fitting import calibrate
-from flinders.fitting.result import Refused
+from flinders.fitting.result import Refused, with_name
 from flinders.likelihood.site_field import Site
 from flinders.native import build
 
@@ -283,7 +283,7 @@ def test_who_turns_the_sensor_is_led_and_nobody_else() -> None:
 def test_the_calibration_from_before_holds_or_does_not() -> None:
     sensor = simulate.Sensor(offset=np.array([20.0, -10.0, 5.0]), noise=0.5)
     moved = simulate.Sensor(offset=np.array([23.0, -10.0, 5.0]), noise=0.5)
-    before = calibrate.fit(simulate.tumble(seed=2, sensor=sensor).samples).with_name("monday.json")
+    before = with_name(calibrate.fit(simulate.tumble(seed=2, sensor=sensor).samples), "monday.json")
     for now, word, low, high in ((sensor, "still holds", 0.0, 0.3), (moved, "no longer holds", 4.0, 9.0)):
         session = after(simulate.tumble(seed=3, sensor=now).samples)
         session.got_previous(61.0, before)
@@ -296,7 +296,7 @@ def test_the_calibration_from_before_holds_or_does_not() -> None:
 def test_a_calibration_in_another_unit_is_not_compared_and_says_why() -> None:
     counts = replace(simulate.tumble(seed=2).samples, unit=COUNTS)
     session = after(simulate.tumble(seed=3).samples)
-    session.got_previous(61.0, calibrate.fit(counts).with_name("monday.json"))
+    session.got_previous(61.0, with_name(calibrate.fit(counts), "monday.json"))
     shown = fitted(session).state.previous
     assert shown.change_deg is None
     assert "counts" in shown.words
@@ -306,7 +306,7 @@ def test_a_calibration_in_another_unit_is_not_compared_and_says_why() -> None:
 def test_a_log_in_other_axes_is_neither_compared_nor_renewed_and_says_why(is_renewed: bool) -> None:
     tumble = simulate.tumble(seed=2).samples
     session = after(tumble)
-    session.got_previous(61.0, calibrate.fit(tumble).with_name("monday.json"))
+    session.got_previous(61.0, with_name(calibrate.fit(tumble), "monday.json"))
     assert fitted(session).state.previous.change_deg == pytest.approx(0.0, abs=0.01)
     session.requested(62.0, "refresh", refresh=is_renewed)
     session.opened(63.0, "a.csv", log_of(replace(tumble, axes=Axes.of("x,-y,-z"))))
@@ -316,7 +316,7 @@ def test_a_log_in_other_axes_is_neither_compared_nor_renewed_and_says_why(is_ren
     assert shown.state.previous.change_deg is None
 
 
-EARLIER = calibrate.fit(simulate.tumble(seed=2).samples).with_name("monday.json")
+EARLIER = with_name(calibrate.fit(simulate.tumble(seed=2).samples), "monday.json")
 VEHICLE = simulate.tumble(seed=2).sensor
 """The sensor of it."""
 
@@ -360,7 +360,7 @@ def test_renewing_needs_an_earlier_calibration_that_can_be_renewed() -> None:
     session = PageSession()
     (notice,) = session.requested(0.0, "refresh", refresh=True)
     assert "choose its file first" in notice.words
-    session.got_previous(0.0, calibrate.fit(simulate.tumble(seed=1, motion="level").samples).with_name("flat.json"))
+    session.got_previous(0.0, with_name(calibrate.fit(simulate.tumble(seed=1, motion="level").samples), "flat.json"))
     (notice,) = session.requested(0.0, "refresh", refresh=True)
     assert "flat.json comes from a level turn" in notice.words
     other = renewed(VEHICLE)

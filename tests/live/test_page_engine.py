@@ -28,6 +28,7 @@ from flinders.core.calibration_file import FindingRecord
 from flinders.core.samples import Samples
 from flinders.findings import Finding
 from flinders.findings.catalogue import CATALOGUE, OF_A_FIT, QUANTITIES_OF_A_FIT
+from flinders.fitting.result import document_of, with_name
 from flinders.geometry.sphere import tiles
 from flinders.native import build
 from flinders.report.view import view
@@ -281,7 +282,7 @@ def test_a_file_of_a_level_turn_says_that_it_is_one() -> None:
     case = case_of(level())
     (page,) = page_answers([case])["answers"]
     assert case.fit is not None
-    own = msgspec.to_builtins(case.fit.to_document().fit)
+    own = msgspec.to_builtins(document_of(case.fit).fit)
     assert (page["record"]["plane"], page["record"]["z_down"]) == (own["plane"], own["z_down"]) == ("xy", True)
     assert page["record"].keys() == own.keys()
 
@@ -292,7 +293,7 @@ MOVED = replace(TUMBLED.sensor, offset=TUMBLED.sensor.offset + np.array([8.0, -5
 
 def renewals() -> dict[str, tuple[Samples, Fit]]:
     """Recordings of seconds, and an earlier calibration that each renews."""
-    earlier = flinders.fit(TUMBLED.samples).with_name("monday.json")
+    earlier = with_name(flinders.fit(TUMBLED.samples), "monday.json")
     known = flinders.fit(TUMBLED.samples, site=flinders.Site(strength=50.0, inclination_deg=-66.0))
     bare = replace(earlier, claim=replace(earlier.claim, covariance=np.zeros((9, 9))))
     bent = MOVED.matrix @ np.diag([1.1, 1.0, 0.93])
@@ -304,8 +305,8 @@ def renewals() -> dict[str, tuple[Samples, Fit]]:
     top = np.array([np.quantile(wobble.field[:, 0], 0.93), np.inf, np.inf])
     return {
         "wobble": (wobble, earlier),
-        "of a known field": (wobble, known.with_name("known.json")),
-        "no uncertainty": (wobble, bare.with_name("bare.json")),
+        "of a known field": (wobble, with_name(known, "known.json")),
+        "no uncertainty": (wobble, with_name(bare, "bare.json")),
         "level turn": (turn, earlier),
         "steel": (simulate.tumble(seed=4, motion="wobble", n=500, sensor=steel).samples, earlier),
         "outliers": (simulate.tumble(seed=4, motion="wobble", n=500, sensor=MOVED, outliers=0.04).samples, earlier),
@@ -347,7 +348,7 @@ SAID: Final = {"holds": "it still holds: ", "fails": "it no longer holds: ", "ca
 
 
 def test_the_page_answers_whether_an_earlier_calibration_holds_as_the_program_does() -> None:
-    earlier = flinders.fit(TUMBLED.samples).with_name("monday.json")
+    earlier = with_name(flinders.fit(TUMBLED.samples), "monday.json")
     agrees, differs = (simulate.tumble(seed=8, n=1500, sensor=each).samples for each in (TUMBLED.sensor, MOVED))
     cases = [replace(case_of(thinned(samples)), previous=earlier) for samples in (agrees, differs)]
     cases.append(replace(cases[1], target_deg=90.0))

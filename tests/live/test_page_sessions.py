@@ -18,6 +18,7 @@ from flinders.apps.live.messages import LARGEST_DIP_DEG, Edits, refuse_out_of_ra
 from flinders.comparison.comparison import compare
 from flinders.core.geomag import ASSUMED_DIP_DEG
 from flinders.errors import UsageError
+from flinders.fitting.result import with_name
 from flinders.native import build
 
 try:
@@ -70,7 +71,7 @@ def test_an_earlier_calibration_is_as_far_off_as_flinders_compare_says() -> None
     session = PageSession()
     session.arrived(60.0, rows_of(tumbles[1]))
     session.requested(60.0, "dip", deg=-35.0)
-    session.got_previous(60.0, before.with_name("old.json"))
+    session.got_previous(60.0, with_name(before, "old.json"))
     session.fit()
     shown, worst = session.state.previous, compare(before, now, dip_deg=-35.0).heading_difference_deg.worst
     assert shown.change_deg == pytest.approx(worst, rel=1e-6)

@@ -16,6 +16,7 @@ from flinders.apps.live.standalone import targets
 from flinders.core.units import Unit
 from flinders.errors import FlindersError
 from flinders.fitting import calibrate
+from flinders.fitting.fit_file import load
 from flinders.targets import find
 
 if TYPE_CHECKING:
@@ -116,9 +117,9 @@ def test_a_file_of_the_page_is_read_by_the_library_and_the_command_line(tmp_path
     )
     path = tmp_path / "page.json"
     path.write_text(saved, encoding="utf-8")
-    loaded = Fit.load(path)
+    loaded = load(path)
     assert loaded.calibration.isclose(fit.calibration, tolerance=0.0)
-    assert (loaded.verdict, loaded.method) == (fit.verdict, fit.method)
+    assert (loaded.verdict, loaded.evidence.method) == (fit.verdict, fit.evidence.method)
     assert loaded.heading_error_deg.worst == fit.heading_error_deg.worst
     assert "good" in flinders_("show", str(path)).out
 

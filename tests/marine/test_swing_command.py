@@ -23,7 +23,7 @@ from tests.program import Ended, flinders_
 
 from flinders.core.calibration import Calibration
 from flinders.core.units import Unit
-from flinders.fitting.result import Fit
+from flinders.fitting.fit_file import load
 from flinders.geometry.angles import folded
 from flinders.heading.error_propagation import deviation_covariance
 
@@ -132,7 +132,7 @@ def test_a_swing_from_a_recording_finds_the_iron_that_is_left(home: Path) -> Non
 
 def test_a_swing_says_what_its_calibration_claims_and_whether_that_holds(home: Path) -> None:
     calibrated(400)
-    judged = Fit.load("calibration.json")
+    judged = load("calibration.json")
     assert judged.claim.states_uncertainty
     write("log.csv", swinging(STOPS))
     told = flinders_("swing", "calibration.json", "log.csv", *KNOWN, "--json").json["calibration"]

@@ -26,7 +26,7 @@ def test_a_sensor_of_a_table_is_chosen_by_a_number(tmp_path: Path) -> None:
 
 WRONG: list[dict[str, Any]] = [
     {"sensor": 1.5}, {"sensor": True}, {"sensor": [1]}, {"topic": 1}, {"axes": 5}, {"axes": ("x", "y", "z")},
-    {"start": "1"}, {"end": [3]}, {"as_logged": "no"}, {"unit": 5}, {"scale": "a"}, {"columns": (1, 2, 3)},
+    {"start": "1"}, {"end": [3]}, {"as_logged": "no"}, {"unit": 5}, {"scale": "a"}, {"columns": 123},
     {"pattern": 3}, {"progress": 1},
 ]  # fmt: skip
 

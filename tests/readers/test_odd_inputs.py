@@ -203,4 +203,4 @@ def test_odd_paths_are_refused(path: str) -> None:
 @pytest.mark.parametrize("scale", [2.0**-30, 2.0**36, 2.0**42])
 def test_what_is_covered_does_not_depend_on_the_unit(scale: float) -> None:
     field = simulate.tumble(seed=1, n=1000).samples.field
-    assert flinders.fit(scale * field).coverage.fraction == flinders.fit(field).coverage.fraction
+    assert flinders.fit(scale * field).evidence.coverage.fraction == flinders.fit(field).evidence.coverage.fraction

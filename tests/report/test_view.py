@@ -163,7 +163,7 @@ def test_good_readings_between_strays_are_counted_as_the_fit_counts_them() -> No
     assert sum(outlier.last - outlier.first + 1 - outlier.readings for outlier in fit.evidence.outliers) > 5
     seen = view(fit, samples)
     assert seen.residuals is not None
-    assert sum(seen.tiles_seen) == sum(seen.residuals.counts) == seen.samples == fit.samples
+    assert sum(seen.tiles_seen) == sum(seen.residuals.counts) == seen.samples == fit.evidence.samples
 
 
 def test_a_refused_fit_shows_no_number_to_copy_but_a_picture() -> None:
@@ -213,7 +213,7 @@ def test_residuals_of_one_plane_are_those_in_it() -> None:
     assert counted is not None
     edges, counts = np.array(counted.edges), np.array(counted.counts)
     middles = 0.5 * (edges[1:] + edges[:-1])
-    assert np.sqrt(counts @ middles**2 / counts.sum()) == pytest.approx(fit.noise, rel=0.1)
+    assert np.sqrt(counts @ middles**2 / counts.sum()) == pytest.approx(fit.evidence.noise, rel=0.1)
 
 
 def test_what_is_beyond_the_target_is_not_called_good() -> None:

@@ -22,10 +22,11 @@ from tests.service.test_boat import answered, without_digits
 from tests.trials import nightly
 from tests.waiting import wait_until
 
-from flinders import Fit, OnlineCalibration, Samples, simulate
+from flinders import OnlineCalibration, Samples, simulate
 from flinders.apps.service import simulate_boat
 from flinders.apps.service.sources import of_wire
 from flinders.cli import main
+from flinders.fitting.fit_file import load
 from flinders.links.transports import opened_lines
 
 if TYPE_CHECKING:
@@ -139,7 +140,7 @@ def test_what_was_in_force_before_is_taken_back() -> None:
     answered("flinders simulate three-axis -o again.csv --readings 3000 --sensor hand.truth.json")
     answered("flinders watch --replay hand.csv --state compass.state --adopted last.json")
     run(script("watch.md", "take_back"), "watch.md")
-    before, last = OnlineCalibration.load("compass.state").calibration, Fit.load("last.json").calibration
+    before, last = OnlineCalibration.load("compass.state").calibration, load("last.json").calibration
     answered("flinders watch --replay again.csv --state compass.state --lock")
     online = OnlineCalibration.load("compass.state")
     assert online.calibration is not None

@@ -27,10 +27,11 @@ from tests.trials import nightly
 from tests.waiting import wait_until
 from tests.worlds import walked_days
 
-from flinders import Fit, OnlineCalibration, Samples
+from flinders import OnlineCalibration, Samples
 from flinders.apps.service.sources import Source, of_recordings, of_wire
 from flinders.apps.service.watching import Begun, Files, Watch
 from flinders.errors import OutputError
+from flinders.fitting.fit_file import load
 from flinders.links.feeds import FeedEvent
 from flinders.links.transports import Scripted
 from flinders.workflows.walk import Walk
@@ -150,7 +151,7 @@ def test_status_metrics_and_adopted_calibration_are_files() -> None:
     for event, count in status["events"].items():
         assert metrics[f'flinders_events_total{{event="{event}"}}'] == str(count)
     assert float(metrics['flinders_offset_walk_per_root_hour{unit="uT"}']) == pytest.approx(status["walk"])
-    adopted = Fit.load("adopted.json")
+    adopted = load("adopted.json")
     assert adopted.verdict == "good"
     np.testing.assert_allclose(adopted.calibration.offset, OFFSET + MOVED, atol=0.5)
     assert sorted(path.name for path in Path().iterdir()) == [
@@ -207,7 +208,7 @@ def test_a_recording_in_axes_of_the_vehicle_gives_calibrations_for_them() -> Non
     Path("blackbox.csv").write_text("\n".join(lines) + "\n")
     words = ("--state", "compass.state", "--adopted", "adopted.json", "--axes", "x,-y,-z")
     assert flinders_("watch", "--replay", "blackbox.csv", *words).code == 0
-    calibration = Fit.load("adopted.json").calibration
+    calibration = load("adopted.json").calibration
     assert (calibration.frame, str(calibration.axes)) == ("vehicle", "x,-y,-z")
     Path("counts.csv").write_text(table(time, field, "time_s,mag_x_counts,mag_y_counts,mag_z_counts"))
     flinders_("watch", "--replay", "counts.csv", "--adopted", "sensor.json")

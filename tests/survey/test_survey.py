@@ -154,7 +154,7 @@ def test_a_calibration_file_gives_the_same_angles_and_serves_as_that_of_the_magn
     shots = simulated().shots
     for one, other in zip(loaded.angles(shots.magnetic, shots.gravity), fitted().shots.angles, strict=True):
         npt.assert_array_equal(one, other)
-    alone = flinders.Fit.load(tmp_path / "calibration.json")
+    alone = flinders.load(tmp_path / "calibration.json")
     assert alone.calibration == fitted().calibration.magnetometer
     assert alone.heading_error_deg.rms == fitted().azimuth_error_deg.rms
     alone.calibration.save(tmp_path / "alone.json")

@@ -22,7 +22,7 @@ from flinders.core.linearization import Linearization
 from flinders.core.units import Unit
 from flinders.errors import UsageError
 from flinders.fitting.export import export_fit, gates_of
-from flinders.fitting.result import Fit
+from flinders.fitting.fit_file import load
 from flinders.report.html import python_of
 from flinders.targets import ExportOptions, find
 from flinders.targets._target import Gates
@@ -399,7 +399,7 @@ def test_a_fit_that_knows_too_little_gives_no_limits(noise: float) -> None:
 def test_the_limits_of_a_file_are_those_of_its_fit(tmp_path: Path) -> None:
     found = fit(simulate.tumble(seed=1).samples, aiding=("dip",))
     found.save(tmp_path / "cal.json")
-    (file, _), (direct, _) = export_fit(Fit.load(tmp_path / "cal.json"), find("c")), export_fit(found, find("c"))
+    (file, _), (direct, _) = export_fit(load(tmp_path / "cal.json"), find("c")), export_fit(found, find("c"))
     assert file.fields["values"]["strength_limit"] == pytest.approx(direct.fields["values"]["strength_limit"], rel=1e-6)
     assert file.fields["values"]["dip_limit_deg"] == pytest.approx(direct.fields["values"]["dip_limit_deg"], rel=1e-6)
     assert any("at most once in 10,000 times" in note for note in file.fields["notes"])

@@ -25,7 +25,7 @@ from flinders.core.calibration_file import ProvenanceRecord, SourceFile
 from flinders.core.units import Unit
 from flinders.errors import NotExportable, UsageError
 from flinders.fitting.export import export_fit
-from flinders.fitting.result import Fit
+from flinders.fitting.fit_file import fit_from
 from flinders.targets import ExportOptions, find
 from flinders.targets._mounting import angles, apart_deg, euler
 
@@ -33,6 +33,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
 
     from flinders.arrays import Floats
+    from flinders.fitting.result import Fit
 
 SOFT = np.array([[1.10, 0.05, -0.02], [0.05, 0.91, 0.03], [-0.02, 0.03, 1.02]])
 HARD = np.array([12.0, -31.0, 7.0])
@@ -235,7 +236,7 @@ def fit_of(found: Calibration, *files: SourceFile) -> Fit:
     document = found.to_document(
         provenance=ProvenanceRecord(flinders="1", date=datetime(2026, 3, 1, tzinfo=UTC), files=files)
     )
-    return Fit.from_document(document)
+    return fit_from(document)
 
 
 @pytest.mark.parametrize(

@@ -125,7 +125,7 @@ def test_its_heading_error_is_that_of_the_offset_that_is_left() -> None:
     assert judged is not None
     level = fit.calibration.field_strength * np.cos(np.deg2rad(60.0))
     assert judged.comparison.worst_deg == pytest.approx(np.rad2deg(np.arcsin(5.0 / level)), rel=0.02)
-    assert judged.spread > 3.0 * fit.noise / fit.calibration.field_strength
+    assert judged.spread > 3.0 * fit.evidence.noise / fit.calibration.field_strength
     exact = flinders.judge_onboard(log_with(fit.calibration), fit)
     assert exact is not None
     assert exact.comparison.worst_deg < 1e-9

@@ -37,7 +37,7 @@ from flinders.core.calibration import Calibration
 from flinders.core.calibration_file import ProvenanceRecord, SourceFile, write
 from flinders.core.units import Unit
 from flinders.errors import LinkError, NotConfirmed, NotExportable, NotSent, UsageError
-from flinders.fitting.result import Fit
+from flinders.fitting.fit_file import fit_from
 from flinders.links.transports import Udp
 from flinders.targets._mounting import euler
 
@@ -47,6 +47,7 @@ if TYPE_CHECKING:
     from click.testing import Result
 
     from flinders.arrays import Floats
+    from flinders.fitting.result import Fit
 
 dialect = pytest.importorskip("pymavlink.dialects.v20.common")
 
@@ -262,7 +263,7 @@ def test_a_plan_is_for_the_compass_whose_log_the_fit_was_made_from() -> None:
 
     def made_from(*files: SourceFile) -> Fit:
         record = ProvenanceRecord(flinders="1", date=datetime(2026, 3, 1, tzinfo=UTC), files=files)
-        return Fit.from_document(found(frame="vehicle").to_document(provenance=record))
+        return fit_from(found(frame="vehicle").to_document(provenance=record))
 
     both = made_from(file, msgspec.structs.replace(file, compass=1, device_id=DEVICE))
     with vehicle() as (_, seen):

@@ -15,6 +15,7 @@ from tests.worlds import walked_days
 import flinders
 from flinders import simulate
 from flinders.errors import DocumentError, UsageError
+from flinders.fitting.result import bare_fit
 from flinders.native.engine import engine
 from flinders.native.layouts import ONLINE
 from flinders.workflows.online import OnlineCalibration
@@ -255,7 +256,7 @@ def test_a_walk_that_is_known_wrongly_is_corrected_and_its_claim_stays_true() ->
 
 
 def test_a_fit_that_cannot_go_on_is_refused() -> None:
-    plain = flinders.Fit.of(flinders.Calibration.identity(field_strength=50.0))
+    plain = bare_fit(flinders.Calibration.identity(field_strength=50.0))
     with pytest.raises(UsageError, match="states no uncertainty"):
         OnlineCalibration(plain)
     with pytest.raises(UsageError, match="target is -1"):

@@ -143,7 +143,9 @@ def in_use(command: str, path: str, recordings: Sequence[str], fixed: Iterable[s
 
 def at_fixed(fit: Fit, fixed: Iterable[str]) -> Fit:
     """A fit whose disturbances are taken at the values that ``--fix`` gives."""
-    return fit.with_calibration(_at_fixed(fit.calibration, fixed_values(fixed)))
+    from flinders.fitting.result import with_calibration
+
+    return with_calibration(fit, _at_fixed(fit.calibration, fixed_values(fixed)))
 
 
 def _at_fixed(calibration: Calibration, values: dict[str, float]) -> Calibration:
@@ -198,12 +200,12 @@ def open_all_with(
 
 def load(command: str, path: str, recordings: Sequence[str] = ()) -> Fit:
     """Load a calibration, and see whether the files were given the other way round."""
-    from flinders.fitting.result import Fit
+    from flinders.fitting import fit_file
 
     if path == "-":
         raise UsageError(f"the calibration must be a file: flinders {command} calibration.json -")
     try:
-        return Fit.load(path)
+        return fit_file.load(path)
     except DocumentError:
         for other in recordings:
             if is_calibration(other):
@@ -218,7 +220,7 @@ def say_exact(*fits: Fit) -> None:
     """Say which calibrations state no uncertainty."""
     for fit in fits:
         if not fit.claim.states_uncertainty:
-            say(f"{fit.name} states no uncertainty: it is taken as exact")
+            say(f"{fit.provenance.name} states no uncertainty: it is taken as exact")
 
 
 def for_use(command: str, path: str) -> Fit:

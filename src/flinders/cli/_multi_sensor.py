@@ -191,11 +191,13 @@ def _as_dict(
 
 def _row(name: str, outcome: Outcome, path: str | None) -> dict[str, Any]:
     """JSON-ready: the fit as ``calibrate --json`` has it, and of which magnetometer it is."""
+    from flinders.fitting.fit_json import json_of
+
     if not isinstance(outcome, FlindersError):
-        return {"sensor": name, "written": path, **outcome.as_dict()}
+        return {"sensor": name, "written": path, **json_of(outcome)}
     fit = getattr(outcome, "fit", None)
     error = {"code": outcome.code, "message": error_words(outcome), "evidence": outcome.evidence}
-    return {"sensor": name, "written": None, "verdict": "refused", **(fit.as_dict() if fit else {}), "error": error}
+    return {"sensor": name, "written": None, "verdict": "refused", **(json_of(fit) if fit else {}), "error": error}
 
 
 def named_for(output: str | None, number: int) -> str | None:

@@ -395,8 +395,9 @@ def say_references(fit: Fit) -> None:
     """Say where a calibration is taken that follows something, for a command that looks at offset and matrix only."""
     for disturbance in fit.calibration.disturbances:
         say(
-            f"{fit.name} follows {disturbance.name}: it is taken at {disturbance.amount(disturbance.reference)}; "
-            f"what it follows is {cost_words(fit.calibration, disturbance)}"
+            f"{fit.provenance.name} follows {disturbance.name}: it is taken at "
+            f"{disturbance.amount(disturbance.reference)}; what it follows is "
+            f"{cost_words(fit.calibration, disturbance)}"
         )
 
 

@@ -186,8 +186,10 @@ def _as_dict(error: FlindersError, words: str, exit_code: int) -> dict[str, Any]
     }
     if not isinstance(error, FitError):
         return {"error": about}
+    from flinders.fitting.fit_json import json_of
+
     fit = getattr(error, "fit", None)
-    fields = fit.as_dict() if fit else {**dict.fromkeys(FIT_KEYS), "verdict": "refused", "findings": []}
+    fields = json_of(fit) if fit else {**dict.fromkeys(FIT_KEYS), "verdict": "refused", "findings": []}
     return {**fields, "error": about}
 
 

@@ -85,10 +85,10 @@ def _save(calibration: Calibration, known: Fit, outputs: Outputs) -> None:
     from flinders.core.calibration_file import dumps, read
 
     output = outputs.files[0].path
-    before = read(known.name)
+    before = read(known.provenance.name)
     outputs.write(dumps(calibration.to_document(fit=before.fit, provenance=before.provenance)), output)
     if output is None:
         say("nothing was written: name a file with -o calibration.json")
     elif output != "-":
         names = " and ".join(each.name for each in calibration.disturbances)
-        say(f"written to {output}: {known.name}, which follows {names} now")
+        say(f"written to {output}: {known.provenance.name}, which follows {names} now")

@@ -196,13 +196,15 @@ class _Run:
         """Write and print the fit and its reports, and last what may fail although it is good: files for targets."""
         from flinders.core.calibration_file import dumps
         from flinders.core.samples import onboard_of
+        from flinders.fitting.fit_json import json_of
+        from flinders.fitting.result import document_of
         from flinders.workflows.onboard import judge_onboard
 
         files, outputs, onboard = self.files, self.files.outputs, judge_onboard(self.recording, fit)
         if onboard is None and any(onboard_of(part) is not None for part in self.parts):
             say("! the logs were made with different calibrations on board: none of them is judged")
         if files.output:
-            outputs.write(dumps(fit.to_document(self.provenance)), files.output)
+            outputs.write(dumps(document_of(fit, self.provenance)), files.output)
         self._trace()
         if not files.as_json and files.report_text != "-":
             if files.plots:
@@ -217,7 +219,7 @@ class _Run:
 
             write_exports(fit, files.exports, outputs, files=self.provenance.files, calibration=files.output)
         if files.as_json:
-            print_json({**fit.as_dict(), **({} if onboard is None else {"onboard": onboard.as_dict()})})
+            print_json({**json_of(fit), **({} if onboard is None else {"onboard": onboard.as_dict()})})
 
     def _say_written(self, onboard: OnboardCheck | None) -> None:
         """Say where the calibration is, and what to do with it, which may be nothing for what is on board."""

@@ -66,10 +66,10 @@ def command(options: Compare) -> int:
 
 def _load(path: str, other: str) -> Fit:
     """Load a calibration, or say what to type for a recording beside a calibration."""
-    from flinders.fitting.result import Fit
+    from flinders.fitting.fit_file import load
 
     try:
-        return Fit.load(path)
+        return load(path)
     except DocumentError:
         if is_calibration(other) and is_recording(path):
             raise UsageError(f"{path} is a recording: flinders check {other} {path}") from None

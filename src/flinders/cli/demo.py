@@ -42,6 +42,7 @@ Example:
 def command(options: Demo) -> int:
     """Simulate a sensor that is tumbled by hand for a minute, calibrate it, and compare with the truth."""
     from flinders.fitting.calibrate import fit
+    from flinders.fitting.fit_json import json_of
     from flinders.likelihood.site_field import Site
     from flinders.simulate import angle_error_deg, tumble
 
@@ -54,7 +55,7 @@ def command(options: Demo) -> int:
     result = fit(simulated.samples, target_deg=judgement.target_deg, site=site)
     error = angle_error_deg(result.calibration.matrix, result.calibration.offset, simulated)
     if options.as_json:
-        print_json({**result.as_dict(), "true_direction_error_deg": error})
+        print_json({**json_of(result), "true_direction_error_deg": error})
     else:
         print_fit(result)
         say(f"\nThe truth is known here: over all directions the corrected field is off by {error:.2g}° rms.")

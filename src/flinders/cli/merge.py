@@ -47,6 +47,8 @@ def command(options: Merge) -> int:
     """
     from flinders.comparison.merging import merge, source_files
     from flinders.core.calibration_file import dumps
+    from flinders.fitting.fit_json import json_of
+    from flinders.fitting.result import document_of
     from flinders.report.fit_pages import of_fit
 
     outputs = options.checked_outputs()
@@ -54,7 +56,7 @@ def command(options: Merge) -> int:
         raise UsageError("calibrations are told from each other by their names: give files, not -")
     parts = [load("merge", path) for path in options.calibrations]
     merged = merge(parts, target_deg=options.target_deg, dip_deg=options.dip_deg)
-    outputs.write(dumps(merged.to_document(provenance(files=source_files(parts)))), options.output)
-    outputs.print(merged.as_dict, lambda: of_fit(merged, in_options))
+    outputs.write(dumps(document_of(merged, provenance(files=source_files(parts)))), options.output)
+    outputs.print(lambda: json_of(merged), lambda: of_fit(merged, in_options))
     outputs.say_written("nothing was written: name a file with -o merged.json")
     return EXITS[merged.verdict]

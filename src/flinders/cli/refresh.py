@@ -116,6 +116,8 @@ def command(options: Refresh) -> int:
     headings: the courses in its log are its headings (--course).
     """
     from flinders.core.calibration_file import dumps
+    from flinders.fitting.fit_json import json_of
+    from flinders.fitting.result import document_of
     from flinders.report.fit_pages import of_fit
 
     outputs = options.checked_outputs(*options.recordings)
@@ -126,8 +128,8 @@ def command(options: Refresh) -> int:
     _refuse_known(options.previous, previous, opened)
     with saying_what_was_read(opened):
         fit = _refreshed(opened, previous, options)
-    outputs.write(dumps(fit.to_document(provenance(opened, files=previous.provenance.files))), options.output)
-    outputs.print(fit.as_dict, lambda: of_fit(fit, in_options))
+    outputs.write(dumps(document_of(fit, provenance(opened, files=previous.provenance.files))), options.output)
+    outputs.print(lambda: json_of(fit), lambda: of_fit(fit, in_options))
     outputs.say_written("nothing was written: name a file with -o refreshed.json")
     return EXITS[fit.verdict]
 

@@ -37,6 +37,7 @@ def command(options: Show) -> None:
 
     from flinders.core.calibration_file import dumps
     from flinders.core.plugins import other_contents
+    from flinders.fitting.result import document_of
     from flinders.report.fit_pages import of_file
 
     other = other_contents(options.calibration)
@@ -45,7 +46,7 @@ def command(options: Show) -> None:
         return
     fit = load("show", options.calibration)
     if options.as_json:
-        click.echo(dumps(fit.to_document()), nl=False)
+        click.echo(dumps(document_of(fit)), nl=False)
         return
     show(of_file(fit, in_options, is_verbose=options.verbose))
     path, target = options.calibration, likely_target(fit.provenance.files)

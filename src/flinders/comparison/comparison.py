@@ -28,8 +28,10 @@ from flinders.comparison.pairs import EllipsoidPairs, Pairs
 from flinders.comparison.results import printed, with_bound
 from flinders.comparison.rotation_difference import RotationDifference
 from flinders.core.calibration import Calibration
+from flinders.core.keywords import spell_checked
+from flinders.core.notebook import as_table
 from flinders.core.units import label
-from flinders.errors import AxesError, UnitError, UsageError
+from flinders.errors import AxesError, UnitError, UsageError, figures
 from flinders.geometry.ellipsoid import Ellipsoid, symmetric
 from flinders.geometry.plane import IN_PLANE, to_equator
 from flinders.geometry.rotation import rotation_vectors
@@ -89,6 +91,19 @@ class Comparison:
     #: how far the rotations into the body are apart, where both know one. They are in none of the other numbers.
     rotation: RotationDifference | None = None
     omitted_rotation_deg: float | None = None  #: angle of the rotation, where one of both alone knows one
+
+    def _repr_html_(self) -> str:
+        """What a notebook shows."""
+        found, claimed, p_value = self.heading_difference_deg, self.claimed_deg, self.p_value
+        offset = f"{figures(math.hypot(*self.offset_difference))} {label(self.unit)}"
+        rows = [
+            ("heading, rms", _degrees(found.rms), "" if claimed is None else _degrees(claimed.rms)),
+            ("heading, worst", _degrees(found.worst), "" if claimed is None else _degrees(claimed.worst)),
+            ("offset", offset, ""),
+        ]
+        chance = "no covariance is stated" if p_value is None else f"chance makes as much with p = {p_value:.2g}"
+        words = [f"target {self.target_deg:g}°; {chance}"]
+        return as_table(f"Comparison: {self.answer}", ("", "difference", "1 σ claimed"), rows, words)
 
     @property
     def offset_share(self) -> float:
@@ -256,6 +271,12 @@ class Strength:
         return f"Strength(mean={self.mean:.3f}, spread={self.spread:.1%}, readings={self.readings:,})"
 
 
+def _degrees(angle_deg: float) -> str:
+    """An angle of a table; rounding alone is none."""
+    return f"{figures(angle_deg)}°" if angle_deg > 1e-6 else "0°"
+
+
+@spell_checked()
 def compare(a: Fit, b: Fit, *, dip_deg: float | None = None, target_deg: float = 1.0) -> Comparison:
     """Say how far two calibrations of one sensor are apart, and whether that is more than chance.
 
@@ -417,21 +438,21 @@ def refuse_unlike(a: Fit, b: Fit) -> None:
     """
     if a.calibration.unit != b.calibration.unit:
         raise UnitError(
-            f"{a.name} is for readings in {label(a.calibration.unit)}, {b.name} for {label(b.calibration.unit)}: "
-            "calibrate both with one unit, or counts with a scale",
+            f"{a.provenance.name} is for readings in {label(a.calibration.unit)}, {b.provenance.name} for "
+            f"{label(b.calibration.unit)}: calibrate both with one unit, or counts with a scale",
             hint={"unit": None, "scale": None},
         )
     for one in (a, b):
         if one.calibration.linearization is not None:
             raise UsageError(
-                f"{one.name} linearizes its axes, and offset and matrix alone do not tell what it does to a reading: "
-                "compare it with a recording, flinders check CALIBRATION RECORDING"
+                f"{one.provenance.name} linearizes its axes, and offset and matrix alone do not tell what it does to a "
+                "reading: compare it with a recording, flinders check CALIBRATION RECORDING"
             )
     for what in ("axes", "frame"):
         ours, theirs = getattr(a.calibration, what), getattr(b.calibration, what)
         if ours != theirs:
             how = "mapped alike" if what == "axes" else "from readings in the same axes, sensor's or vehicle's"
             raise AxesError(
-                f"{a.name} has {what} {ours}, {b.name} has {what} {theirs}: calibrate both {how}",
+                f"{a.provenance.name} has {what} {ours}, {b.provenance.name} has {what} {theirs}: calibrate both {how}",
                 hint={"axes": None} if what == "axes" else {},
             )

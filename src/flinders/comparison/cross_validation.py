@@ -27,6 +27,7 @@ from typing import TYPE_CHECKING, Any, Final, NamedTuple
 import numpy as np
 
 from flinders.core.joining import joined
+from flinders.core.short_repr import ShortRepr
 from flinders.errors import FitError, UsageError
 from flinders.estimators import Readings
 from flinders.estimators.one_strength import at_one_strength
@@ -55,8 +56,8 @@ LEAST: Final = 4
 """Readings of a block."""
 
 
-@dataclass(frozen=True, slots=True)
-class Validation:
+@dataclass(frozen=True, slots=True, repr=False)
+class Validation(ShortRepr):
     """What cross-validation found."""
 
     heading_error_deg: HeadingError  #: of a level vehicle, 1 σ: bias and scatter together

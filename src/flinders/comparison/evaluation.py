@@ -185,12 +185,14 @@ def evaluate(fit: Fit, truth: Truth, *, dip_deg: float | None = None, target_deg
         raise UsageError(f"target is {target_deg:g}°: need a positive angle")
     if fit.calibration.unit != truth.unit:
         raise UnitError(
-            f"{fit.name} is for readings in {label(fit.calibration.unit)}, the truth is in {label(truth.unit)}: "
-            "calibrate with the unit of the recording, or counts with a scale",
+            f"{fit.provenance.name} is for readings in {label(fit.calibration.unit)}, the truth is in "
+            f"{label(truth.unit)}: calibrate with the unit of the recording, or counts with a scale",
             hint={"unit": None, "scale": None},
         )
     if fit.calibration.linearization is not None:
-        raise UsageError(f"{fit.name} linearizes its axes, and those of the truth are linear: fit without linearize")
+        raise UsageError(
+            f"{fit.provenance.name} linearizes its axes, and those of the truth are linear: fit without linearize"
+        )
     dip_deg = truth.field.dip_deg if dip_deg is None else dip_deg
     true = _true_calibration(truth, fit.calibration.axes)
     left = np.linalg.solve(fit.calibration.ellipsoid.shape, true.ellipsoid.shape)

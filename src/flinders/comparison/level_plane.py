@@ -122,7 +122,7 @@ class _Turn:
         """Lay a plane through the readings."""
         dip_deg = fresh.heading_error_deg.dip_deg if math.isfinite(fresh.heading_error_deg.dip_deg) else 60.0
         ellipse = equator(fresh.calibration.ellipsoid, "xy", dip_deg=dip_deg)
-        noise = fresh.noise if math.isfinite(fresh.noise) else 0.0
+        noise = fresh.evidence.noise if math.isfinite(fresh.evidence.noise) else 0.0
         heights = _heights(recording, ellipse.centre[:2], noise)
         numbers = np.concatenate([ellipse.parameters[IN_PLANE], heights.numbers])
         covariance = np.zeros((8, 8))

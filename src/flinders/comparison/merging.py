@@ -6,18 +6,19 @@ other are not averaged: the merger is limited or refused, and says which of them
 
 >>> from flinders import simulate
 >>> from flinders.fitting import calibrate
+>>> from flinders.fitting.result import with_calibration, with_name
 >>> sensor = simulate.Sensor.random(np.random.default_rng(7))
 >>> monday, tuesday = (
-...     calibrate.fit(simulate.tumble(seed=seed, sensor=sensor, motion="uniform").samples).with_name(name)
+...     with_name(calibrate.fit(simulate.tumble(seed=seed, sensor=sensor, motion="uniform").samples), name)
 ...     for seed, name in ((1, "monday"), (2, "tuesday"))
 ... )
 >>> merged = merge([monday, tuesday])
->>> merged.verdict, merged.samples
+>>> merged.verdict, merged.evidence.samples
 ('good', 2000)
 >>> merged.heading_error_deg.worst < merged.evidence.diagnosis.repeats.parts[0].claimed_deg
 True
 >>> moved = replace(tuesday.calibration, offset=tuesday.calibration.offset + [3, 0, 0])
->>> merge([monday, tuesday.with_calibration(moved)])
+>>> merge([monday, with_calibration(tuesday, moved)])
 Traceback (most recent call last):
 flinders.comparison.merging.NotMerged: monday and tuesday are 6.4° of heading apart (3.0 µT in the offset), \
 which is not chance: something magnetic changed in between; use recordings made in the state of use
@@ -35,6 +36,7 @@ import numpy as np
 from flinders.comparison.comparison import refuse_unlike
 from flinders.comparison.pairs import rescaled, trace_with, without_scale
 from flinders.core.calibration import Calibration
+from flinders.core.keywords import spell_checked
 from flinders.core.units import Unit, label
 from flinders.diagnostics.repeatability import RecordingFit, compared
 from flinders.errors import UsageError, counted, figures
@@ -85,6 +87,7 @@ class NotMerged(Refused):
     code: ClassVar[str] = "not-merged"
 
 
+@spell_checked()
 def merge(parts: Sequence[Fit], *, target_deg: float = 1.0, dip_deg: float | None = None) -> Fit:
     """Put several calibrations of one sensor together.
 
@@ -145,7 +148,7 @@ def merge(parts: Sequence[Fit], *, target_deg: float = 1.0, dip_deg: float | Non
     calibration = _calibration(parts, ellipsoid, field)
     evidence = Evidence(
         method=METHOD,
-        samples=sum(part.samples for part in parts),
+        samples=sum(part.evidence.samples for part in parts),
         noise=_noise(parts),
         residuals=Residuals(distortion=distortion),
         diagnosis=Diagnosis(repeats=repeats),
@@ -190,8 +193,9 @@ class _Field:
         for part, variance in zip(parts, variances, strict=True):
             if not known and variance > LOOSE**2:
                 raise UsageError(
-                    f"{part.name} leaves the size of its ellipsoid open by {np.sqrt(variance):.0%}, and not all were "
-                    "given a field strength to bring them to one size: calibrate it with that, or leave it out",
+                    f"{part.provenance.name} leaves the size of its ellipsoid open by {np.sqrt(variance):.0%}, and not "
+                    "all were given a field strength to bring them to one size: calibrate it with that, or leave it "
+                    "out",
                     hint={"site": None},
                 )
         log_variance = 0.0 if known else float(np.sum(variances)) / len(parts) ** 2
@@ -206,7 +210,9 @@ class _Field:
         else:
             factor = 3.0 / float(trace_with(self.reference) @ upper(shape))
             covariance = without_scale(rescaled(_claim(part), factor), factor * shape, self.reference)
-        return RecordingFit(part.name, part.samples, Ellipsoid(part.calibration.offset, factor * shape), covariance)
+        return RecordingFit(
+            part.provenance.name, part.evidence.samples, Ellipsoid(part.calibration.offset, factor * shape), covariance
+        )
 
     def settle(self, ellipsoid: Ellipsoid, covariance: Floats) -> tuple[Ellipsoid, Floats]:
         """Give the mean the size that was agreed on, and its covariance what is known of that size."""
@@ -246,8 +252,8 @@ def _claim(part: Fit) -> Floats:
     """(9, 9) the covariance that a calibration is weighted with."""
     if not part.claim.states_uncertainty:
         raise UsageError(
-            f"{part.name} states no uncertainty, and cannot be weighted: calibrate again from its recording, "
-            "or leave it out"
+            f"{part.provenance.name} states no uncertainty, and cannot be weighted: calibrate again from its "
+            "recording, or leave it out"
         )
     return part.claim.covariance
 
@@ -263,24 +269,24 @@ def _refuse_alone(part: Fit) -> None:
     _claim(part)
     if names := [disturbance.name for disturbance in part.calibration.disturbances]:
         raise UsageError(
-            f"{part.name} follows {' and '.join(names)}, and a mean of offset and matrix would lose that: fit the "
-            "recordings together",
+            f"{part.provenance.name} follows {' and '.join(names)}, and a mean of offset and matrix would lose that: "
+            "fit the recordings together",
             hint={"disturbances": names},
         )
     if part.calibration.linearization is not None:
         raise UsageError(
-            f"{part.name} linearizes its axes, and a mean of offset and matrix would lose that: fit one recording that "
-            "holds it all"
+            f"{part.provenance.name} linearizes its axes, and a mean of offset and matrix would lose that: fit one "
+            "recording that holds it all"
         )
     if part.calibration.rotation != "symmetric":
         raise UsageError(
-            f"{part.name} holds a rotation ({part.calibration.rotation}), of which its covariance says nothing: merge "
-            "the calibrations as they were fitted, and turn what comes out"
+            f"{part.provenance.name} holds a rotation ({part.calibration.rotation}), of which its covariance says "
+            "nothing: merge the calibrations as they were fitted, and turn what comes out"
         )
     gains = np.linalg.eigvalsh(part.calibration.matrix)
     if not gains[0] > 0.0:
         raise UsageError(
-            f"{part.name} mirrors an axis, which no fit does: map its axes, and calibrate again",
+            f"{part.provenance.name} mirrors an axis, which no fit does: map its axes, and calibrate again",
             hint={"axes": None},
         )
     radius = _radius(part)
@@ -289,11 +295,11 @@ def _refuse_alone(part: Fit) -> None:
     is_sane = SMALLEST < radius < LARGEST and max(offset, largest) < FARTHEST * radius
     if not (is_sane and finest > FINEST * radius and gains[2] < FLATTEST * gains[0]):
         raise UsageError(
-            f"{part.name} is not of a magnetometer: its radius is {radius:.2g}, its offset {offset:.2g}, known to "
-            f"{finest:.2g}, and one axis reads {gains[2] / gains[0]:.2g} times as much as another"
+            f"{part.provenance.name} is not of a magnetometer: its radius is {radius:.2g}, its offset {offset:.2g}, "
+            f"known to {finest:.2g}, and one axis reads {gains[2] / gains[0]:.2g} times as much as another"
         )
     if part.verdict == "refused":
-        raise UsageError(f"{part.name} was refused when it was made, and is not fit for use: leave it out")
+        raise UsageError(f"{part.provenance.name} was refused when it was made, and is not fit for use: leave it out")
 
 
 def _refuse_pair(a: Fit, b: Fit) -> None:
@@ -301,37 +307,37 @@ def _refuse_pair(a: Fit, b: Fit) -> None:
     ours, theirs = a.calibration, b.calibration
     if None not in (ours.sensor, theirs.sensor) and ours.sensor != theirs.sensor:
         raise UsageError(
-            f"{a.name} is for sensor {ours.sensor!r}, {b.name} for {theirs.sensor!r}: only calibrations of one sensor "
-            "can be merged"
+            f"{a.provenance.name} is for sensor {ours.sensor!r}, {b.provenance.name} for {theirs.sensor!r}: only "
+            "calibrations of one sensor can be merged"
         )
     strengths = ours.field_strength, theirs.field_strength
     gains = _radius(a) / strengths[0], _radius(b) / strengths[1]
     for low, high in (sorted(gains), sorted(strengths)):
         if high > UNLIKE * low:
             raise UsageError(
-                f"{a.name} has a radius of {figures(_radius(a), 3)} {label(ours.unit)}, {b.name} one of "
-                f"{figures(_radius(b), 3)}: the gain or the unit is another, calibrate both alike"
+                f"{a.provenance.name} has a radius of {figures(_radius(a), 3)} {label(ours.unit)}, {b.provenance.name} "
+                f"one of {figures(_radius(b), 3)}: the gain or the unit is another, calibrate both alike"
             )
     if np.array_equal(ours.offset, theirs.offset) and np.array_equal(ours.matrix, theirs.matrix):
-        if a.name == b.name:
-            raise UsageError(f"{a.name} is given twice: name each calibration once")
+        if a.provenance.name == b.provenance.name:
+            raise UsageError(f"{a.provenance.name} is given twice: name each calibration once")
         raise UsageError(
-            f"{a.name} and {b.name} are the same calibration: counted twice it would seem better than it is, "
-            "leave one out"
+            f"{a.provenance.name} and {b.provenance.name} are the same calibration: counted twice it would seem better "
+            "than it is, leave one out"
         )
     shared = {file.sha256 for file in b.provenance.files}
     same = [file.name for file in a.provenance.files if file.sha256 in shared]
     if same:
         raise UsageError(
-            f"{a.name} and {b.name} were both made from {' and '.join(same)}: readings that are counted twice seem "
-            "better than they are, leave one out"
+            f"{a.provenance.name} and {b.provenance.name} were both made from {' and '.join(same)}: readings that are "
+            "counted twice seem better than they are, leave one out"
         )
     turns = [one.claim.plane is not None for one in (a, b)]
     if turns[0] != turns[1]:
         level, other = (a, b) if turns[0] else (b, a)
         raise UsageError(
-            f"{level.name} comes from a level turn and rests on the dip that was given, {other.name} found it: leave "
-            f"{level.name} out"
+            f"{level.provenance.name} comes from a level turn and rests on the dip that was given, "
+            f"{other.provenance.name} found it: leave {level.provenance.name} out"
         )
 
 
@@ -357,11 +363,11 @@ def _dip(parts: Sequence[Fit]) -> float:
 
 def _noise(parts: Sequence[Fit]) -> float:
     """Root mean square over all readings of which it is known; NaN where it is known of none."""
-    known = [part for part in parts if math.isfinite(part.noise)]
+    known = [part for part in parts if math.isfinite(part.evidence.noise)]
     if not known:
         return math.nan
-    weights = [max(part.samples, 1) for part in known]
-    return float(np.sqrt(np.average([part.noise**2 for part in known], weights=weights)))
+    weights = [max(part.evidence.samples, 1) for part in known]
+    return float(np.sqrt(np.average([part.evidence.noise**2 for part in known], weights=weights)))
 
 
 def _calibration(parts: Sequence[Fit], ellipsoid: Ellipsoid, field: _Field) -> Calibration:
@@ -423,7 +429,7 @@ def _carried(repeats: Repeats, parts: Sequence[Fit]) -> Iterator[Finding]:
 
 def _of_part(finding: Finding, part: Fit, *, is_best: bool = False) -> Finding:
     """A finding of a calibration as one of what is merged of it and others; `is_best`: all of them have it."""
-    parts = (*finding.values.get("parts", ()), (part.name, float(is_best)))
+    parts = (*finding.values.get("parts", ()), (part.provenance.name, float(is_best)))
     return replace(finding, values={**finding.values, "parts": parts})
 
 

@@ -15,12 +15,13 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import TYPE_CHECKING, Any, Final, get_args
+from typing import TYPE_CHECKING, Any, Final, TypeVar, get_args, overload
 
 import numpy as np
 from msgspec import to_builtins
 
 from flinders.arrays import Floats, Value, floats, four_digits, frozen, matrix, positive, triple, vectors
+from flinders.core.above import ABOVE
 from flinders.core.axes import Axes
 from flinders.core.calibration_file import (
     Correction,
@@ -33,8 +34,9 @@ from flinders.core.calibration_file import (
     read,
     write,
 )
-from flinders.core.calibration_parts import disturbances_in, linearization_in, record_of, unit_in
-from flinders.core.disturbance import Disturbance, at_reference, checked, disturbed_alike, effect, known, named
+from flinders.core.calibration_parts import fields_in, record_of, refuse_disturbances, refuse_linearization
+from flinders.core.disturbance import Disturbance, checked, disturbed_alike, effect, known, named
+from flinders.core.frames import is_frame
 from flinders.core.linearization import bend_alike
 from flinders.core.notebook import correction
 from flinders.core.symmetric_matrix import invertible, is_positive, symmetric
@@ -45,13 +47,16 @@ from flinders.geometry.ellipsoid import Ellipsoid
 
 if TYPE_CHECKING:
     import os
+    from collections.abc import Mapping, Sequence
 
     from numpy.typing import ArrayLike
 
+    from flinders.core.frames import HasColumns
     from flinders.core.linearization import Linearization
 
 UNSTATED: Final = Unit.of()
 AS_RECORDED: Final = Axes()
+Frame = TypeVar("Frame", bound="HasColumns | Mapping[Any, Any]")
 ROTATIONS: Final = get_args(Rotation)
 
 
@@ -208,8 +213,8 @@ class Calibration(Value):
         >>> there.inv.apply(there.apply([1.0, 2.0, 3.0]))
         array([1., 2., 3.])
         """
-        self._refuse_disturbances("be inverted")
-        self._refuse_linearization("be inverted")
+        refuse_disturbances(self.disturbances, "be inverted")
+        refuse_linearization(self.linearization, "be inverted")
         radius = self.field_strength * float(np.exp(-np.linalg.slogdet(self.matrix)[1] / 3))
         return Calibration(
             floats(np.linalg.inv(self.matrix)),
@@ -222,24 +227,39 @@ class Calibration(Value):
             frame=self.frame,
         )
 
+    @overload
     def apply(
         self,
-        raw: ArrayLike,
+        raw: Frame,
+        *,
+        columns: str | Sequence[str | int] | None = None,
+        heading: bool = False,
+        level: bool = False,
+    ) -> Frame: ...
+    @overload
+    def apply(self, raw: ArrayLike, **disturbances: ArrayLike | None) -> Floats: ...
+    def apply(  # type: ignore[misc]  # no disturbance is called like an option of a frame
+        self,
+        raw: Any,
         *,
         current: ArrayLike | None = None,
         throttle: ArrayLike | None = None,
         temperature: ArrayLike | None = None,
+        columns: str | Sequence[str | int] | None = None,
+        heading: bool = False,
+        level: bool = False,
         **motors: ArrayLike | None,
-    ) -> Floats:
-        """Correct readings.
+    ) -> Any:
+        """Correct readings, or the magnetometer's columns of a data frame.
 
         Raises `ArrayError` for a wrong shape, or values that are no numbers; `UsageError` where a disturbance is not
-        given.
+        given. For a frame what `flinders.apply` and `flinders.headings` raise.
 
         Parameters
         ----------
-        raw : (..., 3) in `unit`
-            Raw readings in mapped axes (see `axes`); a reading with NaN in it comes out as NaN.
+        raw : (..., 3) in `unit`, or data frame
+            Raw readings in mapped axes (see `axes`); a reading with NaN in it comes out as NaN. A frame is as it was
+            recorded: its unit and axes are those of the recording, its disturbances are columns.
         current, throttle, temperature : (...), A, 0 to 1 and °C, optional
             Values of the `disturbances`; of one with a lag those of so much before the reading. What the calibration
             does not ask for is left alone.
@@ -247,10 +267,17 @@ class Calibration(Value):
             The same of each motor, where each has an offset of its own: ``current1``, …, or all of M motors together as
             ``currents`` or ``throttles``.
 
+        columns : str or sequence of str or int, optional
+            The magnetometer's columns of a frame, ``["mx", "my", "mz"]``, where their names do not say so.
+        heading, level : bool
+            Add a column ``heading_deg``: magnetic headings, degrees, of a frame with accelerations, which remove the
+            tilt; with `level` of x and y alone.
+
         Returns
         -------
         (..., 3) in `unit`
-            Of length `field_strength` where only the earth's field was there.
+            Of length `field_strength` where only the earth's field was there. Of a frame a copy of its kind with the
+            corrected field in the same columns and unit; NaN where a row is no reading.
 
         Examples
         --------
@@ -262,7 +289,12 @@ class Calibration(Value):
         >>> flown.apply([15, 20, 80], current=10.0)                 # motors that add half a microtesla for each ampere
         array([ 0.,  0., 50.])
         """
-        shift, gain = self._effect(current=current, throttle=throttle, temperature=temperature, **motors)
+        given = {"current": current, "throttle": throttle, "temperature": temperature, **motors}
+        if is_frame(raw):
+            return ABOVE["correct_frame"](self, raw, columns=columns, heading=heading, level=level, given=given)
+        if columns is not None or heading or level:
+            raise UsageError("an array has no names of columns: columns and headings are of a data frame")
+        shift, gain = self._effect(**given)
         with np.errstate(invalid="ignore", over="ignore"):  # infinite readings become NaN
             readings = vectors(raw, "raw", finite=False)
             if self.is_affine:
@@ -344,22 +376,6 @@ class Calibration(Value):
         across = float(np.linalg.norm(self.matrix @ shift)) / (self.field_strength * np.cos(np.deg2rad(dip_deg)))
         return deflection_deg(across)
 
-    def _refuse_disturbances(self, what: str) -> None:
-        """Raise `UsageError` where the offset follows a disturbance, for what only a fixed one can."""
-        if self.disturbances:
-            names = " and ".join(disturbance.name for disturbance in self.disturbances)
-            raise UsageError(
-                f"a calibration that follows {names} cannot {what}: take it at fixed values first",
-                hint=at_reference(self.disturbances),
-            )
-
-    def _refuse_linearization(self, what: str) -> None:
-        """Raise `UsageError` where axes are linearized, for what only a matrix and an offset can."""
-        if self.linearization is not None:
-            raise UsageError(
-                f"a calibration that linearizes its axes cannot {what}: fit one that does not", hint={"linearize": None}
-            )
-
     def __matmul__(self, first: Calibration) -> Calibration:
         """``(b @ a).apply(x) == b.apply(a.apply(x))``: `first` acts first.
 
@@ -373,17 +389,17 @@ class Calibration(Value):
             return NotImplemented
         if self.unit != first.unit:
             raise UnitError(f"a calibration in {self.unit} cannot follow one in {first.unit}: give the scale of counts")
-        self._refuse_disturbances("follow another one")
+        refuse_disturbances(self.disturbances, "follow another one")
         sensor = self.sensor if first.sensor is None else first.sensor
         if self.is_identity:
             return replace(first, sensor=sensor)
         recorded = replace(self, raw=first.raw, axes=first.axes, sensor=sensor)
         if first.is_identity:
             return recorded
-        self._refuse_linearization("follow another one")
-        first._refuse_linearization("come before another one")
+        refuse_linearization(self.linearization, "follow another one")
+        refuse_linearization(first.linearization, "come before another one")
         if any(disturbance.gain_per_unit for disturbance in first.disturbances):
-            first._refuse_disturbances("come before another one where its scale follows the temperature")
+            refuse_disturbances(first.disturbances, "come before another one where its scale follows the temperature")
         return replace(
             recorded,
             matrix=self.matrix @ first.matrix,
@@ -446,21 +462,8 @@ class Calibration(Value):
 
         Parts that contradict each other and a matrix that is singular raise `DocumentError`.
         """
-        correction, raw = document.calibration, document.raw
         try:
-            return cls(
-                np.array(correction.matrix),
-                np.array(correction.offset),
-                correction.field_strength,
-                correction.field_strength_known,
-                correction.rotation,
-                unit_in(raw, correction.unit),
-                Axes.of(raw.axes),
-                raw.sensor,
-                raw.frame,
-                disturbances_in(correction),
-                linearization_in(correction),
-            )
+            return cls(**fields_in(document.calibration, document.raw))
         except (ArrayError, UnitError, AxesError, UsageError) as error:
             raise DocumentError(f"{source}: {error.message}", hint=error.hint, **error.evidence) from None
 
@@ -469,9 +472,7 @@ class Calibration(Value):
         rows, offset = map(tuple, self.matrix.tolist()), self.offset.tolist()
         content: dict[str, Any] = {**self.as_dict(), "matrix": tuple(rows), "offset": tuple(offset)}
         if content.pop("disturbances", None):
-            content["disturbances"] = {
-                disturbance.kind.key: record_of(disturbance) for disturbance in self.disturbances
-            }
+            content["disturbances"] = {one.kind.key: record_of(one) for one in self.disturbances}
         if terms := content.pop("linearization", None):
             content["linearization"] = LinearizationRecord(**{name: tuple(term) for name, term in terms.items()})
         unit: Any = self.raw.name  # whatever the schema does not allow is refused when the document is written

@@ -8,13 +8,16 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 
+from flinders.core.axes import Axes
 from flinders.core.calibration_file import Correction, DisturbanceRecord, Recorded
-from flinders.core.disturbance import BY_KEY, Disturbance
+from flinders.core.disturbance import BY_KEY, Disturbance, at_reference
 from flinders.core.linearization import Linearization
 from flinders.core.units import COUNTS, MICROTESLA, Unit
-from flinders.errors import UnitError
+from flinders.errors import UnitError, UsageError
 
 
 def record_of(disturbance: Disturbance) -> DisturbanceRecord:
@@ -48,6 +51,44 @@ def linearization_in(correction: Correction) -> Linearization | None:
     """The linearization that stands in a file."""
     terms = correction.linearization
     return Linearization(*map(np.array, (terms.quadratic, terms.cubic, terms.limit))) if terms else None
+
+
+def fields_in(correction: Correction, raw: Recorded) -> dict[str, Any]:
+    """The fields of a calibration that stand in a file.
+
+    Raises `UnitError`, `AxesError` or `UsageError` for parts that contradict each other.
+    """
+    return {
+        "matrix": np.array(correction.matrix),
+        "offset": np.array(correction.offset),
+        "field_strength": correction.field_strength,
+        "field_strength_known": correction.field_strength_known,
+        "rotation": correction.rotation,
+        "raw": unit_in(raw, correction.unit),
+        "axes": Axes.of(raw.axes),
+        "sensor": raw.sensor,
+        "frame": raw.frame,
+        "disturbances": disturbances_in(correction),
+        "linearization": linearization_in(correction),
+    }
+
+
+def refuse_disturbances(disturbances: tuple[Disturbance, ...], what: str) -> None:
+    """Raise `UsageError` where the offset follows any, for what only a fixed one can."""
+    if disturbances:
+        names = " and ".join(disturbance.name for disturbance in disturbances)
+        raise UsageError(
+            f"a calibration that follows {names} cannot {what}: take it at fixed values first",
+            hint=at_reference(disturbances),
+        )
+
+
+def refuse_linearization(linearization: Linearization | None, what: str) -> None:
+    """Raise `UsageError` where axes are linearized, for what only a matrix and an offset can."""
+    if linearization is not None:
+        raise UsageError(
+            f"a calibration that linearizes its axes cannot {what}: fit one that does not", hint={"linearize": None}
+        )
 
 
 def unit_in(raw: Recorded, inside: str) -> Unit:

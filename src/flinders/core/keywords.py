@@ -3,19 +3,22 @@
 from __future__ import annotations
 
 from functools import wraps
-from typing import TYPE_CHECKING, ParamSpec, TypeVar
+from typing import TYPE_CHECKING, Final, ParamSpec, TypeVar
 
-from flinders.errors import UsageError, did_you_mean
+from flinders.errors import UnknownParameter, did_you_mean
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
 
+NOWHERE: Final[Mapping[str, str]] = {}
+OF_A_FIT: Final = dict.fromkeys(("method", "target_deg", "site", "disturbances", "aiding", "linearize"), "flinders.fit")
+"""Parameters of the function that fits what others read."""
 P = ParamSpec("P")
 T = TypeVar("T")
 
 
-def spell_checked(elsewhere: Mapping[str, str]) -> Callable[[Callable[P, T]], Callable[P, T]]:
-    """Answer a mistyped keyword of a function with a `UsageError` that names the one that is like it.
+def spell_checked(elsewhere: Mapping[str, str] = NOWHERE) -> Callable[[Callable[P, T]], Callable[P, T]]:
+    """Answer a mistyped keyword of a function with an `UnknownParameter` that names the one that is like it.
 
     `elsewhere`: keywords that belong to another function, and which.
 
@@ -24,7 +27,7 @@ def spell_checked(elsewhere: Mapping[str, str]) -> Callable[[Callable[P, T]], Ca
     ...     return target_deg
     >>> fit(targt_deg=1.0)
     Traceback (most recent call last):
-    flinders.errors.UsageError: fit has no parameter 'targt_deg' (did you mean 'target_deg'?)
+    flinders.errors.UnknownParameter: fit has no parameter 'targt_deg' (did you mean 'target_deg'?)
     """
 
     def checked(function: Callable[P, T]) -> Callable[P, T]:
@@ -35,7 +38,7 @@ def spell_checked(elsewhere: Mapping[str, str]) -> Callable[[Callable[P, T]], Ca
         def call(*values: P.args, **keywords: P.kwargs) -> T:
             for word in keywords.keys() - known:
                 where = f": it is one of {elsewhere[word]}" if word in elsewhere else did_you_mean(word, known)
-                raise UsageError(f"{function.__name__} has no parameter {word!r}{where}")
+                raise UnknownParameter(f"{function.__qualname__} has no parameter {word!r}{where}")
             return function(*values, **keywords)
 
         return call

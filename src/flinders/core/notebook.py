@@ -60,6 +60,36 @@ def refusal(title: str, words: Iterable[str]) -> str:
     return f"{_head(title, words)}</div>"
 
 
+def as_table(title: str, headings: Sequence[str], rows: Iterable[Sequence[str]], words: Iterable[str] = ()) -> str:
+    """Lay out rows of words below headings, the first of each row as its heading.
+
+    >>> as_table("two", ["", "n"], [["a", "1"]])
+    '<div><p><b>two</b></p><table><thead><tr><th></th><th>n</th></tr></thead><tbody>...</tbody></table></div>'
+    """
+    head = "".join(f"<th>{_escaped(name)}</th>" for name in headings)
+    body = "".join(
+        f"<tr><th>{_escaped(first)}</th>{''.join(f'<td>{_escaped(word)}</td>' for word in others)}</tr>"
+        for first, *others in rows
+    )
+    return f"{_head(title, words)}<table><thead><tr>{head}</tr></thead><tbody>{body}</tbody></table></div>"
+
+
+def in_columns(headings: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
+    """The same as text, a line for each row.
+
+    >>> print(in_columns(["method", "n"], [["a", "12"]]))
+    method   n
+    a       12
+    """
+    table = [headings, *rows]
+    first, *widths = (max(map(len, column)) for column in zip(*table, strict=True))
+    lines = (
+        "  ".join([name.ljust(first), *(word.rjust(width) for word, width in zip(others, widths, strict=True))])
+        for name, *others in table
+    )
+    return "\n".join(line.rstrip() for line in lines)
+
+
 def measured(value: float, sigma: float | None) -> str:
     """Write a number to the second digit of its standard deviation; to six digits where there is none."""
     if sigma is None or not (math.isfinite(sigma) and sigma > 0.0):

@@ -23,6 +23,7 @@ import numpy as np
 from flinders.arrays import Floats, column, floats, table
 from flinders.core.axes import Axes
 from flinders.core.disturbance import KINDS, MOST, MOTORS, motor, motors, place_of
+from flinders.core.keywords import spell_checked
 from flinders.core.silence import silent
 from flinders.core.units import Unit
 from flinders.errors import ArrayError, AxesError, counted
@@ -131,7 +132,7 @@ NAMES: Final = {
 """What each of `COLUMNS` is called for the readers, and the axes of a vector; motors are counted from 1."""
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@dataclass(frozen=True, slots=True, eq=False, repr=False)
 class Samples:
     """Columns of one recording, or of a stretch of it."""
 
@@ -169,6 +170,7 @@ class Samples:
     onboard: Calibration | None = None
 
     @classmethod
+    @spell_checked()
     def of(
         cls,
         field: ArrayLike,
@@ -268,6 +270,14 @@ class Samples:
 
     def __len__(self) -> int:
         return len(self.field)
+
+    def __repr__(self) -> str:
+        first, last = self.span
+        over = f" over {last - first:,.4g} s" if last > first else ""
+        others = ", ".join(name for name in COLUMNS[1:] if getattr(self, name) is not None)
+        axes = "" if self.axes.is_identity else f", axes {self.axes}"
+        more = f"{f', with {others}' * bool(others)}{', some left out' * bool(self.skipped)}"
+        return f"Samples({self.source}: {counted(len(self), 'reading')}{over} in {self.unit.inside}{axes}{more})"
 
     def __getitem__(self, rows: slice | NDArray[np.bool_] | Sequence[int]) -> Samples:
         """Take some rows: a slice is a view, an index or mask a copy."""

@@ -43,7 +43,7 @@ from flinders.core.axes import Axes
 from flinders.core.joining import Joined, concatenated, singles
 from flinders.core.samples import Recording, Samples, Wrapped
 from flinders.core.units import COUNTS, Unit
-from flinders.errors import NeedsSamples, OutOfScale, StuckAxis, TooFewSamples, Unmoved
+from flinders.errors import NeedsSamples, OutOfScale, StuckAxis, TooFewSamples, Unmoved, UsageError
 from flinders.estimators.rests import Rests
 from flinders.geometry.plane import order_of
 from flinders.likelihood import magnitude
@@ -59,6 +59,7 @@ if TYPE_CHECKING:
     from flinders.core.samples import Skipped
     from flinders.geometry.ellipsoid import Ellipsoid
     from flinders.geometry.plane import Plane
+    from flinders.readers._asked_columns import AnyColumns
     from flinders.summary.quality import Rail
     from flinders.summary.summary import Statistics
 
@@ -374,6 +375,7 @@ def recording_of(
     unit: Unit | None = None,
     axes: Axes | None = None,
     sensor: str | None = None,
+    columns: AnyColumns | None = None,
 ) -> tuple[Recording | Summary, str | None]:
     """Readings as a recording, in their unit and axes where those are given; and what their sensor is called.
 
@@ -384,13 +386,18 @@ def recording_of(
     array([ 20., -10.,  40.])
     """
     if isinstance(source, Summary) or hasattr(source, "blocks"):
+        if columns is not None:
+            raise UsageError("columns are chosen where a recording is read: leave them out", hint={"columns": None})
         return cast("Recording | Summary", source), sensor
     if not _is_read(source):
+        if columns is not None:
+            raise UsageError("an array has no names of columns: take those of the magnetometer, (N, 3), out of it")
         return Samples.of(source, unit=unit or COUNTS, axes=axes or Axes()), sensor
     from flinders.readers import Choice, open_recording
 
     recording = open_recording(
         source,
+        columns=columns,
         unit=None if unit is None else unit.name,
         scale=unit.scale if unit is not None and (unit.name == COUNTS != unit.inside) else None,
         axes=str(axes or Axes()),
@@ -402,7 +409,7 @@ def recording_of(
 def _is_read(source: object) -> bool:
     """Whether `flinders.read` reads it; the readers are imported only where it is no array."""
     if isinstance(source, np.ndarray):
-        return False
+        return source.dtype.names is not None
     if isinstance(source, list | tuple):
         return bool(source) and isinstance(source[0], str | os.PathLike)
     from flinders.readers import is_source

@@ -2,7 +2,7 @@
 
 >>> found = stated("quantised", {"step": 0.152}, "note")
 >>> found
-Finding(code='quantised', severity='note', values={'step': 0.152}, follows_from=None)
+Finding(code='quantised', severity='note', values={'step': 0.152})
 >>> found.number, found.limit, found.advice[:48]
 (0.152, 0.0, 'readings go in coarse steps of 0.15, which the h')
 """
@@ -15,6 +15,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Self
 
 from flinders.core.calibration_file import FindingRecord
+from flinders.core.short_repr import ShortRepr
 from flinders.errors import DocumentError, FlindersError
 from flinders.findings.catalogue import CATALOGUE
 from flinders.findings.row import VERDICTS
@@ -25,8 +26,8 @@ if TYPE_CHECKING:
     from flinders.findings.row import CatalogueRow, Severity
 
 
-@dataclass(frozen=True, slots=True)
-class Finding:
+@dataclass(frozen=True, slots=True, repr=False)
+class Finding(ShortRepr):
     """Something to know about a fit."""
 
     code: str  #: stable name, one of `flinders.findings.CATALOGUE`

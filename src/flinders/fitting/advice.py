@@ -14,7 +14,7 @@ import numpy as np
 
 from flinders.findings import limit_of, words
 from flinders.findings.words import UPSIDE_DOWN
-from flinders.fitting.result import TILTS
+from flinders.fitting.claim import TILTS
 from flinders.heading.guidance import guide
 
 if TYPE_CHECKING:
@@ -50,7 +50,7 @@ def next_step(fit: Fit) -> Step:
 
 def is_covered(fit: Fit) -> bool:
     """Whether no direction is far from the nearest reading."""
-    return fit.coverage.hole_deg <= limit_of("coverage")
+    return fit.evidence.coverage.hole_deg <= limit_of("coverage")
 
 
 def next_movement(fit: Fit) -> Step:
@@ -84,8 +84,8 @@ def guided(fit: Fit, goal: Goal) -> Guidance:
     return guide(
         fit.calibration.ellipsoid,
         fit.claim.covariance,
-        noise=fit.noise,
-        coverage=fit.coverage,
+        noise=fit.evidence.noise,
+        coverage=fit.evidence.coverage,
         dip_deg=fit.claim.dip_deg,
         down=np.array([0.0, 0.0, -1.0]) if seen_from_below else None,
         goal=goal,

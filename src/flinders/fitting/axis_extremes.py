@@ -23,6 +23,7 @@ from flinders.arrays import floats
 from flinders.core.axes import Axes
 from flinders.core.calibration import Calibration
 from flinders.core.calibration_file import Fitted
+from flinders.core.keywords import spell_checked
 from flinders.core.units import Unit, label
 from flinders.errors import UsageError
 from flinders.estimators.data import LARGEST, SMALLEST
@@ -90,6 +91,7 @@ class Extremes(Judged, Outcome):
         return f"Extremes({self.verdict}, offset {offset}, scale {scale})"
 
 
+@spell_checked()
 def from_extremes(
     numbers: ArrayLike,
     *,

@@ -322,11 +322,11 @@ def fill_row(columns: FitColumns, place: int, result: Fit | Exception) -> None:
     error, findings = result.heading_error_deg, result.findings
     columns.verdict[place], columns.method[place], columns.samples[place] = (
         result.verdict,
-        result.method,
-        result.samples,
+        result.evidence.method,
+        result.evidence.samples,
     )
     columns.worst_deg[place], columns.rms_deg[place], columns.dip_deg[place] = error.worst, error.rms, error.dip_deg
-    columns.noise[place], columns.coverage[place] = result.noise, result.coverage.fraction
+    columns.noise[place], columns.coverage[place] = result.evidence.noise, result.evidence.coverage.fraction
     columns.findings[place] = tuple(finding.code for finding in findings)
     _explain(columns, place, result)
     if result.verdict == "refused":

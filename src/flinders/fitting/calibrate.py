@@ -28,6 +28,7 @@ from flinders.fitting.diagnosis import add_faults, faults_of_axes
 from flinders.fitting.estimated import Estimated, turned_readings
 from flinders.fitting.judgement import accepted, judged, mounted
 from flinders.fitting.request import Request, estimator_of, refuse_combinations
+from flinders.fitting.result import of_recording
 from flinders.fitting.widening import claimed
 from flinders.likelihood.prior import SPREAD
 from flinders.native.engine import engine
@@ -47,11 +48,12 @@ if TYPE_CHECKING:
     from flinders.fitting.widening import Widened
     from flinders.likelihood.site_field import Site
     from flinders.readers import AnySource
+    from flinders.readers._asked_columns import AnyColumns
 
     AnyReadings: TypeAlias = Recording | Summary | ArrayLike | AnySource
 
 ELSEWHERE: Final = {
-    **dict.fromkeys(("columns", "pattern", "scale", "topic", "as_logged", "start", "end"), "flinders.read"),
+    **dict.fromkeys(("pattern", "scale", "topic", "as_logged", "start", "end"), "flinders.read"),
     **dict.fromkeys(("strength", "field_strength"), "flinders.Site, as strength"),
     **dict.fromkeys(("dip", "dip_deg", "inclination_deg"), "flinders.Site, as inclination_deg"),
     "prior": "flinders.estimators.Likelihood and its like",
@@ -96,6 +98,7 @@ def fit(
     method: str | Estimator = "auto",
     target_deg: float = 1.0,
     site: Site | None = None,
+    columns: AnyColumns | None = None,
     unit: str | Unit | None = None,
     axes: str | Axes | None = None,
     sensor: str | None = None,
@@ -119,6 +122,9 @@ def fit(
         What is known of the field at the place, and of the mounting. Corrected readings have its strength as their
         length: without it the matrix has determinant 1 and the length is the radius that results. Headings are judged
         at its inclination, else at 60° (`Claim.dip_assumed`). What it states with an uncertainty counts in the fit.
+    columns : str or sequence of str or int, optional
+        Which columns of a file or data frame are the magnetometer's, as `flinders.read` takes them:
+        ``["mx", "my", "mz"]``; by default they are known by their names.
     unit : str or Unit, optional
         What an array or a file is in, as `flinders.read` takes it: ``"uT"``, ``"mG"``; a recording brings its own.
     axes : str or Axes, optional
@@ -160,7 +166,8 @@ def fit(
     refuse_combinations(estimator, request, disturbances, linearize=linearize)
     unit = Unit.of(unit) if isinstance(unit, str) else unit
     axes = Axes.of(axes) if isinstance(axes, str) else axes
-    source, sensor = recording_of(source, unit, axes, sensor)
+    source, sensor = recording_of(source, unit, axes, sensor, columns)
+    given = None if isinstance(source, Summary) else source
     source, disturbed, tried = _compensated(source, disturbances, request)
     frame = _Frame.of(source, unit, axes)
     found = _estimated(Readings.of(source), estimator, request, frame.unit)
@@ -173,7 +180,7 @@ def fit(
     if found.is_joint and (alone := _unaided(source, found, estimator, request, frame.unit)) is not None:
         left_out = _left_out(result, judged_with(alone), found.aiding)
         result = result if left_out is None else judged_with(alone._replace(aiding=left_out))
-    return accepted(mounted(result, request.alignment_sigma_deg))
+    return accepted(of_recording(mounted(result, request.alignment_sigma_deg), given))
 
 
 def _judged(
@@ -379,7 +386,8 @@ def judged_as(
         coverage=found.coverage,
         is_joint=True,
     )
-    return accepted(mounted(judged(widened, found, calibration, request), request.alignment_sigma_deg))
+    fit = mounted(judged(widened, found, calibration, request), request.alignment_sigma_deg)
+    return accepted(of_recording(fit, readings.as_read.recording))
 
 
 def _turned(calibration: Calibration, aiding_result: Aiding | None) -> Calibration:

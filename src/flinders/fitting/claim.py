@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 
 from flinders.core.geomag import ASSUMED_DIP_DEG
+from flinders.core.short_repr import ShortRepr
 from flinders.errors import ArrayError
 from flinders.findings.headline import Claimed, error_words
 from flinders.geometry.plane import down_of
@@ -37,11 +38,14 @@ if TYPE_CHECKING:
     from flinders.geometry.ellipsoid import Ellipsoid
     from flinders.geometry.plane import Plane
 
+TILTS: Final = (10.0, 30.0, 90.0)
+"""Degrees of tilt at which it is said how much worse headings get."""
+
 NO_ERROR: Final = HeadingError(math.nan, math.nan, math.nan)
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Claim:
+@dataclass(frozen=True, slots=True, eq=False, repr=False)
+class Claim(ShortRepr):
     """What is claimed of a calibration: its covariance, and the errors that follow of it, 1 σ."""
 
     calibration: Calibration  #: the correction that it is about

@@ -13,6 +13,7 @@ import math
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Final
 
+from flinders.core.short_repr import ShortRepr
 from flinders.summary.coverage import Coverage
 
 if TYPE_CHECKING:
@@ -31,8 +32,8 @@ NOT_STATED: Final = "not stated"
 """Method of a calibration of which the file says nothing, as of one that was imported."""
 
 
-@dataclass(frozen=True, slots=True)
-class Residuals:
+@dataclass(frozen=True, slots=True, repr=False)
+class Residuals(ShortRepr):
     """What the distances of the readings from the ellipsoid tell."""
 
     independent_samples: float = math.inf  #: independent readings that say as much as those used, which are correlated
@@ -41,8 +42,8 @@ class Residuals:
     distortion: float = 0.0
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Diagnosis:
+@dataclass(frozen=True, slots=True, kw_only=True, repr=False)
+class Diagnosis(ShortRepr):
     """What diagnostics found in a recording; None, or NaN, where nobody looked or nothing was found."""
 
     drift: Drift | None = None  #: where the recording is one and long enough
@@ -61,8 +62,8 @@ class Diagnosis:
     refreshed: Refreshed | None = None  #: where the shape is that of an earlier calibration, see `flinders.refresh`
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Disturbances:
+@dataclass(frozen=True, slots=True, eq=False, repr=False)
+class Disturbances(ShortRepr):
     """What the offset was asked to follow."""
 
     estimates: tuple[DisturbanceEstimate, ...] = ()  #: one for each; none where it follows nothing
@@ -72,8 +73,8 @@ class Disturbances:
     noise_uncompensated: float | None = None  #: noise of the best ellipsoid that follows nothing
 
 
-@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
-class Evidence:
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True, repr=False)
+class Evidence(ShortRepr):
     """How a calibration was found, and what its readings showed."""
 
     method: str = NOT_STATED  #: what was run in the end; ``not stated`` where a file says nothing but the calibration

@@ -167,8 +167,8 @@ def only_number(fit: Fit, known: set[int], what: str, keyword: str) -> int | Non
     """
     if len(known) > 1:
         raise UsageError(
-            f"{fit.name} was made from {what} {' and '.join(map(str, sorted(known)))}: say which one it is for, or "
-            "calibrate each by itself",
+            f"{fit.provenance.name} was made from {what} {' and '.join(map(str, sorted(known)))}: say which one it is "
+            "for, or calibrate each by itself",
             hint={keyword: None},
         )
     return min(known, default=None)
@@ -178,7 +178,7 @@ def refuse_unfit(fit: Fit) -> None:
     """Refuse a fit that was refused; raises NotExportable."""
     if fit.verdict == "refused":
         raise NotExportable(
-            f"{fit.name} was refused as not fit for use: record anew and calibrate again",
+            f"{fit.provenance.name} was refused as not fit for use: record anew and calibrate again",
             beyond=(),
             verdict="refused",
         )
@@ -192,9 +192,9 @@ def refuse_on_top(fit: Fit, autopilot: str) -> None:
     logged = [file.name for file in fit.provenance.files if file.as_logged]
     if logged:
         raise NotExportable(
-            f"{fit.name} was made from {logged[0]} as logged, after the calibration that was in force on board: its "
-            f"numbers come on top of that one, and {autopilot} would put them in its place. Calibrate again, "
-            "and not as logged",
+            f"{fit.provenance.name} was made from {logged[0]} as logged, after the calibration that was in force on "
+            f"board: its numbers come on top of that one, and {autopilot} would put them in its place. Calibrate "
+            "again, and not as logged",
             hint={"as_logged": None},
             beyond=(),
             as_logged=logged,
@@ -208,8 +208,11 @@ def origin_lines(fit: Fit, held: str = "") -> list[str]:
     """
     sensor = f", sensor {fit.calibration.sensor}" if fit.calibration.sensor else ""
     if held and not math.isnan(fit.heading_error_deg.worst):
-        return [f"from {fit.name}{sensor}", held, *limit_lines(fit)]
-    return [f"from {fit.name}{sensor}", *(verdict_lines(fit) if fit.evidence.is_described else limit_lines(fit))]
+        return [f"from {fit.provenance.name}{sensor}", held, *limit_lines(fit)]
+    return [
+        f"from {fit.provenance.name}{sensor}",
+        *(verdict_lines(fit) if fit.evidence.is_described else limit_lines(fit)),
+    ]
 
 
 def verdict_lines(fit: Fit) -> list[str]:
@@ -234,7 +237,7 @@ def gates_of(fit: Fit) -> Gates | None:
     >>> round(gates.strength_limit, 1), gates.has_dip
     (2.4, False)
     """
-    if not math.isfinite(fit.noise) or not fit.claim.covariance.any():
+    if not math.isfinite(fit.evidence.noise) or not fit.claim.covariance.any():
         return None
     errors = _errors(fit)
     along = np.einsum("ni,nij,nj->n", DIRECTIONS, errors, DIRECTIONS)
@@ -255,7 +258,7 @@ def _errors(fit: Fit) -> Floats:
     inverse = np.linalg.inv(ellipsoid.shape)
     rows = np.stack([gathered(np.tile(row, (len(DIRECTIONS), 1)).T, DIRECTIONS.T) for row in inverse], axis=1)
     carried: Floats = rows @ np.asarray(fit.claim.covariance) @ np.swapaxes(rows, 1, 2)
-    return carried + fit.noise**2 * inverse @ inverse.T
+    return carried + fit.evidence.noise**2 * inverse @ inverse.T
 
 
 def _mounting(aiding: Aiding) -> float:

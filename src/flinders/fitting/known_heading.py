@@ -45,6 +45,7 @@ from typing import TYPE_CHECKING, Final, Self
 import numpy as np
 
 from flinders.core.calibration import Calibration
+from flinders.core.keywords import spell_checked
 from flinders.errors import FitError, UsageError
 from flinders.findings import linked
 from flinders.findings.catalogue import OF_CALIBRATION
@@ -114,6 +115,7 @@ class PoseSigmas:
 SIGMAS: Final = PoseSigmas()
 
 
+@spell_checked()
 def refresh_at_headings(
     poses: Sequence[AnyReadings],
     previous: Fit,
@@ -402,6 +404,7 @@ def stretches(samples: Samples, velocity: TimeSeries, *, slowest: float = SLOWES
     return sorted(straight, key=lambda stretch: -len(stretch.samples))[:MOST]
 
 
+@spell_checked()
 def refresh_on_courses(
     recording: AnyReadings,
     previous: Fit,

@@ -22,7 +22,7 @@ A few readings within 30° see a change of a hundredth of the soft iron seldom, 
 >>> fresh = refresh(wobble.samples, earlier)
 >>> fresh.verdict, bool(np.all(np.abs(fresh.calibration.offset - moved.offset) < 4.0 * fresh.claim.offset_sigma))
 ('good', True)
->>> fresh.evidence.diagnosis.refreshed.offset_change.round(), fresh.conditions[0]
+>>> fresh.evidence.diagnosis.refreshed.offset_change.round(), fresh.judgement.conditions[0]
 (array([ 8., -5.,  3.]), 'same-soft-iron')
 """
 
@@ -46,6 +46,7 @@ from flinders.fitting.aid_selection import aided_by
 from flinders.fitting.aiding import Instruments
 from flinders.fitting.calibrate import ELSEWHERE, judged_as
 from flinders.fitting.request import judged_dip
+from flinders.fitting.result import with_calibration
 from flinders.geometry.ellipsoid import Ellipsoid, symmetric
 from flinders.heading.error_propagation import raw_error
 from flinders.likelihood.prior import KnownShape
@@ -172,7 +173,7 @@ def refresh(
     )
     if fit.calibration.rotation == "estimated":
         return fit
-    return fit.with_calibration(turned(fit.calibration, previous))
+    return with_calibration(fit, turned(fit.calibration, previous))
 
 
 def earlier_of(previous: Fit, site: Site | None = None, *, soft_iron_sigma: float = 0.0) -> Records:
@@ -193,8 +194,8 @@ def known_shape(previous: Fit, site: Site | None = None) -> KnownShape:
     """The shape of an earlier calibration, in the field of a site, and how well it is known.
 
     >>> from flinders.core.calibration import Calibration
-    >>> from flinders.fitting.result import Fit
-    >>> imported = Fit.of(Calibration.identity(field_strength=50.0))                           # states no uncertainty
+    >>> from flinders.fitting.result import bare_fit
+    >>> imported = bare_fit(Calibration.identity(field_strength=50.0))                         # states no uncertainty
     >>> shape = known_shape(imported)
     >>> shape.entries, np.sqrt(np.diag(shape.covariance)).round(2)
     (array([50., 50., 50.,  0.,  0.,  0.]), array([1.12, 1.12, 1.12, 1.  , 1.  , 1.  ]))
@@ -218,7 +219,7 @@ def refuse_unfit(previous: Fit) -> None:
     }
     for why, is_so in unfit.items():
         if is_so:
-            raise UsageError(UNFIT[why].format(name=previous.name, disturbances=disturbances))
+            raise UsageError(UNFIT[why].format(name=previous.provenance.name, disturbances=disturbances))
 
 
 def samples_of(source: AnyReadings, previous: Fit) -> Samples:
@@ -229,11 +230,13 @@ def samples_of(source: AnyReadings, previous: Fit) -> Samples:
         raise UsageError("a refresh needs readings: give the recording, not its summary")
     if recording.unit.inside != calibration.unit:
         names = {"source": recording.source, "unit": recording.unit.name, "other": calibration.raw.name}
-        raise UnitError(OTHER_UNIT.format(name=previous.name, **names))
+        raise UnitError(OTHER_UNIT.format(name=previous.provenance.name, **names))
     ours, theirs = (recording.axes, frame_of(recording)), (calibration.axes, calibration.frame)
     if ours != theirs:
         axes, other = (f"{of} of the {frame}" for of, frame in (ours, theirs))
-        raise AxesError(OTHER_AXES.format(source=recording.source, axes=axes, name=previous.name, other=other))
+        raise AxesError(
+            OTHER_AXES.format(source=recording.source, axes=axes, name=previous.provenance.name, other=other)
+        )
     return in_memory(recording)
 
 
@@ -297,7 +300,7 @@ def refreshed_from(previous: Fit, ellipsoid: Ellipsoid, dip_deg: float, soft_iro
     change = ellipsoid.centre - previous.calibration.offset
     off = Ellipsoid(np.linalg.solve(previous.calibration.ellipsoid.shape, change), np.eye(3))
     worst = raw_error(off, dip_deg=dip_deg).worst
-    return Refreshed(previous.name, change, worst, soft_iron_p_value, previous.evidence.residuals.distortion)
+    return Refreshed(previous.provenance.name, change, worst, soft_iron_p_value, previous.evidence.residuals.distortion)
 
 
 def turned(calibration: Calibration, previous: Fit) -> Calibration:

@@ -1,54 +1,52 @@
 """`Fit` is the only result: a calibration with its evidence, the claim that follows, its judgement and its provenance.
 
-It is made by `flinders.fit` and read back from its calibration file, which keeps the numbers and no readings: what a
-file does not state is NaN, None or empty, and what needs the readings raises `NeedsRecording`.
+It has five values, and what is asked of them most; all else is in the five.
 
 >>> from flinders import simulate
 >>> from flinders.fitting import calibrate
 >>> fit = calibrate.fit(simulate.tumble(seed=1).samples)
->>> loaded = Fit.from_document(fit.to_document(), name="monday.json")
->>> loaded
+>>> fit
 Fit(good, likelihood, heading error 0.059° rms, 0.066° worst, noise 0.498 µT, 2,922 readings)
->>> loaded.coverage.counts
-Traceback (most recent call last):
-flinders.errors.NeedsRecording: the calibration file keeps no readings, and the directions of the readings are needed: \
-give the recording too, as flinders report CALIBRATION RECORDING does, or fit it again
+>>> [name for name in dir(fit) if not name.startswith("_")]
+['calibration', 'claim', 'evidence', 'findings', 'heading_error_deg', 'judgement', 'plot', 'provenance', 'save', \
+'verdict']
+>>> fit.evidence.method, fit.claim.target_deg, fit.judgement.conditions, fit.provenance.name
+('likelihood', 1.0, ('uniform-field', 'constant-iron'), 'fit')
 """
 
 from __future__ import annotations
 
 import math
-import os
-from dataclasses import asdict, dataclass, replace
-from typing import TYPE_CHECKING, Any, ClassVar, Final
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, ClassVar, TypeAlias, overload
 
-import msgspec
-import numpy as np
 from msgspec import UNSET
 
-from flinders.core.calibration import Calibration
-from flinders.core.calibration_file import PARAMETERS, Fitted, HeadingErrorRecord, read, write
-from flinders.core.displays import DISPLAYS
+from flinders.core.above import ABOVE
+from flinders.core.calibration_file import PARAMETERS, Fitted, HeadingErrorRecord, write
+from flinders.core.short_repr import ShortRepr
 from flinders.core.units import label
-from flinders.errors import DocumentError, FitError, counted, figures
+from flinders.errors import FitError, counted, figures
 from flinders.findings import VERDICTS, Finding, Verdict, first_causes
-from flinders.fitting.aiding import Aiding
 from flinders.fitting.claim import Claim
-from flinders.fitting.evidence import Disturbances, Evidence, Residuals
-from flinders.heading.error_propagation import DirectionError, HeadingError
-from flinders.summary.coverage import Coverage
+from flinders.fitting.evidence import Evidence
 
 if TYPE_CHECKING:
-    from matplotlib.figure import Figure
+    import os
 
-    from flinders.arrays import Floats
+    from matplotlib.axes import Axes
+    from numpy.typing import ArrayLike
+
+    from flinders.core.calibration import Calibration
     from flinders.core.calibration_file import Document, FindingRecord, ProvenanceRecord, SourceFile
+    from flinders.core.figure import Figure
     from flinders.core.samples import Recording
     from flinders.errors import FlindersError
     from flinders.findings import Condition
+    from flinders.heading.error_propagation import HeadingError
+    from flinders.readers import AnySource
 
-TILTS: Final = (10.0, 30.0, 90.0)
-"""Degrees of tilt at which it is said how much worse headings get."""
+    AnyReadings: TypeAlias = Recording | ArrayLike | AnySource
 
 
 class Judged:
@@ -93,7 +91,7 @@ class Outcome:
         write(self.to_document(provenance), path, force=force)
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@dataclass(frozen=True, slots=True, eq=False, repr=False)
 class Judgement(Judged):
     """What is said of a fit."""
 
@@ -109,18 +107,28 @@ class Judgement(Judged):
         verdicts = {self.stated_verdict, Judged.verdict.__get__(self)}
         return next(verdict for verdict in VERDICTS.values() if verdict in verdicts)
 
+    def __repr__(self) -> str:
+        codes = ", ".join(finding.code for finding in self.findings) or "no findings"
+        return f"Judgement({self.verdict}: {codes}{'; holds if ' * bool(self.conditions)}{', '.join(self.conditions)})"
+
     @property
     def is_flat(self) -> bool:
         """The readings lie in one plane: there is no sphere to have seen a part of, and no number to trust."""
         return any(finding.code == "one-plane" for finding in self.findings)
 
 
-@dataclass(frozen=True, slots=True)
-class Provenance:
+@dataclass(frozen=True, slots=True, repr=False)
+class Provenance(ShortRepr):
     """What messages call a fit, and what its file states of where it comes from."""
 
     name: str = "fit"  #: of a fit that was loaded, the path of its file
     record: ProvenanceRecord | None = None  #: release, date and recordings, of a file that states them
+    #: the readings as they were given, in the process that fitted them: a file, a pickle and a copy lack them
+    recording: Recording | None = None
+
+    def __reduce__(self) -> tuple[object, ...]:
+        """Leave the readings where they are."""
+        return Provenance, (self.name, self.record)
 
     @property
     def files(self) -> tuple[SourceFile, ...]:
@@ -128,13 +136,8 @@ class Provenance:
         return self.record.files if self.record else ()
 
 
-def _stated(number: float) -> float | None:
-    """A number as it stands in a file, where there is no NaN."""
-    return None if math.isnan(number) else number
-
-
 @dataclass(frozen=True, slots=True, eq=False)
-class Fit(Outcome):
+class Fit:
     """A calibration, how it was found and how far to trust it: five values, and what is asked of them most."""
 
     calibration: Calibration  #: the correction; ``--json`` has null where it is refused
@@ -143,56 +146,58 @@ class Fit(Outcome):
     judgement: Judgement  #: findings, verdict, and what a verdict rests on
     provenance: Provenance = Provenance()  #: what messages call it; release, date and recordings of a loaded file
 
-    def plot(self, recording: Recording, what: str = "all") -> Figure:
-        """Draw the fit and its recording with matplotlib, as `flinders.report.matplotlib.plot` does."""
-        figure: Figure = DISPLAYS["plot"](self, recording, what)
-        return figure
+    @overload
+    def plot(self, kind: str = "sphere", recording: AnyReadings | None = None) -> Figure: ...
+    @overload
+    def plot(self, kind: str = "sphere", recording: AnyReadings | None = None, *, ax: Axes) -> Axes: ...
+    def plot(
+        self, kind: str = "sphere", recording: AnyReadings | None = None, *, ax: Axes | None = None
+    ) -> Figure | Axes:
+        """Draw the fit, for a notebook or into axes of one's own.
+
+        Parameters
+        ----------
+        kind : str
+            ``sphere``: the readings before and after, and the heading error to expect in each direction;
+            ``residuals``: how much longer each corrected reading is than the field, over time;
+            ``deviation``: the heading error of a level vehicle over its heading, before and after;
+            ``strength``: the length of each corrected reading over time, with the limit of a disturbed one.
+        recording : Recording, (N, 3) array-like, path, open file or data frame, optional
+            The readings. A fit that was made in this process has them; of one that was loaded they are needed.
+        ax : axes of matplotlib, optional
+            Draw into these.
+
+        Returns
+        -------
+        Figure or Axes
+            What a notebook shows, with ``save``; `ax` where that was given.
+
+        Raises
+        ------
+        NeedsRecording
+            For readings of a fit that was loaded.
+        UsageError
+            For an unknown kind, or the deviation of a fit that states no uncertainty.
+        """
+        drawn: Figure | Axes = ABOVE["plot"](self, kind, recording, ax=ax)
+        return drawn
+
+    def save(
+        self, path: str | os.PathLike[str], *, force: bool = False, provenance: ProvenanceRecord | None = None
+    ) -> None:
+        """Write the calibration file, whole or not at all; `flinders.load` reads it back.
+
+        Raises
+        ------
+        OutputExists
+            Where there is a file already, unless `force`.
+        OutputError
+            Where it cannot be written.
+        """
+        write(document_of(self, provenance), path, force=force)
 
     def _repr_html_(self) -> str:
-        return str(DISPLAYS["html"](self))
-
-    @classmethod
-    def of(cls, calibration: Calibration, *, name: str = "fit") -> Fit:
-        """A calibration of which nothing else is stated: its verdict is limited."""
-        unexplained = Judgement(stated_verdict="limited")
-        return cls(calibration, Evidence(), Claim(calibration), unexplained, Provenance(name))
-
-    @classmethod
-    def load(cls, path: str | os.PathLike[str]) -> Fit:
-        """Read a calibration file.
-
-        Raises
-        ------
-        DocumentError
-            For a file that cannot be opened or understood, or whose covariance is none of offset and shape.
-        """
-        return cls.from_document(read(path), name=os.fspath(path))
-
-    @classmethod
-    def from_document(cls, document: Document, *, name: str = "calibration") -> Fit:
-        """Take the fit out of the content of a calibration file; `name` is what messages call it.
-
-        Raises
-        ------
-        DocumentError
-            As `load`.
-        """
-        fit = cls.of(Calibration.from_document(document, source=name))
-        fit = replace(fit, provenance=Provenance(name, document.provenance))
-        return fit if document.fit is None else _with_record(fit, document.fit)
-
-    def with_calibration(self, calibration: Calibration) -> Fit:
-        """The same fit with another calibration, which its claim is then about."""
-        return replace(self, calibration=calibration, claim=replace(self.claim, calibration=calibration))
-
-    def with_name(self, name: str) -> Fit:
-        """The same fit by another name."""
-        return replace(self, provenance=replace(self.provenance, name=name))
-
-    @property
-    def name(self) -> str:
-        """What messages call it: the path of a file that was loaded."""
-        return self.provenance.name
+        return str(ABOVE["html"](self))
 
     @property
     def verdict(self) -> Verdict:
@@ -205,256 +210,100 @@ class Fit(Outcome):
         return self.judgement.findings
 
     @property
-    def conditions(self) -> tuple[Condition, ...]:
-        """What a verdict rests on and no recording shows, such as a field that is the same everywhere."""
-        return self.judgement.conditions
-
-    @property
     def heading_error_deg(self) -> HeadingError:
         """What to expect of a level vehicle, 1 σ; NaN if not stated."""
         return self.claim.heading_error_deg
 
-    @property
-    def method(self) -> str:
-        """What was run in the end; ``not stated`` where a file says nothing but the calibration."""
-        return self.evidence.method
-
-    @property
-    def samples(self) -> int:
-        """Readings used; 0 if not stated."""
-        return self.evidence.samples
-
-    @property
-    def noise(self) -> float:
-        """Standard deviation of the distance from the ellipsoid, in the calibration's unit; NaN if not stated."""
-        return self.evidence.noise
-
-    @property
-    def coverage(self) -> Coverage:
-        """Directions seen. Of a loaded fit only its numbers are known, not the readings of each direction."""
-        return self.evidence.coverage
-
-    def as_dict(self) -> dict[str, Any]:
-        """JSON-ready: what ``--json`` prints.
-
-        What a refusal makes untrustworthy is None, so that nobody copies it: the calibration and what follows from
-        it, and of flat readings all that rests on a surface. The evidence stays, and so do the attributes.
-        """
-        error, claim, evidence = self._heading_record, self.claim, self.evidence
-        diagnosis, residuals = evidence.diagnosis, evidence.residuals
-        fields = {
-            "verdict": self.verdict,
-            "method": self.method,
-            "calibration": self.calibration.as_dict(),
-            "heading_error_deg": None if error is None else msgspec.structs.asdict(error),
-            "uncorrected_heading_error_deg": _rms_and_worst(claim.uncorrected_heading_error_deg),
-            "textbook_heading_error_deg": _rms_and_worst(claim.textbook_heading_error_deg),
-            "alignment_error_deg": claim.alignment_error_deg,
-            # worst heading error (1 σ) at a tilt of 10°, 30° and 90°
-            "tilted_heading_error_deg": {f"{tilt:g}": claim.tilted_error(tilt).worst for tilt in TILTS},
-            "attitude_limit_deg": claim.attitude_limit_deg,
-            "direction_error_deg": _rms_and_worst(claim.direction_error_deg),
-            "bias_deg": claim.bias_deg,
-            "prior_influence": evidence.prior_influence,
-            "unobserved": evidence.unobserved,
-            "noise": _stated(self.noise),
-            "samples": self.samples,
-            "independent_samples": min(residuals.independent_samples, float(self.samples)),
-            "autocorrelation": residuals.autocorrelation,
-            "outliers": [outlier.as_dict() for outlier in evidence.outliers],
-            "distortion": residuals.distortion,
-            "drift": None if diagnosis.drift is None else asdict(diagnosis.drift),
-            "nonlinearity": None if diagnosis.nonlinearity is None else asdict(diagnosis.nonlinearity),
-            "axis_lag": None if diagnosis.axis_lag is None else asdict(diagnosis.axis_lag),
-            "conditions": list(self.conditions),
-            "repeats": None if diagnosis.repeats is None else diagnosis.repeats.as_dict(),
-            "coverage": self.coverage.as_dict(),
-            "covariance": claim.covariance.tolist(),
-            **self._disturbances_as_dict(),
-            **({} if evidence.aiding is None else {"aiding": evidence.aiding.as_dict()}),
-            **({} if diagnosis.refreshed is None else {"refreshed": diagnosis.refreshed.as_dict()}),
-            "findings": [finding.as_dict() for finding in self.findings],
-        }
-        untrusted = _ON_A_SURFACE if self.judgement.is_flat else _REFUSED if self.verdict == "refused" else ()
-        unstated = () if self.claim.states_uncertainty else _OF_THE_COVARIANCE
-        return {**fields, **dict.fromkeys((*untrusted, *unstated))}
-
-    def _disturbances_as_dict(self) -> dict[str, Any]:
-        """What is known of the disturbances; no key where it follows none."""
-        disturbances = self.evidence.disturbances
-        if not disturbances.estimates:
-            return {}
-        return {
-            "disturbances": [each.as_dict() for each in disturbances.estimates],
-            "noise_uncompensated": disturbances.noise_uncompensated,
-        }
-
-    @property
-    def _covariance(self) -> Floats:
-        """That of all parameters, the disturbances among them."""
-        joint = self.evidence.disturbances.covariance
-        return self.claim.covariance if joint is None else joint
-
-    @property
-    def _parameters(self) -> tuple[str, ...]:
-        """What the rows of that stand for."""
-        disturbances = self.calibration.disturbances
-        named = [f"{disturbance.kind.key}_{axis}" for disturbance in disturbances for axis in "xyz"]
-        growth = [f"{disturbance.kind.key}_scale" for disturbance in disturbances if disturbance.name == "temperature"]
-        return (*PARAMETERS, *named, *growth)
-
-    def to_document(self, provenance: ProvenanceRecord | None = None) -> Document:
-        """The calibration file with all of this in it; of a loaded fit by default with the provenance it has."""
-        return self.calibration.to_document(fit=self._record(), provenance=provenance or self.provenance.record)
-
-    def _record(self) -> Fitted | None:
-        """What a calibration file keeps of it beside the calibration."""
-        if not self.evidence.is_described:
-            return None
-        covariance = tuple(tuple(row) for row in self._covariance.tolist()) if self.claim.states_uncertainty else None
-        return Fitted(
-            method=self.method,
-            samples=self.samples,
-            noise=_stated(self.noise),
-            covariance_of=self._parameters if covariance else PARAMETERS,
-            covariance=covariance,
-            verdict=self.verdict,
-            heading_error_deg=self._heading_record,
-            coverage=self.coverage.as_dict(),
-            findings=self.judgement.finding_records,
-            conditions=self.conditions or UNSET,
-            plane=self.claim.plane or UNSET,
-            z_down=self.evidence.z_down if self.claim.plane else UNSET,
-            aiding=UNSET if self.evidence.aiding is None else self.evidence.aiding.to_record(),
-        )
-
-    @property
-    def _heading_record(self) -> HeadingErrorRecord | None:
-        """The heading error as it stands in a file; None where none is stated."""
-        error = self.heading_error_deg
-        if math.isnan(error.worst):
-            return None
-        bound, dip_deg = _stated(self.claim.heading_bound_deg), _stated(error.dip_deg)
-        return HeadingErrorRecord(
-            rms=error.rms,
-            worst=error.worst,
-            bound_95=bound,
-            dip_deg=dip_deg,
-            dip_assumed=self.claim.dip_assumed,
-            target_deg=self.claim.target_deg,
-            structure_deg=self.claim.structure_deg,
-        )
-
     def __repr__(self) -> str:
-        error = self.heading_error_deg
-        if not self.evidence.is_described or math.isnan(error.worst):
-            return f"Fit({self.verdict}, {self.method}, no heading error stated)"
-        noise = "" if math.isnan(self.noise) else f"noise {figures(self.noise, 3)} {label(self.calibration.unit)}, "
+        error, evidence = self.heading_error_deg, self.evidence
+        if not evidence.is_described or math.isnan(error.worst):
+            return f"Fit({self.verdict}, {evidence.method}, no heading error stated)"
+        unit = label(self.calibration.unit)
+        noise = "" if math.isnan(evidence.noise) else f"noise {figures(evidence.noise, 3)} {unit}, "
         return (
-            f"Fit({self.verdict}, {self.method}, heading error {error.rms:.2g}° rms, {error.worst:.2g}° worst, "
-            f"{noise}{counted(self.samples, 'reading')})"
+            f"Fit({self.verdict}, {evidence.method}, heading error {error.rms:.2g}° rms, {error.worst:.2g}° worst, "
+            f"{noise}{counted(evidence.samples, 'reading')})"
         )
 
 
-_REFUSED: Final = ("calibration", "uncorrected_heading_error_deg")
-"""Keys of a fit that are None where it is refused."""
-
-_ON_A_SURFACE: Final = (
-    *_REFUSED, "heading_error_deg", "textbook_heading_error_deg", "tilted_heading_error_deg", "attitude_limit_deg",
-    "direction_error_deg", "bias_deg", "coverage",
-)  # fmt: skip
-"""Keys that are None where the readings are flat."""
+def bare_fit(calibration: Calibration, *, name: str = "fit") -> Fit:
+    """A calibration of which nothing else is stated: its verdict is limited."""
+    unexplained = Judgement(stated_verdict="limited")
+    return Fit(calibration, Evidence(), Claim(calibration), unexplained, Provenance(name))
 
 
-_OF_THE_COVARIANCE: Final = (
-    "tilted_heading_error_deg", "attitude_limit_deg", "direction_error_deg", "bias_deg", "covariance",
-)  # fmt: skip
-"""Keys that are None where no uncertainty is stated."""
+def with_calibration(fit: Fit, calibration: Calibration) -> Fit:
+    """The same fit with another calibration, which its claim is then about."""
+    return replace(fit, calibration=calibration, claim=replace(fit.claim, calibration=calibration))
 
 
-def _with_record(fit: Fit, record: Fitted) -> Fit:
-    """A calibration with what its file states of the fit."""
-    evidence = Evidence(
-        method=record.method,
-        samples=record.samples,
-        noise=math.nan if record.noise is None else record.noise,
-        coverage=Coverage.from_dict(record.coverage),
-        z_down=True if record.z_down is UNSET else record.z_down,
-        aiding=None if record.aiding is UNSET else Aiding.from_record(record.aiding),
-    )
-    claim = replace(fit.claim, plane=record.plane or None)
-    if (error := record.heading_error_deg) is not None:
-        claim = _with_error(claim, error, evidence.aiding)
-    if error is not None and error.structure_deg:
-        across = math.radians(error.structure_deg) * math.cos(math.radians(claim.known_dip_deg))
-        evidence = replace(evidence, residuals=Residuals(distortion=across * fit.calibration.ellipsoid.radius))
-    findings = tuple(Finding.from_record(each, fit.name) for each in record.findings)
-    judgement = Judgement(findings, record.conditions or ())
-    if record.verdict != judgement.verdict:
-        judgement = replace(judgement, stated_verdict=record.verdict or "limited")
-    loaded = replace(fit, evidence=evidence, claim=claim, judgement=judgement)
-    if record.covariance is None:
-        return loaded
-    return _with_covariance(loaded, record.covariance_of, np.array(record.covariance))
+def with_name(fit: Fit, name: str) -> Fit:
+    """The same fit by another name."""
+    return replace(fit, provenance=replace(fit.provenance, name=name))
 
 
-def _with_error(claim: Claim, error: HeadingErrorRecord, aiding: Aiding | None) -> Claim:
-    """The claim with the heading error that the calibration file states."""
-    dip_deg = math.nan if error.dip_deg is None else error.dip_deg
-    known_dip_deg = claim.dip_deg if error.dip_deg is None else abs(error.dip_deg)
-    return replace(
-        claim,
-        heading_error_deg=HeadingError(error.rms, error.worst, dip_deg),
-        target_deg=error.target_deg or claim.target_deg,
-        dip_deg=known_dip_deg,
-        dip_assumed=error.dip_assumed,
-        structure_deg=error.structure_deg,
-        alignment_error_deg=None if aiding is None else aiding.alignment_error_deg(known_dip_deg),
+def of_recording(fit: Fit, recording: Recording | None) -> Fit:
+    """The same fit with the readings that it was made from."""
+    return replace(fit, provenance=replace(fit.provenance, recording=recording))
+
+
+def document_of(fit: Fit, provenance: ProvenanceRecord | None = None) -> Document:
+    """The calibration file with all of a fit in it; of a loaded fit by default with the provenance it has."""
+    return fit.calibration.to_document(fit=_record(fit), provenance=provenance or fit.provenance.record)
+
+
+def _record(fit: Fit) -> Fitted | None:
+    """What a calibration file keeps of it beside the calibration."""
+    evidence, claim = fit.evidence, fit.claim
+    if not evidence.is_described:
+        return None
+    joint = evidence.disturbances.covariance
+    rows = (claim.covariance if joint is None else joint).tolist()
+    covariance = tuple(map(tuple, rows)) if claim.states_uncertainty else None
+    return Fitted(
+        method=evidence.method,
+        samples=evidence.samples,
+        noise=finite_or_none(evidence.noise),
+        covariance_of=parameters_of(fit.calibration) if covariance else PARAMETERS,
+        covariance=covariance,
+        verdict=fit.verdict,
+        heading_error_deg=heading_record(claim),
+        coverage=evidence.coverage.as_dict(),
+        findings=fit.judgement.finding_records,
+        conditions=fit.judgement.conditions or UNSET,
+        plane=claim.plane or UNSET,
+        z_down=evidence.z_down if claim.plane else UNSET,
+        aiding=UNSET if evidence.aiding is None else evidence.aiding.to_record(),
     )
 
 
-def _with_covariance(fit: Fit, names: tuple[str, ...], whole: Floats) -> Fit:
-    """Give a fit the covariance (K, K) of its file.
-
-    Raises
-    ------
-    DocumentError
-        Unless it is a covariance of offset and shape.
-    """
-    name = fit.name
-    missing = [parameter for parameter in PARAMETERS if parameter not in names]
-    if missing:
-        raise DocumentError(f"{name}: fit.covariance lacks {', '.join(missing)}: need offset and shape, all nine")
-    rows = [names.index(parameter) for parameter in PARAMETERS]
-    covariance = whole[np.ix_(rows, rows)]
-    _refuse_no_covariance(covariance, name)
-    loaded = replace(fit, claim=replace(fit.claim, covariance=covariance))
-    if len(names) == len(PARAMETERS) or names != fit._parameters:
-        return loaded
-    return replace(loaded, evidence=replace(fit.evidence, disturbances=Disturbances(covariance=whole)))
+def parameters_of(calibration: Calibration) -> tuple[str, ...]:
+    """What the rows of the covariance of all parameters stand for, the disturbances among them."""
+    disturbances = calibration.disturbances
+    named = [f"{disturbance.kind.key}_{axis}" for disturbance in disturbances for axis in "xyz"]
+    growth = [f"{disturbance.kind.key}_scale" for disturbance in disturbances if disturbance.name == "temperature"]
+    return (*PARAMETERS, *named, *growth)
 
 
-def _refuse_no_covariance(covariance: Floats, name: str) -> None:
-    """Refuse a matrix (9, 9) that is no covariance.
-
-    Raises
-    ------
-    DocumentError
-    """
-    largest = float(np.abs(covariance).max())
-    lack = float(np.abs(covariance - covariance.T).max())
-    if lack > 1e-6 * largest:
-        raise DocumentError(
-            f"{name}: fit.covariance is not symmetric: entries across the diagonal differ by up to {lack:.3g}"
-        )
-    lowest = float(np.linalg.eigvalsh(covariance)[0])
-    if lowest < -1e-6 * largest:
-        raise DocumentError(f"{name}: fit.covariance has the eigenvalue {lowest:.3g}: no variance is negative")
+def heading_record(claim: Claim) -> HeadingErrorRecord | None:
+    """The heading error as it stands in a file; None where none is stated."""
+    error = claim.heading_error_deg
+    if math.isnan(error.worst):
+        return None
+    return HeadingErrorRecord(
+        rms=error.rms,
+        worst=error.worst,
+        bound_95=finite_or_none(claim.heading_bound_deg),
+        dip_deg=finite_or_none(error.dip_deg),
+        dip_assumed=claim.dip_assumed,
+        target_deg=claim.target_deg,
+        structure_deg=claim.structure_deg,
+    )
 
 
-def _rms_and_worst(error: HeadingError | DirectionError | None) -> dict[str, float] | None:
-    """JSON-ready."""
-    return None if error is None else {"rms": error.rms, "worst": error.worst}
+def finite_or_none(number: float) -> float | None:
+    """A number as it stands in a file, where there is no NaN."""
+    return None if math.isnan(number) else number
 
 
 def fit_of(outcome: Fit | FlindersError) -> Fit | None:

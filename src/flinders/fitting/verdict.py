@@ -236,7 +236,7 @@ VALUES: Final[dict[str, Callable[[FitRecord], Any]]] = {
     "tilted": lambda judged: tilted_errors(judged.fit, judged["attitude_limit_deg"]),
     "next_movement": lambda judged: next_movement(judged.fit),
     "next_step": lambda judged: next_step(judged.fit),
-    "method": lambda judged: judged.fit.method,
+    "method": lambda judged: judged.fit.evidence.method,
     "corrected_length": lambda judged: judged.fit.calibration.field_strength,
     "unit": lambda judged: label(judged.fit.calibration.unit),
     "plane": lambda judged: judged.claim.plane or "",
@@ -338,7 +338,7 @@ def of_disturbances(fit: Fit) -> Iterator[Finding]:
             "unit": label(fit.calibration.unit),
             "runs_along": bool(motors[1:]) and estimate.name in motors,
             "noise_uncompensated": fit.evidence.disturbances.noise_uncompensated,
-            "noise": fit.noise,
+            "noise": fit.evidence.noise,
         }
         first = ("disturbance", "disturbance-uncertain", "disturbance-collinear-attitude")
         yield from found_in(record, *first, *OF_A_COLUMN)

@@ -62,6 +62,9 @@ class DirectionError(NamedTuple):
     rms: float
     worst: float
 
+    def __repr__(self) -> str:
+        return f"DirectionError(rms={self.rms:.2f}°, worst={self.worst:.2f}°)"
+
     @classmethod
     def of(cls, errors: Floats) -> Self:
         """Of (K,) errors, in degrees."""

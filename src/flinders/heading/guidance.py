@@ -16,9 +16,9 @@ After all headings but no tilt beyond 35°, a level heading is known well and wh
 >>> from flinders import simulate
 >>> from flinders.fitting import calibrate
 >>> fit = calibrate.fit(simulate.tumble(seed=1, motion="tilted").samples)
->>> claim, coverage = fit.claim, fit.coverage
+>>> claim, coverage = fit.claim, fit.evidence.coverage
 >>> level, any_attitude = (
-...     guide(claim.ellipsoid, claim.covariance, noise=fit.noise, coverage=coverage, dip_deg=60.0, goal=goal)
+...     guide(claim.ellipsoid, claim.covariance, noise=fit.evidence.noise, coverage=coverage, dip_deg=60.0, goal=goal)
 ...     for goal in ("heading", "attitude")
 ... )
 >>> any_attitude

@@ -14,7 +14,8 @@ covariance, which sends the walk out of the plane.
 >>> from flinders.fitting import calibrate
 >>> recording = simulate.tumble(seed=1, motion="tilted")           # never beyond 35° of tilt
 >>> fit = calibrate.fit(recording.samples)
->>> way = plan(Belief.of(fit.claim, fit.noise, fit.coverage), [0.5, 0.0, 0.87], target_deg=0.5, goal="attitude")
+>>> belief = Belief.of(fit.claim, fit.evidence.noise, fit.evidence.coverage)
+>>> way = plan(belief, [0.5, 0.0, 0.87], target_deg=0.5, goal="attitude")
 >>> way
 Route(6 waypoints, worst 2.56°, at its end 0.70°)
 >>> way.words("vehicle")

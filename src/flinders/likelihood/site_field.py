@@ -30,6 +30,7 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any, Final, Self
 
 from flinders.core.geomag import recorded_field
+from flinders.core.short_repr import ShortRepr
 from flinders.core.units import MICROTESLA
 from flinders.errors import UsageError
 
@@ -43,8 +44,8 @@ INCLINATION_SIGMA_DEG: Final = 1.0
 """Degrees, the same for the dip."""
 
 
-@dataclass(frozen=True, slots=True)
-class Site:
+@dataclass(frozen=True, slots=True, repr=False)
+class Site(ShortRepr):
     """The field at a place, and how the sensor is mounted in it.
 
     Raises `UsageError` for numbers that no site has.

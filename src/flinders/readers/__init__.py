@@ -35,7 +35,9 @@ from typing import IO, TYPE_CHECKING, Any, Final, TypeAlias, cast
 import numpy as np
 
 from flinders.core.axes import Axes
+from flinders.core.frames import is_frame
 from flinders.core.joining import Joined, in_memory
+from flinders.core.keywords import OF_A_FIT, spell_checked
 from flinders.core.plugins import modules_of, plugin_rows
 from flinders.core.samples import Recording, Samples, added, frame_of
 from flinders.core.time_span import TimeSpan
@@ -43,7 +45,7 @@ from flinders.errors import FlindersError, NoMagnetometer, UnitError, Unreadable
 from flinders.foreign_errors import reading
 from flinders.readers._choice import FIRST, Choice
 from flinders.readers._foreign_files import foreign_kind
-from flinders.readers._frame import is_frame, open_frame
+from flinders.readers._frame import open_frame
 from flinders.readers._log import Instrument, Log, Position, Stored, beginning_of
 from flinders.readers._reader import Reader
 from flinders.readers._source import File, Progress, Source, find, on_disk
@@ -53,6 +55,7 @@ from flinders.readers.text import TextRecording, open_text
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
 
+    from flinders.readers._asked_columns import AnyColumns
     from flinders.readers._columns import Columns
 
 __all__ = [
@@ -95,10 +98,11 @@ def registry() -> tuple[Reader, ...]:
     return (*plugin_rows("flinders.readers", Reader), *chain.from_iterable(rows))
 
 
+@spell_checked(OF_A_FIT)
 def open_recording(
     path: AnySource | Sequence[AnySource],
     *,
-    columns: str | None = None,
+    columns: AnyColumns | None = None,
     pattern: str | None = None,
     unit: str | None = None,
     scale: float | None = None,
@@ -117,10 +121,11 @@ def open_recording(
     Parameters
     ----------
     path : str, path, file object, data frame, or sequence of them
-        A file, ``"-"`` for standard input, an open file, a table in memory (of pandas, polars or pyarrow, or any with
-        ``__arrow_c_stream__``), or several recordings of one sensor.
-    columns : str, optional
-        Three names, or numbers from 1, of the magnetometer's columns: ``"mx,my,mz"``, ``"4,5,6"``.
+        A file, ``"-"`` for standard input, an open file, a table in memory, or several recordings of one sensor. Any
+        data frame is a table, and so are a mapping of columns and a structured array (`flinders.core.frames`).
+    columns : str or sequence of str or int, optional
+        Three names, or numbers from 1, of the magnetometer's columns: ``["mx", "my", "mz"]``, ``"mx,my,mz"``,
+        ``"4,5,6"``.
     pattern : str, optional
         How a line of text with a reading is written, with names in the place of its numbers, where it is not
         recognised: ``"N {x} / {y} / {z}"``.
@@ -189,10 +194,11 @@ def _of_one_sensor(recordings: Sequence[FileRecording]) -> Recording:
     return Joined((first, *others)) if others else first
 
 
+@spell_checked(OF_A_FIT)
 def open_log(
     path: AnyPath,
     *,
-    columns: str | None = None,
+    columns: AnyColumns | None = None,
     pattern: str | None = None,
     unit: str | None = None,
     scale: float | None = None,
@@ -243,7 +249,7 @@ def open_log(
 
 
 def holds_log(
-    path: AnyPath, *, columns: str | None = None, pattern: str | None = None, topic: str | None = None
+    path: AnyPath, *, columns: AnyColumns | None = None, pattern: str | None = None, topic: str | None = None
 ) -> bool:
     """Tell whether there is a magnetometer to choose: in a log, or a table of several; never for a pipe.
 
@@ -265,10 +271,11 @@ def holds_log(
     return False
 
 
+@spell_checked(OF_A_FIT)
 def read(
     path: AnySource | Sequence[AnySource],
     *,
-    columns: str | None = None,
+    columns: AnyColumns | None = None,
     pattern: str | None = None,
     unit: str | None = None,
     scale: float | None = None,
@@ -311,7 +318,7 @@ OF_TABLES: Final = ("columns", "unit", "scale", "axes", "flat", "choice", "progr
 class _Options:
     """What the caller wants of a file, as `open_recording` names it."""
 
-    columns: str | None = None
+    columns: AnyColumns | None = None
     unit: str | None = None
     scale: float | None = None
     axes: Axes = field(default_factory=Axes)
@@ -325,7 +332,9 @@ class _Options:
 
     def __post_init__(self) -> None:
         """Refuse what is of no type that an option takes, before a file is blamed for it."""
-        for option in ("columns", "unit", "topic", "pattern", "flat"):
+        if not isinstance(self.columns, str | list | tuple | None):
+            raise UsageError(f"columns are {self.columns!r}: need a text such as 'mx,my,mz', or a list of three names")
+        for option in ("unit", "topic", "pattern", "flat"):
             if not isinstance(given := getattr(self, option), str | None):
                 raise UsageError(f"{option} is {given!r}, which is no text: give it within quotes")
         if not isinstance(self.scale, Real | None):
@@ -333,9 +342,7 @@ class _Options:
         if not isinstance(self.as_logged, bool | np.bool_):
             raise UsageError(f"as_logged is {self.as_logged!r}: need True or False")
         if not (self.progress is None or callable(self.progress)):
-            raise UsageError(
-                f"progress is {self.progress!r}, which cannot be called: give a function of two numbers of bytes"
-            )
+            raise UsageError(f"progress is {self.progress!r}: need a function of two numbers of bytes")
 
 
 def is_source(source: object) -> bool:
@@ -348,7 +355,8 @@ def _opened(source: AnySource, options: _Options, *, once: bool) -> FileRecordin
     if isinstance(source, (str, os.PathLike)) or hasattr(source, "read"):
         return _open(_source_of(cast("AnyPath", source), once=once), options)
     if not is_frame(source):
-        raise UsageError(f"{type(source).__name__} is no recording: give a path, an open file or a table in memory")
+        what = f"{type(source).__name__} is no recording"
+        raise UsageError(f"{what}: give a path, an open file or a table; flinders.Samples.of takes an array")
     for option in ("pattern", "topic", "as_logged"):
         if getattr(options, option):
             raise UsageError(

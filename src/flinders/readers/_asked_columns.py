@@ -7,7 +7,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, TypeAlias
 
 from flinders.core.plugins import remark
 from flinders.errors import UsageError, did_you_mean
@@ -18,10 +18,13 @@ from flinders.readers._tokenizer import listed
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
+    AnyColumns: TypeAlias = str | Sequence[str | int]
+    """Names or numbers of columns, in one text or one by one."""
 
-def asked_columns(columns: str, *, flat: bool = False) -> list[str]:
+
+def asked_columns(columns: AnyColumns, *, flat: bool = False) -> list[str]:
     """Split what the user asked for: three different names or numbers; two will do if `flat`."""
-    asked = [part.strip() for part in columns.split(",")]
+    asked = parts_of(columns)
     count = len(asked)
     if not (count == 3 or (flat and count == 2)) or len({part.casefold() for part in asked}) != count:
         two = remark("two columns") if count == 2 else ""
@@ -31,7 +34,16 @@ def asked_columns(columns: str, *, flat: bool = False) -> list[str]:
     return asked
 
 
-def wanted_places(columns: str, names: Sequence[str], width: int, *, flat: bool = False) -> tuple[int, ...]:
+def parts_of(columns: AnyColumns) -> list[str]:
+    """Names and numbers one by one.
+
+    >>> parts_of("mx, my,mz"), parts_of([4, 5, "x, raw"])
+    (['mx', 'my', 'mz'], ['4', '5', 'x, raw'])
+    """
+    return [str(part).strip() for part in (columns.split(",") if isinstance(columns, str) else columns)]
+
+
+def wanted_places(columns: AnyColumns, names: Sequence[str], width: int, *, flat: bool = False) -> tuple[int, ...]:
     """Look up the columns that the user asked for, by name or by number counted from 1."""
     known = [name.strip() for name in names]
     places = tuple(_place(part, known, width) for part in asked_columns(columns, flat=flat))

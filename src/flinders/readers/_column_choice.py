@@ -28,6 +28,7 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from flinders.arrays import Floats
+    from flinders.readers._asked_columns import AnyColumns
     from flinders.readers._clock import Clock
     from flinders.readers._columns import Columns
     from flinders.readers._devices import Device
@@ -41,7 +42,7 @@ def rising_in(values: Floats) -> list[int]:
 def choose(
     names: Sequence[str],
     values: Floats,
-    asked: str | None = None,
+    asked: AnyColumns | None = None,
     *,
     units: Sequence[str] = (),
     clocks: Sequence[Clock] = (),
@@ -148,7 +149,9 @@ def _refuse_unclear(names: Sequence[str], values: Floats, source: str, heading: 
         raise NoMagnetometer(f"{what}{shown}; {told}", hint=hint)
 
 
-def _named(columns: Columns, magnetometers: Sequence[Columns], choice: Choice, asked: str, source: str) -> Columns:
+def _named(
+    columns: Columns, magnetometers: Sequence[Columns], choice: Choice, asked: AnyColumns, source: str
+) -> Columns:
     """Let the columns that the user asked for keep the name of their magnetometer, or take the name the user gives."""
     if choice.sensor is None:
         return columns

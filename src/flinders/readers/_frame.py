@@ -1,4 +1,4 @@
-"""Tables in memory: data frames of pandas and polars, and whatever hands out a stream of Arrow.
+"""Tables in memory as recordings: data frames of any kind, and whatever hands out a stream of Arrow.
 
 Columns are recognised by the same names as those of files.
 
@@ -13,11 +13,13 @@ array([ 21.7,   0.2, -58.7])
 
 from __future__ import annotations
 
+from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
+from flinders.core.frames import columns_of, hands_out_columns, name_of
 from flinders.core.samples import BLOCK
 from flinders.errors import MissingExtra
 from flinders.foreign_errors import needs
@@ -34,66 +36,28 @@ if TYPE_CHECKING:
 KIND: Final = "columns in memory"
 
 
-def is_frame(source: object) -> bool:
-    """Whether this is a table in memory, by what it can do."""
-    return hasattr(source, "__arrow_c_stream__") or _is_pandas(source)
-
-
 def open_frame(frame: Any, **options: Any) -> TableRecording:  # noqa: ANN401 - of packages that need not be there
     """Recognise the columns of a table in memory; options and errors are those of `open_table`.
 
-    Without pyarrow a frame of polars is read too, but for dates in texts. Any other that only hands out a stream of
-    Arrow raises `MissingExtra`.
+    Without pyarrow a frame of polars is read too, but for dates in texts. One that only hands out a stream of Arrow
+    raises `MissingExtra`.
     """
     name = name_of(frame)
-    if _is_pandas(frame):
+    if hasattr(frame, "get_column"):
+        with suppress(MissingExtra):
+            return open_table(File(name, Path(name), 0), _of_arrow(frame, name), **options)
+    if hands_out_columns(frame):
         return open_columns(columns_of(frame), name, **options)
-    try:
-        table = _of_arrow(frame, name)
-    except MissingExtra:
-        if not hands_out_columns(frame):
-            raise
-        return open_columns(columns_of(frame), name, **options)
-    return open_table(File(name, Path(name), 0), table, **options)
+    return open_table(File(name, Path(name), 0), _of_arrow(frame, name), **options)
 
 
 def open_columns(columns: dict[str, Any], name: str, /, **options: Any) -> TableRecording:
-    """Recognise columns of pandas or polars by name; options and errors are those of `open_table`."""
+    """Recognise columns by name; options and errors are those of `open_table`."""
     return open_table(File(name, Path(name), 0), _of_columns(columns, name), **options)
 
 
-def name_of(frame: object) -> str:
-    """Name of a table in memory, for messages."""
-    return f"{type(frame).__module__.partition('.')[0]} {type(frame).__name__}"
-
-
-def hands_out_columns(frame: object) -> bool:
-    """Whether `columns_of` takes it: a frame of pandas or polars."""
-    return _is_pandas(frame) or hasattr(frame, "get_column")
-
-
-def columns_of(frame: Any) -> dict[str, Any]:  # noqa: ANN401
-    """Columns of a frame of pandas or polars by name."""
-    if _is_pandas(frame):
-        return _columns_of_pandas(frame)
-    return {column: frame.get_column(column) for column in frame.columns}
-
-
-def _is_pandas(frame: object) -> bool:
-    """Whether it has columns of NumPy and an index."""
-    return all(hasattr(frame, name) for name in ("columns", "index", "items", "dtypes"))
-
-
-def _columns_of_pandas(frame: Any) -> dict[str, Any]:  # noqa: ANN401
-    """Columns by name; the index comes first, where it is dates or has a name."""
-    columns = {str(name): column for name, column in frame.items()}
-    if frame.index.name or frame.index.dtype.kind == "M":
-        columns = {str(frame.index.name or "time"): frame.index, **columns}
-    return columns
-
-
 def _of_columns(columns: dict[str, Any], source: str) -> Table:
-    """Columns of numbers, dates and names of devices and sensors, of pandas or polars."""
+    """Columns of numbers, dates and names of devices and sensors."""
     arrays = {name: _numbers(column) for name, column in columns.items()}
     labels = {name: Labels() for name, array in arrays.items() if array is None and tells_rows_apart(name)}
     arrays |= {name: known.numbers(words_of(columns[name])) for name, known in labels.items()}
@@ -102,6 +66,11 @@ def _of_columns(columns: dict[str, Any], source: str) -> Table:
 
 def _numbers(column: Any) -> NDArray[Any] | None:  # noqa: ANN401
     """Numbers with NaN for what is missing, dates in UTC; None for anything else."""
+    if isinstance(column, np.ma.MaskedArray):
+        fill = np.nan if column.dtype.kind in "iufb" else None
+        column = np.ma.filled(column.astype(np.float64) if fill is not None else column, fill)
+    if getattr(column, "ndim", 1) > 1 or getattr(column.dtype, "names", None):
+        return np.asarray(column)
     kind = getattr(column.dtype, "kind", "") or column.to_numpy().dtype.kind  # types of polars have no kind
     try:
         return np.asarray(column, dtype="datetime64[ns]" if kind == "M" else np.float64)
@@ -110,8 +79,10 @@ def _numbers(column: Any) -> NDArray[Any] | None:  # noqa: ANN401
 
 
 def words_of(column: Any) -> Any:  # noqa: ANN401
-    """Values of a column of pandas or polars, None for what is missing."""
-    return column.where(column.notna(), None) if hasattr(column, "notna") else column.to_list()
+    """Values of a column, None for what is missing."""
+    if hasattr(column, "notna"):
+        return column.where(column.notna(), None)
+    return column.to_list() if hasattr(column, "to_list") else np.asarray(column).tolist()
 
 
 def _of_arrow(frame: Any, name: str) -> Table:  # noqa: ANN401

@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Final, NamedTuple
 
 from flinders.core.units import PARTED, SPELLINGS
 from flinders.errors import NoMagnetometer, UsageError
+from flinders.readers._asked_columns import parts_of
 from flinders.readers._cells import COMMENTS, SPACES, fits, number, split
 from flinders.readers._delimiters import SIGNS, is_comment
 from flinders.readers._heading import shifted
@@ -27,6 +28,7 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from flinders.arrays import Floats
+    from flinders.readers._asked_columns import AnyColumns
     from flinders.readers._clock import Clock
     from flinders.readers._devices import SensorColumn
 
@@ -86,14 +88,14 @@ class _Misfit(NamedTuple):
 
 
 def find_misfit(
-    name: str, above: list[str], delimiter: str, values: Floats, clocks: Sequence[Clock], asked: str | None
+    name: str, above: list[str], delimiter: str, values: Floats, clocks: Sequence[Clock], asked: AnyColumns | None
 ) -> _Misfit | None:
     """Find a header that fits by no number, or no delimiter: the nearest that has the names that are meant.
 
     Raises `NoMagnetometer` where it names a magnetometer and values do not tell which columns it is.
     """
     width, other = values.shape[1], None
-    parts = [part.strip().casefold() for part in asked.split(",")] if asked else []
+    parts = [part.casefold() for part in parts_of(asked)] if asked else []
     wanted = [part for part in parts if not part.isdecimal()]
     for place, sign in ((place, sign) for place in range(len(above) - 1, -1, -1) for sign in dict(SIGNS)):
         names = _named_in(above[place], sign)

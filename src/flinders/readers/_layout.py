@@ -50,6 +50,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Iterator, Sequence
 
     from flinders.arrays import Floats
+    from flinders.readers._asked_columns import AnyColumns
     from flinders.readers._columns import Columns
     from flinders.readers._devices import Device, SensorColumn
 
@@ -150,7 +151,7 @@ class Cells(Dialect):
 def sniff(
     name: str,
     texts: list[str],
-    columns: str | None = None,
+    columns: AnyColumns | None = None,
     header: Sequence[str] = (),
     flat: str | None = None,
     choice: Choice = FIRST,
@@ -227,7 +228,9 @@ class Head(NamedTuple):
     clocks: list[Clock]
 
     @classmethod
-    def of(cls, name: str, texts: list[str], best: Cut, body: Body, known: Sequence[str], asked: str | None) -> Head:
+    def of(
+        cls, name: str, texts: list[str], best: Cut, body: Body, known: Sequence[str], asked: AnyColumns | None
+    ) -> Head:
         """Find the header above the rows; `known` are names from elsewhere, `asked` the columns of the user."""
         sign, start, filled = best.signs[0], body.start, body.filled
         above = lines_above(texts[:start], sign, body.sensors)
@@ -245,7 +248,7 @@ def _table(
     best: Cut,
     known: Sequence[str],
     choosing: partial[Columns | None],
-    asked: str | None,
+    asked: AnyColumns | None,
     choice: Choice,
     every: EveryLine,
 ) -> TextLayout:

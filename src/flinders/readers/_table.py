@@ -47,6 +47,7 @@ if TYPE_CHECKING:
     from flinders.arrays import Floats
     from flinders.core.samples import Samples
     from flinders.core.units import Unit
+    from flinders.readers._asked_columns import AnyColumns
     from flinders.readers._source import Progress, Source
 
 SAMPLED: Final = 200  # Rows looked at to tell times from other numbers
@@ -224,7 +225,7 @@ def open_table(
     file: Source,
     table: Table,
     *,
-    columns: str | None = None,
+    columns: AnyColumns | None = None,
     unit: str | None = None,
     scale: float | None = None,
     axes: Axes | None = None,

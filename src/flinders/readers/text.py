@@ -51,6 +51,7 @@ if TYPE_CHECKING:
 
     from flinders.arrays import Floats
     from flinders.core.samples import Samples
+    from flinders.readers._asked_columns import AnyColumns
     from flinders.readers._columns import Columns
     from flinders.readers._grid import Grid, Parse
     from flinders.readers._source import Source
@@ -318,7 +319,7 @@ class _Block(NamedTuple):
 def open_text(
     file: Source,
     *,
-    columns: str | None = None,
+    columns: AnyColumns | None = None,
     unit: str | None = None,
     scale: float | None = None,
     axes: str | Axes = "x,y,z",

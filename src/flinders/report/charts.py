@@ -46,9 +46,10 @@ MOST_DOTS: Final = 3_000
 MOST_CROSSES: Final = 500
 COMPASS_POINTS: Final = ("N", "NE", "E", "SE", "S", "SW", "W", "NW", "N")
 
-FILE_STYLE: Final = """\
-.figure { max-width: 100%; height: auto; font-family: system-ui, sans-serif }
-.figure text { font-size: 14px } .figure .small { font-size: 12px } .figure .title { font-size: 17px }"""
+FONT: Final = ".figure { max-width: 100%; height: auto; font-family: system-ui, sans-serif }"
+FILE_STYLE: Final = f"""\
+{FONT}
+.figure text {{ font-size: 14px }} .figure .small {{ font-size: 12px }} .figure .title {{ font-size: 17px }}"""
 
 
 # -------------------------------------------------------------------------------------------------------------- plots
@@ -386,6 +387,22 @@ def chart(width: float, height: float, title: str, *parts: str, more: str = "") 
     )
 
 
+def beside(
+    title: str,
+    charts: Sequence[tuple[str, float, float]],
+    *parts: str,
+    gap: float = 20.0,
+    top: float = 0.0,
+    foot: float = 0.0,
+) -> str:
+    """A row of charts, each with its width and height, between `parts` that stand at the `top` and at the `foot`."""
+    high, left, placed = max(height for _, _, height in charts), 0.0, list(parts)
+    for each, width, height in charts:
+        placed.append(each.replace("<svg ", f'<svg x="{left:g}" y="{top + (high - height) / 2.0:g}" ', 1))
+        left += width + gap
+    return chart(left - gap, top + high + foot, title, *placed)
+
+
 def as_file(chart: str, style: str = "") -> str:
     """A chart of a page as a file of its own, light or dark as the reader's screen is.
 
@@ -394,7 +411,7 @@ def as_file(chart: str, style: str = "") -> str:
     """
     head, _, shapes = chart.removeprefix("<svg ").partition(">")
     ground = '<rect class="ground" width="100%" height="100%"/>'
-    rules = f"<style>{rules_for(ground + shapes)}\n{style}</style>"
+    rules = f"<style>{rules_for(ground + shapes)}\n{FONT}\n{style}</style>"
     return f'<svg xmlns="http://www.w3.org/2000/svg" {head}>{rules}{ground}{shapes}'
 
 

@@ -21,5 +21,5 @@ def of_check(checked: Check, spell: Spelling = in_python) -> RenderableType:
         return of_untold(checked.known, checked.fresh, checked.strength, spell)
     strengths = checked.strength, checked.fresh_strength
     own, fresh = checked.made_from, checked.fresh
-    name = NAME if checked.known.name == NAME else "the calibration"
+    name = NAME if checked.known.provenance.name == NAME else "the calibration"
     return of_comparison(checked.comparison, spell, fresh=fresh, strengths=strengths, own=own, name=name)

@@ -96,11 +96,11 @@ def of_comparison(
 
 def of_untold(known: Fit, fit: Fit, strength: Strength, spell: Spelling = in_python) -> RenderableType:
     """Lay out what a recording, of which no fit can be used, tells of a known calibration, and why it is not more."""
-    basis = f"{counted(fit.samples, 'reading')}; {fit.method}"
-    made = known.noise / known.calibration.ellipsoid.radius
-    when_made = "" if math.isnan(made) else f", where {known.name} was made one of {made:.1%}"
+    basis = f"{counted(fit.evidence.samples, 'reading')}; {fit.evidence.method}"
+    made = known.evidence.noise / known.calibration.ellipsoid.radius
+    when_made = "" if math.isnan(made) else f", where {known.provenance.name} was made one of {made:.1%}"
     words = (
-        f"whether {known.name} holds, as no fit of this recording can be used; corrected, its strength is "
+        f"whether {known.provenance.name} holds, as no fit of this recording can be used; corrected, its strength is "
         f"{strength.mean:.3f} of the field with a spread of {strength.spread:.1%}{when_made}:"
     )
     reasons = ((finding.severity, advice(finding, spell)) for finding in shown_findings(fit))
@@ -165,7 +165,8 @@ def _comparison_verdict(
         omitted = degrees(comparison.omitted_rotation_deg)
         basis += f"; the rotation into the body of {omitted}, known to one alone, is left out"
     if fresh is not None:
-        basis += f"; {counted(fresh.samples, 'reading')}, {fresh.coverage.fraction:.0%} of the sphere covered"
+        covered = f"{fresh.evidence.coverage.fraction:.0%} of the sphere covered"
+        basis += f"; {counted(fresh.evidence.samples, 'reading')}, {covered}"
     answer = "cannot-tell" if is_unchecked else comparison.answer
     is_firm = not limits and not comparison.is_turned
     colour = {"holds": "good" if is_firm else "limited", "fails": "refused", "cannot-tell": "limited"}[answer]

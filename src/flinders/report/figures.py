@@ -35,7 +35,6 @@ from flinders.report.charts import (
     round_ticks,
     round_up,
     segment,
-    shape,
     stacked,
     text,
     thinned,
@@ -69,6 +68,9 @@ FARTHEST: Final = 4.0
 
 AZIMUTH, ELEVATION = math.radians(32.0), math.radians(20.0)
 """Where the eye of the 3-D view stands when it begins (``static/views/camera.js``)."""
+
+PREDICTED: Final = "Predicted error"
+"""Title of the sphere of tiles."""
 
 SIGMAS: Final = 4.5
 """Residuals are shown up to so many standard deviations; what is farther off is drawn at the edge."""
@@ -184,7 +186,7 @@ def pictures(drawn: FigureData, target_deg: float) -> list[tuple[str, str]]:
     titled = [("Before", _cloud(drawn, is_corrected=False))]
     if drawn.view is not None and drawn.view.shown is not None:
         titled.append(("After", _cloud(drawn, is_corrected=True)))
-        titled.append(("Predicted error", ball(drawn.view, target_deg)))
+        titled.append((PREDICTED, ball(drawn.view, target_deg)))
     return titled
 
 
@@ -195,37 +197,52 @@ def _eye() -> Floats:
 
 
 def _cloud(drawn: FigureData, *, is_corrected: bool) -> str:
-    """Readings from that eye, those behind the middle fainter; with the outline of the ellipsoid or sphere."""
-    eye, name = _eye(), "after" if is_corrected else "before"
-    readings, low, high = extents(drawn, is_corrected=is_corrected)
-    points, out = thinned(readings[drawn.is_used], MOST_DOTS) @ eye.T, readings[~drawn.is_used] @ eye.T
-    shown = drawn.shown
-    origin = np.clip(np.zeros(3), low, high)  # where zero is far away, the axes stand at the edge
-    length = float((high - low).max()) * (0.46 if is_corrected else 0.22)
-    triad = np.concatenate([[origin], origin + length * np.eye(3)]) @ eye.T
-    edge = _silhouette(drawn, eye[:2], is_corrected=is_corrected)
-    corners = np.concatenate([np.array(_extent(points)) if len(points) else triad, triad])[:, :2]
-    plot = _around(np.concatenate([corners, edge]))
-    centre = (low + high) / 2.0 if shown is None or is_corrected else np.array(shown.offset)
-    is_far = points[:, 2] < centre @ eye[2]
-    parts = [
-        _triad(plot.places(*triad.T[:2])),
-        plot.dots(f"{name} far", *points[is_far].T[:2]),
-        shape(f"outline {name}", plot.places(*edge.T), is_closed=True),
-        plot.dots(name, *points[~is_far].T[:2]),
-        plot.crosses(*out.T[:2]),
-    ]
-    if not is_corrected and shown is not None and not origin.any():
-        parts.append(plot.arm(*(eye @ np.array(shown.offset))[:2].tolist()))
+    """Readings from that eye, with the axes of the sensor."""
+    panel, ends = cloud(drawn, is_corrected=is_corrected), _ends_of_axes(drawn, is_corrected=is_corrected)
+    plot = panel.at(10, 10, SIDE - 20, SIDE - 20)
+    name = "after" if is_corrected else "before"
+    parts = [_triad(plot.places(*ends.T[:2])), *panel.draw(plot)]
     return chart(SIDE, SIDE, f"Readings {name} correction, in three dimensions", *parts)
 
 
-def _around(points: Floats) -> Plot:
-    """A square plot that holds (n, 2) points."""
+def cloud(drawn: FigureData, *, is_corrected: bool) -> Panel:
+    """Readings from that eye, those behind the middle fainter; with the outline of the ellipsoid or sphere."""
+    eye, name, shown = _eye(), "after" if is_corrected else "before", drawn.shown
+    readings, low, high = extents(drawn, is_corrected=is_corrected)
+    points, out = thinned(readings[drawn.is_used], MOST_DOTS) @ eye.T, readings[~drawn.is_used] @ eye.T
+    edge, ends = _silhouette(drawn, eye[:2], is_corrected=is_corrected), _ends_of_axes(drawn, is_corrected=is_corrected)
+    corners = np.concatenate([np.array(_extent(points)) if len(points) else ends, ends])[:, :2]
+    centre = (low + high) / 2.0 if shown is None or is_corrected else np.array(shown.offset)
+    is_far = points[:, 2] < centre @ eye[2]
+    has_arm = not is_corrected and shown is not None and not np.clip(np.zeros(3), low, high).any()
+
+    def draw(plot: Canvas) -> list[str]:
+        return [
+            plot.dots(f"{name} far", *points[is_far].T[:2]),
+            plot.line(f"outline {name}", *edge.T, is_closed=True),
+            plot.dots(name, *points[~is_far].T[:2]),
+            plot.crosses(*out.T[:2]),
+            plot.arm(*(eye @ np.array(shown.offset))[:2].tolist()) if has_arm and shown is not None else "",
+        ]
+
+    return Panel(*_around(np.concatenate([corners, edge])), draw)
+
+
+def _ends_of_axes(drawn: FigureData, *, is_corrected: bool) -> Floats:
+    """(4, 3) where the axes of the sensor begin, and where x, y and z end; of a zero that is far away at the edge."""
+    _, low, high = extents(drawn, is_corrected=is_corrected)
+    origin = np.clip(np.zeros(3), low, high)
+    length = float((high - low).max()) * (0.46 if is_corrected else 0.22)
+    ends: Floats = np.concatenate([[origin], origin + length * np.eye(3)]) @ _eye().T
+    return ends
+
+
+def _around(points: Floats) -> tuple[Axis, Axis]:
+    """Axes of a square that holds (n, 2) points."""
     low, high = points.min(axis=0), points.max(axis=0)
     half = 0.54 * float((high - low).max())
     across, up = (Axis(middle - half, middle + half) for middle in ((low + high) / 2.0).tolist())
-    return Plot(10, 10, SIDE - 20, SIDE - 20, across, up)
+    return across, up
 
 
 def _triad(ends: Floats) -> str:
@@ -256,7 +273,7 @@ def ball(view: View, target_deg: float) -> str:
             name = f"{'−' * bool(end.min() < 0.0)}{AXES[int(np.abs(end).argmax())]}"
             right, up = np.outer([1.0, 1.16, 1.26], eye[:2] @ end).T
             (x0, y0), (x1, y1), (x2, y2) = plot.places(right, up).tolist()
-            parts.append(segment("axis", x0, y0, x1, y1) + text(x2, y2 + 4, name, kind="name"))
+            parts.append(segment("axis", x0, y0, x1, y1) + text(x2, y2 + 4, name, kind="name halo"))
     if view.guidance is not None and view.guidance.direction is not None:
         right, up, near = eye @ np.array(view.guidance.direction)
         parts.append(circle("next behind" if near <= 0.0 else "next", plot.x(right), plot.y(up), 9))
@@ -276,7 +293,7 @@ def residuals_over_time(drawn: FigureData) -> Panel:
     assert drawn.view is not None
     noise, when, is_used = drawn.view.noise or 0.0, drawn.when, drawn.is_used
     end = SIGMAS * noise if noise > 0.0 else float(np.abs(drawn.residuals).max(initial=0.0)) or 1.0
-    span = (float(when[0]), float(when[-1])) if len(when) > 1 and when[-1] > when[0] else (0.0, 1.0)
+    span, words = _span(drawn)
     off, twice = drawn.residuals.clip(-end, end), min(2.0 * noise, end)
 
     def draw(plot: Canvas) -> list[str]:
@@ -286,8 +303,33 @@ def residuals_over_time(drawn: FigureData) -> Panel:
             plot.crosses(when[~is_used], off[~is_used]),
         ]
 
-    words = "seconds" if drawn.clock == "s" else "number of the reading"
     return Panel(Axis(*span), Axis(-end, end), draw, words, drawn.unit)
+
+
+def _span(drawn: FigureData) -> tuple[tuple[float, float], str]:
+    """Where the readings begin and end, and what those numbers are."""
+    when, words = drawn.when, "seconds" if drawn.clock == "s" else "number of the reading"
+    return ((float(when[0]), float(when[-1])) if len(when) > 1 and when[-1] > when[0] else (0.0, 1.0)), words
+
+
+def strength_over_time(drawn: FigureData, limit: float | None) -> Panel:
+    """Length of each corrected reading, with the field's, and the band beyond which a reading is called disturbed."""
+    assert drawn.shown is not None
+    field, is_used = drawn.shown.strength, drawn.is_used
+    lengths = field + drawn.residuals
+    farthest = float(np.quantile(np.abs(drawn.residuals), 0.998)) if len(lengths) else 1.0
+    reach = 1.15 * max(farthest, limit or 0.0, 1e-9)
+    span, words = _span(drawn)
+
+    def draw(plot: Canvas) -> list[str]:
+        band = "" if limit is None else plot.area("band", span, [field - limit] * 2, [field + limit] * 2)
+        marks = [
+            plot.dots("after", drawn.when[is_used], lengths[is_used], most=len(lengths)),
+            plot.crosses(drawn.when[~is_used], lengths[~is_used].clip(field - reach, field + reach)),
+        ]
+        return [band, *marks, plot.level(field, "aim")]
+
+    return Panel(Axis(*span), Axis(field - reach, field + reach), draw, words, drawn.unit)
 
 
 def histogram(view: View, unit: str) -> str:

@@ -71,9 +71,9 @@ def of_fit(
     below, `spell` writes the arguments that carry out an advice.
     """
     is_refused = fit.verdict == "refused"
-    result = None if is_refused else numbers(fit.calibration, fit.claim.offset_sigma, fit.noise)
+    result = None if is_refused else numbers(fit.calibration, fit.claim.offset_sigma, fit.evidence.noise)
     repeats = fit.evidence.diagnosis.repeats
-    if fit.method == "merged" and repeats is not None:
+    if fit.evidence.method == "merged" and repeats is not None:
         blocks = (_merged_parts(repeats), result, _merged_verdict(fit, repeats))
         return Group(page(*blocks), findings(shown_findings(fit), spell))
     tops = () if is_refused else (of_recipe(fit), errors_table(fit, onboard), _since(fit))
@@ -90,7 +90,7 @@ def _shown(fit: Fit, *, is_verbose: bool) -> list[Finding]:
 
 def of_recipe(fit: Fit) -> RenderableType | None:
     """Lay out what a recipe of the extremes publishes: its table; None for any other method."""
-    if fit.method not in MinMax.LABELS.values():
+    if fit.evidence.method not in MinMax.LABELS.values():
         return None
     centre, half = fit.calibration.ellipsoid.centre, fit.calibration.ellipsoid.shape.diagonal()
     return extremes_table(Extremes(fit.calibration, centre - half, centre + half))
@@ -98,8 +98,10 @@ def of_recipe(fit: Fit) -> RenderableType | None:
 
 def of_refused_recipe(fit: Fit) -> RenderableType:
     """Lay out the numbers of a recipe whose fit is refused, which are shown only where somebody insists."""
-    mark = Text(f"REFUSED, not fit for use: what {fit.method} calculates all the same, to be compared", "bold red")
-    return page(mark, of_recipe(fit), numbers(fit.calibration, np.full(3, np.nan), fit.noise))
+    mark = Text(
+        f"REFUSED, not fit for use: what {fit.evidence.method} calculates all the same, to be compared", "bold red"
+    )
+    return page(mark, of_recipe(fit), numbers(fit.calibration, np.full(3, np.nan), fit.evidence.noise))
 
 
 def of_file(fit: Fit, spell: Spelling = in_python, *, is_verbose: bool) -> RenderableType:
@@ -115,11 +117,12 @@ def of_file(fit: Fit, spell: Spelling = in_python, *, is_verbose: bool) -> Rende
         ("readings", f"in {calibration.raw.name}, axes {calibration.axes}"),
     ]
     sigma = fit.claim.offset_sigma if fit.claim.states_uncertainty else np.full(3, np.nan)
-    basis = f"{counted(fit.samples, 'reading')}; {fit.method}"
+    basis = f"{counted(fit.evidence.samples, 'reading')}; {fit.evidence.method}"
     said = _judged(fit, basis, *_more(fit)) if fit.claim.states_uncertainty else "Its uncertainty is not stated."
     known = facts([(name, words) for name, words in origin if words])
     return Group(
-        page(known, numbers(calibration, sigma, fit.noise), said), findings(_shown(fit, is_verbose=is_verbose), spell)
+        page(known, numbers(calibration, sigma, fit.evidence.noise), said),
+        findings(_shown(fit, is_verbose=is_verbose), spell),
     )
 
 
@@ -225,10 +228,10 @@ def _judged(fit: Fit, basis: str, *more: str) -> Table:
 
 
 def _fit_verdict(fit: Fit) -> Table:
-    is_noisy = fit.noise > NOISE_REFUSED * fit.calibration.ellipsoid.radius
+    is_noisy = fit.evidence.noise > NOISE_REFUSED * fit.calibration.ellipsoid.radius
     is_surface = not (fit.judgement.is_flat or fit.claim.plane or is_noisy)
-    seen = f", {fit.coverage.fraction:.0%} of the sphere covered" if is_surface else ""
-    return _judged(fit, f"{counted(fit.samples, 'reading')}{seen}; {fit.method}", *_more(fit))
+    seen = f", {fit.evidence.coverage.fraction:.0%} of the sphere covered" if is_surface else ""
+    return _judged(fit, f"{counted(fit.evidence.samples, 'reading')}{seen}; {fit.evidence.method}", *_more(fit))
 
 
 def _more(fit: Fit) -> Iterator[str]:
@@ -253,7 +256,7 @@ def _merged_parts(repeats: Repeats) -> Table:
 
 
 def _merged_verdict(fit: Fit, repeats: Repeats) -> Table:
-    readings = f" of {counted(fit.samples, 'reading')}" if fit.samples else ""
+    readings = f" of {counted(fit.evidence.samples, 'reading')}" if fit.evidence.samples else ""
     chance = f"; chance scatters them as far with {p_value(repeats.p_value)}"
     basis = f"{counted(len(repeats.parts), 'calibration')}{readings}{chance}"
     return _judged(fit, basis, *(["nothing was written"] if fit.verdict == "refused" else []))
@@ -305,7 +308,7 @@ def _sensor_row(name: str, outcome: Fit | FitError) -> tuple[RenderableType, ...
     """Name, readings, share of the sphere, worst heading and verdict of one magnetometer."""
     fit, quality = fit_of(outcome), verdict_of(outcome)
     error = "" if fit is None or quality == "refused" else degrees(fit.heading_error_deg.worst)
-    cells = ("", "") if fit is None else (f"{fit.samples:,}", f"{fit.coverage.fraction:.0%}")
+    cells = ("", "") if fit is None else (f"{fit.evidence.samples:,}", f"{fit.evidence.coverage.fraction:.0%}")
     return name, *cells, error, _coloured(quality)
 
 

@@ -268,4 +268,4 @@ def condition(fit: Fit) -> str:
     >>> condition(fit(simulate.tumble(seed=1).samples))
     'holds if no iron is near and currents are constant: record elsewhere too'
     """
-    return stated(fit.conditions)
+    return stated(fit.judgement.conditions)

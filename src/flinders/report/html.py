@@ -205,7 +205,7 @@ def goes_with(fit: Fit, drawn: FigureData) -> bool:
     if not len(drawn.residuals) or not drawn.is_used.any():
         return False
     off = drawn.residuals[drawn.is_used]
-    noise = fit.noise if fit.claim.states_uncertainty else 0.0
+    noise = fit.evidence.noise if fit.claim.states_uncertainty else 0.0
     return math.sqrt(float(np.mean(off**2))) <= max(ASTRAY * fit.calibration.field_strength, NOISY * noise)
 
 

@@ -7,13 +7,13 @@
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING, Final
+from typing import TYPE_CHECKING, Final, get_args
 
 import numpy as np
 
 from flinders.geometry.sphere import tiles
-from flinders.report.charts import Axis, Panel, Plot, chart, circle, clipped, outline_of, segment, text
-from flinders.report.colours import LEGEND, class_of, seen_ends, seen_level
+from flinders.report.charts import Axis, Plot, chart, circle, clipped, outline_of, segment, text
+from flinders.report.colours import LEGEND, STEPS, Theme, class_of, colour_of, seen_ends, seen_level
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -74,11 +74,6 @@ def coverage_map(view: View) -> str:
     return chart(MAP_WIDE, MAP_HIGH, title, *_framed_discs("seen", insides))
 
 
-def hemisphere_panel(classes: Sequence[str], up: float) -> Panel:
-    """A hemisphere, its tiles in the colours of their classes."""
-    return Panel(ROUND, ROUND, lambda plot: tiled(plot, classes, hemisphere(up)))
-
-
 def error_classes(view: View, target_deg: float) -> list[str]:
     """Class of each tile by its predicted error."""
     return [class_of(error, target_deg) for error in view.tiles_deg]
@@ -127,6 +122,18 @@ def _lambert(directions: Floats, up: float) -> Floats:
     x, y, z = directions.T
     scale = np.sqrt(2.0 / (1.0 + up * z).clip(min=0.05))
     return np.stack([scale * x, up * scale * y], axis=1)
+
+
+def tile_rules() -> str:
+    """Colours of the classes of errors, light and dark, for a drawing that is a file of its own."""
+    light, dark = map(_tile_colours, get_args(Theme))
+    return f"{light} @media (prefers-color-scheme: dark) {{ {dark} }}"
+
+
+def _tile_colours(theme: Theme) -> str:
+    """The same in one theme."""
+    classes = (*(f"e{step}" for step in range(STEPS)), "unknown")
+    return " ".join(f".{name} {{ fill: {colour_of(name, theme)} }}" for name in classes)
 
 
 def error_legend(target_deg: float) -> list[tuple[str, str]]:

@@ -4,13 +4,13 @@
 >>> from flinders.fitting import calibrate
 >>> shown = html_of(calibrate.fit(simulate.tumble(seed=1).samples))
 >>> shown.count("<img "), "<script" in shown
-(2, False)
+(1, False)
 """
 
 from __future__ import annotations
 
 import base64
-from typing import TYPE_CHECKING, Final
+from typing import TYPE_CHECKING
 
 from flinders.core.notebook import SIGNS, correction, refusal
 from flinders.core.units import label
@@ -20,26 +20,24 @@ from flinders.findings.row import stated
 from flinders.fitting.claim import dip_words
 from flinders.fitting.verdict import headline_of
 from flinders.report import figures, maps
-from flinders.report.charts import as_file
-from flinders.report.colours import STEPS, colour_of
+from flinders.report.charts import as_file, beside
 from flinders.report.formatting import said_once
 from flinders.report.view import view_alone
 
 if TYPE_CHECKING:
     from flinders.fitting.result import Fit
-    from flinders.report.colours import Theme
 
-NARROW, WIDE = 184, 500
-"""Pixels across of the sphere and of the deviation: side by side in an output of 700, with letters of eleven."""
-LETTERS: Final = round(11 * figures.SIDE / NARROW)
-"""Size of the letters of the sphere, which is drawn larger than it is shown."""
+WIDE, TURN_HIGH = 500.0, 292.0
+"""Width and height of the deviation beside the sphere."""
 
 
 def html_of(fit: Fit) -> str:
     """What a notebook shows of a fit; of a refused one no number of the calibration."""
     is_described = fit.evidence.is_described
     title = f"{SIGNS[fit.verdict]} {fit.verdict}: "
-    title += f"{fit.method}, {counted(fit.samples, 'reading')}" if is_described else "nothing is stated"
+    title += (
+        f"{fit.evidence.method}, {counted(fit.evidence.samples, 'reading')}" if is_described else "nothing is stated"
+    )
     causes = said_once((finding for finding in first_causes(fit.findings) if finding.severity != "note"), fit)
     words = [f"{SIGNS[finding.severity]} {advice(finding)} [{finding.code}]" for finding in causes]
     if fit.verdict == "refused":
@@ -51,7 +49,7 @@ def html_of(fit: Fit) -> str:
         calibration.offset.tolist(),
         label(calibration.unit),
         title=title,
-        words=[headline_of(fit).words, *filter(None, [level, stated(fit.conditions)]), *words],
+        words=[headline_of(fit).words, *filter(None, [level, stated(fit.judgement.conditions)]), *words],
         offset_sigma=claim.offset_sigma.tolist() if claim.states_uncertainty else None,
         terms=None if calibration.linearization is None else calibration.linearization.as_dict(),
         pictures=_pictures(fit) if claim.states_uncertainty else "",
@@ -59,29 +57,14 @@ def html_of(fit: Fit) -> str:
 
 
 def _pictures(fit: Fit) -> str:
-    """Sphere and deviation of a fit that states its uncertainty, as HTML: images, whose styles stay in them."""
-    view = view_alone(fit)
-    target = fit.claim.target_deg
-    ball, turn = figures.ball(view, target), figures.deviation(view, target, wide=WIDE, high=96.0)
-    drawn = (
-        (ball, "Predicted heading error in each direction", NARROW, f".figure text {{ font-size: {LETTERS}px }}"),
-        (turn, "Deviation over the heading, before and after", WIDE, ""),
-    )
+    """Sphere and deviation of a fit that states its uncertainty, as an image, whose styles stay in it."""
+    view, target = view_alone(fit), fit.claim.target_deg
+    sphere, turn = figures.ball(view, target), figures.deviation(view, target, wide=WIDE, high=96.0)
+    both = ((sphere, figures.SIDE, figures.SIDE), (turn, WIDE, TURN_HIGH))
+    title = "Predicted heading error in each direction, and deviation over the heading"
+    content = base64.b64encode(as_file(beside(title, both), maps.tile_rules()).encode()).decode()
     least, *_, most, _ = (words for _, words in maps.error_legend(target))
     caption = f"Sphere: heading error to expect where the field points, from {least} (green) to {most} (red)"
     unseen = "" if all(view.tiles_seen) else "; hatched where no reading was taken"
-    return f"<div>{''.join(_image(*each) for each in drawn)}<br><small>{caption}{unseen}.</small></div>"
-
-
-def _image(chart: str, title: str, width: int, rules: str) -> str:
-    """A chart as an image that needs no file."""
-    dark = f"@media (prefers-color-scheme: dark) {{ {_map_colours('dark')} }}"
-    content = base64.b64encode(as_file(chart, f"{_map_colours('light')} {dark} {rules}").encode()).decode()
-    style = f"width: {width}px; max-width: 100%; vertical-align: middle"
-    return f'<img alt="{title}" style="{style}" src="data:image/svg+xml;base64,{content}">'
-
-
-def _map_colours(theme: Theme) -> str:
-    """Rules of the classes that tiles have."""
-    classes = (*(f"e{step}" for step in range(STEPS)), "unknown")
-    return " ".join(f".{name} {{ fill: {colour_of(name, theme)} }}" for name in classes)
+    image = f'<img alt="{title}" style="max-width: 100%" src="data:image/svg+xml;base64,{content}">'
+    return f"<div>{image}<br><small>{caption}{unseen}.</small></div>"

@@ -55,9 +55,9 @@ def errors_table(fit: Fit, onboard: OnboardCheck | None = None) -> Table:
     Beside what is on board, there is what all stay within with a probability of 95 %.
     """
     ellipsoid, claim = fit.calibration.ellipsoid, fit.claim
-    strength, spread = fit.coverage.raw_strength(ellipsoid)
+    strength, spread = fit.evidence.coverage.raw_strength(ellipsoid)
     raw, bound_deg = claim.uncorrected_heading_error_deg, claim.heading_bound_deg
-    new = fit.calibration.field_strength, fit.noise / ellipsoid.radius
+    new = fit.calibration.field_strength, fit.evidence.noise / ellipsoid.radius
     rows = [
         ("uncorrected", strength, spread, raw, raw.worst + bound_deg),
         ("new", *new, fit.heading_error_deg, bound_deg),

@@ -21,7 +21,8 @@ from flinders.errors import counted, figures
 from flinders.findings import REFUSALS, limit_of
 from flinders.findings.words import UPSIDE_DOWN, as_sentence
 from flinders.fitting.advice import unseen_side
-from flinders.fitting.result import TILTS, Fit, fit_of
+from flinders.fitting.claim import TILTS
+from flinders.fitting.result import Fit, fit_of
 from flinders.fitting.verdict import improves
 from flinders.report.formatting import (
     aligned,
@@ -70,7 +71,7 @@ def _of_fit(fit: Fit) -> dict[str, Any]:
     """Numbers to copy, and what the words on heading and attitudes need."""
     offsets = on_the_point(offset_entries(fit.calibration, fit.claim.offset_sigma))
     rows = aligned(*matrix_entries(fit.calibration.matrix))
-    is_whole = bool(fit.claim.plane) or fit.coverage.hole_deg <= limit_of("coverage")
+    is_whole = bool(fit.claim.plane) or fit.evidence.coverage.hole_deg <= limit_of("coverage")
     return {
         "offset": math.hypot(*fit.calibration.offset),
         "offsets": [(axis, value.rstrip()) for axis, value in zip("xyz", offsets, strict=True)],
@@ -80,7 +81,7 @@ def _of_fit(fit: Fit) -> dict[str, Any]:
         "uncorrected": uncorrected(fit),
         "upside_down": UPSIDE_DOWN,
         "tilt": next((tilt for tilt in TILTS if tilt > fit.claim.attitude_limit_deg), UPSIDE_DOWN),
-        "side": "" if is_whole else unseen_side(fit.coverage),
+        "side": "" if is_whole else unseen_side(fit.evidence.coverage),
     }
 
 

@@ -204,7 +204,7 @@ def _map(view: View, fit: Fit) -> Iterator[list[int]]:
     for height in heights:
         directions = around_z(np.full(WIDE, height), around)
         errors = [view.tiles_deg[tile] for tile in tile_of(directions).tolist()]
-        is_seen = fit.coverage.counts[cells_of(directions)] > 0.0
+        is_seen = fit.evidence.coverage.counts[cells_of(directions)] > 0.0
         yield [
             (0 if error is not None and error <= fit.claim.target_deg else 2) + (0 if seen else 1)
             for error, seen in zip(errors, is_seen.tolist(), strict=True)

@@ -190,17 +190,17 @@ def view(
     claims = _claimed(fit, errors, goal, frame) if is_known else {}
     return View(
         verdict=fit.verdict,
-        method=fit.method,
+        method=fit.evidence.method,
         unit=label(fit.calibration.unit),
         field_strength_known=fit.calibration.field_strength_known,
-        samples=fit.samples,
+        samples=fit.evidence.samples,
         findings=tuple(map(_finding, first_causes(fit.findings))),
         tiles_deg=_shown_errors(errors),
         tiles_seen=tuple(np.bincount(tile_of(corrected), minlength=len(errors)).tolist()),
         rejected=tuple((int(numbered[first]), int(numbered[last])) for first, last in sorted(rejected)),
         **({} if fit.verdict == "refused" else _copied(fit)),
         sentence=headline_of(fit, claims.get("attitude_limit_deg")).words,
-        condition=resting_on(fit.conditions),
+        condition=resting_on(fit.judgement.conditions),
         **({} if fit.judgement.is_flat else _drawn(fit, corrected)),
         **claims,
     )
@@ -213,13 +213,13 @@ def view_of_numbers(fit: Fit) -> View:
     return View(
         verdict=fit.verdict,
         sentence=headline_of(fit, limit_deg).words,
-        condition=resting_on(fit.conditions),
-        method=fit.method,
+        condition=resting_on(fit.judgement.conditions),
+        method=fit.evidence.method,
         unit=label(fit.calibration.unit),
         field_strength_known=fit.calibration.field_strength_known,
-        samples=fit.samples,
+        samples=fit.evidence.samples,
         findings=tuple(map(_finding, first_causes(fit.findings))),
-        noise=None if fit.judgement.is_flat else fit.noise,
+        noise=None if fit.judgement.is_flat else fit.evidence.noise,
         heading_error_deg=_heading_error(fit) if is_known else None,
         attitude_limit_deg=limit_deg,
         any_attitude_deg=_any_attitude(tile_errors_deg(fit)) if is_known else None,
@@ -234,14 +234,14 @@ def view_alone(fit: Fit) -> View:
     """
     by_tile: Floats = np.ones(len(tiles().centres))
     with contextlib.suppress(NeedsRecording):
-        by_tile = fit.coverage.counts[cells_of(tiles().centres @ rotation_of(fit))]
+        by_tile = fit.evidence.coverage.counts[cells_of(tiles().centres @ rotation_of(fit))]
     return View(
         verdict=fit.verdict,
         sentence=headline_of(fit).words,
-        method=fit.method,
+        method=fit.evidence.method,
         unit=label(fit.calibration.unit),
         field_strength_known=fit.calibration.field_strength_known,
-        samples=fit.samples,
+        samples=fit.evidence.samples,
         findings=(),
         tiles_deg=_shown_errors(tile_errors_deg(fit)),
         tiles_seen=tuple((by_tile > 0.0).astype(int).tolist()),
@@ -272,7 +272,7 @@ def _drawn(fit: Fit, corrected: Floats) -> dict[str, Any]:
     """What rests on a surface: not known where all readings lie in one plane."""
     calibration = fit.calibration
     return {
-        "noise": fit.noise,
+        "noise": fit.evidence.noise,
         "residuals": residuals(fit, corrected),
         "shown": Shown(triple(calibration.offset), _matrix(calibration.matrix), calibration.field_strength),
     }
@@ -371,7 +371,7 @@ def turn(fit: Fit) -> LevelTurn:
 
 def residuals(fit: Fit, corrected: Floats) -> ResidualHistogram:
     """Count how far (N, 3) corrected readings are from the sphere; of one plane alone, from the circle in it."""
-    widest = max(WIDEST * fit.noise, np.finfo(float).tiny)
+    widest = max(WIDEST * fit.evidence.noise, np.finfo(float).tiny)
     edges = np.linspace(-widest, widest, BINS + 1)
     lengths = lengths_off(corrected, fit.calibration.field_strength, fit.claim.plane)
     counts, _ = np.histogram(lengths.clip(-widest, widest), edges)

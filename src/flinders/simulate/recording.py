@@ -21,6 +21,7 @@ from flinders.arrays import frozen, triple
 from flinders.arrays import matrix as square
 from flinders.core.files import replacing
 from flinders.core.samples import Samples
+from flinders.core.short_repr import ShortRepr
 from flinders.errors import UsageError
 from flinders.geometry.rotation import best_rotation
 from flinders.geometry.sphere import fibonacci
@@ -74,8 +75,8 @@ class Imu:
         not_negative(self.acceleration_noise, "acceleration_noise", "m/s²")
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Simulated:
+@dataclass(frozen=True, slots=True, eq=False, repr=False)
+class Simulated(ShortRepr):
     """A recording, and the truth behind it."""
 
     samples: Samples  #: in µT; acceleration and rate where the motion has them

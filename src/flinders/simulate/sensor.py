@@ -14,6 +14,7 @@ import numpy as np
 
 from flinders.arrays import Floats, frozen, table, triple
 from flinders.arrays import matrix as square
+from flinders.core.short_repr import ShortRepr
 from flinders.errors import ArrayError, UsageError
 from flinders.simulate._checks import not_negative
 
@@ -34,8 +35,8 @@ HARD_IRON: Final = 100.0
 """µT: how large the offset of an axis is at most."""
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Sensor:
+@dataclass(frozen=True, slots=True, eq=False, repr=False)
+class Sensor(ShortRepr):
     """A magnetometer and the iron around it: ``raw = matrix @ h + offset + noise``, then rounded and limited.
 
     Raises

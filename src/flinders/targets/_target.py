@@ -24,6 +24,7 @@ from typing import TYPE_CHECKING, Any, Final, Literal, NamedTuple, TypeAlias
 
 import numpy as np
 
+from flinders.core.short_repr import ShortRepr
 from flinders.core.units import label
 from flinders.errors import NotExportable, figures
 from flinders.targets._comments import HASH, Comment
@@ -120,8 +121,8 @@ class Written:
     formula: str = ""  # by which the numbers are used, where that is not the target's usual one
 
 
-@dataclass(frozen=True, slots=True)
-class Export:
+@dataclass(frozen=True, slots=True, repr=False)
+class Export(ShortRepr):
     """A calibration as a target wants it."""
 
     target: str  # name of the target

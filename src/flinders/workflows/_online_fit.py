@@ -66,4 +66,6 @@ def refuse(start: Fit) -> None:
         else ""
     )  # fmt: skip
     if why:
-        raise UsageError(f"{start.name} {why}: begin with a calibration of the magnetometer alone, or with none")
+        raise UsageError(
+            f"{start.provenance.name} {why}: begin with a calibration of the magnetometer alone, or with none"
+        )

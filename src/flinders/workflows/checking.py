@@ -26,7 +26,8 @@ from flinders.core.keywords import spell_checked
 from flinders.diagnostics.random_walk import walk_through
 from flinders.errors import NeedsSamples, TooFewSamples
 from flinders.fitting.calibrate import fit
-from flinders.fitting.result import Refused
+from flinders.fitting.fit_json import json_of
+from flinders.fitting.result import Refused, with_name
 from flinders.fitting.verdict import of_extrapolation
 from flinders.likelihood.site_field import Site, recorded_site
 from flinders.readers import open_recording
@@ -98,7 +99,7 @@ class Check:
 
     def as_dict(self) -> dict[str, Any]:
         """JSON-ready; of a recording that cannot be fitted, all but the refusal."""
-        strength, fresh = self.strength.as_dict(), self.fresh.as_dict()
+        strength, fresh = self.strength.as_dict(), json_of(self.fresh)
         if self.comparison is None or self.fresh_strength is None:
             return {
                 "answer": self.answer,
@@ -197,7 +198,7 @@ def check(
         walk = _walk_under(known, recording, dip_deg) if follow else None
         return Check(known, refused.fit, None, refused, strength, None, own, walk, extrapolated, **asked)
     compared_deg = judged_at(known, fresh) if site is None else judged_at(fresh)
-    named = fresh.with_name("fresh fit")
+    named = with_name(fresh, "fresh fit")
     comparison = compare_on(recording, known, named, dip_deg=compared_deg, target_deg=target_deg)
     fresh_strength = _strength(fresh.calibration, recording)
     walk = _walk_of(fresh, recording) if follow else None

@@ -14,6 +14,8 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from flinders.core.files import write_bytes, write_text
+from flinders.core.keywords import spell_checked
+from flinders.core.short_repr import ShortRepr
 from flinders.fitting.export import export_fit, limit_lines, refuse_unfit
 from flinders.targets import taking
 from flinders.workflows.recordings import fit_for
@@ -25,8 +27,8 @@ if TYPE_CHECKING:
     from flinders.workflows.recordings import AnyCalibration
 
 
-@dataclass(frozen=True, slots=True)
-class Exported:
+@dataclass(frozen=True, slots=True, repr=False)
+class Exported(ShortRepr):
     """A calibration as a target has it, and what to know of it."""
 
     export: Export  #: content of the file, its numbers, how far they are off, and warnings
@@ -49,6 +51,7 @@ class Exported:
             write_bytes(self.export.data, path, force=force)
 
 
+@spell_checked()
 def export(
     calibration: AnyCalibration,
     target: str,

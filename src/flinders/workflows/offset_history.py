@@ -26,7 +26,7 @@ from flinders.core.files import reason
 from flinders.core.geomag import ASSUMED_DIP_DEG
 from flinders.errors import DocumentError
 from flinders.estimators.data import LARGEST, SMALLEST
-from flinders.fitting.result import Fit
+from flinders.fitting.fit_file import load
 from flinders.workflows.online import FORMAT, OnlineCalibration
 from flinders.workflows.walk import walk_of
 
@@ -108,7 +108,7 @@ class OffsetHistory:
                 f"{folder}: holds no calibration-TIME.json: give a folder of calibrations that `flinders watch` adopted"
             )
         paths = sorted(times, key=times.__getitem__)
-        fits = [Fit.load(path) for path in paths]
+        fits = [load(path) for path in paths]
         last = fits[-1]
         unit = last.calibration.unit
         alike = [place for place, fit in enumerate(fits) if fit.calibration.unit == unit]

@@ -27,7 +27,7 @@ from flinders.comparison.level_plane import compare_on
 from flinders.core.joining import singles
 from flinders.core.samples import onboard_of
 from flinders.errors import NoOnboardCalibration
-from flinders.fitting.result import Fit
+from flinders.fitting.result import Fit, bare_fit, with_calibration
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
@@ -98,10 +98,10 @@ def judge_onboard(recording: Recording, fit: Fit) -> OnboardCheck | None:
     onboard = onboard_of(recording)
     if onboard is None:
         return None
-    plain, steady = fit.with_calibration(fit.calibration.affine), _at(onboard, fit.calibration, recording)
-    known, target_deg = Fit.of(steady, name=NAME), fit.claim.target_deg
+    plain, steady = with_calibration(fit, fit.calibration.affine), _at(onboard, fit.calibration, recording)
+    known, target_deg = bare_fit(steady, name=NAME), fit.claim.target_deg
     ellipsoid = fit.calibration.ellipsoid
-    strength, spread = fit.coverage.corrected_strength(ellipsoid, steady)
+    strength, spread = fit.evidence.coverage.corrected_strength(ellipsoid, steady)
     stored = _stored(recording)
     return OnboardCheck(
         onboard,
@@ -109,7 +109,7 @@ def judge_onboard(recording: Recording, fit: Fit) -> OnboardCheck | None:
         sum(each.changes for each in stored),
         getattr(_parts(recording)[-1], "mounting", None),
         strength,
-        math.hypot(spread, fit.noise / ellipsoid.radius),
+        math.hypot(spread, fit.evidence.noise / ellipsoid.radius),
         compare_on(recording, known, plain, dip_deg=judged_at(fit), target_deg=target_deg),
     )
 
@@ -122,7 +122,7 @@ def onboard_fit(recording: Recording) -> Fit:
     onboard = onboard_of(recording)
     if onboard is None:
         _refuse_unknown(recording)
-    return Fit.of(onboard, name=NAME)
+    return bare_fit(onboard, name=NAME)
 
 
 def _refuse_unknown(recording: Recording) -> NoReturn:

@@ -74,7 +74,7 @@ class OnlineCalibration:
     Parameters
     ----------
     start : Fit, optional
-        What is in force at first, as `flinders.fit` found it or `Fit.load` read it; without it, the first readings
+        What is in force at first, as `flinders.fit` found it or `flinders.load` read it; without it, the first readings
         from all directions, or of a level turn, make one.
     at : float, s, optional
         When that was known, in the clock of the readings; by default their first time.
@@ -281,7 +281,7 @@ class OnlineCalibration:
     def _know(self, start: Fit, at: float) -> None:
         """Put the calibration that it begins with in force."""
         parameters, covariance = start.calibration.ellipsoid.parameters, start.claim.claimed_covariance
-        engine().online_know(self._record, parameters, covariance, noise=start.noise, time=at)
+        engine().online_know(self._record, parameters, covariance, noise=start.evidence.noise, time=at)
         self._start = None
 
     @property

@@ -20,6 +20,7 @@ from typing import TYPE_CHECKING, Any, Final, Self
 import numpy as np
 
 from flinders.core.geomag import recorded_field
+from flinders.core.keywords import spell_checked
 from flinders.core.samples import Wrapped
 from flinders.core.units import COUNTS, unit_of_the_earth
 from flinders.diagnostics.unmoved import require_moved
@@ -174,6 +175,7 @@ class Contents:
         return {**asdict(self), "site": None if self.site is None else self.site.as_dict()}
 
 
+@spell_checked()
 def contents(
     source: Log | str | os.PathLike[str],
     *,
@@ -307,7 +309,7 @@ def _seen(summary: Summary) -> tuple[float | None, float | None]:
         surface = getattr(refusal, "fit", None)
     if surface is None:
         return None, None
-    coverage = float(surface.coverage.fraction)
+    coverage = float(surface.evidence.coverage.fraction)
     return coverage, float(surface.calibration.ellipsoid.radius) if coverage >= MIN_COVERAGE else None
 
 

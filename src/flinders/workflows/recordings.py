@@ -21,7 +21,8 @@ from flinders.core.compensation import Compensator
 from flinders.core.joining import Joined, singles
 from flinders.core.samples import Samples, Wrapped, frame_of
 from flinders.errors import AxesError, TooFewSamples, UnitError
-from flinders.fitting.result import Fit
+from flinders.fitting.fit_file import load
+from flinders.fitting.result import Fit, bare_fit, with_calibration
 from flinders.readers import Choice, TableRecording, TextRecording, is_source, open_recording
 from flinders.readers._choice import Form
 
@@ -43,14 +44,14 @@ def fit_for(calibration: AnyCalibration) -> Fit:
     """A calibration as a `Fit`: one without a claim for a bare `Calibration`; a path is loaded."""
     if isinstance(calibration, Fit):
         return calibration
-    return Fit.of(calibration) if isinstance(calibration, Calibration) else Fit.load(calibration)
+    return bare_fit(calibration) if isinstance(calibration, Calibration) else load(calibration)
 
 
 def uncalibrated(recording: Recording) -> Fit:
     """A calibration that changes nothing, for a recording that is taken as it is."""
     length = float(np.median(np.linalg.norm(next(iter(recording.blocks())).field, axis=1)))
     calibration = Calibration.identity(field_strength=length, raw=recording.unit, axes=recording.axes)
-    return Fit.of(calibration, name="no calibration")
+    return bare_fit(calibration, name="no calibration")
 
 
 def used_at(fit: Fit, at: Mapping[str, float] | None) -> tuple[Fit, Compensator]:
@@ -59,7 +60,7 @@ def used_at(fit: Fit, at: Mapping[str, float] | None) -> tuple[Fit, Compensator]
     `at` has values of disturbances by name that are taken for those of the recording.
     """
     compensator = Compensator(fit.calibration.holding(**(at or {})))
-    return fit.with_calibration(compensator.calibration.affine), compensator
+    return with_calibration(fit, compensator.calibration.affine), compensator
 
 
 def recording_for(source: AnyReadings, fit: Fit) -> Recording:
@@ -86,8 +87,8 @@ def recording_for(source: AnyReadings, fit: Fit) -> Recording:
     for part in singles(recording):
         if part.axes != calibration.axes:
             raise AxesError(
-                f"{part.source} has axes {part.axes}, {fit.name} has {calibration.axes}: read it as the recording of "
-                "the calibration"
+                f"{part.source} has axes {part.axes}, {fit.provenance.name} has {calibration.axes}: read it as the "
+                "recording of the calibration"
             )
         agree(calibration, part.recording if isinstance(part, Wrapped) else part)
     return recording

@@ -2,10 +2,11 @@
 
 >>> from flinders import simulate
 >>> from flinders.fitting import calibrate
->>> from flinders.fitting.result import Fit
+>>> from flinders.fitting.fit_file import fit_from
+>>> from flinders.fitting.result import document_of
 >>> samples = simulate.tumble(seed=1).samples
 >>> fit = calibrate.fit(samples)
->>> again = restore(samples, Fit.from_document(fit.to_document()))
+>>> again = restore(samples, fit_from(document_of(fit)))
 >>> again.fit.verdict, abs(again.fit.heading_error_deg.worst - fit.heading_error_deg.worst) < 1e-9, again.notes
 ('good', True, ())
 """
@@ -102,8 +103,8 @@ def _restored(fit: Fit, field: Floats, target_deg: float | None, dip_deg: float 
     noise = fit.calibration.field_strength * math.hypot(strength.mean - 1.0, strength.spread)
     evidence = replace(
         fit.evidence,
-        noise=noise if math.isnan(fit.noise) else fit.noise,
-        samples=fit.samples if fit.evidence.is_described else len(field),
+        noise=noise if math.isnan(fit.evidence.noise) else fit.evidence.noise,
+        samples=fit.evidence.samples if fit.evidence.is_described else len(field),
         coverage=_coverage(field, fit.calibration.ellipsoid),
         disturbances=replace(fit.evidence.disturbances, covariance=None),
         aiding=None,

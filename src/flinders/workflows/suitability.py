@@ -136,6 +136,6 @@ def spread_limit(fit: Fit) -> float:
     """Largest spread of lengths that the noise and the claim of a fit allow."""
     if not fit.claim.states_uncertainty:
         return MAX_SPREAD
-    noise = fit.noise / fit.calibration.ellipsoid.radius
+    noise = fit.evidence.noise / fit.calibration.ellipsoid.radius
     claimed = math.radians(fit.claim.direction_error_deg.worst)  # at any attitude
     return min(max(SPREAD_RATIO * math.hypot(noise, claimed), MIN_SPREAD), MAX_SPREAD)

@@ -132,12 +132,13 @@ def refuse_unloaded(first: Fit, turn: Turn, *, dip_deg: float, source: str) -> N
     level = first.calibration.field_strength * math.cos(math.radians(dip_deg))
     reach = np.linalg.norm(turn.ellipse.shape, axis=1)[seen]
     farthest = float(reach[np.abs(np.log(reach / level)).argmax()])
-    again = f"record it with {first.name} loaded, or correct a raw recording with flinders apply {first.name}"
+    name = first.provenance.name
+    again = f"record it with {name} loaded, or correct a raw recording with flinders apply {name}"
     if not 1.0 / OTHER_SCALE < farthest / level < OTHER_SCALE:
         raise UsageError(
-            f"{source} goes {figures(farthest)} {unit} up and down along {named}, where readings with {first.name} "
-            f"loaded go {figures(level)} (level field, dip {dip_deg:g}°): it is in another unit, or was made without; "
-            f"{again}, or name the unit",
+            f"{source} goes {figures(farthest)} {unit} up and down along {named}, where readings with "
+            f"{first.provenance.name} loaded go {figures(level)} (level field, dip {dip_deg:g}°): it is in another "
+            f"unit, or was made without; {again}, or name the unit",
             hint={"unit": None},
         )
     centre = turn.ellipse.centre[seen]
@@ -145,13 +146,14 @@ def refuse_unloaded(first: Fit, turn: Turn, *, dip_deg: float, source: str) -> N
     strength = first.calibration.field_strength
     if np.linalg.norm(offset) > FAR * strength and np.linalg.norm(centre - offset) < np.linalg.norm(centre):
         raise UsageError(
-            f"{source} lies about {_listed(centre)} {unit} along {named}, which is the offset that {first.name} takes "
-            f"off ({_listed(offset)}): it was made without {first.name} loaded; {again}"
+            f"{source} lies about {_listed(centre)} {unit} along {named}, which is the offset that "
+            f"{first.provenance.name} takes off ({_listed(offset)}): it was made without {first.provenance.name} "
+            f"loaded; {again}"
         )
     if "" not in turns and np.linalg.norm(centre) > TOO_FAR * strength:
         raise UsageError(
-            f"{source} lies about {_listed(centre)} {unit} along {named}, where readings with {first.name} loaded lie "
-            f"about 0: it was made without, or of another sensor; {again}"
+            f"{source} lies about {_listed(centre)} {unit} along {named}, where readings with {first.provenance.name} "
+            f"loaded lie about 0: it was made without, or of another sensor; {again}"
         )
 
 
@@ -187,8 +189,8 @@ def composed(first: Fit, fit: Fit) -> Fit:
     >>> turns_of(both), both.calibration.isclose(first.calibration, tolerance=1e-3)
     (('xy', 'xy'), True)
     """
-    before = first.method if first.evidence.is_described else "a calibration"
-    method = f"{before}, then {fit.method}"
+    before = first.evidence.method if first.evidence.is_described else "a calibration"
+    method = f"{before}, then {fit.evidence.method}"
     turns = (*turns_of(first), *turns_of(fit))
     known = first.calibration.field_strength_known
     calibration = replace(fit.calibration @ first.calibration, field_strength_known=known)
@@ -200,7 +202,9 @@ def composed(first: Fit, fit: Fit) -> Fit:
         heading_error_deg=_claimed(first, fit, turns, left),
         plane=None,
     )
-    evidence = replace(fit.evidence, method=method, samples=first.samples + fit.samples, coverage=Coverage())
+    evidence = replace(
+        fit.evidence, method=method, samples=first.evidence.samples + fit.evidence.samples, coverage=Coverage()
+    )
     findings = linked([_finding(turns, left.worst, claim.target_deg), *of_calibration(calibration)])
     judgement = replace(fit.judgement, findings=findings)
     return replace(fit, calibration=calibration, evidence=evidence, claim=claim, judgement=judgement)

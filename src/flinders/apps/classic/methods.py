@@ -4,6 +4,8 @@
 >>> contest = compare_methods(simulate.tumble(seed=1).samples, methods=["auto", "minmax"])
 >>> [(entry.method, entry.fit.verdict, entry.difference_deg is None) for entry in contest.entries]
 [('auto', 'good', True), ('minmax', 'refused', False)]
+>>> [entry.method for entry in contest.sorted_by("validated")], contest["minmax"].verdict
+(['auto', 'minmax'], 'refused')
 >>> contest.entries[1].validation.heading_error_deg.rms > 20 * contest.entries[0].validation.heading_error_deg.rms
 True
 """
@@ -22,7 +24,9 @@ from flinders.comparison.cross_validation import BLOCKS, LEAST, NotValidated, cr
 from flinders.comparison.results import printed
 from flinders.core.joining import concatenated
 from flinders.core.keywords import spell_checked
-from flinders.errors import FitError, NeedsSamples, UsageError
+from flinders.core.notebook import as_table, in_columns
+from flinders.core.short_repr import ShortRepr
+from flinders.errors import FitError, NeedsSamples, UsageError, counted, did_you_mean, figures
 from flinders.estimators import METHODS, Readings, method_of, within_range
 from flinders.estimators.auto import Auto
 from flinders.findings import VERDICTS
@@ -30,10 +34,11 @@ from flinders.fitting.calibrate import ELSEWHERE, fit
 from flinders.fitting.request import Request, estimator_of
 from flinders.fitting.result import Refused
 from flinders.likelihood import magnitude
+from flinders.report.formatting import degrees
 from flinders.summary.coverage import Coverage
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Sequence
+    from collections.abc import Callable, Iterator, Mapping, Sequence
 
     from numpy.typing import ArrayLike, NDArray
 
@@ -48,6 +53,9 @@ if TYPE_CHECKING:
 VALIDATED: Final = 20_000
 """Readings of a longer recording that are cross-validated, evenly spread over it."""
 
+ROUNDING_DEG: Final = 1e-4
+"""Degrees of heading that come from rounding alone."""
+
 OVERCLAIMS: Final = 2.0
 """Cross-validated heading error over the claimed one beyond which a method does not know how wrong it is.
 
@@ -55,11 +63,11 @@ In `tests/comparison/test_validation.py` the cross-validated error of unbiased m
 """
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Entry:
+@dataclass(frozen=True, slots=True, eq=False, repr=False)
+class Entry(ShortRepr):
     """What one method makes of a recording."""
 
-    method: str  #: as it was asked for; `fit.method` says what was run
+    method: str  #: as it was asked for; `fit.evidence.method` says what was run
     seconds: float  #: the method alone, without the sums of the readings, which all share, and without judging it
     fit: Fit | None = None  #: None where it gives no ellipsoid
     #: None where one block of time less leaves nothing to fit, or the readings are too few
@@ -110,12 +118,18 @@ class Entry:
         """Stable names of the reasons, in their order."""
         return tuple(code for code, _ in self.objections)
 
+    @property
+    def cells(self) -> tuple[str, str, str, str, str, str]:
+        """Its row of a table, as `Contest.headings` has it."""
+        claimed, validated, difference = (_rms(MEASURES[name](self)) for name in ("claimed", "validated", "difference"))
+        return self.method, claimed, validated, difference, duration(self.seconds), self.verdict
+
     def as_dict(self) -> dict[str, Any]:
         """JSON-ready. Numbers of a refused calibration are given here, since they are compared and not used."""
         fitted, checked = self.fit, self.validation
         return {
             "method": self.method,
-            "method_run": None if fitted is None else fitted.method,  # the method that was run in the end
+            "method_run": None if fitted is None else fitted.evidence.method,  # the method that was run in the end
             "verdict": self.verdict,
             **dict.fromkeys(("offset", "matrix", "field_strength", "heading_error_deg")),
             **({} if fitted is None else printed(fitted.calibration, "offset", "matrix", "field_strength")),
@@ -132,7 +146,32 @@ class Entry:
         }
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+def _rms(error_deg: float | None) -> str:
+    """A heading error of a table."""
+    if error_deg is None:
+        return "–"
+    return degrees(error_deg) if error_deg > ROUNDING_DEG else "0°"
+
+
+def duration(seconds: float) -> str:
+    """Write how long something took, to two digits.
+
+    >>> duration(0.00421), duration(12.5)
+    ('4.2 ms', '12 s')
+    """
+    return f"{figures(seconds * 1e3)} ms" if seconds < 1.0 else f"{figures(seconds)} s"
+
+
+MEASURES: Final[Mapping[str, Callable[[Entry], float | None]]] = {
+    "claimed": lambda entry: None if entry.fit is None else entry.fit.heading_error_deg.rms,
+    "validated": lambda entry: None if entry.validation is None else entry.validation.heading_error_deg.rms,
+    "difference": lambda entry: None if entry.difference_deg is None else entry.difference_deg.rms,
+    "seconds": lambda entry: entry.seconds,
+}
+"""What methods are sorted by: rms heading errors in degrees, and the time that each took."""
+
+
+@dataclass(frozen=True, slots=True, eq=False, repr=False)
 class Contest:
     """All methods on one recording."""
 
@@ -151,6 +190,48 @@ class Contest:
     def reference(self) -> str:
         """The method that the others are held against: the first that gives a fit."""
         return next((entry.method for entry in self.entries if entry.fit is not None), self.entries[0].method)
+
+    def __len__(self) -> int:
+        return len(self.entries)
+
+    def __iter__(self) -> Iterator[Entry]:
+        return iter(self.entries)
+
+    def __getitem__(self, method: str) -> Entry:
+        """The entry of a method; `UsageError` for one that was not compared."""
+        for entry in self.entries:
+            if entry.method == method:
+                return entry
+        names = [entry.method for entry in self.entries]
+        raise UsageError(f"method {method!r} was not compared{did_you_mean(method, names)}: {', '.join(names)}")
+
+    def sorted_by(self, measure: str) -> Contest:
+        """The same in the order of one of `MEASURES`, the smallest first; entries without it come last."""
+        if measure not in MEASURES:
+            known = ", ".join(MEASURES)
+            raise UsageError(f"measure {measure!r} is not known{did_you_mean(measure, MEASURES)}: use one of {known}")
+
+        def place(entry: Entry) -> float:
+            value = MEASURES[measure](entry)
+            return math.inf if value is None or math.isnan(value) else value
+
+        return replace(self, entries=tuple(sorted(self.entries, key=place)))
+
+    @property
+    def headings(self) -> tuple[str, ...]:
+        """What stands above the columns of its table; errors are rms over all headings of a level vehicle."""
+        return ("method", "claimed", "cross-validated", f"from {self.reference}", "time", "verdict")
+
+    def __repr__(self) -> str:
+        return in_columns(self.headings, [entry.cells for entry in self.entries])
+
+    def _repr_html_(self) -> str:
+        return as_table(
+            f"{len(self.entries)} methods, {counted(self.readings, 'reading')}",
+            self.headings,
+            [entry.cells for entry in self.entries],
+            ["heading error in degrees, rms over all headings of a level vehicle"],
+        )
 
     def as_dict(self) -> dict[str, Any]:
         """JSON-ready: what ``--json`` prints."""

@@ -1,8 +1,4 @@
-"""All methods on one recording, as a page of the terminal.
-
->>> duration(0.00421), duration(12.5), duration(90)
-('4.2 ms', '12 s', '90 s')
-"""
+"""All methods on one recording, as a page of the terminal."""
 
 from __future__ import annotations
 
@@ -14,12 +10,11 @@ from rich.table import Column
 from rich.text import Text
 
 from flinders.core.units import label
-from flinders.errors import counted, figures
+from flinders.errors import counted
 from flinders.findings import VERDICTS
 from flinders.geometry.ellipsoid import upper
 from flinders.report.formatting import (
     FINEST,
-    degrees,
     on_the_point,
 )
 from flinders.report.terminal import COLOURS, notes, page, table, whole_columns
@@ -31,10 +26,6 @@ if TYPE_CHECKING:
     from flinders.apps.classic.methods import Contest, Entry
     from flinders.core.calibration import Calibration
     from flinders.findings import Severity, Verdict
-    from flinders.heading.error_propagation import HeadingError
-
-ROUNDING_DEG: Final = 1e-4
-"""Degrees of heading that come from rounding alone."""
 
 
 def of_contest(contest: Contest) -> RenderableType:
@@ -48,11 +39,6 @@ def of_contest(contest: Contest) -> RenderableType:
     return page(Group(_worth(contest), _basis(contest)), result, notes(_reasons(contest)))
 
 
-def duration(seconds: float) -> str:
-    """Write how long something took, to two digits."""
-    return f"{figures(seconds * 1e3)} ms" if seconds < 1.0 else f"{figures(seconds)} s"
-
-
 def _worth(contest: Contest) -> Table:
     """Rms heading errors of each method: claimed, cross-validated, and from the first."""
     names = ("\nclaimed", "cross-\nvalidated", f"from\n{contest.reference}", "\ntime", "\nverdict")
@@ -61,20 +47,8 @@ def _worth(contest: Contest) -> Table:
 
 
 def _method_row(entry: Entry) -> tuple[RenderableType, ...]:
-    return (
-        Text(entry.method, "bold" if entry.verdict == "good" else ""),
-        _rms(None if entry.fit is None else entry.fit.heading_error_deg),
-        _rms(None if entry.validation is None else entry.validation.heading_error_deg),
-        _rms(entry.difference_deg),
-        duration(entry.seconds),
-        Text(entry.verdict, COLOURS[entry.verdict]),
-    )
-
-
-def _rms(error: HeadingError | None) -> str:
-    if error is None:
-        return "–"
-    return degrees(error.rms) if error.rms > ROUNDING_DEG else "0°"
+    method, *cells, verdict = entry.cells
+    return Text(method, "bold" if entry.verdict == "good" else ""), *cells, Text(verdict, COLOURS[entry.verdict])
 
 
 def _basis(contest: Contest) -> Text:

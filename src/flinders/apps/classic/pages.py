@@ -70,7 +70,7 @@ def of_turn(
 
 def is_mean(fit: Fit) -> bool:
     """Whether the offset is the mean of the points."""
-    return fit.method == f"{TwoAxisRecipe.name} {fit.claim.plane}"
+    return fit.evidence.method == f"{TwoAxisRecipe.name} {fit.claim.plane}"
 
 
 def plane_rows(turn: Turn, unit: str) -> list[tuple[str, str, str]]:
@@ -125,7 +125,7 @@ def _composed(composed: Fit, after: str | None, spell: Spelling) -> RenderableTy
     basis = f"{turns(turns_of(composed))}; level, dip {error.dip_deg:.3g}°"
     said = graded(composed.verdict, lead(composed), basis)
     title = Text(f"composed with {after}, to be loaded in its place", "bold")
-    result = Group(title, numbers(composed.calibration, np.full(3, np.nan), composed.noise))
+    result = Group(title, numbers(composed.calibration, np.full(3, np.nan), composed.evidence.noise))
     return Group(page(result, said), findings(composed.findings, spell))
 
 

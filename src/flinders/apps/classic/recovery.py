@@ -80,7 +80,7 @@ def recover(
     centre = calibration.offset[:2] + math.sin(dip) * shape[:2, 2]
     horizontal = field_strength * math.cos(dip)
     ellipse = PlaneEllipse(centre, math.cos(dip) * shape[:2, :2])
-    estimate = TwoAxis.from_ellipse(centre, ellipse.shape, horizontal, noise=result.noise or 0.0)
+    estimate = TwoAxis.from_ellipse(centre, ellipse.shape, horizontal, noise=result.evidence.noise or 0.0)
     polar = Polar.of(swung, calibration.matrix, calibration.offset)
     turn = Turn.of("xy", swung.samples.field[:, :2], ellipse)
     return Recovery(compass, estimate, swung, polar, result, turn, refusal)

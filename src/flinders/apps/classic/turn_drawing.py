@@ -46,7 +46,7 @@ def turn_drawing(turn: Turn, fit: Fit) -> str:
     """Draw a turn before and after the correction of a fit; of a refused one it says so, and gives no number of it."""
     loaded, unit = turn.recipe if is_mean(fit) else turn.ellipse, label(fit.calibration.unit)
     title = f"Turn in the plane {turn.plane}: {turn.spacing.points:,} points"
-    subtitle = f"method {fit.method}; {evenness(turn, fit.claim.target_deg, is_mean=is_mean(fit))}"
+    subtitle = f"method {fit.evidence.method}; {evenness(turn, fit.claim.target_deg, is_mean=is_mean(fit))}"
     points, ellipse = thinned(turn.points, SHOWN), loaded.centre + CIRCLE @ loaded.shape
     return drawing(
         800,
@@ -122,7 +122,7 @@ def _words_after(loaded: PlaneEllipse, fit: Fit, unit: str) -> tuple[str, str]:
     if fit.verdict == "refused":
         return f"heading off by up to {heading_words(fit.claim)}", "not to be used"
     return (
-        f"circle of {figures(loaded.radius, 4)} {unit}, points {figures(fit.noise)} {unit} off (1 σ)",
+        f"circle of {figures(loaded.radius, 4)} {unit}, points {figures(fit.evidence.noise)} {unit} off (1 σ)",
         f"heading good to {heading_words(fit.claim)}",
     )
 

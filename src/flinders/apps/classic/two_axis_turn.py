@@ -3,13 +3,13 @@
 >>> from flinders.apps.classic.simulate_two_axis import TwoAxis, swing
 >>> compass = TwoAxis((1.1, 0.9), (10.0, -5.0), 4.0, 0.1)
 >>> found = two_axis(swing(compass, seed=1).samples)
->>> found.fit.method, found.fit.calibration.offset[:2].round(), found.turn.spacing.is_even(within_deg=1.0)
+>>> found.fit.evidence.method, found.fit.calibration.offset[:2].round(), found.turn.spacing.is_even(within_deg=1.0)
 ('two-axis xy', array([10., -5.]), True)
 
 Of three quarters of a turn the mean is not the centre, and the ellipse is fitted by least squares:
 
 >>> found = two_axis(swing(compass, seed=1).samples[:27])
->>> found.fit.method, found.fit.calibration.offset[:2].round(), [note.code for note in found.notes]
+>>> found.fit.evidence.method, found.fit.calibration.offset[:2].round(), [note.code for note in found.notes]
 ('ellipse xy', array([10., -5.]), ['mean-off'])
 """
 
@@ -22,7 +22,7 @@ from typing import TYPE_CHECKING, Any, ClassVar, Final, Literal, TypeAlias
 
 import numpy as np
 
-from flinders.apps.classic.composition import as_dict, composed, refuse_unloaded
+from flinders.apps.classic.composition import composed, refuse_unloaded
 from flinders.apps.classic.two_axis_recipe import TwoAxisRecipe
 from flinders.core.geomag import ASSUMED_DIP_DEG
 from flinders.core.samples import Wrapped
@@ -33,7 +33,8 @@ from flinders.estimators.ellipse import Ellipse
 from flinders.estimators.in_plane import require_turn
 from flinders.estimators.likelihood import ENOUGH
 from flinders.fitting import calibrate
-from flinders.fitting.result import Refused
+from flinders.fitting.fit_json import json_of
+from flinders.fitting.result import Refused, with_calibration
 from flinders.geometry.plane import PLANES, PlaneEllipse, Turn, across, order_of
 from flinders.likelihood.site_field import Site
 from flinders.readers import Instrument, is_source, open_recording
@@ -85,9 +86,9 @@ class TwoAxisFit:
         """JSON-ready: a fit, the turn, and what is to be loaded where it is composed."""
         even = self.turn.spacing.is_even(within_deg=self.fit.claim.target_deg)
         return {
-            **self.fit.as_dict(),
+            **json_of(self.fit),
             "turn": {**self.turn.as_dict(), "is_mean_trusted": even},
-            "composed": None if self.composed is None else as_dict(self.composed),
+            "composed": None if self.composed is None else json_of(self.composed),
         }
 
 
@@ -142,13 +143,13 @@ class TurnReadings:
             fit, notes = self._fitted(**asked)
             return TwoAxisFit(fit, self.turn, notes=notes)
         if field_strength is not None:
-            words = f"{previous.name} has set how long corrected readings are: give no field strength"
+            words = f"{previous.provenance.name} has set how long corrected readings are: give no field strength"
             raise UsageError(words, hint={"field_strength": None})
         dip_deg, calibration = _dip_deg(previous, dip_deg), previous.calibration
         refuse_unloaded(previous, self.turn, dip_deg=dip_deg, source=self.recording.source)
         site = Site.stated(strength=calibration.field_strength, inclination_deg=dip_deg)
         fit, notes = self._fitted(**self._asked(target_deg, site, sensor))
-        fit = fit.with_calibration(replace(fit.calibration, field_strength_known=calibration.field_strength_known))
+        fit = with_calibration(fit, replace(fit.calibration, field_strength_known=calibration.field_strength_known))
         return TwoAxisFit(fit, self.turn, composed(previous, fit), notes)
 
     def _asked(self, target_deg: float, site: Site | None, sensor: str | None) -> dict[str, Any]:
@@ -181,8 +182,8 @@ def _dip_deg(previous: Fit, dip_deg: float | None) -> float:
         return ASSUMED_DIP_DEG if dip_deg is None else dip_deg
     if dip_deg is not None and abs(abs(known) - abs(dip_deg)) > 1e-6:
         raise UsageError(
-            f"the dip is given as {dip_deg:g}°, and {previous.name} was made for {known:g}°: record all planes at one "
-            "place, and give no other",
+            f"the dip is given as {dip_deg:g}°, and {previous.provenance.name} was made for {known:g}°: record all "
+            "planes at one place, and give no other",
             hint={"dip_deg": None},
         )
     return known if dip_deg is None else dip_deg
@@ -215,12 +216,13 @@ def read_turn(
             agree(known.calibration, recording)
         if recording.unit.inside != known.calibration.unit:
             raise UnitError(
-                f"{recording.source} is in {recording.unit.inside}, {known.name} in {known.calibration.unit}"
+                f"{recording.source} is in {recording.unit.inside}, {known.provenance.name} in {known.calibration.unit}"
             )
         if made_from(known, [recording]):
             raise UsageError(
-                f"{known.name} was made from {recording.source}, which cannot have been recorded with it loaded: "
-                f"record the next plane with {known.name} loaded, or correct a raw recording with flinders apply"
+                f"{known.provenance.name} was made from {recording.source}, which cannot have been recorded with it "
+                f"loaded: record the next plane with {known.provenance.name} loaded, or correct a raw recording with "
+                "flinders apply"
             )
     return TurnReadings(recording, within_range(Readings.of(recording)), plane, known, method)
 

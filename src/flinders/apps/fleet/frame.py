@@ -19,8 +19,9 @@ import numpy as np
 from flinders.apps.fleet.dataset import USED, Interner, no_units, runs_of
 from flinders.apps.fleet.keys import KeyColumns, text_of
 from flinders.core.axes import Axes
+from flinders.core.frames import columns_of
 from flinders.readers import Choice
-from flinders.readers._frame import columns_of, open_columns, words_of
+from flinders.readers._frame import open_columns, words_of
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence

@@ -40,6 +40,7 @@ from flinders.apps.fleet.results import VERDICTS, UnitResult, UnitResults, needs
 from flinders.apps.fleet.storage import StoredFile
 from flinders.apps.fleet.unreadable import Unreadable, UnreadableGroups
 from flinders.core.axes import Axes
+from flinders.core.frames import hands_out_columns, is_frame
 from flinders.core.keywords import spell_checked
 from flinders.core.samples import Samples
 from flinders.core.units import Unit
@@ -47,7 +48,6 @@ from flinders.errors import FlindersError, InputError, MissingExtra, OutputError
 from flinders.estimators.data import CountedRecording, recording_of
 from flinders.fitting.batch import FitColumns, fit_batch
 from flinders.readers import open_log
-from flinders.readers._frame import hands_out_columns, is_frame
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Container, Sequence
@@ -110,7 +110,7 @@ def lost(partition: Partition, attempts: int) -> list[UnitResult]:
 # --------------------------------------------------------------------------------------------------------- in memory
 
 
-@spell_checked({})
+@spell_checked()
 def fit_many(
     table: Any,  # noqa: ANN401 - of Arrow, pandas, polars or anything else that hands over Arrow's columns
     *,

@@ -31,7 +31,7 @@ from flinders.core.axes import Axes
 from flinders.core.geomag import ASSUMED_DIP_DEG
 from flinders.core.samples import Samples
 from flinders.core.units import Unit
-from flinders.errors import FitError, UsageError
+from flinders.errors import FitError, UsageError, counted
 from flinders.fitting.advice import guided
 from flinders.fitting.calibrate import fit
 from flinders.fitting.request import Request
@@ -82,7 +82,7 @@ class State:
     @property
     def coverage(self) -> float:
         """Share of the directions that were seen, 0 to 1."""
-        return 0.0 if self.fit is None else self.fit.coverage.fraction
+        return 0.0 if self.fit is None else self.fit.evidence.coverage.fraction
 
 
 class Session:
@@ -161,6 +161,11 @@ class Session:
             self._due_s = self._timeline.at + self._every_s
             self._state = self._fitted()
         return self._state
+
+    def __repr__(self) -> str:
+        state = self._state
+        what = state.refusal or "no fit yet" if state.fit is None else repr(state.fit)
+        return f"Session({counted(state.readings, 'reading')}: {what})"
 
     @property
     def state(self) -> State:
@@ -251,4 +256,4 @@ def believe(found: Fit | None, readings: Floats) -> path_planning.Belief | None:
     """What is known after a fit of (N, 3) readings, also a refused one: what it claims, or else a sphere."""
     if found is None or found.judgement.is_flat or found.claim.direction_error_deg.worst > KNOWN_DEG:
         return path_planning.rough(readings)
-    return path_planning.Belief.of(found.claim, found.noise, found.coverage)
+    return path_planning.Belief.of(found.claim, found.evidence.noise, found.evidence.coverage)

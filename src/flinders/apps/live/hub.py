@@ -39,6 +39,7 @@ from flinders.apps.live.messages import (
 from flinders.apps.live.session_file import line_of
 from flinders.core.units import MICROTESLA, Unit
 from flinders.errors import UsageError
+from flinders.fitting.fit_file import fit_from
 from flinders.links.feeds import FeedEvent, FeedThread
 
 if TYPE_CHECKING:
@@ -241,12 +242,11 @@ class Hub:
     def compare_with(self, previous: Previous) -> None:
         """Keep a calibration from before, which is renewed once that is asked for, and pass it on to the pages."""
         from flinders.core.calibration_file import loads
-        from flinders.fitting.result import Fit
 
         renewed = None
         if previous != Previous():
             document = loads(previous.text.encode(), source=previous.name)
-            renewed = Fit.from_document(document, name=previous.name)
+            renewed = fit_from(document, name=previous.name)
         self.previous, self.renewed, self.warning = _numbered(previous), renewed, ""
         self._tell(self.previous)
         self.edit(msgspec.structs.replace(self.edits, refreshing=False))

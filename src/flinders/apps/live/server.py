@@ -37,6 +37,7 @@ from flinders.errors import (
     UsageError,
     fault_words,
 )
+from flinders.fitting.result import document_of
 from flinders.likelihood.site_field import Site
 from flinders.report.modules import script
 from flinders.report.view import View
@@ -229,7 +230,7 @@ async def _calibration(request: Request) -> Response:
     from flinders.core.calibration_file import dumps
 
     made = _made(request)
-    content = dumps(made.fit.to_document(_provenance(made)))
+    content = dumps(document_of(made.fit, _provenance(made)))
     return _download(content.encode(), "calibration.json", JSON)
 
 

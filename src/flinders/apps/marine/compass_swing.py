@@ -29,6 +29,7 @@ from flinders.apps.marine.standards import STANDARDS
 from flinders.apps.marine.swing_recording import SwingRecording, read_rests
 from flinders.apps.marine.swing_result import Swing
 from flinders.apps.marine.swing_table import SwingTable, read_swing
+from flinders.core.keywords import spell_checked
 from flinders.errors import FitError, FlindersError, InputError, UsageError, did_you_mean
 from flinders.geometry.angles import wrapped
 from flinders.heading.stationary import Rest, half_turns
@@ -50,6 +51,7 @@ if TYPE_CHECKING:
 Kind: TypeAlias = Literal["table", "boat", "recording"]
 
 
+@spell_checked()
 def swing(
     source: AnySwing,
     calibration: AnyCalibration | None = None,

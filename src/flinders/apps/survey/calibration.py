@@ -32,6 +32,7 @@ from flinders.apps.survey.instrument import FORWARD_RIGHT_DOWN, Angles, SurveyCa
 from flinders.apps.survey.pointing_error import angle_gradients, next_directions, pointing_errors
 from flinders.core.calibration import UNSTATED, Calibration
 from flinders.core.calibration_file import Fitted, HeadingErrorRecord
+from flinders.core.keywords import spell_checked
 from flinders.errors import FitError, counted, figures
 from flinders.findings import by_severity, found_in
 from flinders.findings.words import SHOOT_AT_REST
@@ -168,6 +169,7 @@ class SurveyFit(Judged, Outcome):
         )
 
 
+@spell_checked()
 def fit_survey(shots: Shots, *, target_deg: float = TARGET_DEG, non_linear: bool = False) -> SurveyFit:
     """Calibrate a survey instrument.
 

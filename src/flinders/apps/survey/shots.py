@@ -25,6 +25,7 @@ import numpy as np
 
 from flinders.apps.survey.instrument import Shots
 from flinders.core.axes import Axes
+from flinders.core.keywords import spell_checked
 from flinders.errors import ArrayError, NoMagnetometer, UnreadableInput, UsageError
 from flinders.readers import read
 from flinders.readers._lines import encoding_of
@@ -46,6 +47,7 @@ NEED: Final = (
 )
 
 
+@spell_checked()
 def read_shots(
     path: str | os.PathLike[str],
     *,

@@ -111,7 +111,7 @@ def command(options: TwoAxis) -> int:
     from flinders.core.calibration_file import dumps
     from flinders.errors import FitError
     from flinders.estimators.data import CountedRecording
-    from flinders.fitting.result import Refused
+    from flinders.fitting.result import Refused, document_of
 
     options.check()
     first = None if options.after is None else load("two-axis --after", options.after)
@@ -135,7 +135,7 @@ def command(options: TwoAxis) -> int:
         say(note.words(in_options))
     if options.output:
         made_from = provenance([source], first.provenance.files if first else ())
-        options.outputs.write(dumps((found.composed or found.fit).to_document(made_from)), options.output)
+        options.outputs.write(dumps(document_of(found.composed or found.fit, made_from)), options.output)
     _draw(found.turn, found.fit, options)
     _show(found, options)
     return LIMITED

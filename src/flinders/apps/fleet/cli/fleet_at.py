@@ -9,6 +9,7 @@ from flinders.cli import _program as program
 from flinders.cli._output import say
 from flinders.cli._program import EXITS
 from flinders.cli._spelling import in_options
+from flinders.fitting.fit_file import fit_from
 
 
 class FleetAt(program.Group):
@@ -55,7 +56,6 @@ def command(options: FleetAt) -> int:
     from flinders.apps.fleet.store import date_of, document_of, options_of, rows_of, valid_at
     from flinders.core.calibration_file import ProvenanceRecord, dumps
     from flinders.core.version import VERSION
-    from flinders.fitting.result import Fit
     from flinders.report.fit_pages import of_file
 
     outputs = options.checked_outputs(options.table)
@@ -65,7 +65,7 @@ def command(options: FleetAt) -> int:
     if options.output:
         made = ProvenanceRecord(flinders=VERSION, date=datetime.now(UTC).replace(microsecond=0))
         outputs.write(dumps(replace(document, provenance=made)), options.output)
-    fit = Fit.from_document(document, name=f"{options.unit}, {found.row.recording}")
+    fit = fit_from(document, name=f"{options.unit}, {found.row.recording}")
     outputs.print(found.as_dict, lambda: of_file(fit, in_options, is_verbose=False))
     until = "" if math.isnan(found.next_s) else f" until {_day(found.next_s)}"
     recording = found.row.recording or "its one recording"

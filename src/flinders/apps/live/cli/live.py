@@ -345,6 +345,7 @@ def _previous(options: Live) -> tuple[Previous, Fit | None]:
 
 def _as_dict(hub: Hub, recording: str | None) -> dict[str, Any]:
     """JSON-ready: what there was when the page was closed: the recording, how far it had come, and the fit of all."""
+    from flinders.fitting.fit_json import json_of
     from flinders.fitting.result import Refused
 
     made = hub.made()
@@ -353,7 +354,7 @@ def _as_dict(hub: Hub, recording: str | None) -> dict[str, Any]:
     return {
         "recording": recording,  # file that was written
         "readings": hub.log.buffer.total,  # received
-        "fit": None if fit is None else fit.as_dict(),  # of all readings but those left out; null where there is none
+        "fit": None if fit is None else json_of(fit),  # of all readings but those left out; null where there is none
         "refusal": made.refusal if fit is None else "",  # why there is none
     }
 

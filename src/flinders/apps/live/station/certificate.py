@@ -147,7 +147,7 @@ class _Writer:
         _list(matrix, fit.calibration.matrix.ravel(), r"\one", matrix_sigma(fit).ravel() if is_stated else None)
         for name, value, symbol in (
             ("Largest heading error of a level vehicle, standard deviation", fit.heading_error_deg.worst, r"\degree"),
-            ("Standard deviation of the readings about the ellipsoid", fit.noise, unit),
+            ("Standard deviation of the readings about the ellipsoid", fit.evidence.noise, unit),
             ("Strength of the corrected field", fit.calibration.field_strength, unit),
         ):
             if np.isfinite(value):

@@ -67,9 +67,9 @@ def _outside(fit: Fit, limits: PassLimits) -> Iterator[Miss]:
     yield from _beyond("strength", fit.calibration.field_strength, limits.strength)
     for axis, value in zip(AXES, fit.calibration.offset.tolist(), strict=True):
         yield from _beyond(f"offset-{axis}", value, limits.offset)
-    yield from _beyond("noise", fit.noise, None if limits.noise is None else (0.0, limits.noise))
+    yield from _beyond("noise", fit.evidence.noise, None if limits.noise is None else (0.0, limits.noise))
     share = None if limits.coverage is None else (limits.coverage, 1.0)
-    yield from _beyond("coverage-share", fit.coverage.fraction, share)
+    yield from _beyond("coverage-share", fit.evidence.coverage.fraction, share)
 
 
 def _beyond(code: str, value: float | None, ends: tuple[float, float] | None) -> Iterator[Miss]:

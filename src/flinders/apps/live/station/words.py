@@ -102,7 +102,7 @@ def numbers_of(fit: Fit) -> list[tuple[str, str]]:
     offset = ", ".join(_number(value) for value in fit.calibration.offset.tolist())
     return [
         ("Heading error", f"{_number(fit.heading_error_deg.worst)}°"),
-        ("Noise", f"{_number(fit.noise)} {unit}"),
+        ("Noise", f"{_number(fit.evidence.noise)} {unit}"),
         ("Strength", f"{_number(fit.calibration.field_strength)} {unit}"),
         ("Offset", f"{offset} {unit}"),
     ]

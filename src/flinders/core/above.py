@@ -1,0 +1,11 @@
+"""What a value is asked for and packages above it do: `flinders`, which is always loaded first, puts it here."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any, Final
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+ABOVE: Final[dict[str, Callable[..., Any]]] = {}
+"""``html`` of a fit for a notebook, ``plot`` of a fit and its recording, ``correct_frame`` of a calibration."""

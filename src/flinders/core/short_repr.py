@@ -1,0 +1,81 @@
+"""Values of many fields in one line: arrays by their shape, numbers to four digits, defaults left out.
+
+>>> from dataclasses import dataclass
+>>> @dataclass(repr=False)
+... class Track(ShortRepr):
+...     field: np.ndarray
+...     offset: np.ndarray
+...     noise: float = 0.0
+...     outliers: tuple[int, ...] = ()
+>>> Track(np.zeros((3000, 3)), np.array([1.0, 2.0, 3.0]), noise=0.123456)
+Track(field=array of 3,000 × 3, offset=[1, 2, 3], noise=0.1235)
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import MISSING, Field, fields
+from typing import Any, Final, cast
+
+import numpy as np
+
+from flinders.arrays import four_digits
+
+FEW: Final = 9
+"""Entries of an array that are written out."""
+LONGEST: Final = 80
+"""Characters of a field; a longer one is written as its type."""
+
+
+class ShortRepr:
+    """A dataclass, made with ``repr=False``, whose text is one line."""
+
+    __slots__ = ()
+
+    def __repr__(self) -> str:
+        known = ((field, getattr(self, field.name)) for field in fields(cast("Any", self)))
+        shown = (f"{field.name}={short(value)}" for field, value in known if not _is_default(field, value))
+        return f"{type(self).__name__}({', '.join(shown)})"
+
+
+def short(value: object) -> str:
+    """A value in less than a line.
+
+    >>> short(np.zeros((2, 3))), short({"step": 0.15200001}), short([4] * 99)
+    ('[[0, 0, 0], [0, 0, 0]]', "{'step': 0.152}", '99 entries')
+    """
+    if isinstance(value, np.ndarray):
+        return _array(value)
+    if isinstance(value, float):
+        return f"{value:.4g}"
+    if isinstance(value, Mapping):
+        return _within("{" + ", ".join(f"{name!r}: {short(each)}" for name, each in value.items()) + "}", value)
+    if type(value) in {list, tuple}:
+        parts = [short(each) for each in cast("list[object]", value)]
+        return _within(f"({', '.join(parts)}{',' * (len(parts) == 1)})", value)
+    return _within(repr(value), value)
+
+
+def _within(text: str, value: object) -> str:
+    """The text, where it is short enough."""
+    if len(text) <= LONGEST and "\n" not in text:
+        return text
+    return f"{len(cast('Any', value)):,} entries" if isinstance(value, Mapping | list | tuple) else f"{_name(value)}(…)"
+
+
+def _name(value: object) -> str:
+    return type(value).__name__
+
+
+def _array(array: np.ndarray[Any, Any]) -> str:
+    """Entries of a small array of numbers; of a larger one its shape."""
+    if array.size > FEW or array.dtype.kind not in "iufb" or array.ndim > 2:
+        return f"array of {' × '.join(f'{length:,}' for length in array.shape)}"
+    return f"[{', '.join(map(four_digits, array))}]" if array.ndim == 2 else four_digits(np.atleast_1d(array))
+
+
+def _is_default(field: Field[Any], value: object) -> bool:
+    """Whether a field holds what it holds where nothing is given."""
+    if field.default_factory is not MISSING:
+        return repr(value) == repr(field.default_factory())
+    return field.default is not MISSING and (value is field.default or repr(value) == repr(field.default))

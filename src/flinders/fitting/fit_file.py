@@ -1,0 +1,146 @@
+"""A calibration file as a `Fit`: the numbers and no readings.
+
+What a file does not state is NaN, None or empty, and what needs the readings raises `NeedsRecording`.
+
+>>> from flinders import simulate
+>>> from flinders.fitting import calibrate
+>>> from flinders.fitting.result import document_of
+>>> fit = calibrate.fit(simulate.tumble(seed=1).samples)
+>>> loaded = fit_from(document_of(fit), name="monday.json")
+>>> loaded
+Fit(good, likelihood, heading error 0.059° rms, 0.066° worst, noise 0.498 µT, 2,922 readings)
+>>> loaded.evidence.coverage.counts
+Traceback (most recent call last):
+flinders.errors.NeedsRecording: the calibration file keeps no readings, and the directions of the readings are needed: \
+give the recording too, as flinders report CALIBRATION RECORDING does, or fit it again
+"""
+
+from __future__ import annotations
+
+import math
+import os
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+from msgspec import UNSET
+
+from flinders.core.calibration import Calibration
+from flinders.core.calibration_file import PARAMETERS, Fitted, HeadingErrorRecord, read
+from flinders.errors import DocumentError
+from flinders.findings import Finding
+from flinders.fitting.aiding import Aiding
+from flinders.fitting.evidence import Disturbances, Evidence, Residuals
+from flinders.fitting.result import Judgement, Provenance, bare_fit, parameters_of
+from flinders.heading.error_propagation import HeadingError
+from flinders.summary.coverage import Coverage
+
+if TYPE_CHECKING:
+    from flinders.arrays import Floats
+    from flinders.core.calibration_file import Document
+    from flinders.fitting.claim import Claim
+    from flinders.fitting.result import Fit
+
+
+def load(path: str | os.PathLike[str]) -> Fit:
+    """Read the fit in a calibration file, as `Fit.save` and ``flinders calibrate`` write it.
+
+    Raises
+    ------
+    DocumentError
+        For a file that cannot be opened or understood, or whose covariance is none of offset and shape.
+    """
+    return fit_from(read(path), name=os.fspath(path))
+
+
+def fit_from(document: Document, *, name: str = "calibration") -> Fit:
+    """Take the fit out of the content of a calibration file; `name` is what messages call it.
+
+    Raises
+    ------
+    DocumentError
+        As `load`.
+    """
+    fit = bare_fit(Calibration.from_document(document, source=name))
+    fit = replace(fit, provenance=Provenance(name, document.provenance))
+    return fit if document.fit is None else _with_record(fit, document.fit)
+
+
+def _with_record(fit: Fit, record: Fitted) -> Fit:
+    """A calibration with what its file states of the fit."""
+    evidence = Evidence(
+        method=record.method,
+        samples=record.samples,
+        noise=math.nan if record.noise is None else record.noise,
+        coverage=Coverage.from_dict(record.coverage),
+        z_down=True if record.z_down is UNSET else record.z_down,
+        aiding=None if record.aiding is UNSET else Aiding.from_record(record.aiding),
+    )
+    claim = replace(fit.claim, plane=record.plane or None)
+    if (error := record.heading_error_deg) is not None:
+        claim = _with_error(claim, error, evidence.aiding)
+    if error is not None and error.structure_deg:
+        across = math.radians(error.structure_deg) * math.cos(math.radians(claim.known_dip_deg))
+        evidence = replace(evidence, residuals=Residuals(distortion=across * fit.calibration.ellipsoid.radius))
+    findings = tuple(Finding.from_record(each, fit.provenance.name) for each in record.findings)
+    judgement = Judgement(findings, record.conditions or ())
+    if record.verdict != judgement.verdict:
+        judgement = replace(judgement, stated_verdict=record.verdict or "limited")
+    loaded = replace(fit, evidence=evidence, claim=claim, judgement=judgement)
+    if record.covariance is None:
+        return loaded
+    return _with_covariance(loaded, record.covariance_of, np.array(record.covariance))
+
+
+def _with_error(claim: Claim, error: HeadingErrorRecord, aiding: Aiding | None) -> Claim:
+    """The claim with the heading error that the calibration file states."""
+    dip_deg = math.nan if error.dip_deg is None else error.dip_deg
+    known_dip_deg = claim.dip_deg if error.dip_deg is None else abs(error.dip_deg)
+    return replace(
+        claim,
+        heading_error_deg=HeadingError(error.rms, error.worst, dip_deg),
+        target_deg=error.target_deg or claim.target_deg,
+        dip_deg=known_dip_deg,
+        dip_assumed=error.dip_assumed,
+        structure_deg=error.structure_deg,
+        alignment_error_deg=None if aiding is None else aiding.alignment_error_deg(known_dip_deg),
+    )
+
+
+def _with_covariance(fit: Fit, names: tuple[str, ...], whole: Floats) -> Fit:
+    """Give a fit the covariance (K, K) of its file.
+
+    Raises
+    ------
+    DocumentError
+        Unless it is a covariance of offset and shape.
+    """
+    name = fit.provenance.name
+    missing = [parameter for parameter in PARAMETERS if parameter not in names]
+    if missing:
+        raise DocumentError(f"{name}: fit.covariance lacks {', '.join(missing)}: need offset and shape, all nine")
+    rows = [names.index(parameter) for parameter in PARAMETERS]
+    covariance = whole[np.ix_(rows, rows)]
+    _refuse_no_covariance(covariance, name)
+    loaded = replace(fit, claim=replace(fit.claim, covariance=covariance))
+    if len(names) == len(PARAMETERS) or names != parameters_of(fit.calibration):
+        return loaded
+    return replace(loaded, evidence=replace(fit.evidence, disturbances=Disturbances(covariance=whole)))
+
+
+def _refuse_no_covariance(covariance: Floats, name: str) -> None:
+    """Refuse a matrix (9, 9) that is no covariance.
+
+    Raises
+    ------
+    DocumentError
+    """
+    largest = float(np.abs(covariance).max())
+    lack = float(np.abs(covariance - covariance.T).max())
+    if lack > 1e-6 * largest:
+        raise DocumentError(
+            f"{name}: fit.covariance is not symmetric: entries across the diagonal differ by up to {lack:.3g}"
+        )
+    lowest = float(np.linalg.eigvalsh(covariance)[0])
+    if lowest < -1e-6 * largest:
+        raise DocumentError(f"{name}: fit.covariance has the eigenvalue {lowest:.3g}: no variance is negative")

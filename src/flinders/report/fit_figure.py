@@ -1,0 +1,168 @@
+"""`fit.plot()`: a figure of a fit that a notebook shows, without a further package, or the same on axes of matplotlib.
+
+>>> import flinders
+>>> fit = flinders.fit(flinders.simulate.tumble(seed=1).samples)
+>>> fit.plot("residuals")
+Figure(residuals: a notebook shows it, save("residuals.svg") writes it)
+>>> from matplotlib.figure import Figure
+>>> axes = Figure().subplots()
+>>> fit.plot("strength", ax=axes) is axes
+True
+
+The readings are those that the fit was made from (`Provenance.recording`); of a fit that was loaded they are given.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import TYPE_CHECKING, Final, NamedTuple
+
+from flinders.core.figure import Figure
+from flinders.errors import NeedsRecording, UsageError, did_you_mean
+from flinders.errors import figures as digits
+from flinders.fitting.export import gates_of, refuse_unfit
+from flinders.report import figures
+from flinders.report.charts import MOST_DOTS, as_file, beside, rectangle, stacked, text, thinned
+from flinders.report.figure_data import FigureData
+from flinders.report.maps import error_legend, tile_rules
+from flinders.report.matplotlib import CORRECTED, draw_panel
+from flinders.report.view import view_alone
+from flinders.workflows.recordings import recording_for
+from flinders.workflows.restoring import restore
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Mapping
+
+    from matplotlib.axes import Axes
+
+    from flinders.fitting.result import Fit
+    from flinders.report.charts import Panel
+    from flinders.workflows.recordings import AnyReadings
+
+HIGH: Final = 190.0
+"""Height of a panel over time."""
+GAP: Final = 20
+"""Between figures side by side."""
+LETTER: Final = 6.0
+"""Width of a letter of a legend."""
+
+
+def plot(
+    fit: Fit, kind: str = "sphere", recording: AnyReadings | None = None, *, ax: Axes | None = None
+) -> Figure | Axes:
+    """Draw a fit, one of `KINDS`; parameters and errors are those of `Fit.plot`."""
+    if kind not in KINDS:
+        raise UsageError(f"figure {kind!r} is not known{did_you_mean(kind, KINDS)}: use one of {', '.join(KINDS)}")
+    drawn, panels = KINDS[kind]
+    if ax is None:
+        return Figure(as_file(drawn(fit, recording), tile_rules()), kind)
+    if kind == "sphere" and ax.name == "3d":
+        return _in_space(ax, _with_surface(fit, recording))
+    draw_panel(ax, panels(fit, recording)[-1])
+    if kind == "sphere":
+        ax.set_aspect("equal")
+    return ax
+
+
+def _with_readings(fit: Fit, recording: AnyReadings | None) -> FigureData:
+    """The fit and its readings, ready to be drawn; those that are given, else those that it was made from."""
+    readings = fit.provenance.recording if recording is None else recording_for(recording, fit)
+    if readings is None:
+        raise NeedsRecording("the readings")
+    if fit.evidence.coverage.by_cell is None:
+        fit = restore(readings, fit).fit
+    return FigureData.of(fit, readings)
+
+
+def _with_surface(fit: Fit, recording: AnyReadings | None) -> FigureData:
+    """The same of readings that lie about an ellipsoid."""
+    drawn = _with_readings(fit, recording)
+    if drawn.shown is None:
+        raise UsageError("the readings were not corrected: draw the sphere, which shows them as they were recorded")
+    return drawn
+
+
+def _sphere(fit: Fit, recording: AnyReadings | None) -> str:
+    """Readings before and after, and the error to expect in each direction, side by side."""
+    titled = figures.pictures(_with_readings(fit, recording), fit.claim.target_deg)
+    wide = len(titled) * (figures.SIDE + GAP) - GAP
+    heads = [
+        text(place * (figures.SIDE + GAP) + figures.SIDE / 2.0, 16, title, kind="name")
+        for place, (title, _) in enumerate(titled)
+    ]
+    has_errors = titled[-1][0] == figures.PREDICTED
+    legend = _legend(wide, figures.SIDE + 38.0, fit.claim.target_deg) if has_errors else ""
+    charts = [(figure, figures.SIDE, figures.SIDE) for _, figure in titled]
+    return beside(
+        "Readings before and after, and predicted error", charts, *heads, legend, gap=GAP, top=22.0, foot=26.0
+    )
+
+
+def _legend(right: float, y: float, target_deg: float) -> str:
+    """Colours of the predicted error, with what each stands for, in a row that ends at the right."""
+    marks, x, parts = error_legend(target_deg), right, []
+    for kind, words in reversed(marks):
+        x -= 30.0 + LETTER * len(words)
+        parts.append(rectangle(kind, x, y - 10.0, 12, 12) + text(x + 17.0, y, words, "start"))
+    return "".join([*parts, text(x - 12.0, y, "heading error to expect; hatched: no reading", "end")])
+
+
+def _cloud(fit: Fit, recording: AnyReadings | None) -> tuple[Panel, ...]:
+    """The corrected readings from the eye of the sphere."""
+    panel = figures.cloud(_with_surface(fit, recording), is_corrected=True)
+    return (replace(panel, title="corrected readings"),)
+
+
+def _in_space(axes: Axes, drawn: FigureData) -> Axes:
+    """The corrected readings on axes of three dimensions."""
+    x, y, z = thinned(drawn.corrected[drawn.is_used], MOST_DOTS).T
+    axes.scatter(x, y, zs=z, s=3, lw=0, color=CORRECTED)
+    axes.set(xlabel=f"x, {drawn.unit}", ylabel=f"y, {drawn.unit}", zlabel=f"z, {drawn.unit}", aspect="equal")
+    return axes
+
+
+def _residuals(fit: Fit, recording: AnyReadings | None) -> tuple[Panel, ...]:
+    """Residuals over time."""
+    panel = figures.residuals_over_time(_with_surface(fit, recording))
+    return (replace(panel, title="corrected length less the field; band: ± 2 σ, crosses: left out of the fit"),)
+
+
+def _strength(fit: Fit, recording: AnyReadings | None) -> tuple[Panel, ...]:
+    """Length of corrected readings over time."""
+    drawn, gates = _with_surface(fit, recording), gates_of(fit)
+    limit = None if gates is None else gates.strength_limit
+    band = "" if limit is None else f"; band: not disturbed, ± {digits(limit)} {drawn.unit}"
+    panel = figures.strength_over_time(drawn, limit)
+    return (replace(panel, title=f"length of corrected readings; dotted: the field{band}"),)
+
+
+def _deviation(fit: Fit, recording: AnyReadings | None = None) -> tuple[Panel, ...]:
+    """Heading error over the heading, before and after."""
+    del recording  # it follows of the claim
+    refuse_unfit(fit)
+    if not fit.claim.states_uncertainty:
+        raise UsageError("the calibration states no uncertainty, of which a deviation follows: fit its recording again")
+    return figures.deviations(view_alone(fit), fit.claim.target_deg)
+
+
+def _stacked(
+    title: str, high: float, panels: Callable[[Fit, AnyReadings | None], tuple[Panel, ...]]
+) -> Callable[[Fit, AnyReadings | None], str]:
+    """Panels of a fit below each other."""
+    return lambda fit, recording: stacked(title, panels(fit, recording), wide=figures.WIDE, high=high)
+
+
+class FigureKind(NamedTuple):
+    """A figure of a fit and its readings."""
+
+    chart: Callable[[Fit, AnyReadings | None], str]  #: as SVG for a page
+    panels: Callable[[Fit, AnyReadings | None], tuple[Panel, ...]]  #: what it consists of; the last is for one axes
+
+
+KINDS: Final[Mapping[str, FigureKind]] = {
+    "sphere": FigureKind(_sphere, _cloud),
+    "residuals": FigureKind(_stacked("Residuals over time", HIGH, _residuals), _residuals),
+    "deviation": FigureKind(_stacked("Deviation over the heading, before and after", 120.0, _deviation), _deviation),
+    "strength": FigureKind(_stacked("Strength over time", HIGH, _strength), _strength),
+}
+"""Figures by name."""

@@ -1,0 +1,60 @@
+"""The gate for foreign arrays: what it lets through, and what it says of the rest."""
+
+from __future__ import annotations
+
+from decimal import Decimal
+from typing import Any
+
+import numpy as np
+import pytest
+
+from flinders import Samples
+from flinders.arrays import vectors
+from flinders.errors import ArrayError
+
+pandas = pytest.importorskip("pandas")
+
+ROWS = np.arange(12.0).reshape(4, 3)
+
+
+def with_entry(entry: object) -> Any:  # noqa: ANN401 - an array of objects
+    array = ROWS.astype(object)
+    array[1, 2] = entry
+    return array
+
+
+@pytest.mark.parametrize(
+    ("values", "what"),
+    [
+        (ROWS.T, r"\(3, 4\).*transposed\? give field\.T"),
+        (ROWS.ravel(), r"\(12,\).*give field\.reshape\(-1, 3\)"),
+        (ROWS[:, :2], r"shape \(4, 2\): need \(\.\.\., 3\)"),
+        ([[1, 2, 3], [1, 2]], "rows of different lengths"),
+        (ROWS.astype(str), r"text \('0\.0'\)"),
+        (with_entry("12.5"), r"text \('12\.5'\)"),
+        (with_entry(None), "None for what is missing.*NaN"),
+        (with_entry(Decimal("1.5")), "Decimal objects"),
+        (with_entry(2**70), "more than 64 bits"),
+        (pandas.Series(list(ROWS)), r"4 arrays.*numpy\.stack\(field\)"),
+        ([{"mx": 1.0}] * 4, "records.*data frame"),
+        (ROWS.astype(complex), "complex128"),
+        (ROWS.astype("datetime64[s]"), "datetime64"),
+    ],
+)
+def test_what_is_no_array_of_triples_is_told_with_the_way_out(values: Any, what: str) -> None:  # noqa: ANN401
+    with pytest.raises(ArrayError, match=what):
+        vectors(values)
+
+
+def test_masked_values_and_nan_are_left_out_and_counted_as_rows() -> None:
+    masked = np.ma.masked_array(ROWS, mask=ROWS == 5.0)
+    samples = Samples.of(masked)
+    assert len(samples) == 3
+    assert [(entry.rows, entry.lines) for entry in samples.skipped] == [(1, (2,))]
+    with pytest.raises(ArrayError, match=r"nan at index \(1, 2\)"):
+        vectors(masked)
+
+
+def test_integers_of_any_width_and_booleans_are_numbers() -> None:
+    for kind in (np.int8, np.uint64, bool, np.float32):
+        assert vectors(ROWS.astype(kind)).dtype == np.float64
