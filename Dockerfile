@@ -3,7 +3,7 @@
 #   docker build -t flinders .
 #   docker run -p 8410:8410 flinders                                     # the page, with a simulated sensor
 #   docker run -p 8410:8410 --device /dev/ttyACM0 --group-add dialout flinders live --host 0.0.0.0 --serial /dev/ttyACM0
-#   docker run --user "$(id -u)" -v "$PWD:/logs" flinders fleet . --out calibrations.parquet
+#   docker run --user "$(id -u)" -v "$PWD:/logs" flinders fleet . -o calibrations.parquet
 FROM python:3.11-slim AS build
 WORKDIR /flinders
 COPY pyproject.toml hatch_build.py README.md LICENSE ./

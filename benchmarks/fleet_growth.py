@@ -52,7 +52,7 @@ def write_logs(folder: Path, first: int, count: int, readings: int = READINGS) -
 
 def started(source: Path, out: Path, *words: str) -> subprocess.Popen[bytes]:
     """The program."""
-    command = [sys.executable, "-m", "flinders", "fleet", str(source), "--out", str(out), *words]
+    command = [sys.executable, "-m", "flinders", "fleet", str(source), "--output", str(out), *words]
     return subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, start_new_session=True)
 
 

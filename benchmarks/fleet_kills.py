@@ -72,7 +72,7 @@ def worker_killed(source: str, out: Path, after: int) -> str:
 def started(source: str, out: Path, after: int, *words: str) -> subprocess.Popen[str]:
     """The program, once so many partitions are done."""
     out.unlink(missing_ok=True)
-    command = [sys.executable, "-m", "flinders", "fleet", source, "--out", str(out), *words]
+    command = [sys.executable, "-m", "flinders", "fleet", source, "--output", str(out), *words]
     program = subprocess.Popen(
         command, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True, start_new_session=True
     )

@@ -9,7 +9,7 @@ Counts are of the distinct files of `flinders` in which a traced run enters a fu
 called from a lower package, as a callback or a recording that wraps another; what runs when a module is imported does
 not count.
 
-reading     from a CSV file to the exported header: ``calibrate`` and ``export --to arduino``
+reading     from a CSV file to the exported header: ``calibrate`` and ``export --for arduino``
 line        from a line of a serial port to the frame that pages are sent; the session is theirs, in JavaScript
 array       from an array of readings to its fit: `flinders.fit`
 session     from the readings of a session to the calibration that it is finished with
@@ -114,7 +114,7 @@ def a_reading(folder: Path) -> None:
     field = _tumble().field
     log.write_text("mx_uT,my_uT,mz_uT\n" + "".join(f"{x:.2f},{y:.2f},{z:.2f}\n" for x, y, z in field.tolist()))
     _command("calibrate", str(log), "-o", str(result))
-    _command("export", str(result), "--to", "arduino", "-o", str(header))
+    _command("export", str(result), "--for", "arduino", "-o", str(header))
 
 
 @functools.cache

@@ -14,6 +14,7 @@ import subprocess
 import sys
 import tempfile
 from dataclasses import dataclass, field
+from functools import partial
 from itertools import product
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
@@ -298,7 +299,7 @@ def _fleet(folder: Path) -> list[str]:
         **{f"mag_{axis}_uT": readings[:, column] for column, axis in enumerate("xyz")},
     }
     parquet.write_table(pyarrow.table(table), folder / "line.parquet")
-    return ["fleet", str(folder / "line.parquet"), "--out", str(folder / "calibrations.parquet")]
+    return ["fleet", str(folder / "line.parquet"), "--output", str(folder / "calibrations.parquet")]
 
 
 def _drift(folder: Path) -> list[str]:
@@ -355,14 +356,9 @@ def main() -> None:
             states(browser, Path(asked[1]), asked[2:])
         return
     figures = {f"{NOTEBOOK}{kind}": kind for kind in ("sphere", "strength")}
-    pages: dict[str, Callable[[Browser, Path], Path]] = {
-        **{shot.name: lambda browser, folder, shot=shot: shoot(browser, shot, folder) for shot in SHOTS},
-        **{
-            name: lambda browser, folder, made=made, name=name: made(browser, name, folder)
-            for made, group in ((report, REPORTS), (standalone, STANDALONE), (station, STATION))
-            for name in group
-        },
-    }
+    pages: dict[str, Callable[[Browser, Path], Path]] = {shot.name: partial(_shot, shot) for shot in SHOTS}
+    for made, group in ((report, REPORTS), (standalone, STANDALONE), (station, STATION)):
+        pages |= {name: partial(_named, made, name) for name in group}
     names = [*pages, *figures]
     unknown = [name for name in asked if name not in names]
     if unknown:
@@ -376,6 +372,14 @@ def main() -> None:
         for name in wanted:
             if name in pages:
                 _tell(pages[name](browser, Path(folder)))
+
+
+def _shot(shot: Shot, browser: Browser, folder: Path) -> Path:
+    return shoot(browser, shot, folder)
+
+
+def _named(made: Callable[[Browser, str, Path], Path], name: str, browser: Browser, folder: Path) -> Path:
+    return made(browser, name, folder)
 
 
 def _tell(path: Path) -> None:

@@ -21,6 +21,7 @@ import numpy as np
 from tests import samples
 from tests.boats import START, Boat, nmea0183_of, octagon
 from tests.flight_log import dataflash, round_flight
+from tests.golden.sessions import ROOT
 from tests.heading_logs import calibrated, swinging, turned, write
 from tests.marine.test_courses import boat_of
 from tests.marine.test_courses import table as table_of_courses
@@ -42,10 +43,10 @@ if TYPE_CHECKING:
 
     Maker = Callable[[Path], object]
 
-WRITTEN: Final = frozenset(
-    {"-o", "--output", "--out", "--csv", "--adopted", "--state", "--truth", "--polar", "--report"}
-)
+WRITTEN: Final = frozenset({"-o", "--output", "--csv", "--adopted", "--state", "--truth", "--polar", "--report"})
 """Options whose file is written, and must not be there."""
+UNNAMED: Final = {"at": "calibrations.parquet"}
+"""Files that a command reads without being told, by a word of it."""
 SENSOR: Final = simulate.Sensor(np.diag([1.01, 0.99, 1.0]), np.array([20.0, -60.0, 30.0]), 0.3)
 CORRECTION: Final = "compass,magnetic\n3,359\n85,91\n170,178\n265,267\n"
 CHECK: Final = "compass,magnetic\n316,317\n358,0\n42,47\n89,93\n134,135\n177,179\n220,225\n269,273\n"
@@ -295,7 +296,34 @@ def printed(path: Path) -> None:
     path.write_text("".join(f"<{x:.1f}/{y:.1f}/{z:.1f}/{row}>\n" for row, (x, y, z) in enumerate(field)))
 
 
+def plan_of_a_station(path: Path) -> None:
+    """The file of a station, with all its tables, as docs/live/station.md shows it."""
+    page = (ROOT / "docs" / "live" / "station.md").read_text(encoding="utf-8")
+    path.write_text(page.partition("```toml\n")[2].partition("```")[0], encoding="utf-8")
+
+
+def tests_of_a_gauge(path: Path) -> None:
+    """The table of a station at which three units were tested twice by two people."""
+    rng, rows = np.random.default_rng(3), []
+    for unit in ("A1", "A2", "A3"):
+        for operator in ("ada", "grace"):
+            for _ in range(2):
+                values = [20.0, -30.0, 5.0] + 0.2 * rng.standard_normal(3)
+                cells = (unit, operator, *(f"{value:.3f}" for value in values), f"{0.3 + 0.1 * rng.random():.3f}")
+                rows.append(",".join([*cells, "0.3", "50", "uT"]))
+    header = "unit,operator,offset_x,offset_y,offset_z,worst_deg,noise,field_strength,unit_of_field"
+    path.parent.mkdir(exist_ok=True)
+    path.write_text("\n".join([header, *rows, ""]), encoding="utf-8")
+
+
 FILES: Final[dict[str, Maker]] = {
+    "line-3.toml": plan_of_a_station,
+    "line-3/table.csv": tests_of_a_gauge,
+    "line-3/recordings": line_of_units,
+    "line-3.parquet": of_commands("fleet logs/ -o {}"),
+    "line-7.parquet": of_commands("fleet logs/ -o {}"),
+    "line": of_commands("simulate fleet -o {}"),
+    "line.units.csv": of_commands("simulate fleet -o line"),
     "--with calibration.json": of_commands("calibrate tumble.csv --unit uT -o {}"),
     "--course calibration.json": of_commands("calibrate tumble.bin -o {}"),
     "tumble.bin": course_log,
@@ -353,8 +381,8 @@ FILES: Final[dict[str, Maker]] = {
     "monday.json": of_commands("calibrate monday.csv --unit uT -o {}"),
     "tuesday.json": of_commands("calibrate tuesday.csv --unit uT -o {}"),
     "friday.json": of_commands("calibrate raw.csv -o {}"),
-    "compass.param": of_commands("export --to ardupilot calibration.json -o {}"),
-    "vehicle.params": of_commands("export --to px4 --compass 1 calibration.json -o {}"),
+    "compass.param": of_commands("export --for ardupilot calibration.json -o {}"),
+    "vehicle.params": of_commands("export --for px4 --compass 1 calibration.json -o {}"),
     "boat.json": of_commands("calibrate tumble.csv --unit uT -o {}"),
     "calm.json": of_commands("calibrate tumble.csv --unit uT -o {}"),
     "compass.state": of_commands("watch --replay tumble.csv --state {}"),
@@ -363,9 +391,9 @@ FILES: Final[dict[str, Maker]] = {
     "logs": line_of_units,
     "fleet/": line_of_units,
     "line-7/*.parquet": table_of_units,
-    "calibrations.parquet": of_commands("fleet logs/ --out {}"),
-    "january.parquet": of_commands("fleet logs/ --out {}"),
-    "june.parquet": of_commands("fleet logs/ --out {}"),
+    "calibrations.parquet": of_commands("fleet logs/ --output {}"),
+    "january.parquet": of_commands("fleet logs/ --output {}"),
+    "june.parquet": of_commands("fleet logs/ --output {}"),
     "box.csv": of_commands("simulate aircraft -o {}"),
     "lines.csv": of_commands("simulate aircraft -o {} --headings 45,225 --seed 2"),
     "coefficients.json": of_commands("tolles-lawson box.csv -o {}"),

@@ -53,7 +53,7 @@ def test_a_plugin_reads_its_format_and_writes_for_its_target(site: Path) -> None
     fitted = ran(site, "calibrate", "tumble.acme", "-o", "calibration.json", "--json")
     assert fitted.returncode == 0, fitted.stderr
     assert json.loads(fitted.stdout)["verdict"] == "good"
-    exported = ran(site, "export", "--to", "acme", "--lossy", "calibration.json")
+    exported = ran(site, "export", "--for", "acme", "--lossy", "calibration.json")
     assert exported.returncode == 0, exported.stderr
     numbers = [float(word) for word in exported.stdout.splitlines()[-1].split()]
     np.testing.assert_allclose(numbers[:3], json.loads(fitted.stdout)["calibration"]["offset"], atol=0.005)

@@ -90,7 +90,7 @@ def run(line: str) -> str:
         here = [word.replace("~", "home") if word.startswith("~") else word.lstrip("/") or word for word in words]
         for before, word in pairwise(here):
             if before not in bench_files.WRITTEN:
-                bench_files.make(word, here)
+                bench_files.make(bench_files.UNNAMED.get(word, word), here)
         expanded = [name for word in here for name in (sorted(map(str, Path().glob(word))) if "*" in word else [word])]
         piped = ended.out
         if "-" in here and not piped and bench_files.make("raw.csv", here):

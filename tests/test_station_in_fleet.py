@@ -17,7 +17,7 @@ from flinders.apps.live.station.table import COLUMNS
 if TYPE_CHECKING:
     from pathlib import Path
 
-OWN = {"matrix", "offset", "covariance", "batch"}
+OWN = {"matrix", "offset", "covariance", "batch", "cause", "number", "limit"}
 
 
 def test_recordings_of_a_station_are_a_fleet_with_its_numbers(tmp_path: Path) -> None:

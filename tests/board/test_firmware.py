@@ -497,7 +497,7 @@ def test_a_package_that_is_there_is_not_replaced(tmp_path: Path) -> None:
 
 
 def test_the_command_writes_it(tmp_path: Path) -> None:
-    done = CliRunner().invoke(main, ["firmware", "--out", str(tmp_path / "library"), "--json"])
+    done = CliRunner().invoke(main, ["firmware", "--output", str(tmp_path / "library"), "--json"])
     assert done.exit_code == 0
     assert {Path(name).suffix for name in json.loads(done.stdout)["files"]} >= {".c", ".h", ".ino", ".json"}
 

@@ -36,11 +36,11 @@ def test_budget(golden: Golden) -> None:
 
 
 def test_export(golden: Golden) -> None:
-    golden("cli/export.txt", session("flinders export --to adis16480 calibration.json"))
+    golden("cli/export.txt", session("flinders export --for adis16480 calibration.json"))
 
 
 def test_export_of_what_does_not_fit(golden: Golden) -> None:
-    golden("cli/export-refused.txt", session("flinders export --to adis16480 doubled.json -o registers.txt", code=4))
+    golden("cli/export-refused.txt", session("flinders export --for adis16480 doubled.json -o registers.txt", code=4))
 
 
 @pytest.mark.parametrize("name", ["classic/budget.md", "classic/registers.md"])

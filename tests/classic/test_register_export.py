@@ -1,4 +1,4 @@
-"""``flinders export --to adis16480``: the table of registers."""
+"""``flinders export --for adis16480``: the table of registers."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from flinders.apps.classic.adis16480 import NAMES, Registers
 from flinders.core.axes import Axes
 from flinders.core.calibration import Calibration
 
-TO = ("--to", "adis16480")
+TO = ("--for", "adis16480")
 
 
 @pytest.fixture(autouse=True)
@@ -66,7 +66,7 @@ def test_the_output_says_what_was_checked_and_what_is_not_verified() -> None:
 
 
 def test_both_devices_have_the_same_registers_under_their_own_names() -> None:
-    one, other = (export("--to", name, "calibration.json").stdout for name in ("ADIS16480", "adis16488"))
+    one, other = (export("--for", name, "calibration.json").stdout for name in ("ADIS16480", "adis16488"))
     assert table(one) == table(other)
     assert one.splitlines()[0].startswith("# ADIS16480:")
     assert other.splitlines()[0].startswith("# ADIS16488:")

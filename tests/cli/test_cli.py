@@ -184,7 +184,7 @@ def test_results_go_to_stdout_and_talk_to_stderr(home: Path) -> None:
     ended = flinders_("calibrate", "tumble.csv", "-o", "out.json")
     assert ended.err.splitlines() == [
         "tumble.csv: columns mx_uT, my_uT, mz_uT in uT; comma-separated; 600 readings", "written to out.json",
-        "next: flinders export --to arduino out.json", "other targets: flinders targets"
+        "next: flinders export --for arduino out.json", "other targets: flinders targets"
     ]  # fmt: skip
     assert "GOOD" in ended.out
     assert "\x1b" not in ended.out + ended.err

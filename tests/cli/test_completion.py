@@ -27,8 +27,8 @@ def completed(words: str) -> list[str]:
     daily(
         [
             ("flinders eva", ["plain,evaluate"]),
-            ("flinders export --li", ["plain,--list"]),
-            ("flinders export --to c-", ["plain,c-q15", "plain,c-q31"]),
+            ("flinders export --los", ["plain,--lossy"]),
+            ("flinders export --for c-", ["plain,c-q15", "plain,c-q31"]),
             ("flinders calibrate --method like", ["plain,likelihood"]),
             ("flinders calibrate tum", ["file,tum"]),
             ("flinders calibrate tumble.csv -o cal", ["file,cal"]),

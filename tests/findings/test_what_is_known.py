@@ -67,7 +67,7 @@ def test_what_nearly_every_fit_says_is_printed_on_request_and_kept_in_the_file(t
 
 
 def test_a_calibration_is_shown_and_the_next_command_is_named(tumbled: str) -> None:
-    assert "next: flinders export --to arduino c.json" in run(f"calibrate {tumbled} -o c.json").stderr
+    assert "next: flinders export --for arduino c.json" in run(f"calibrate {tumbled} -o c.json").stderr
     assert "next: " not in run(f"calibrate {tumbled} -o d.json --export arduino").stderr
     shown = run("show c.json").stdout
     for words in ("tumble.csv, 3,000 readings", "offset", "matrix", "GOOD  Headings are good to 0.066°", "dip 60°"):
@@ -81,7 +81,7 @@ def test_a_calibration_is_shown_and_the_next_command_is_named(tumbled: str) -> N
 @pytest.mark.parametrize(
     ("line", "meant"),
     [
-        ("export --to ardiuno c.json", "arduino"),
+        ("export --for ardiuno c.json", "arduino"),
         ("calibrate tumble.csv --method minmx", "minmax"),
         ("calibrate tumble.csv --columns mag_x_uT,mag_y_uT,mag_z", "mag_z_uT"),
     ],

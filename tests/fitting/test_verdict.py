@@ -530,7 +530,7 @@ def tree(error: type[FitError]) -> set[type[FitError]]:
 
 
 def test_all_there_is_to_say_has_plain_words() -> None:
-    elsewhere = {"refused", "needs-samples", "needs-recording", "not-merged", "not-validated"}
+    elsewhere = {"refused", "no-calibration", "needs-samples", "needs-recording", "not-merged", "not-validated"}
     raised = {error.code for error in tree(FitError)} - elsewhere
     assert raised <= {code for code, refusal in REFUSALS.items() if refusal.plain}
 

@@ -16,4 +16,4 @@ def test_a_current_that_follows_the_attitude_is_a_condition(
     options: tuple[str, ...], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.chdir(tmp_path)
-    assert_states_it(("fleet", "logs", "--out", "rows.parquet", "--workers", "0", *options), tmp_path)
+    assert_states_it(("fleet", "logs", "--output", "rows.parquet", "--workers", "0", *options), tmp_path)

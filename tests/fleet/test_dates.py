@@ -252,7 +252,7 @@ def test_batches_are_told_in_text_and_json_and_one_in_which_all_steps_are_stands
 @pytest.mark.parametrize("asked", ["hw_batch", "^Q[0-9]", "batch", "(", "offset"])
 def test_a_batch_that_no_unit_has_is_wrong_use_that_names_the_columns(tmp_path: Path, asked: str) -> None:
     path = written(tmp_path / "fleet.parquet", fleet()[0])
-    run = CliRunner().invoke(main, ["drift", str(path), "--batch", asked, "--out", str(tmp_path / "out.parquet")])
+    run = CliRunner().invoke(main, ["drift", str(path), "--batch", asked, "--output", str(tmp_path / "out.parquet")])
     assert run.exit_code == 2
     assert "unit, recording, start_s" in run.stderr
     assert not (tmp_path / "out.parquet").exists()

@@ -289,7 +289,7 @@ def test_two_outputs_in_one_file_are_refused_before_anything_is_read(
         (path.name, "x.html"),
         ("x.parquet", f"there/{path.name}"),
     ):
-        ended = CliRunner().invoke(main, ["drift", path.name, "--out", out, "--report", report, "--force"])
+        ended = CliRunner().invoke(main, ["drift", path.name, "--output", out, "--report", report, "--force"])
         assert ended.exit_code == 2
         assert "name" in ended.stderr
     assert path.read_bytes() == before

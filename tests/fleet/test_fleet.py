@@ -188,7 +188,7 @@ def test_a_full_disk_is_said_and_nothing_that_is_done_is_lost(
 
 def test_a_driver_that_is_killed_goes_on_where_it_was(logs: Path, tmp_path: Path) -> None:
     run(str(logs), tmp_path / "whole.parquet", Options(), workers=0)
-    command = [sys.executable, "-m", "flinders", "fleet", str(logs), "--out", str(tmp_path / "out.parquet")]
+    command = [sys.executable, "-m", "flinders", "fleet", str(logs), "--output", str(tmp_path / "out.parquet")]
     parts = tmp_path / "out.parquet.parts"
     running = subprocess.Popen([*command, "--workers", "1"], stderr=subprocess.PIPE)
     wait_until(lambda: list(parts.glob("part-*.arrow")) or running.poll() is not None)
@@ -205,7 +205,7 @@ def test_a_driver_that_is_killed_goes_on_where_it_was(logs: Path, tmp_path: Path
 @pytest.mark.parametrize("number", daily([signal.SIGKILL, signal.SIGINT, signal.SIGTERM]))
 def test_workers_end_with_their_driver(logs: Path, tmp_path: Path, number: signal.Signals) -> None:
     """However it ends; the server that they are started from ends, too."""
-    command = [sys.executable, "-m", "flinders", "fleet", str(logs), "--out", str(tmp_path / "out.parquet")]
+    command = [sys.executable, "-m", "flinders", "fleet", str(logs), "--output", str(tmp_path / "out.parquet")]
     parts = tmp_path / "out.parquet.parts"
     with subprocess.Popen([*command, "--workers", "2"], stderr=subprocess.DEVNULL, start_new_session=True) as driver:
         wait_until(lambda: len(running_in(driver.pid)) >= 4 or driver.poll() is not None)
@@ -249,7 +249,7 @@ def test_the_program_says_what_came_of_it(logs: Path, tmp_path: Path) -> None:
         "flinders",
         "fleet",
         "logs",
-        "--out",
+        "--output",
         "out.parquet",
         "--log",
         "log.jsonl",
@@ -345,7 +345,7 @@ def test_who_stops_a_run_is_told_what_is_kept(
         return done[-1]
 
     out, log = tmp_path / "out.parquet", tmp_path / "log.jsonl"
-    words = ["fleet", str(logs), "--out", str(out), "--workers", "0", "--log", str(log)]
+    words = ["fleet", str(logs), "--output", str(out), "--workers", "0", "--log", str(log)]
     with monkeypatch.context() as patch:
         patch.setattr(worker, "calibrate_partition", stopped)
         ended = CliRunner().invoke(main, words, prog_name="flinders")
@@ -438,9 +438,9 @@ def test_misuse_is_said_in_a_line(logs: Path, tmp_path: Path) -> None:
         ([str(logs), "--scale", "-1"], 2, "need a number above 0"),
         ([str(logs), "--report", str(out)], 2, "needs a name of its own"),
         ([str(logs), "--report", f"{out.parent}/./{out.name}"], 2, "needs a name of its own"),
-        ([str(logs), "--out", str(tmp_path / "table.txt")], 2, "give it a name that ends in .parquet or .csv"),
+        ([str(logs), "--output", str(tmp_path / "table.txt")], 2, "give it a name that ends in .parquet or .csv"),
     ):
-        ended = CliRunner().invoke(main, ["fleet", "--out", str(out), *words, "--force"], prog_name="flinders")
+        ended = CliRunner().invoke(main, ["fleet", "--output", str(out), *words, "--force"], prog_name="flinders")
         assert ended.exit_code == code, ended.output
         assert said in ended.output
         assert out.read_text() == "a good table"
@@ -527,7 +527,7 @@ def test_a_table_without_units_or_field_is_said(tmp_path: Path) -> None:
 def test_what_was_left_out_is_told_in_words(logs: Path, tmp_path: Path) -> None:
     (logs / "README").write_text("about them")
     (logs / "notes.md").write_text("more")
-    words = ["fleet", str(logs), "--out", str(tmp_path / "out.parquet"), "--workers", "0"]
+    words = ["fleet", str(logs), "--output", str(tmp_path / "out.parquet"), "--workers", "0"]
     ended = CliRunner().invoke(main, words, prog_name="flinders")
     assert "left out files that are no recordings: 1 .md, 1 without an ending" in ended.stdout
 

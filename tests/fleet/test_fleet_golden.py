@@ -33,5 +33,5 @@ def logs(page_of_80_columns: None) -> None:
 
 
 def test_a_fleet_with_all_that_may_happen(golden: Golden, request: pytest.FixtureRequest) -> None:
-    golden("cli/fleet.txt", session("flinders fleet logs --out calibrations.parquet --workers 0", code=3))
+    golden("cli/fleet.txt", session("flinders fleet logs -o calibrations.parquet --workers 0", code=3))
     assert_sessions_are_real("fleet/fleet.md", request)

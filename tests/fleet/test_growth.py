@@ -173,7 +173,7 @@ def test_alerts_say_what_crossed_a_limit_since_the_last_run() -> None:
 
 
 def test_a_scheduler_is_told_by_the_exit_code() -> None:
-    words = ["fleet", "logs", "--out", "out.parquet", "--append", "--workers", "0"]
+    words = ["fleet", "logs", "--output", "out.parquet", "--append", "--workers", "0"]
     write(Path("logs/U7/2026-03-01.csv"), FIELDS[0][:5])
     ended = [CliRunner().invoke(main, words, prog_name="flinders").exit_code for _ in range(2)]
     write(Path("logs/U7/2026-06-01.csv"), FIELDS[0][:5])

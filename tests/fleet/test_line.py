@@ -98,7 +98,7 @@ def test_the_table_as_csv_is_read_back_to_the_bit() -> None:
 
 def test_what_takes_parquet_alone_says_so_of_csv() -> None:
     run("logs", "out.csv", Options(), workers=0)
-    assert ran("flinders drift out.csv")[0] == ran("flinders fleet logs --out new.csv --report new.html")[0] == 2
+    assert ran("flinders drift out.csv")[0] == ran("flinders fleet logs -o new.csv --report new.html")[0] == 2
     assert not Path("new.csv").exists()
 
 

@@ -100,7 +100,7 @@ def test_the_file_for_airflow_has_a_task_whose_command_runs() -> None:
 
 def test_the_queries_for_duckdb_give_rows() -> None:
     duckdb = pytest.importorskip("duckdb", reason="DuckDB is not installed: uv pip install duckdb")
-    run("flinders fleet logs --out calibrations.parquet --properties units.csv")
+    run("flinders fleet logs -o calibrations.parquet --properties units.csv")
     shares, bad = (duckdb.sql(query).fetchall() for query in blocks("sql"))
     assert [row[0] for row in shares] == ["1.0", "1.1"] or [row[0] for row in shares] == ["1.1", "1.0"]
     assert sum(row[1] for row in shares) == 12

@@ -89,7 +89,7 @@ def test_the_table_goes_to_a_bucket_when_it_is_complete(
     monkeypatch.chdir(tmp_path)
     run(str(fleet), "here.parquet", Options(), workers=0)
     out = f"{scheme}://fleet/out/there.parquet"
-    words = ["fleet", str(fleet), "--out", out, "--workers", "0", "--report", "report.html"]
+    words = ["fleet", str(fleet), "--output", out, "--workers", "0", "--report", "report.html"]
     ended = CliRunner().invoke(main, words, prog_name="flinders")
     assert (ended.exit_code, (tmp_path / "there.parquet.parts").exists()) == (0, False), ended.output
     assert f"written to {out}" in ended.output

@@ -87,7 +87,7 @@ def test_the_command_writes_table_and_report(fleet: Path, tmp_path: Path) -> Non
     parquet = pytest.importorskip("pyarrow.parquet")
     paths = list(map(str, sorted(fleet.iterdir())))
     out, report = tmp_path / "walks.parquet", tmp_path / "walks.html"
-    ended = flinders_("drift", *paths, "--out", str(out), "--report", str(report))
+    ended = flinders_("drift", *paths, "--output", str(out), "--report", str(report))
     assert ended.code == 3
     assert "U3    faster" in ended.out
     table = parquet.read_table(out).to_pylist()

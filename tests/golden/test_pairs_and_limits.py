@@ -30,7 +30,7 @@ def test_limits_of_a_disturbed_reading(golden: Golden) -> None:
     shown = session(
         "flinders simulate three-axis -o tumble.csv",
         "flinders calibrate tumble.csv --with dip -o calibration.json",
-        "flinders export --to c calibration.json -o compass.h",
+        "flinders export --for c calibration.json -o compass.h",
     )
     golden("cli/disturbed-readings.txt", shown)
     header = Path("compass.h").read_text("utf-8")

@@ -37,7 +37,7 @@ def line(row: Target) -> str:
     name = "round" if row.keeps == "offset" else "calibration"
     if row.unit == "counts":
         name = "round-counts" if row.keeps == "offset" else "counts"
-    command = f"flinders export --to {row.name} {name}.json"
+    command = f"flinders export --for {row.name} {name}.json"
     return f"{command} -o calibration{row.suffix}" if row.suffix == ".bin" else command
 
 

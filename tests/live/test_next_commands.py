@@ -69,7 +69,7 @@ def test_the_next_commands_lead_from_a_board_to_code_for_it(
     calibrated = flinders_(*next_words(recorded(shape, "tumble.csv", monkeypatch)))
     assert calibrated.code in WRITTEN
     words = next_words(calibrated)
-    assert words == ["export", "--to", "arduino", "calibration.json"]
+    assert words == ["export", "--for", "arduino", "calibration.json"]
     exported = flinders_(*words)
     assert exported.code == 0
     assert "correctMagnetometer" in exported.out

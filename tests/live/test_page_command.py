@@ -29,12 +29,12 @@ def run(*options: str) -> tuple[int, str]:
 
 def test_it_makes_the_folder_and_writes_an_older_page_anew(tmp_path: Path) -> None:
     out = tmp_path / "a" / "b"
-    code, printed = run("--out", str(out), "--json")
+    code, printed = run("--output", str(out), "--json")
     assert code == 0, printed
     files = json.loads(printed)["files"]
     assert sorted(map(str, (path for path in out.rglob("*") if path.is_file()))) == sorted(files)
     (out / "static" / "worker.js").write_text("an older one", encoding="utf-8")
-    code, printed = run("--out", str(out))
+    code, printed = run("--output", str(out))
     assert code == 0, printed
     assert "an older one" not in (out / "static" / "worker.js").read_text(encoding="utf-8")
 
@@ -42,19 +42,19 @@ def test_it_makes_the_folder_and_writes_an_older_page_anew(tmp_path: Path) -> No
 def test_other_files_are_left_alone_unless_that_is_asked_for(tmp_path: Path) -> None:
     (tmp_path / "index.html").write_text("my own page", encoding="utf-8")
     (tmp_path / "page.json").write_text("5", encoding="utf-8")
-    code, printed = run("--out", str(tmp_path))
+    code, printed = run("--output", str(tmp_path))
     assert code == 6
     assert "has other files" in printed
     assert "--force" in printed
     assert sorted(path.name for path in tmp_path.iterdir()) == ["index.html", "page.json"]
-    code, printed = run("--out", str(tmp_path), "--force")
+    code, printed = run("--output", str(tmp_path), "--force")
     assert code == 0, printed
     assert "Flinders" in (tmp_path / "index.html").read_text(encoding="utf-8")
 
 
 def test_a_file_in_the_place_of_the_folder_is_refused(tmp_path: Path) -> None:
     (tmp_path / "page").write_text("", encoding="utf-8")
-    code, printed = run("--out", str(tmp_path / "page"))
+    code, printed = run("--output", str(tmp_path / "page"))
     assert code == 6
     assert "Traceback" not in printed
 

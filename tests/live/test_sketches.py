@@ -66,7 +66,7 @@ def test_a_sketch_is_recorded_calibrated_and_exported_without_an_option(
     assert recorded.code == 0, recorded.err
     calibrated = flinders_("calibrate", "tumble.csv", "-o", "calibration.json")
     assert calibrated.code == 0, calibrated.err
-    exported = flinders_("export", "--to", "arduino", "calibration.json", "-o", "calibration.h")
+    exported = flinders_("export", "--for", "arduino", "calibration.json", "-o", "calibration.h")
     assert exported.code == 0, exported.err
     assert "MAG_MATRIX" in (tmp_path / "calibration.h").read_text(encoding="utf-8")
     calibration = flinders.Calibration.load(tmp_path / "calibration.json")

@@ -138,7 +138,6 @@ def test_what_is_odd_is_said(field: Floats, tmp_path: Path) -> None:
     ("words", "code", "says"),
     [
         ("nix.csv", 5, "nix.csv does not exist"),
-        (".", 5, "is a folder"),
         ("bench.npz --date 2026-01-01", 2, "--date is for the field at a place"),
         ("bench.npz --at 91,0 --date 2026-01-01", 2, "latitude is 91°"),
         ("bench.npz --at 43,11", 2, "give the day of the recording"),

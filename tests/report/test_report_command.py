@@ -182,7 +182,7 @@ def test_a_browser_that_fails_is_one_line(script: str, monkeypatch: pytest.Monke
 
 
 def test_an_imported_calibration_is_shown_without_a_claim() -> None:
-    assert run("export", "--to", "sensorlab", "calibration.json", "-o", "lab.json").exit_code == 0
+    assert run("export", "--for", "sensorlab", "calibration.json", "-o", "lab.json").exit_code == 0
     assert run("import", "lab.json", "-o", "imported.json").exit_code == 0
     assert run("report", "imported.json", "tumble.csv").exit_code == 0
     assert "Of unknown quality" in Path("report.html").read_text(encoding="utf-8")

@@ -213,7 +213,7 @@ def test_a_recording_in_axes_of_the_vehicle_gives_calibrations_for_them() -> Non
     Path("counts.csv").write_text(table(time, field, "time_s,mag_x_counts,mag_y_counts,mag_z_counts"))
     flinders_("watch", "--replay", "counts.csv", "--adopted", "sensor.json")
     said = "blackbox.csv is in axes of the vehicle, the calibration is for readings in axes of the sensor"
-    for others in (("counts.csv", "blackbox.csv"), ("blackbox.csv", "--calibration", "sensor.json")):
+    for others in (("counts.csv", "blackbox.csv"), ("blackbox.csv", "--previous", "sensor.json")):
         refused = flinders_("watch", "--replay", *others)
         assert (refused.code, said in " ".join(refused.err.split())) == (2, True), refused.err
 
@@ -318,7 +318,7 @@ def test_a_calibration_file_begins_and_may_be_locked() -> None:
     time, field = BEGUN_S + DRIVE[0], DRIVE[1]
     Path("before.csv").write_text(table(time[:6000], field[:6000]))
     flinders_("watch", "--replay", "before.csv", "--adopted", "calibration.json")
-    words = ("watch", "--replay", "drive.csv", "--calibration", "calibration.json", "--json")
+    words = ("watch", "--replay", "drive.csv", "--previous", "calibration.json", "--json")
     free, locked = lines_of(flinders_(*words).out), lines_of(flinders_(*words, "--lock").out)
     assert free[0]["doing"] != "learning"
     assert "learnt" not in {line["event"] for line in free}
@@ -338,7 +338,7 @@ def test_a_current_that_the_calibration_follows_is_taken_from_the_recording() ->
     Path("later.csv").write_text(table(time + 600.0, flown, f"{columns},current_a"))
     Path("blind.csv").write_text(table(time + 600.0, flown[:, :3], columns))
     flinders_("calibrate", "flown.csv", "--with", "current", "--output", "start.json")
-    words = ("--calibration", "start.json", "--adopted", "kept.json", "--json")
+    words = ("--previous", "start.json", "--adopted", "kept.json", "--json")
     events = {line["event"] for line in lines_of(flinders_("watch", "--replay", "later.csv", *words).out)}
     assert not events & {"contradicted", "moved", "learnt"}
     if Path("kept.json").exists():
@@ -561,9 +561,9 @@ def test_a_disk_with_room_again_gets_the_state(monkeypatch: pytest.MonkeyPatch) 
         (["--replay", "drive.csv", "--state", "timeless.csv"], 5, "is no state of an online calibration"),
         (["--replay", "drive.csv", "--status", "/dev/full"], 6, "it is a device or a pipe"),
         (["--replay", "drive.csv", "--state", "old.state", "--target", "0.5"], 2, "old.state was begun with 1°"),
-        (["--replay", "drive.csv", "--calibration", "old.json", "--axes", "x,-y,-z"], 2, "--axes are those of"),
-        (["--replay", "counts.csv", "--calibration", "old.json"], 2, "it belongs to another kind of recording"),
-        (["--replay", "drive.csv", "--calibration", "drive.csv"], 2, "drive.csv is a recording"),
+        (["--replay", "drive.csv", "--previous", "old.json", "--axes", "x,-y,-z"], 2, "--axes are those of"),
+        (["--replay", "counts.csv", "--previous", "old.json"], 2, "it belongs to another kind of recording"),
+        (["--replay", "drive.csv", "--previous", "drive.csv"], 2, "drive.csv is a recording"),
     ],
 )
 def test_what_cannot_be_used_is_refused(words: list[str], code: int, said: str) -> None:

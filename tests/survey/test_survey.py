@@ -404,13 +404,13 @@ def test_the_command_writes_what_it_checks_with(tmp_path: Path, monkeypatch: pyt
     ended = flinders_("survey", "shots.csv", "-o", "calibration.json", "--distox", "coefficients.bin", "--json")
     assert (ended.code, ended.json["verdict"], len(ended.json["shots"])) == (0, "good", 24)
     spread = [
-        flinders_("survey", "shots.csv", "--calibration", name, "--json").json["rms_deg"]
+        flinders_("survey", "shots.csv", "--previous", name, "--json").json["rms_deg"]
         for name in ("calibration.json", "coefficients.bin")
     ]
     npt.assert_allclose(spread, check_shots(simulated().shots, fitted().calibration).rms_deg, atol=0.01)
     refused = flinders_("survey", "shots.csv", "-o", "other.json", "--target", "0.01")
     assert (refused.code, (tmp_path / "other.json").exists()) == (4, False)
     assert flinders_("survey", "shots.csv", "--mag-cal", "other.json").code == 4
-    both = flinders_("survey", "shots.csv", "--calibration", "calibration.json", "-o", "other.json", "--target", "1")
+    both = flinders_("survey", "shots.csv", "--previous", "calibration.json", "-o", "other.json", "--target", "1")
     assert "leave --output, --target out" in both.err
     assert not (tmp_path / "other.json").exists()

@@ -30,7 +30,7 @@ def test_a_calibration(golden: Golden) -> None:
 
 def test_a_check_of_an_earlier_one(golden: Golden) -> None:
     session("flinders survey shots.csv --distox coefficients.bin")
-    golden("cli/survey-check.txt", session("flinders survey shots.csv --calibration coefficients.bin"))
+    golden("cli/survey-check.txt", session("flinders survey shots.csv --previous coefficients.bin"))
 
 
 def test_the_sessions_in_the_docs_are_real(request: pytest.FixtureRequest) -> None:

@@ -21,7 +21,7 @@ from flinders.targets import registry
 if TYPE_CHECKING:
     from click.testing import Result
 
-TO = ("--to", "esphome")
+TO = ("--for", "esphome")
 
 
 @pytest.fixture(autouse=True)
@@ -95,20 +95,20 @@ def test_the_targets_are_listed() -> None:
     [
         ("", 2, "need a calibration file and a target"),
         ("calibration.json", 2, "need a calibration file and a target"),
-        ("--to esphome", 2, "need a calibration file and a target"),
-        ("--to yml calibration.json", 2, "'yml' is not known (did you mean 'yaml'?): use one of "),
-        ("--to esphome counts.json", 2, "--unit"),
-        ("--to esphome -", 2, "must be a file"),
+        ("--for esphome", 2, "need a calibration file and a target"),
+        ("--for yml calibration.json", 2, "'yml' is not known (did you mean 'yaml'?): use one of "),
+        ("--for esphome counts.json", 2, "--unit"),
+        ("--for esphome -", 2, "must be a file"),
         (
-            "--to esphome tumble.csv",
+            "--for esphome tumble.csv",
             2,
             "tumble.csv is a recording, calibrate it first: flinders calibrate tumble.csv",
         ),
-        ("--to esphome missing.json", 5, "missing.json: cannot be read: no such file"),
-        ("--to esphome calibration.json -o nowhere/sensor.txt", 6, "no such folder"),
-        ("--to esphome calibration.json -o .", 6, "it is a directory"),
-        ("--to esphome calibration.json -o - --json", 2, "both go to standard output"),
-        ("--to esphome calibration.json calibration.json", 2, "unexpected extra argument"),
+        ("--for esphome missing.json", 5, "missing.json: cannot be read: no such file"),
+        ("--for esphome calibration.json -o nowhere/sensor.txt", 6, "no such folder"),
+        ("--for esphome calibration.json -o .", 6, "it is a directory"),
+        ("--for esphome calibration.json -o - --json", 2, "both go to standard output"),
+        ("--for esphome calibration.json calibration.json", 2, "unexpected extra argument"),
     ],
 )
 def test_wrong_use_is_one_line_on_stderr(words: str, code: int, message: str) -> None:

@@ -33,7 +33,7 @@ def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("made")
     Calibration(MATRIX, OFFSET, 49.0, True, raw=Unit.of("mG")).save(folder / "calibration.json")
     for name, path in (("motioncal", "packet.bin"), ("vectornav", "sensor.txt")):
-        assert run("export", "--to", name, str(folder / "calibration.json"), "-o", str(folder / path)).exit_code == 0
+        assert run("export", "--for", name, str(folder / "calibration.json"), "-o", str(folder / path)).exit_code == 0
     field = simulate.tumble(seed=2).samples.field
     write_field(folder / "tumble.csv", field)
     return folder
@@ -94,9 +94,9 @@ def test_a_field_strength_that_is_given_goes_before_that_of_a_packet() -> None:
         (".", 5, "it is a directory"),
         ("calibration.json", 2, "is a calibration file already"),
         ("tumble.csv", 5, "tumble.csv: is no file of "),
-        ("sensor.txt --from motioncal", 5, "bytes: a MotionCal packet has 68"),
-        ("sensor.txt --from matlab", 2, "files of matlab cannot be read back"),
-        ("sensor.txt --from nothing", 2, "'nothing' is not known"),
+        ("sensor.txt --for motioncal", 5, "bytes: a MotionCal packet has 68"),
+        ("sensor.txt --for matlab", 2, "files of matlab cannot be read back"),
+        ("sensor.txt --for nothing", 2, "'nothing' is not known"),
         ("sensor.txt --compass 4", 2, "4 is not in the range"),
         ("packet.bin --compass 1", 2, "motioncal holds one compass only"),
         ("sensor.txt --field-strength 0", 2, "need a number above 0"),
@@ -151,7 +151,7 @@ def test_the_list_has_every_target_with_what_it_holds() -> None:
 
 
 def test_a_packet_goes_to_standard_output_as_bytes() -> None:
-    ended = run("export", "--to", "motioncal", "calibration.json")
+    ended = run("export", "--for", "motioncal", "calibration.json")
     assert ended.stdout_bytes == Path("packet.bin").read_bytes()
     assert "determinant 1" in ended.stderr
 
@@ -159,8 +159,8 @@ def test_a_packet_goes_to_standard_output_as_bytes() -> None:
 @pytest.mark.parametrize(
     ("words", "message"),
     [
-        ("--to c --compass 1 calibration.json", "c holds one compass only"),
-        ("--to c --compass 9 calibration.json", "9 is not in the range"),
+        ("--for c --compass 1 calibration.json", "c holds one compass only"),
+        ("--for c --compass 9 calibration.json", "9 is not in the range"),
     ],
 )
 def test_a_compass_that_there_is_not(words: str, message: str) -> None:
@@ -170,12 +170,12 @@ def test_a_compass_that_there_is_not(words: str, message: str) -> None:
 
 
 def test_a_name_for_code_of_two_sensors() -> None:
-    assert "mast_correct(" in run("export", "--to", "c", "--name", "mast", "calibration.json").stdout
-    ended = run("export", "--to", "yaml", "--name", "mast", "calibration.json")
+    assert "mast_correct(" in run("export", "--for", "c", "--name", "mast", "calibration.json").stdout
+    ended = run("export", "--for", "yaml", "--name", "mast", "calibration.json")
     assert (ended.exit_code, len(ended.stderr.splitlines())) == (2, 1)
     takes = ", ".join(row.name for row in registry().values() if row.named)
     assert f"a name goes with {takes}: yaml has no names to choose" in ended.stderr
-    assert run("export", "--to", "c", "--name", "", "calibration.json").exit_code == 2
+    assert run("export", "--for", "c", "--name", "", "calibration.json").exit_code == 2
 
 
 # calibrate --export

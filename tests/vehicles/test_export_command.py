@@ -26,14 +26,14 @@ def test_what_comes_on_top_of_the_onboard_calibration_does_not_replace_it(
         )
         found = made(np.eye(3), [1, 2, 3]).to_document(provenance=made_from)
         Path("logged.json").write_text(calibration_file.dumps(found), encoding="utf-8")
-        ended = export("--to", target, "logged.json")
+        ended = export("--for", target, "logged.json")
         assert ended.exit_code == code, ended.output
     assert "come on top of that one" in ended.stderr
-    assert export("--to", "c", "logged.json").exit_code == 0
+    assert export("--for", "c", "logged.json").exit_code == 0
 
 
 def test_a_target_that_is_nearly_named_is_meant(tmp_path: Path) -> None:
     made(np.eye(3), [1, 2, 3]).save(tmp_path / "calibration.json")
-    ended = export("--to", "px5", str(tmp_path / "calibration.json"))
+    ended = export("--for", "px5", str(tmp_path / "calibration.json"))
     assert ended.exit_code == 2
     assert "'px5' is not known (did you mean 'px4'?): use one of ardupilot, px4" in ended.stderr

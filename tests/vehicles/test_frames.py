@@ -86,7 +86,7 @@ def corrected(values: dict[str, float], digit: str, readings: Floats) -> Floats:
 @pytest.mark.parametrize("axes", ["x,y,z", "x,-y,-z", "y,-x,z", "z,x,y"])
 def test_parameters_correct_a_log_as_the_calibration_does_however_axes_are_mapped(axes: str) -> None:
     assert run("calibrate", "two.log", "--sensor", "2", "--axes", axes, "-o", "c.json").exit_code == 0
-    assert run("export", "--to", "ardupilot", "c.json", "-o", "c.param").exit_code == 0
+    assert run("export", "--for", "ardupilot", "c.json", "-o", "c.param").exit_code == 0
     found = Calibration.load("c.json")
     assert (found.frame, str(found.axes)) == ("vehicle", axes)
     readings = flinders.open_log("two.log").sensor("2")
@@ -101,7 +101,7 @@ def test_the_second_compass_is_written_as_the_second() -> None:
     ended = run("calibrate", "two.log", "--sensor", "2", "--export", "ardupilot:-", "-o", "c.json")
     assert ended.exit_code == 0
     assert "ardupilot: for compass 2 of the vehicle (device id 97539)" in ended.stderr
-    for text in (ended.stdout, run("export", "--to", "ardupilot", "c.json").stdout):
+    for text in (ended.stdout, run("export", "--for", "ardupilot", "c.json").stdout):
         names = [line.split(",")[0] for line in text.splitlines() if line.startswith("COMPASS_")]
         assert names[:3] == ["COMPASS_OFS2_X", "COMPASS_OFS2_Y", "COMPASS_OFS2_Z"]
         assert "COMPASS_OFS_X" not in names
@@ -112,13 +112,13 @@ def test_the_second_compass_is_written_as_the_second() -> None:
 
 def test_another_compass_is_written_where_that_is_asked_and_said_in_the_file() -> None:
     assert run("calibrate", "two.log", "--sensor", "2", "-o", "c.json").exit_code == 0
-    ended = run("export", "--to", "ardupilot", "--compass", "1", "c.json")
+    ended = run("export", "--for", "ardupilot", "--compass", "1", "c.json")
     assert ended.exit_code == 0
     assert "COMPASS_OFS_X," in ended.stdout
     told = "for compass 1, as asked; it was made from compass 2 of the vehicle"
     assert f"! {told}" in ended.stderr
     assert f"# {told}" in ended.stdout
-    assert run("export", "--to", "ardupilot", "--compass", "2", "c.json").stderr == ""
+    assert run("export", "--for", "ardupilot", "--compass", "2", "c.json").stderr == ""
 
 
 def test_a_calibration_of_two_compasses_together_goes_to_neither_unasked() -> None:
@@ -127,10 +127,10 @@ def test_a_calibration_of_two_compasses_together_goes_to_neither_unasked() -> No
     files = [json.loads(Path(f"{number}.json").read_text(encoding="utf-8")) for number in "12"]
     files[0]["provenance"]["files"] += files[1]["provenance"]["files"]
     Path("both.json").write_text(json.dumps(files[0]), encoding="utf-8")
-    ended = run("export", "--to", "ardupilot", "both.json")
+    ended = run("export", "--for", "ardupilot", "both.json")
     assert (ended.exit_code, ended.stdout) == (2, "")
     assert "was made from compass 1 and 2: say which one it is for" in ended.stderr
-    asked = run("export", "--to", "ardupilot", "--compass", "2", "both.json")
+    asked = run("export", "--for", "ardupilot", "--compass", "2", "both.json")
     assert asked.exit_code == 0
     assert "! for compass 2, as asked; it was made from compass 1 and 2" in asked.stderr
 
@@ -138,14 +138,14 @@ def test_a_calibration_of_two_compasses_together_goes_to_neither_unasked() -> No
 @pytest.mark.parametrize("target", BEFORE_THE_MOUNTING)
 def test_what_acts_before_the_mounting_does_not_get_numbers_from_after_it(target: str) -> None:
     assert run("calibrate", "two.log", "--sensor", "1", "-o", "c.json").exit_code == 0
-    ended = run("export", "--to", target, "c.json", "-o", "out")
+    ended = run("export", "--for", target, "c.json", "-o", "out")
     assert ended.exit_code == 4
     assert "is for readings in the axes of the vehicle" in ended.stderr
     assert not Path("out").exists()
     assert run("calibrate", "two.log", "--sensor", "1", "--export", f"{target}:out").exit_code == 4
     text = Path("c.json").read_text(encoding="utf-8").replace('"frame": "vehicle"', '"frame": "sensor"')
     Path("c.json").write_text(text, encoding="utf-8")
-    assert run("export", "--to", target, "c.json", "-o", "out").exit_code == 0
+    assert run("export", "--for", target, "c.json", "-o", "out").exit_code == 0
 
 
 @pytest.mark.parametrize("command", ["apply", "heading", "check"])
@@ -165,24 +165,24 @@ def test_a_blackbox_goes_to_betaflight_and_not_to_inav() -> None:
     Path("log.csv").write_text(f"loopIteration,time,magADC[0],magADC[1],magADC[2]\n{rows}\n", encoding="ascii")
     assert run("calibrate", "log.csv", "-o", "c.json").exit_code == 0
     assert Calibration.load("c.json").frame == "vehicle"
-    written = run("export", "--to", "betaflight", "c.json")
+    written = run("export", "--for", "betaflight", "c.json")
     assert "set mag_calibration = 100,-50,30\n" in written.stdout
     assert "for readings recorded with mag_calibration = 0,0,0" in written.stdout.replace("\n#  ", "")
-    refused = run("export", "--to", "inav", "c.json")
+    refused = run("export", "--for", "inav", "c.json")
     assert (refused.exit_code, refused.stdout) == (4, "")
     assert "for readings in the axes of the vehicle, and INAV corrects them before the mounting" in refused.stderr
     Path("dump.txt").write_text("set mag_calibration = 100,-50,30\n", encoding="ascii")
     assert run("import", "dump.txt", "--field-strength", "500", "-o", "back.json").exit_code == 0
-    assert run("export", "--to", "inav", "back.json").exit_code == 4  # as a dump is treated
+    assert run("export", "--for", "inav", "back.json").exit_code == 4  # as a dump is treated
 
 
 def test_parameters_of_ardupilot_are_in_the_axes_of_the_vehicle_and_stay_so() -> None:
     Calibration(np.diag([1.1, 0.9, 1.0]), np.array([9.0, -12, 3]), 49.0, raw=Unit.of("mG")).save("c.json")
-    assert run("export", "--to", "ardupilot", "c.json", "-o", "c.param").exit_code == 0
+    assert run("export", "--for", "ardupilot", "c.json", "-o", "c.param").exit_code == 0
     assert run("import", "c.param", "-o", "back.json").exit_code == 0
     assert Calibration.load("back.json").frame == "vehicle"
-    assert run("export", "--to", "px4", "back.json").exit_code == 4
-    again = run("export", "--to", "ardupilot", "back.json")
+    assert run("export", "--for", "px4", "back.json").exit_code == 4
+    again = run("export", "--for", "ardupilot", "back.json")
     assert parse(again.stdout, "again") == parse(Path("c.param").read_text(encoding="utf-8"), "c.param")
 
 
@@ -191,9 +191,9 @@ def test_parameters_of_ardupilot_are_in_the_axes_of_the_vehicle_and_stay_so() ->
 )
 def test_what_was_imported_goes_back_to_its_compass(target: str, compass: str, first: str) -> None:
     Calibration(np.diag([1.1, 0.9, 1.0]), np.array([9.0, -12, 3]), 49.0, raw=Unit.of("mG")).save("c.json")
-    assert run("export", "--to", target, "--compass", compass, "c.json", "-o", "c.param").exit_code == 0
+    assert run("export", "--for", target, "--compass", compass, "c.json", "-o", "c.param").exit_code == 0
     assert run("import", "c.param", "-o", "back.json").exit_code == 0
-    again = run("export", "--to", target, "back.json")
+    again = run("export", "--for", target, "back.json")
     assert again.exit_code == 0
     assert first in again.stdout
     assert f"for compass {compass} of the vehicle" in again.stderr

@@ -24,7 +24,7 @@ def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("made")
     Calibration(MATRIX, OFFSET, 49.0, True, raw=Unit.of("mG")).save(folder / "calibration.json")
     for name, path in (("ardupilot", "compass.param"), ("px4-shell", "px4.txt"), ("motioncal", "packet.bin")):
-        assert run("export", "--to", name, str(folder / "calibration.json"), "-o", str(folder / path)).exit_code == 0
+        assert run("export", "--for", name, str(folder / "calibration.json"), "-o", str(folder / path)).exit_code == 0
     write_field(folder / "tumble.csv", simulate.tumble(seed=2).samples.field)
     return folder
 
@@ -58,11 +58,11 @@ def test_without_a_name_it_goes_to_standard_output() -> None:
 @pytest.mark.parametrize(
     ("words", "code", "message"),
     [
-        ("tumble.csv --from ardupilot", 5, "line 1 is no parameter"),
-        ("packet.bin --from ardupilot", 5, "is not text in UTF-8"),
-        ("compass.param --from betaflight", 5, "mag_calibration is missing"),
-        ("compass.param --from inav", 5, "no magzero_x"),
-        ("compass.param --from paparazzi", 5, "no MAG_X_NEUTRAL"),
+        ("tumble.csv --for ardupilot", 5, "line 1 is no parameter"),
+        ("packet.bin --for ardupilot", 5, "is not text in UTF-8"),
+        ("compass.param --for betaflight", 5, "mag_calibration is missing"),
+        ("compass.param --for inav", 5, "no magzero_x"),
+        ("compass.param --for paparazzi", 5, "no MAG_X_NEUTRAL"),
         ("compass.param --compass 3", 5, "holds compass 1 and not 3"),
     ],
 )
@@ -76,8 +76,8 @@ def test_wrong_use_is_one_line_on_stderr(words: str, code: int, message: str) ->
 @pytest.mark.parametrize(
     ("words", "message"),
     [
-        ("--to ardupilot --compass 0 calibration.json", "compass 1, 2 and 3"),
-        ("--to px4 --compass 9 calibration.json", "9 is not in the range"),
+        ("--for ardupilot --compass 0 calibration.json", "compass 1, 2 and 3"),
+        ("--for px4 --compass 9 calibration.json", "9 is not in the range"),
     ],
 )
 def test_a_compass_that_there_is_not(words: str, message: str) -> None:
@@ -114,11 +114,11 @@ def test_numbers_that_are_no_calibration_are_refused() -> None:
 
 
 def test_lossy_is_asked_for() -> None:
-    refused = run("export", "--to", "ros-madgwick", "calibration.json", "-o", "mag.yaml")
+    refused = run("export", "--for", "ros-madgwick", "calibration.json", "-o", "mag.yaml")
     assert refused.exit_code == 4
     assert "of heading" in refused.stderr
     assert not Path("mag.yaml").exists()
-    ended = run("export", "--to", "ros-madgwick", "--lossy", "calibration.json", "-o", "mag.yaml")
+    ended = run("export", "--for", "ros-madgwick", "--lossy", "calibration.json", "-o", "mag.yaml")
     assert ended.exit_code == 0
     assert "! imu_filter_madgwick holds an offset and no soft iron" in ended.stderr
     assert "mag_bias_x: 1.200000000e-05" in Path("mag.yaml").read_text(encoding="ascii")

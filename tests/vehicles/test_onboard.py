@@ -191,7 +191,7 @@ def test_a_log_is_imported_and_goes_back_to_its_compass() -> None:
     flown(STALE)
     run("import", "flight.bin", "-o", "board.json", code=0)
     npt.assert_allclose(Calibration.load("board.json").offset, [-40.0, 20.0, 40.0], atol=1e-4)
-    exported = run("export", "--to", "ardupilot", "board.json", code=0).stdout.splitlines()
+    exported = run("export", "--for", "ardupilot", "board.json", code=0).stdout.splitlines()
     values = dict(line.split(",") for line in exported if line.startswith("COMPASS"))
     assert [float(values[f"COMPASS_OFS_{axis}"]) for axis in "XYZ"] == pytest.approx(STALE)
     checked = json.loads(run("check", "board.json", "flight.bin", "--json", code=4).stdout)

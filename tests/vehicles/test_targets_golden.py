@@ -26,19 +26,19 @@ def calibrations(page_of_80_columns: None) -> None:
 
 
 def test_soft_iron_that_has_no_room(golden: Golden) -> None:
-    golden("cli/target-refused.txt", session("flinders export --to betaflight counts.json -o mag.txt", code=4))
+    golden("cli/target-refused.txt", session("flinders export --for betaflight counts.json -o mag.txt", code=4))
 
 
 def test_a_rotation_becomes_the_mounting(golden: Golden) -> None:
     turned = euler(3.0, -8.0, 40.0) @ np.array([[0.91, 0.05, 0.1], [0.05, 1.19, -0.1], [0.1, -0.1, 0.94]])
     found = Calibration(turned, np.array([-69.8, 68.9, -5.6]), 49.4, rotation="estimated", raw=Unit.of("G"))
     found.save("turned.json")
-    golden("cli/mounting.txt", session("flinders export --to px4-shell --mounting YAW_270 turned.json"))
+    golden("cli/mounting.txt", session("flinders export --for px4-shell --mounting YAW_270 turned.json"))
 
 
 def test_there_and_back(golden: Golden) -> None:
     lines = (
-        "flinders export --to ardupilot --compass 2 calibration.json -o compass.param",
+        "flinders export --for ardupilot --compass 2 calibration.json -o compass.param",
         "flinders import compass.param -o back.json",
     )
     golden("cli/import.txt", session(*lines))

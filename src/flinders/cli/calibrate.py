@@ -233,7 +233,7 @@ class _Run:
                 target = likely_target(self.provenance.files)
                 if onboard is not None and onboard.answer == "holds":
                     say("what is on board is good enough; to change it all the same:")
-                say(f"next: {shlex.join(['flinders', 'export', '--to', target, files.output])}")
+                say(f"next: {shlex.join(['flinders', 'export', '--for', target, files.output])}")
                 say("other targets: flinders targets")
 
     def _trace(self) -> None:

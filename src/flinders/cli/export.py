@@ -11,7 +11,7 @@ from flinders.cli import _options as option
 from flinders.cli import _program as program
 from flinders.cli._inputs import load, provenance
 from flinders.cli._output import Outputs, error_words, lossy_if_agreed, print_json, say
-from flinders.cli.targets import NamingTargets, print_targets
+from flinders.cli.targets import NamingTargets
 from flinders.errors import FlindersError, UsageError
 
 if TYPE_CHECKING:
@@ -27,9 +27,8 @@ class ExportCommand(program.Group):
 
     calibration: str | None = program.argument("CALIBRATION", required=False)
     target: str | None = program.member(
-        "--to", metavar="TARGET", help="What to write it for, one of those of `flinders targets`."
+        "--for", metavar="TARGET", help="What to write it for, one of those of `flinders targets`."
     )
-    listed: bool = program.flag("--list", "List the targets, as `flinders targets` does.")
     compass: int | None = program.member(
         "--compass", type=click.IntRange(0, 3), metavar="N",
         help="Which compass it is for: {compasses} [default: the one of the log, else the first].",
@@ -49,12 +48,12 @@ class ExportCommand(program.Group):
     "export",
     ExportCommand,
     cls=NamingTargets,
-    common=("target", "output", "compass", "listed", "lossy", "name", "force", "as_json"),
+    common=("target", "output", "compass", "lossy", "name", "force", "as_json"),
     headings={"Vehicle": ("mounting",)},
     epilog="""\b
 Example:
-  flinders export --to arduino calibration.json -o mag.ino
-  flinders export --to c calibration.json -o calibration.h
+  flinders export --for arduino calibration.json -o mag.ino
+  flinders export --for c calibration.json -o calibration.h
   flinders targets
 
 \b
@@ -71,19 +70,16 @@ def command(options: ExportCommand) -> None:
     """
     from flinders.workflows.exporting import export
 
-    if options.listed:
-        print_targets(as_json=options.as_json)
-        return
     if not options.calibration or not (target := options.target):
         raise UsageError(
-            "need a calibration file and a target: flinders export --to arduino calibration.json; "
+            "need a calibration file and a target: flinders export --for arduino calibration.json; "
             "flinders targets names them"
         )
     path = options.output or "-"
     is_fields = options.as_json and path != options.output  # --json takes the place of the text on standard output
     outputs = Outputs.of(("the text", path), force=options.force, as_json=options.as_json and not is_fields)
     outputs.check([options.calibration])
-    fit = load("export --to TARGET", options.calibration)
+    fit = load("export --for TARGET", options.calibration)
     asked: dict[str, Any] = {"compass": options.compass, "mounting": options.mounting, "name": options.name}
     exported = lossy_if_agreed(lambda lossy: export(fit, target, lossy=lossy, **asked), lossy=options.lossy)
     if not is_fields:

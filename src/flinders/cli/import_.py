@@ -26,7 +26,7 @@ class Import(program.Group):
     """A file of another tool, and what it is read as."""
 
     file: str = program.argument("FILE")
-    target: str | None = program.member("--from", metavar="TARGET", help="Whose file it is [default: by its content].")
+    target: str | None = program.member("--for", metavar="TARGET", help="Whose file it is [default: by its content].")
     compass: int | None = program.member(
         "--compass", type=click.IntRange(0, 3), metavar="N", help="Which compass of several, as the file counts."
     )

@@ -50,4 +50,4 @@ def command(options: Show) -> None:
         return
     show(of_file(fit, in_options, is_verbose=options.verbose))
     path, target = options.calibration, likely_target(fit.provenance.files)
-    say(f"use it: flinders apply {path} raw.csv; flinders export --to {target} {path}")
+    say(f"use it: flinders apply {path} raw.csv; flinders export --for {target} {path}")

@@ -68,7 +68,7 @@ class Targets(program.Group):
     epilog="""\b
 Example:
   flinders targets
-  flinders export --to arduino calibration.json -o mag.ino
+  flinders export --for arduino calibration.json -o mag.ino
 """,
 )
 def command(options: Targets) -> None:

@@ -133,7 +133,7 @@ def _of_folder(path: str) -> Contents | None:
         units=len(units),
         recordings=len(names),
         names=tuple(units[:NAMED]),
-        commands=(shlex.join(["flinders", "fleet", path, "--out", OUT]),),
+        commands=(shlex.join(["flinders", "fleet", path, "-o", OUT]),),
     )
 
 
@@ -200,7 +200,7 @@ def _of_units(path: str, column: str, units: set[str]) -> Contents | None:
         recordings=0,
         unit_column=column,
         names=tuple(sorted(units)[:NAMED]),
-        commands=(shlex.join(["flinders", "fleet", path, "--unit-column", column, "--out", OUT]),),
+        commands=(shlex.join(["flinders", "fleet", path, "--unit-column", column, "-o", OUT]),),
     )
 
 

@@ -36,7 +36,7 @@ STATE_COLOURS: Final = {
     "recalibrate": "red", "unsure": "yellow", "changed": "yellow", "unordered": "yellow", "steady": "green",
 }  # fmt: skip
 SHOWN: Final = 12
-"""Units, steps and batches that are listed; the report and ``--out`` have more."""
+"""Units, steps and batches that are listed; the report and ``--output`` have more."""
 LONGEST: Final = 17
 """Characters of a recording's name that are shown."""
 

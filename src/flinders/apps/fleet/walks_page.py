@@ -33,7 +33,7 @@ if TYPE_CHECKING:
 
 STATE_COLOURS: Final = {"moved": "red", "faster": "yellow", "steady": "green"}
 SHOWN: Final = 12
-"""Units, steps and estimates that are listed; ``--out`` and ``--json`` have more."""
+"""Units, steps and estimates that are listed; ``--output`` and ``--json`` have more."""
 
 
 def of_walks(fleet: FleetWalk) -> RenderableType:

@@ -10,7 +10,9 @@ from flinders.cli._output import print_json, say
 class Firmware(program.Group):
     """Where the package goes."""
 
-    folder: str = program.member("--out", required=True, metavar="DIR", help="Folder of the package; it is made.")
+    folder: str = program.member(
+        "-o", "--output", required=True, metavar="DIR", help="Folder of the package; it is made."
+    )
     force: bool = option.force()
     as_json: bool = option.as_json()
 
@@ -21,7 +23,7 @@ class Firmware(program.Group):
     common=("folder", "force", "as_json"),
     epilog="""\b
 Example:
-  flinders firmware --out ~/Arduino/libraries/Flinders
+  flinders firmware -o ~/Arduino/libraries/Flinders
   flinders live --serial /dev/ttyACM0
 """,
 )

@@ -24,7 +24,7 @@ class Drift(program.Group):
 
     tables: tuple[str, ...] = program.argument("TABLE|HISTORY...", nargs=-1)
     out: str | None = program.member(
-        "-o", "--out", what="the table", metavar="FILE.parquet", help="Also write a table with a row for each unit."
+        "-o", "--output", what="the table", metavar="FILE.parquet", help="Also write a table with a row for each unit."
     )
     report: str | None = program.member(
         "--report",
@@ -58,7 +58,7 @@ class Drift(program.Group):
     epilog="""\b
 Example:
   flinders drift calibrations.parquet --report drift.html
-  flinders drift january.parquet june.parquet --against previous --out drift.parquet
+  flinders drift january.parquet june.parquet --against previous -o drift.parquet
   flinders drift states/*.state
 
 \b

@@ -52,7 +52,7 @@ class Fleet(program.Group):
 
     source: str = program.argument("INPUT")
     out: str = program.member(
-        "-o", "--out", required=True, metavar="FILE.parquet",
+        "-o", "--output", required=True, metavar="FILE.parquet",
         help="The table to write, also as CSV, or to s3://, gs:// or az://.",
     )  # fmt: skip
     append: bool = program.member(
@@ -113,10 +113,10 @@ class Fleet(program.Group):
     common=("out", "append", "bad", "report", "unit_column", "columns", "unit"),
     epilog="""\b
 Example:
-  flinders fleet logs/ --out calibrations.parquet --bad bad.csv --report fleet.html
-  flinders fleet logs/ --out calibrations.parquet --append --alerts alerts.csv
-  flinders fleet 'line-7/*.parquet' --unit-column serial --unit mG --out calibrations.parquet
-  flinders fleet s3://fleet/2026/ --out s3://fleet/2026.parquet --scheduler tcp://10.0.0.1:8786
+  flinders fleet logs/ -o calibrations.parquet --bad bad.csv --report fleet.html
+  flinders fleet logs/ -o calibrations.parquet --append --alerts alerts.csv
+  flinders fleet 'line-7/*.parquet' --unit-column serial --unit mG -o calibrations.parquet
+  flinders fleet s3://fleet/2026/ -o s3://fleet/2026.parquet --scheduler tcp://10.0.0.1:8786
 
 \b
 Exit codes:

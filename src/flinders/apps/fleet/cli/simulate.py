@@ -46,7 +46,7 @@ class SimulatedFleet(program.Group):
     epilog="""\b
 Example:
   flinders simulate fleet -o line --units 200
-  flinders fleet line --out calibrations.parquet --bad bad.csv --properties line.units.csv
+  flinders fleet line -o calibrations.parquet --bad bad.csv --properties line.units.csv
   flinders drift calibrations.parquet
 """,
 )

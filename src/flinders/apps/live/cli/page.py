@@ -10,7 +10,7 @@ from flinders.cli._output import print_json, say
 class Page(program.Group):
     """Where the page goes."""
 
-    folder: str = program.member("--out", required=True, metavar="DIR", help="Folder of the page; it is made.")
+    folder: str = program.member("-o", "--output", required=True, metavar="DIR", help="Folder of the page; it is made.")
     force: bool = option.force("Write it among other files, and over those of the same names.")
     as_json: bool = option.as_json()
 
@@ -21,7 +21,7 @@ class Page(program.Group):
     common=("folder", "force", "as_json"),
     epilog="""\b
 Example:
-  flinders page --out calibrate
+  flinders page -o calibrate
   python -m http.server --directory calibrate
 """,
 )

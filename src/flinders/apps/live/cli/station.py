@@ -37,7 +37,7 @@ class StationOptions(program.Group):
     operator: str = program.member("--operator", default="", metavar="NAME", help="Who tests; the page can change it.")
     name: str = program.member("--name", default="", metavar="NAME", help="Name of the station, in each row.")
     to: tuple[str, ...] = program.member(
-        "--to",
+        "--for",
         multiple=True,
         metavar="TARGET",
         help="Write each unit that passes for a target, beside those of the plan.",

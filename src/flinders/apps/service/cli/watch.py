@@ -139,7 +139,7 @@ class Watch(program.Group):
 
     source: WatchedSource = program.group(WatchedSource)
     calibration: str | None = program.member(
-        "--calibration", metavar="CALIBRATION", help="Begin with a calibration file [default: the readings make one]."
+        "--previous", metavar="CALIBRATION", help="Begin with a calibration file [default: the readings make one]."
     )
     walk: float | None = program.member(
         "--walk", type=program.positive, metavar="RATE",
@@ -246,7 +246,7 @@ class Watch(program.Group):
         if self.state is not None and Path(self.state).exists():
             online = OnlineCalibration.load(self.state)
             self._refuse_others(online.state.target_deg)
-            begins = {"--calibration": self.calibration, "--walk": self.walk, "--history": self.history}
+            begins = {"--previous": self.calibration, "--walk": self.walk, "--history": self.history}
             unused = " and ".join(name for name, value in begins.items() if value is not None)
             words = f", and {unused} is not used" if unused else ""
             words += "; it is of another release, whose evidence is left out" if online.is_converted else ""
@@ -256,8 +256,8 @@ class Watch(program.Group):
         if self.calibration is None:
             return Begun(None, self.axes, self.target_deg, self.dip_deg, **walk)
         if program.is_typed("axes"):
-            raise UsageError("--axes are those of --calibration: leave one of them out")
-        start = load("watch --calibration", self.calibration)
+            raise UsageError("--axes are those of --previous: leave one of them out")
+        start = load("watch --previous", self.calibration)
         begun = Begun(start, target_deg=self.target_deg, dip_deg=self.dip_deg, **walk)
         begun.calibration(start.calibration.raw)  # what cannot go on is said before anything is opened
         return begun

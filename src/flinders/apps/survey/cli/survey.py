@@ -39,7 +39,7 @@ class Survey(program.Group):
         help="The same of the accelerometer [default: as --axes].",
     )  # fmt: skip
     calibration: str | None = program.member(
-        "--calibration", metavar="FILE",
+        "--previous", metavar="FILE",
         help="Hold SHOTS against this calibration, and fit none: a calibration file, coefficients of a DistoX, or JSON "
         "of mag-cal.",
     )  # fmt: skip
@@ -68,7 +68,7 @@ class Survey(program.Group):
 Example:
   flinders survey shots.csv -o calibration.json --distox coefficients.bin
   flinders survey sap6.json --axes x,y,-z --acceleration-axes=-y,-x,z --mag-cal calib.json
-  flinders survey check.csv --calibration calibration.json
+  flinders survey check.csv --previous calibration.json
 
 \b
 Exit codes:
@@ -115,7 +115,7 @@ def _check(options: Survey, path: str) -> int:
     typed = [name for name in FITTING if program.is_typed(name)]
     if typed:
         names = ", ".join(f"--{name.removesuffix('_deg').replace('_', '-')}" for name in typed)
-        raise UsageError(f"with --calibration nothing is fitted, and it knows its axes: leave {names} out")
+        raise UsageError(f"with --previous nothing is fitted, and it knows its axes: leave {names} out")
     errors, name = check_survey(options.path, path), Path(path).name
     options.outputs.print(
         lambda: {"rms_deg": errors.rms_deg, "shots": errors.as_dict()}, lambda: of_check(errors, name)
