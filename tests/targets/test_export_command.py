@@ -83,7 +83,7 @@ def test_a_refused_calibration_is_not_exported() -> None:
 
 
 def test_the_targets_are_listed() -> None:
-    listed = export("--list")
+    listed = CliRunner().invoke(main, ["targets"])
     assert listed.exit_code == 0
     assert all(name in listed.stdout for name in registry())
     assert listed.stdout == CliRunner().invoke(main, ["targets"]).stdout
