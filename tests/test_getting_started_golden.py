@@ -9,6 +9,9 @@ from __future__ import annotations
 import os
 import re
 import shlex
+import shutil
+import subprocess
+import sys
 import termios
 import threading
 import time
@@ -111,7 +114,37 @@ def test_the_first_minutes_are_as_the_page_shows(
     )
 
 
-@pytest.mark.parametrize("page", ["maker.md", "pilot.md", "notebook.md", "line.md"])
+TOOL: Final = re.compile(r"^\$ uv run (.*)$")
+"""A line of the contributor's page, whose tools are those of this environment."""
+
+
+def test_a_contributors_first_commands_end_as_the_page_shows(request: pytest.FixtureRequest) -> None:
+    path = START / "contributor.md"
+    text = path.read_text(encoding="utf-8")
+
+    def real(shown: re.Match[str]) -> str:
+        found = (TOOL.match(line) for line in shown[1].splitlines())
+        return "".join(f"$ uv run {line[1]}\n{tool_says(line[1])}" for line in found if line)
+
+    renewed = CONSOLE.sub(real, text)
+    if request.config.getoption("--regenerate", default=False):
+        path.write_text(renewed, encoding="utf-8")
+    assert renewed == path.read_text(encoding="utf-8"), "docs/start/contributor.md: `uv run pytest --regenerate`"
+
+
+def tool_says(line: str) -> str:
+    """The last line that a tool of the project prints, without what it took."""
+    words = shlex.split(line)
+    tool = shutil.which(words[0], path=Path(sys.executable).parent)
+    assert tool is not None
+    environment = {name: value for name, value in os.environ.items() if not name.startswith("PYTEST_")}
+    ended = subprocess.run([tool, *words[1:]], cwd=ROOT, capture_output=True, text=True, env=environment, check=False)
+    assert ended.returncode == 0, ended.stdout + ended.stderr
+    last = next(line for line in reversed(ended.stdout.splitlines()) if line.strip())
+    return f"{re.sub(r' in [0-9.]+s', '', last)}\n"
+
+
+@pytest.mark.parametrize("page", ["maker.md", "pilot.md", "notebook.md", "line.md", "contributor.md"])
 def test_nobody_needs_more_than_three_steps(page: str) -> None:
     steps = re.findall(r"^\*\*(\d)\.", (START / page).read_text(encoding="utf-8"), re.MULTILINE)
     assert steps in (["1", "2"], ["1", "2", "3"])
