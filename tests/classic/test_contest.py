@@ -99,7 +99,7 @@ def test_where_no_method_gives_anything_the_first_says_why() -> None:
 
 def test_sums_are_not_enough() -> None:
     with pytest.raises(NeedsSamples):
-        compare_methods(Summary.of(TUMBLE.samples))  # type: ignore[arg-type]
+        compare_methods(Summary.of(TUMBLE.samples))
 
 
 @pytest.mark.parametrize("methods", [["foo"], ["auto", "auto"], []])

@@ -73,8 +73,8 @@ ROWS: Final = (
             "put right from some reading on; told where they then fit as those of a usable recording do"
         ),
         action=(
-            "find out what the driver did at the reading that the advice names; record again. What is so "
-            "throughout [cannot be told](fleet/faults.md)"
+            "find out what the driver did at the reading that the advice names; record again. A swap through the "
+            "whole recording [cannot be told](fleet/faults.md)"
         ),
         rule=Rule("swap_gain", (Grade("limits", 1.1),)),
         fault="from reading {swap}",
