@@ -10,7 +10,7 @@ from tests.frames import Streamed, of_polars, pyarrow
 
 import flinders
 from flinders.core.frames import with_columns
-from flinders.errors import NoAccelerometer, UsageError
+from flinders.errors import NoAccelerometer, UnknownParameter, UsageError
 from flinders.simulate.disturbances import MotorCurrent
 
 if TYPE_CHECKING:
@@ -118,6 +118,13 @@ def test_columns_are_chosen_by_name_or_number(samples: Samples, calibration: Cal
         np.testing.assert_allclose(corrected["raw, north"], calibration.apply(samples.field)[:, 1])
         assert flinders.fit(frame, columns=columns, unit="uT").calibration.isclose(calibration, tolerance=1e-9)
         np.testing.assert_array_equal(flinders.read(frame, columns=columns, unit="uT").field, samples.field)
+
+
+def test_a_mistyped_option_of_a_frame_is_answered_with_the_one_that_was_meant(
+    samples: Samples, calibration: Calibration
+) -> None:
+    with pytest.raises(UnknownParameter, match="did you mean 'heading'"):
+        calibration.apply(samples.as_columns(), headings=True)
 
 
 def test_a_column_of_triples_is_corrected_as_one(samples: Samples, calibration: Calibration) -> None:
