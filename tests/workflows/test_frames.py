@@ -124,7 +124,7 @@ def test_a_mistyped_option_of_a_frame_is_answered_with_the_one_that_was_meant(
     samples: Samples, calibration: Calibration
 ) -> None:
     with pytest.raises(UnknownParameter, match="did you mean 'heading'"):
-        calibration.apply(samples.as_columns(), headings=True)
+        calibration.apply(pandas.DataFrame(samples.as_columns()), headings=True)
 
 
 def test_a_column_of_triples_is_corrected_as_one(samples: Samples, calibration: Calibration) -> None:
@@ -162,3 +162,11 @@ def test_what_a_frame_lacks_is_told(samples: Samples, calibration: Calibration) 
 def test_a_frame_that_takes_no_columns_says_what_to_give(samples: Samples) -> None:
     with pytest.raises(UsageError, match=r"pyarrow\.table\(frame\)"):
         with_columns(Streamed(samples.as_columns()), {"a": np.zeros(3)})
+
+
+def test_a_recording_in_the_place_of_the_calibration_is_a_mistake_of_use(
+    samples: Samples, calibration: Calibration
+) -> None:
+    frame = pandas.DataFrame(samples.as_columns())
+    with pytest.raises(UsageError, match="DataFrame"):
+        flinders.headings(calibration, frame)

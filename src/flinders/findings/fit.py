@@ -217,7 +217,7 @@ ROWS: Final = (
         rule=Rule("independent", (Grade("limits", 1.0, "independent_needed"),), comparison="<"),
         fault="only {independent_readings}",
         said="record for longer, turning all the time, away from iron",
-        plain="The number of independent readings is only {number:.0f}, which is little to go by.",
+        plain="There are only {number:.0f} independent readings, too few to be sure of the heading error.",
         remedy="Record for longer, turning all the time, away from iron.",
     ),
     CatalogueRow(

@@ -249,9 +249,9 @@ ROWS: Final = (
             limit=Limit(0.005),
         ),
         said=(
-            "{structure_share:.1%} of the field depends on the direction as no ellipsoid does, "
-            "{structure_deg}° of heading, which the heading error allows for: the sensor is not linear, near the "
-            "end of its range, or the field not the same everywhere; record away from iron, check the range"
+            "{structure_share:.1%} of the field depends on the direction in a way that no ellipsoid fits "
+            "({structure_deg}° of heading, which the heading error allows for): the sensor is not linear or near the "
+            "end of its range, or the field is not the same everywhere; record away from iron, check the range"
         ),
         plain=(
             "A part of the field, {number:.1%}, depends on the direction in a way that no correction of this kind"
