@@ -37,7 +37,7 @@ if TYPE_CHECKING:
     from flinders.readers._asked_columns import AnyColumns
 
 OPTIONS: Final = ("columns", "heading", "level")
-"""Options of a frame, beside which a disturbance may have any name."""
+"""Options of a frame, of which a keyword that is no disturbance may be a misspelling."""
 
 HEADING: Final = "heading_deg"
 """Name of the column of headings, as `flinders headings` writes it."""
