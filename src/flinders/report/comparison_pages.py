@@ -207,7 +207,7 @@ def _words(comparison: Comparison, fresh: Fit | None, *, is_limited: bool) -> st
         return f"{within} (target {comparison.target_deg:g}°), {explained}{changed}{limits}"
     changed = ": a new calibration will be better" if is_changed else ""
     error = at_most(comparison.claimed_bound_deg or 0.0)
-    found = f"headings are {up_to(worst_deg)} apart, give or take {error} (95 %): within or beyond the {target}"
+    found = f"headings are {up_to(worst_deg)} apart, give or take {error} (95 %), which may be within or beyond the {target}"
     remedy = _remedy(comparison, is_checked=fresh is not None, is_limited=is_limited)
     return f"{found}; {explained}{changed}. {remedy}"
 
