@@ -207,9 +207,9 @@ def _words(comparison: Comparison, fresh: Fit | None, *, is_limited: bool) -> st
         return f"{within} (target {comparison.target_deg:g}°), {explained}{changed}{limits}"
     changed = ": a new calibration will be better" if is_changed else ""
     error = at_most(comparison.claimed_bound_deg or 0.0)
-    found = f"headings are {up_to(worst_deg)} apart, give or take {error} (95 %), which may be within or beyond the {target}"
+    apart = f"headings are {up_to(worst_deg)} apart, give or take {error} (95 %)"
     remedy = _remedy(comparison, is_checked=fresh is not None, is_limited=is_limited)
-    return f"{found}; {explained}{changed}. {remedy}"
+    return f"{apart}, which may be within or beyond the {target}; {explained}{changed}. {remedy}"
 
 
 def _remedy(comparison: Comparison, *, is_checked: bool, is_limited: bool) -> str:
