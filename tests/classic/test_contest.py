@@ -92,6 +92,15 @@ def test_too_few_readings_for_blocks_are_compared_without() -> None:
     assert all(entry.validation is None for entry in contest.entries)
 
 
+def test_a_data_frame_is_compared_as_its_readings() -> None:
+    methods = ["auto", "sphere"]
+    of_frame, of_samples = (
+        compare_methods(each, methods=methods) for each in (TUMBLE.samples.as_columns(), TUMBLE.samples)
+    )
+    assert [each.difference_deg for each in of_frame] == [each.difference_deg for each in of_samples]
+    assert [each.validation for each in of_frame] == [each.validation for each in of_samples]
+
+
 def test_where_no_method_gives_anything_the_first_says_why() -> None:
     with pytest.raises(TooFewSamples):
         compare_methods(TUMBLE.samples.field[:3])
@@ -99,7 +108,7 @@ def test_where_no_method_gives_anything_the_first_says_why() -> None:
 
 def test_sums_are_not_enough() -> None:
     with pytest.raises(NeedsSamples):
-        compare_methods(Summary.of(TUMBLE.samples))  # type: ignore[arg-type]
+        compare_methods(Summary.of(TUMBLE.samples))
 
 
 @pytest.mark.parametrize("methods", [["foo"], ["auto", "auto"], []])

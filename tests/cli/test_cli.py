@@ -373,7 +373,9 @@ def test_a_limited_fit_says_what_it_is_good_for_and_how_to_move_on(home: Path) -
     ended = flinders_("calibrate", "deck.csv", "-o", "out.json")
     shown = " ".join(ended.out.split())
     assert ended.code == 3
-    assert re.search(r"LIMITED Good up to \d+° of tilt: [\d.]+° \(95 % within [\d.]+°\). Not known beyond: ", shown)
+    assert re.search(
+        r"LIMITED Good up to \d+° of tilt: [\d.]+° \(95 % within [\d.]+°\). Above the target beyond: ", shown
+    )
     assert re.search(r"Hold the sensor with [^:]* and turn it slowly once around, keeping it so. \[coverage\]", shown)
     assert re.search(r"within 1° up to \d+° of tilt; [\d.]+° at (?:10|30|90)°, [\d.]+° upside down", shown)
     assert Path("out.json").exists()

@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 import click
+import pytest
 from click.testing import CliRunner
 
 from flinders.cli import main
@@ -42,3 +43,17 @@ def test_every_common_option_is_one_of_the_command() -> None:
             grouped = [each for names in command.headings.values() for each in names]
             unknown = {*command.common, *grouped} - {param.name for param in command.params}
             assert not unknown, f"{name} has no option {unknown}"
+
+
+@pytest.mark.parametrize(
+    ("typed", "meant"),
+    [
+        ("calibrate log.bin --out x.json", "'--output'? See flinders calibrate --help"),
+        ("calibrate log.bin --units uT", "'--unit'? See flinders calibrate --help"),
+        ("export --to ardupilot x.json", "'--for'? See flinders export --help"),
+        ("calibrate log.bin --report", "; see flinders calibrate --help"),
+    ],
+)
+def test_a_mistyped_option_is_answered_with_one_option_and_the_help_of_its_command(typed: str, meant: str) -> None:
+    ended = CliRunner().invoke(main, typed.split())
+    assert (ended.exit_code, ended.stderr.endswith(f"{meant}\n")) == (2, True), ended.stderr

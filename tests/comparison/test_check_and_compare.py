@@ -113,7 +113,7 @@ def test_calibrations_too_vague_to_tell_end_with_3() -> None:
     assert (ended.code, ended.json["answer"]) == (3, "cannot-tell")
     assert ended.json["largest_deg"] > 0.1
     shown = " ".join(flinders_("compare", "monday.json", "tuesday.json", "--target", "0.1").out.split())
-    assert f"CANNOT TELL headings up to {ended.json['heading_difference_deg']['worst']:.2f}° apart" in shown
+    assert f"CANNOT TELL headings are up to {ended.json['heading_difference_deg']['worst']:.2f}° apart" in shown
     assert f"the wider is that of {ended.json['wider_claim'].upper()}" in shown
 
 
@@ -173,10 +173,10 @@ def test_calibrations_that_leave_any_angle_say_so() -> None:
     with_calibration(replace(first, claim=claim), moved).save("wide.json")
     ended = flinders_("compare", "monday.json", "wide.json")
     assert ended.code == 3
-    assert "headings any angle apart" in " ".join(ended.out.split())
+    assert "headings are any angle apart" in " ".join(ended.out.split())
     assert "give or take any angle (95 %)" in " ".join(ended.out.split())
     replace(first, calibration=moved).save("far.json")
-    assert "headings any angle apart, more than the target" in " ".join(
+    assert "headings are any angle apart, more than the target" in " ".join(
         flinders_("compare", "monday.json", "far.json").out.split()
     )
 
@@ -222,7 +222,7 @@ def test_a_moved_offset_widens_the_spread_under_the_calibration() -> None:
     record("moved.csv", 5, offset=5.0)
     residual = flinders_("check", "monday.json", "moved.csv", "--json").json["residual"]
     assert residual["calibration"]["spread"] > 3 * residual["fresh"]["spread"]
-    assert "FAILS  headings up to" in flinders_("check", "monday.json", "moved.csv").out
+    assert "FAILS  headings are up to" in flinders_("check", "monday.json", "moved.csv").out
 
 
 def test_a_recording_too_poor_to_tell_ends_with_3_and_says_what_to_do() -> None:
@@ -250,7 +250,7 @@ def test_a_recording_that_cannot_be_fitted_ends_with_3_and_says_what_it_does_sho
     ended = flinders_("check", "monday.json", "still.csv")
     assert (ended.code, ended.out) == (3, "")
     shown = " ".join(ended.err.split())
-    assert re.search(r"CANNOT TELL whether monday.json holds.* its strength is (?:1\.00|0\.99)", shown)
+    assert re.search(r"CANNOT TELL whether monday.json holds.* the strength of its readings is (?:1\.00|0\.99)", shown)
     assert "the heading may be off by" in " ".join(ended.err.split())
     found = flinders_("check", "monday.json", "still.csv", "--json").json
     assert (found["answer"], found["verdict"]) == ("cannot-tell", "refused")

@@ -141,7 +141,7 @@ def test_less_than_a_full_turn_claims_as_much_less(arc_deg: float, verdicts: set
 
 
 def test_a_refused_part_of_a_turn_asks_for_the_rest_of_it_and_not_to_turn_the_vehicle_over() -> None:
-    with pytest.raises(Refused, match="turn it all the way round, more than once, keeping it level") as caught:
+    with pytest.raises(Refused, match="turn the sensor all the way round, more than once, keeping it level") as caught:
         flinders.fit(level_turn(1, np.linspace(20.0, 60.0, 600)).samples.field)
     assert "side down" not in str(caught.value)
 

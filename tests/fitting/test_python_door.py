@@ -126,6 +126,8 @@ def test_a_path_reads_as_read_reads_it(samples: Samples, tmp_path: Path) -> None
         for source in sources:
             assert flinders.fit(source).calibration == expected
     assert flinders.fit(tmp_path / "log.csv", sensor="A17").calibration == replace(expected, sensor="A17")
+    assert flinders.fit(tmp_path / "log.csv", sensor=1).calibration == replace(expected, sensor="1")
+    assert flinders.fit(samples, sensor=7).calibration.sensor == "7"
 
 
 def test_unit_and_axes_of_an_array_are_words(samples: Samples) -> None:

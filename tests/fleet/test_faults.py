@@ -142,7 +142,7 @@ def test_the_verdict_names_a_slip_and_says_from_when_on() -> None:
     finding = next(finding for finding in fitted.findings if finding.code == "axis-swap")
     assert finding.severity == "limits"
     assert finding.number > finding.limit
-    assert finding.advice.startswith("from reading 901 on x and y changed places")
+    assert finding.advice.startswith("from reading 901 on, x and y changed places")
 
 
 def test_a_piece_that_is_done_is_not_done_again(tmp_path: Path) -> None:

@@ -90,6 +90,12 @@ def test_a_run_without_news_changes_nothing(fitted: list[str]) -> None:
     assert Path("out.parquet").read_bytes() == before
 
 
+def test_a_page_without_news_has_no_empty_table() -> None:
+    for _ in range(2):
+        ended = CliRunner().invoke(main, ["fleet", "logs", "-o", "out.parquet", "--append"])
+    assert (ended.exit_code, "number / limit" in ended.stdout) == (0, False)
+
+
 def test_tables_of_many_units_are_extended_too() -> None:
     shutil.rmtree("logs")
     Path("logs").mkdir()

@@ -508,7 +508,7 @@ def test_a_stricter_target_has_to_be_reached_anew() -> None:
 def test_a_limited_calibration_says_up_to_which_tilt_it_holds() -> None:
     shown = after(simulate.tumble(seed=1, motion="tilted").samples).state
     assert shown.phase == "limited"
-    assert re.match(r"Good up to \d+° of tilt: .* Not known beyond: ", shown.words), shown.words
+    assert re.match(r"Good up to \d+° of tilt: .* Above the target beyond: ", shown.words), shown.words
 
 
 def test_who_turned_it_level_is_told_to_tilt_it_and_not_to_keep_it_level() -> None:

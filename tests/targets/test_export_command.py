@@ -92,9 +92,9 @@ def test_the_targets_are_listed() -> None:
 @pytest.mark.parametrize(
     ("words", "code", "message"),
     [
-        ("", 2, "need a calibration file and a target"),
-        ("calibration.json", 2, "need a calibration file and a target"),
-        ("--for esphome", 2, "need a calibration file and a target"),
+        ("", 2, "no calibration file: flinders export --for arduino calibration.json"),
+        ("calibration.json", 2, "no target: flinders export --for arduino calibration.json; flinders targets"),
+        ("--for esphome", 2, "no calibration file: flinders export --for esphome calibration.json"),
         ("--for yml calibration.json", 2, "'yml' is not known (did you mean 'yaml'?): use one of "),
         ("--for esphome counts.json", 2, "--unit"),
         ("--for esphome -", 2, "must be a file"),

@@ -10,7 +10,7 @@ from tests.frames import Streamed, of_polars, pyarrow
 
 import flinders
 from flinders.core.frames import with_columns
-from flinders.errors import NoAccelerometer, UsageError
+from flinders.errors import NoAccelerometer, UnknownParameter, UsageError
 from flinders.simulate.disturbances import MotorCurrent
 
 if TYPE_CHECKING:
@@ -120,6 +120,13 @@ def test_columns_are_chosen_by_name_or_number(samples: Samples, calibration: Cal
         np.testing.assert_array_equal(flinders.read(frame, columns=columns, unit="uT").field, samples.field)
 
 
+def test_a_mistyped_option_of_a_frame_is_answered_with_the_one_that_was_meant(
+    samples: Samples, calibration: Calibration
+) -> None:
+    with pytest.raises(UnknownParameter, match="did you mean 'heading'"):
+        calibration.apply(pandas.DataFrame(samples.as_columns()), headings=True)
+
+
 def test_a_column_of_triples_is_corrected_as_one(samples: Samples, calibration: Calibration) -> None:
     frame: dict[str, Any] = {"t": samples.time, "mag": samples.field}
     corrected = calibration.apply(frame)
@@ -155,3 +162,11 @@ def test_what_a_frame_lacks_is_told(samples: Samples, calibration: Calibration) 
 def test_a_frame_that_takes_no_columns_says_what_to_give(samples: Samples) -> None:
     with pytest.raises(UsageError, match=r"pyarrow\.table\(frame\)"):
         with_columns(Streamed(samples.as_columns()), {"a": np.zeros(3)})
+
+
+def test_a_recording_in_the_place_of_the_calibration_is_a_mistake_of_use(
+    samples: Samples, calibration: Calibration
+) -> None:
+    frame = pandas.DataFrame(samples.as_columns())
+    with pytest.raises(UsageError, match="DataFrame"):
+        flinders.headings(calibration, frame)

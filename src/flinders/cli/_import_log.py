@@ -106,9 +106,6 @@ def _say(instrument: Instrument, calibration: Calibration) -> None:
         say(f"! it changed {stored.changes} times in the log: this is the last")
     if not calibration.field_strength_known:
         strength = figures(calibration.field_strength, 4)
-        what = (
-            "a convention"
-            if recorded_field(instrument) is None
-            else "that of the place, which the vehicle does not hold"
-        )
+        is_placed = recorded_field(instrument) is not None
+        what = "that of the place, since the vehicle stores none" if is_placed else "a convention"
         say(f"! field strength {strength} µT is {what}: give --field-strength where lengths matter")

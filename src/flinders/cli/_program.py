@@ -200,10 +200,22 @@ def _misused(error: click.ClickException, *, as_json: bool) -> int:
         say(message)
         return USAGE
     context = getattr(error, "ctx", None)
+    if isinstance(error, click.NoSuchOption):
+        message = f"{error.message.rstrip('.')}{_alike(error.option_name, error.possibilities or ())}"
     problem = " ".join(message.split()).rstrip(".")
     problem += " See" if problem.endswith("?") else "; see"
     command = context.command_path if context else "flinders"
     return print_error(UsageError(f"{problem} {command} --help"), as_json=as_json)
+
+
+def _alike(option: str, possibilities: Sequence[str]) -> str:
+    """Ask whether the option was meant that begins like one that there is not, or else the most similar one.
+
+    >>> _alike("--out", ["--robust", "--output"]), _alike("--to", ["--for", "--json"]), _alike("--list", [])
+    (". Did you mean '--output'?", ". Did you mean '--for'?", '')
+    """
+    meant = next((each for each in possibilities if each.startswith(option)), next(iter(possibilities), ""))
+    return f". Did you mean {meant!r}?" if meant else ""
 
 
 def _report_fault(error: Exception) -> int:
@@ -287,6 +299,14 @@ class Command(click.Command):
     ) -> None:  # fmt: skip
         super().__init__(*args, **attributes)
         self.common, self.headings = tuple(common), headings or {}
+
+    def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
+        """Parse words, and let an error know its command, whose help is named."""
+        try:
+            return super().parse_args(ctx, args)
+        except click.UsageError as error:
+            error.ctx = error.ctx or ctx
+            raise
 
     def format_options(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
         """Write the options under their headings."""

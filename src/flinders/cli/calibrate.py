@@ -232,7 +232,7 @@ class _Run:
             if not files.exports:
                 target = likely_target(self.provenance.files)
                 if onboard is not None and onboard.answer == "holds":
-                    say("what is on board is good enough; to change it all the same:")
+                    say("what is on board is good enough; to change it nevertheless:")
                 say(f"next: {shlex.join(['flinders', 'export', '--for', target, files.output])}")
                 say("other targets: flinders targets")
 

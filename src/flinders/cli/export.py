@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shlex
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
@@ -70,11 +71,11 @@ def command(options: ExportCommand) -> None:
     """
     from flinders.workflows.exporting import export
 
-    if not options.calibration or not (target := options.target):
-        raise UsageError(
-            "need a calibration file and a target: flinders export --for arduino calibration.json; "
-            "flinders targets names them"
-        )
+    if not options.calibration:
+        raise UsageError(f"no calibration file: flinders export --for {options.target or 'arduino'} calibration.json")
+    if not (target := options.target):
+        command = shlex.join(["flinders", "export", "--for", "arduino", options.calibration])
+        raise UsageError(f"no target: {command}; flinders targets lists them")
     path = options.output or "-"
     is_fields = options.as_json and path != options.output  # --json takes the place of the text on standard output
     outputs = Outputs.of(("the text", path), force=options.force, as_json=options.as_json and not is_fields)

@@ -374,7 +374,7 @@ def recording_of(
     source: Any,  # noqa: ANN401 - arrays, paths, frames of packages that need not be there
     unit: Unit | None = None,
     axes: Axes | None = None,
-    sensor: str | None = None,
+    sensor: str | int | None = None,
     columns: AnyColumns | None = None,
 ) -> tuple[Recording | Summary, str | None]:
     """Readings as a recording, in their unit and axes where those are given; and what their sensor is called.
@@ -385,14 +385,15 @@ def recording_of(
     >>> recording.field[0]
     array([ 20., -10.,  40.])
     """
+    name = None if sensor is None else str(sensor)
     if isinstance(source, Summary) or hasattr(source, "blocks"):
         if columns is not None:
             raise UsageError("columns are chosen where a recording is read: leave them out", hint={"columns": None})
-        return cast("Recording | Summary", source), sensor
+        return cast("Recording | Summary", source), name
     if not _is_read(source):
         if columns is not None:
             raise UsageError("an array has no names of columns: take those of the magnetometer, (N, 3), out of it")
-        return Samples.of(source, unit=unit or COUNTS, axes=axes or Axes()), sensor
+        return Samples.of(source, unit=unit or COUNTS, axes=axes or Axes()), name
     from flinders.readers import Choice, open_recording
 
     recording = open_recording(
@@ -401,9 +402,9 @@ def recording_of(
         unit=None if unit is None else unit.name,
         scale=unit.scale if unit is not None and (unit.name == COUNTS != unit.inside) else None,
         axes=str(axes or Axes()),
-        sensor=Choice(sensor, is_name=True),
+        sensor=replace(Choice.of(sensor), is_name=True),
     )
-    return recording, getattr(recording, "name", "") or sensor
+    return recording, getattr(recording, "name", "") or name
 
 
 def _is_read(source: object) -> bool:

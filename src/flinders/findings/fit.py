@@ -59,7 +59,7 @@ ROWS: Final = (
         fleet_action="turn the sensor through all directions and record for longer, or ask for less",
         rule=Rule("worst_deg", (Grade("limits", 1.0, "target_deg"), Grade("refuses", 5.0, "target_deg"))),
         fault=(
-            "the heading may be off by {worst_deg:angle} (1 σ, worst heading; the target is {target_deg:g}°{because})"
+            "the heading may be off by {worst_deg:angle} (1 σ, worst heading{because}; the target is {target_deg:g}°)"
         ),
         said="{remedy}",
         plain="{why_large}.",
@@ -73,9 +73,8 @@ ROWS: Final = (
         action="leave the readings as they are, where the advice says so: the calibration hardly improves on them",
         rule=Rule("uncorrected_deg", (Grade("note", -1.0),), limit=Limit(1.0, "worst_deg")),
         said=(
-            "the readings were corrected before: as recorded they give headings to {uncorrected_deg:angle} ± "
-            "{worst_deg:angle} (worst heading), and with this calibration, which is shrunk towards leaving them as "
-            "they are, to {worst_deg:angle}: {leave}"
+            "the readings were corrected before. As recorded they give headings to {uncorrected_deg:angle} ± "
+            "{worst_deg:angle} (worst heading), with this calibration to {worst_deg:angle}: {leave}"
         ),
         plain="The readings were corrected before, and are off by {angle} of heading as they are.",
         remedy="Use the calibration only if that is too much.",
@@ -218,7 +217,7 @@ ROWS: Final = (
         rule=Rule("independent", (Grade("limits", 1.0, "independent_needed"),), comparison="<"),
         fault="only {independent_readings}",
         said="record for longer, turning all the time, away from iron",
-        plain="The number of independent readings is only {number:.0f}, which is little to go by.",
+        plain="There are only {number:.0f} independent readings, too few to be sure of the heading error.",
         remedy="Record for longer, turning all the time, away from iron.",
     ),
     CatalogueRow(

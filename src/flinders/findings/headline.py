@@ -2,8 +2,8 @@
 
 >>> from flinders.findings.finding import Finding
 >>> gap = Finding("coverage", "limits", {"hole_deg": 74.0})
->>> headline("limited", gap, Claimed(0.57, 1.4, 1.0), 17.0).words[:68]
-'Good up to 17° of tilt: 0.57° (95 % within 1.4°). Not known beyond: '
+>>> headline("limited", gap, Claimed(0.57, 1.4, 1.0), 17.0).words[:75]
+'Good up to 17° of tilt: 0.57° (95 % within 1.4°). Above the target beyond: '
 """
 
 from __future__ import annotations
@@ -22,12 +22,13 @@ if TYPE_CHECKING:
 LEADS: Final = {
     "good": "Headings are good to {error} {reach}; the target is {target}",
     "error": "Headings may be off by {error}, above the target of {target}: {why}",
-    "attitudes": "Good {reach}: {error}. Not known {beyond}: {why}",
-    "directions": "Good in the directions that were recorded: {error}. Not known in the others: {why}",
+    "attitudes": "Good {reach}: {error}. Above the target {beyond}: {why}",
+    "directions": "Good in the directions that were recorded: {error}. Not verified in the others: {why}",
     "claim": "Headings may be off by more than {error}: {why}",
     "use": "Headings are good to {error} {reach}, with one reservation: {why}",
     "unknown": "How good headings are is not known: {why}",
     "refused": "Not fit for use: {why}",
+    "refused-unknown": "Not fit for use. Headings may be off by any angle: {why}",
     "refused-error": "Not fit for use. Headings may be off by {error}, above the target of {target}: {why}",
 }
 """How a verdict begins, by what its first cause affects; `why` is the cause in a sentence, and its remedy follows."""
@@ -97,13 +98,20 @@ def _kind(verdict: Verdict, cause: Finding | None, claimed: Claimed) -> str:
     row = CATALOGUE.get(cause.code)
     affects = "claim" if row is None else row.affects
     if verdict == "refused":
-        return "refused-error" if affects == "error" else "refused"
+        return _refused_kind(affects, claimed)
     if not claimed.worst_deg < ANY_ANGLE_DEG:
         return "unknown"
     is_above = claimed.worst_deg > claimed.target_deg
     if affects == "error" or is_above:
         return "error" if is_above and affects != "claim" else "claim"
     return affects
+
+
+def _refused_kind(affects: str, claimed: Claimed) -> str:
+    """Which of them one begins with that is refused."""
+    if affects != "error":
+        return "refused"
+    return "refused-error" if claimed.worst_deg < ANY_ANGLE_DEG else "refused-unknown"
 
 
 def error_words(claimed: Claimed) -> str:

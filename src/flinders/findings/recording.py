@@ -158,7 +158,6 @@ ROWS: Final = (
     ),
     CatalogueRow(
         code="like-gravity",
-        affects="use",
         number="1: columns without telling names have the length of gravity, in g, m/s² or counts of an accelerometer",
         action="give the recording of the magnetometer; where it is one after all, name its columns",
         fleet_action="give recordings of the magnetometer",

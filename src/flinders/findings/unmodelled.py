@@ -73,8 +73,8 @@ ROWS: Final = (
             "put right from some reading on; told where they then fit as those of a usable recording do"
         ),
         action=(
-            "find out what the driver did at the reading that the advice names; record again. What is so "
-            "throughout [cannot be told](fleet/faults.md)"
+            "find out what the driver did at the reading that the advice names; record again. A swap through the "
+            "whole recording [cannot be told](fleet/faults.md)"
         ),
         rule=Rule("swap_gain", (Grade("limits", 1.1),)),
         fault="from reading {swap}",
@@ -249,9 +249,9 @@ ROWS: Final = (
             limit=Limit(0.005),
         ),
         said=(
-            "{structure_share:.1%} of the field depends on the direction as no ellipsoid does, "
-            "{structure_deg}° of heading, which the heading error allows for: the sensor is not linear, near the "
-            "end of its range, or the field not the same everywhere; record away from iron, check the range"
+            "{structure_share:.1%} of the field depends on the direction in a way that no ellipsoid fits "
+            "({structure_deg}° of heading, which the heading error allows for): the sensor is not linear or near the "
+            "end of its range, or the field is not the same everywhere; record away from iron, check the range"
         ),
         plain=(
             "A part of the field, {number:.1%}, depends on the direction in a way that no correction of this kind"

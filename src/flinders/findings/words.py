@@ -52,7 +52,7 @@ SHOOT_AT_REST: Final = (
 """How the shots of a survey instrument are taken."""
 
 STEPS: Final = {
-    "turn-level": "turn it all the way round, more than once, keeping it level",
+    "turn-level": "turn the sensor all the way round, more than once, keeping it level",
     "record-longer": "record for longer while turning through all directions, away from iron and currents",
     "hold": "hold the sensor {} and turn it slowly once around, keeping it so",
     "as-above": "do as above",
@@ -106,8 +106,8 @@ def _at(tilt_deg: float) -> str:
 
 
 WHY_LARGE: Final = {
-    "turn-level": "the readings are too few for their noise",
-    "record-longer": "the readings are too few for their noise",
+    "turn-level": "there are too few independent readings for their noise",
+    "record-longer": "there are too few independent readings for their noise",
     "hold": "too few directions were recorded",
     "use-ellipse": "the method does not suit these readings",
     "use-auto": "the method does not suit these readings",
@@ -207,15 +207,15 @@ def rings(unobserved: float) -> str:
 
 def independent_readings(independent: float, samples: float) -> str:
     """How many readings there are to go by."""
-    alike = "the others repeat them, or err alike, as where the field is not the same everywhere"
-    others = "" if independent == samples else f" (of {samples:,.0f}: {alike})"
+    alike = "the others repeat them or share their errors"
+    others = "" if independent == samples else f" (of {samples:,.0f}; {alike})"
     return f"{counted(independent, 'independent reading')}{others}"
 
 
 def correlation(autocorrelation: float, textbook_deg: float) -> str:
     """How much residuals have in common, and what it would be to take no notice of it."""
-    next_one = "" if math.isnan(autocorrelation) else f"each with the next by {autocorrelation:.2f}"
-    claim = "" if math.isnan(textbook_deg) else f"without regard to it {figures(textbook_deg)}° would be claimed"
+    next_one = f"each with the next by {autocorrelation:.2f}" if abs(autocorrelation) >= 0.005 else ""
+    claim = "" if math.isnan(textbook_deg) else f"the claim would be {figures(textbook_deg)}° if they were not"
     words = "; ".join(part for part in (next_one, claim) if part)
     return f" ({words})" if words else ""
 
@@ -252,7 +252,7 @@ def swap(swapped_axes: str, swap_row: float, swap_count: float) -> str:
     first, second = swapped_axes[0], swapped_axes[-1]
     what = f"the sign of {first} turned" if len(swapped_axes) == 1 else f"{first} and {second} changed places"
     again = f" and back and forth, {counted(swap_count - 1.0, 'time')} more" if swap_count > 1.0 else ""
-    return f"{swap_row:,.0f} on {what}{again}"
+    return f"{swap_row:,.0f} on, {what}{again}"
 
 
 def axis_lag(late_axis: str, late_by: float, is_timed: float) -> str:

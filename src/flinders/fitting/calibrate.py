@@ -101,7 +101,7 @@ def fit(
     columns: AnyColumns | None = None,
     unit: str | Unit | None = None,
     axes: str | Axes | None = None,
-    sensor: str | None = None,
+    sensor: str | int | None = None,
     disturbances: Sequence[str] = (),
     aiding: AnyAiding = (),
     linearize: bool = False,
@@ -130,7 +130,7 @@ def fit(
     axes : str or Axes, optional
         Where each axis comes from, such as ``"x,-y,-z"``; a recording brings its own. A Summary was made in its axes
         and in the unit that `unit` is inside.
-    sensor : str, optional
+    sensor : str or int, optional
         Name or serial number, kept with the calibration; of a log, which magnetometer, by number or name.
     disturbances : sequence of str
         What the offset shall follow: ``current``, ``throttle``, ``temperature``, of columns that the recording has;
@@ -166,7 +166,7 @@ def fit(
     refuse_combinations(estimator, request, disturbances, linearize=linearize)
     unit = Unit.of(unit) if isinstance(unit, str) else unit
     axes = Axes.of(axes) if isinstance(axes, str) else axes
-    source, sensor = recording_of(source, unit, axes, sensor, columns)
+    source, name = recording_of(source, unit, axes, sensor, columns)
     given = None if isinstance(source, Summary) else source
     source, disturbed, tried = _compensated(source, disturbances, request)
     frame = _Frame.of(source, unit, axes)
@@ -175,7 +175,7 @@ def fit(
         found = found._replace(disturbed=disturbed)
     if linearize:
         found = _linearized(found, estimator, request, frame.unit)
-    judged_with = partial(_judged, tried=tried, estimator=estimator, request=request, frame=frame, sensor=sensor)
+    judged_with = partial(_judged, tried=tried, estimator=estimator, request=request, frame=frame, sensor=name)
     result = judged_with(found)
     if found.is_joint and (alone := _unaided(source, found, estimator, request, frame.unit)) is not None:
         left_out = _left_out(result, judged_with(alone), found.aiding)

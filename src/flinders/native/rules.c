@@ -244,7 +244,7 @@ const flinders_rule fl_rules[FL_RULES] = {
     {"inflation", "turn the sensor further: the readings lie on a small patch", 43, 1, 0},
     {"recordings-differ", "find out what changed between the recordings, and use those made in the state of use", 45, 3, 1},
     {"field-changed", "record again while temperature, currents and everything magnetic stay as they are in use", 50, 3, 1},
-    {"axis-swap", "find out what the driver did at the reading that the advice names; record again. What is so throughout [cannot be told](fleet/faults.md)", 55, 1, 0},
+    {"axis-swap", "find out what the driver did at the reading that the advice names; record again. A swap through the whole recording [cannot be told](fleet/faults.md)", 55, 1, 0},
     {"disturbance-unmodelled", "calibrate --with it, or record without", 57, 1, 0},
     {"attitude-dependent", "record the current and calibrate --with it; fasten what is loose; or record far from iron and compare", 59, 1, 0},
     {"tilt-error", "calibrate --with dip, which finds bias and gains of the accelerometer, or calibrate that one", 61, 1, 0},

@@ -24,6 +24,7 @@ from flinders.report.formatting import (
     angle,
     degrees,
     p_value,
+    said_once,
     shown_findings,
     with_uncertainty,
 )
@@ -78,8 +79,8 @@ def of_comparison(
     recording's under both, the first of them called `name`. `own` names the recordings, if any, that went into the
     calibration: agreement with those proves nothing.
     """
-    found = () if fresh is None else fresh.findings
-    limits = [advice(finding, spell) for finding in found if finding.severity == "limits"]
+    found = () if fresh is None else said_once(each for each in fresh.findings if each.severity == "limits")
+    limits = [advice(finding, spell) for finding in found]
     is_unchecked = bool(own) and comparison.answer == "holds"
     said = _comparison_verdict(comparison, fresh, limits, is_unchecked=is_unchecked)
     if own:
@@ -98,10 +99,11 @@ def of_untold(known: Fit, fit: Fit, strength: Strength, spell: Spelling = in_pyt
     """Lay out what a recording, of which no fit can be used, tells of a known calibration, and why it is not more."""
     basis = f"{counted(fit.evidence.samples, 'reading')}; {fit.evidence.method}"
     made = known.evidence.noise / known.calibration.ellipsoid.radius
-    when_made = "" if math.isnan(made) else f", where {known.provenance.name} was made one of {made:.1%}"
+    when_made = "" if math.isnan(made) else f" ({made:.1%} where {known.provenance.name} was made)"
     words = (
-        f"whether {known.provenance.name} holds, as no fit of this recording can be used; corrected, its strength is "
-        f"{strength.mean:.3f} of the field with a spread of {strength.spread:.1%}{when_made}:"
+        f"whether {known.provenance.name} holds: this recording gives no fit that can be used, for the reasons below. "
+        f"Corrected by {known.provenance.name}, the strength of its readings is {strength.mean:.3f} of the field, with "
+        f"a spread of {strength.spread:.1%}{when_made}"
     )
     reasons = ((finding.severity, advice(finding, spell)) for finding in shown_findings(fit))
     return Group(page(verdict(TITLES["cannot-tell"][1], "limited", words, basis)), notes(reasons))
@@ -193,8 +195,8 @@ def _words(comparison: Comparison, fresh: Fit | None, *, is_limited: bool) -> st
     explained, worst_deg = chance_words(comparison.p_value), comparison.worst_deg
     if comparison.answer == "fails":
         return (
-            f"headings {up_to(worst_deg)} apart, more than the {target} and {explained}: the sensor or what is near "
-            "it has changed, calibrate again"
+            f"headings are {up_to(worst_deg)} apart, more than the {target} and {explained}: the sensor or what is "
+            "near it has changed, calibrate again"
         )
     is_changed = comparison.p_value is not None and comparison.p_value < CHANCE
     if comparison.answer == "holds":
@@ -205,9 +207,9 @@ def _words(comparison: Comparison, fresh: Fit | None, *, is_limited: bool) -> st
         return f"{within} (target {comparison.target_deg:g}°), {explained}{changed}{limits}"
     changed = ": a new calibration will be better" if is_changed else ""
     error = at_most(comparison.claimed_bound_deg or 0.0)
-    found = f"headings {up_to(worst_deg)} apart, give or take {error} (95 %): within or beyond the {target}"
+    apart = f"headings are {up_to(worst_deg)} apart, give or take {error} (95 %)"
     remedy = _remedy(comparison, is_checked=fresh is not None, is_limited=is_limited)
-    return f"{found}; {explained}{changed}. {remedy}"
+    return f"{apart}, which may be within or beyond the {target}; {explained}{changed}. {remedy}"
 
 
 def _remedy(comparison: Comparison, *, is_checked: bool, is_limited: bool) -> str:

@@ -52,7 +52,7 @@ if TYPE_CHECKING:
 
 NOISE_REFUSED: Final = limit_of("noise", "refuses")
 
-NO_BETTER: Final = "headings are no better with it than without"
+NO_BETTER: Final = "headings are no better with this calibration than without"
 
 IN_NEARLY_EVERY_FIT: Final = ("scale-unknown", "rotation-unknown")
 """Notes that hold whatever the recording, unless somebody gave the field and the mounting."""

@@ -212,9 +212,10 @@ def shown_findings(fit: Fit) -> list[Finding]:
     return [finding for finding in causes if finding.severity != "note" or finding.code in OF_RECORDING]
 
 
-def said_once(findings: Iterable[Finding], fit: Fit) -> Iterator[Finding]:
-    """Findings that point to the headline, or to one above, where that says how to move on."""
-    above = {step for finding in first_causes(fit.findings)[:1] for step in _steps(finding).values()}
+def said_once(findings: Iterable[Finding], fit: Fit | None = None) -> Iterator[Finding]:
+    """Findings that point to the headline of their fit, where that is shown, or to one above, for how to move on."""
+    headline = () if fit is None else first_causes(fit.findings)[:1]
+    above = {step for finding in headline for step in _steps(finding).values()}
     for finding in findings:
         steps = _steps(finding)
         again = {name: ("as-above",) for name, step in steps.items() if step in above}

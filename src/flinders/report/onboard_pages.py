@@ -110,7 +110,7 @@ def onboard_words(onboard: OnboardCheck, *, is_limited: bool = True) -> str:
     remedy = "mend the first limit of this log, below" if is_limited else "record for longer"
     return (
         f"whether a change is worth while: with what is on board headings are off by {worst}, give or take "
-        f"{at_most(comparison.claimed_bound_deg or 0.0)} (95 %), which is within or beyond the target of {target}: "
+        f"{at_most(comparison.claimed_bound_deg or 0.0)} (95 %), which may be within or beyond the target of {target}: "
         f"{remedy}"
     )
 

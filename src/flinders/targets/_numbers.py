@@ -198,10 +198,10 @@ def refuse_mounted(calibration: Calibration, *, who: str) -> None:
     if calibration.frame == VEHICLE:
         raise NotExportable(
             f"the calibration is for readings in the axes of the vehicle, and {who} corrects them before the mounting, "
-            "in the sensor's own axes: the numbers would be wrong wherever the sensor is turned. Say how the sensor is "
-            "mounted in the vehicle (none: it sits exactly as the vehicle does), calibrate from readings in the "
-            "sensor's own axes, or write it for a target that acts after the mounting or on readings as recorded (c, "
-            "json)",
+            "in the sensor's own axes: the numbers would be wrong wherever the sensor is turned. Write it for a target "
+            "that acts after the mounting or on readings as recorded (c, json), calibrate from readings in the "
+            "sensor's own axes, or say how the sensor is mounted in the vehicle, none if it sits exactly as the "
+            "vehicle does",
             hint={"mounting": None},
             beyond=(),
             frame=calibration.frame,

@@ -19,7 +19,7 @@ import numpy as np
 
 from flinders.core.frames import labels_of, with_columns
 from flinders.core.silence import silent
-from flinders.errors import NoAccelerometer, UsageError
+from flinders.errors import NoAccelerometer, UnknownParameter, UsageError, did_you_mean
 from flinders.fitting.result import bare_fit
 from flinders.readers._table import TableRecording, named_part
 from flinders.workflows.correction import apply
@@ -35,6 +35,9 @@ if TYPE_CHECKING:
     from flinders.core.calibration import Calibration
     from flinders.fitting.result import Fit
     from flinders.readers._asked_columns import AnyColumns
+
+OPTIONS: Final = ("columns", "heading", "level")
+"""Options of a frame, of which a keyword that is no disturbance may be a misspelling."""
 
 HEADING: Final = "heading_deg"
 """Name of the column of headings, as `flinders headings` writes it."""
@@ -54,6 +57,9 @@ def correct_frame(
     `given`: values of disturbances, which a frame has as columns.
     """
     if names := [name for name, values in (given or {}).items() if values is not None]:
+        for name in names:
+            if like := did_you_mean(name, OPTIONS):
+                raise UnknownParameter(f"Calibration.apply has no parameter {name!r}{like}")
         raise UsageError(f"a frame has {' and '.join(names)} as columns: leave it out", hint=dict.fromkeys(names))
     fit = bare_fit(calibration)
     table = open_with(fit, frame, columns=columns)

@@ -105,7 +105,8 @@ class OffsetHistory:
         times = {path: time for path in folder.iterdir() if (time := adopted_s(path.name)) is not None}
         if not times:
             raise DocumentError(
-                f"{folder}: holds no calibration-TIME.json: give a folder of calibrations that `flinders watch` adopted"
+                f"{folder}: holds no calibration-TIME.json: give a folder of calibrations that `flinders watch` "
+                "adopted, or for a folder of recordings the table that `flinders fleet` writes"
             )
         paths = sorted(times, key=times.__getitem__)
         fits = [load(path) for path in paths]

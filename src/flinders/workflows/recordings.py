@@ -11,6 +11,7 @@
 from __future__ import annotations
 
 import hashlib
+import os
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any, TypeAlias, cast
 
@@ -20,14 +21,13 @@ from flinders.core.calibration import Calibration
 from flinders.core.compensation import Compensator
 from flinders.core.joining import Joined, singles
 from flinders.core.samples import Samples, Wrapped, frame_of
-from flinders.errors import AxesError, TooFewSamples, UnitError
+from flinders.errors import AxesError, TooFewSamples, UnitError, UsageError
 from flinders.fitting.fit_file import load
 from flinders.fitting.result import Fit, bare_fit, with_calibration
 from flinders.readers import Choice, TableRecording, TextRecording, is_source, open_recording
 from flinders.readers._choice import Form
 
 if TYPE_CHECKING:
-    import os
     from collections.abc import Iterable, Mapping
 
     from numpy.typing import ArrayLike
@@ -41,10 +41,20 @@ if TYPE_CHECKING:
 
 
 def fit_for(calibration: AnyCalibration) -> Fit:
-    """A calibration as a `Fit`: one without a claim for a bare `Calibration`; a path is loaded."""
+    """A calibration as a `Fit`: one without a claim for a bare `Calibration`; a path is loaded.
+
+    Raises `UsageError` for what is none of them, as where recording and calibration are given the wrong way round.
+    """
     if isinstance(calibration, Fit):
         return calibration
-    return bare_fit(calibration) if isinstance(calibration, Calibration) else load(calibration)
+    if isinstance(calibration, Calibration):
+        return bare_fit(calibration)
+    if not isinstance(cast("object", calibration), str | os.PathLike):
+        given = type(calibration).__name__
+        raise UsageError(
+            f"calibration is of type {given}: need a Fit, a Calibration or a path; the recording comes first"
+        )
+    return load(calibration)
 
 
 def uncalibrated(recording: Recording) -> Fit:

@@ -29,6 +29,7 @@ from flinders.core.short_repr import ShortRepr
 from flinders.errors import FitError, NeedsSamples, UsageError, counted, did_you_mean, figures
 from flinders.estimators import METHODS, Readings, method_of, within_range
 from flinders.estimators.auto import Auto
+from flinders.estimators.data import recording_of
 from flinders.findings import VERDICTS
 from flinders.fitting.calibrate import ELSEWHERE, fit
 from flinders.fitting.request import Request, estimator_of
@@ -40,7 +41,7 @@ from flinders.summary.coverage import Coverage
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Mapping, Sequence
 
-    from numpy.typing import ArrayLike, NDArray
+    from numpy.typing import NDArray
 
     from flinders.comparison.cross_validation import Validation
     from flinders.core.samples import Recording, Samples
@@ -49,6 +50,8 @@ if TYPE_CHECKING:
     from flinders.fitting.result import Fit
     from flinders.heading.error_propagation import HeadingError
     from flinders.likelihood.site_field import Site
+    from flinders.summary.summary import Summary
+    from flinders.workflows.recordings import AnyReadings
 
 VALIDATED: Final = 20_000
 """Readings of a longer recording that are cross-validated, evenly spread over it."""
@@ -241,7 +244,7 @@ class Contest:
 
 @spell_checked(ELSEWHERE)
 def compare_methods(
-    source: Recording | ArrayLike,
+    source: AnyReadings,
     *,
     methods: Sequence[str] | None = None,
     blocks: int = BLOCKS,
@@ -253,8 +256,8 @@ def compare_methods(
 
     Parameters
     ----------
-    source : Recording or (N, 3) array-like
-        In the order of time.
+    source : Samples, Recording, (N, 3) array-like, path, open file or data frame
+        In the order of time; what `flinders.read` reads is read.
     methods : sequence of str, optional
         Of `flinders.estimators.METHODS`, all by default; the first is what the others are held against.
     blocks : int
@@ -276,7 +279,8 @@ def compare_methods(
     names = known(methods)
     if blocks < 2:
         raise UsageError(f"{blocks} blocks of time: need 2 or more")
-    readings = within_range(Readings.of(source))
+    recording, _ = recording_of(source)
+    readings = within_range(Readings.of(recording))
     stride = max(1, -(-len(readings) // VALIDATED))
     samples = _thinned(readings, stride)
     request = Request.of(site, target_deg=target_deg)
@@ -287,7 +291,7 @@ def compare_methods(
         if tell is not None:
             tell(name)
         estimator = estimator_of(name, request)
-        entry = _fitted(estimator, readings, source, target_deg=target_deg, site=site)
+        entry = _fitted(estimator, readings, recording, target_deg=target_deg, site=site)
         if entry.fit is not None and held_back > 1:
             entry = _validated(entry, estimator, samples, blocks=held_back, dip_deg=facing, counted=inliers)
             entry = replace(entry, coarser=math.sqrt(stride))
@@ -315,14 +319,14 @@ def known(methods: Sequence[str] | None) -> Sequence[str]:
 
 
 def _fitted(
-    estimator: Estimator, readings: Readings, source: Recording | ArrayLike, *, target_deg: float, site: Site | None
+    estimator: Estimator, readings: Readings, recording: Recording | Summary, *, target_deg: float, site: Site | None
 ) -> Entry:
     """Fit by one method, and take the time that the method itself needs."""
     begun = time.perf_counter()
     try:
         estimator.estimate(readings)
         seconds = time.perf_counter() - begun
-        fitted = fit(source, method=estimator, target_deg=target_deg, site=site)
+        fitted = fit(recording, method=estimator, target_deg=target_deg, site=site)
     except Refused as refusal:
         return Entry(estimator.name, seconds, refusal.fit)
     except FitError as error:

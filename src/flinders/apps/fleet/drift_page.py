@@ -66,15 +66,15 @@ def _states(drift: FleetDrift) -> Table:
 
 
 def _units(drift: FleetDrift) -> Table:
-    names = (Column("worst first", no_wrap=True), Column("state", no_wrap=True))
+    names = (Column("worst first", overflow="fold"), Column("state", no_wrap=True))
     rows = [
         (one.unit, one.state, *map(_known_angle, (one.worst_deg, one.sigma_deg, one.offset_deg, one.matrix_deg)),
          shown_when(one.reference_s, one.reference), shown_when(one.newest_s, one.newest))
         for one in drift.listed[:SHOWN]
     ]  # fmt: skip
     count = drift.states["recalibrate"] + drift.states["unsure"] if len(drift.listed) > SHOWN else 0
-    headings = (*names, "heading", "1 σ", "offset", "matrix", drift.against, "newest")
-    return table(headings, [*rows, *_more(count)], is_dense=True)
+    dates = (Column(each, justify="right", no_wrap=True) for each in (drift.against, "newest"))
+    return table((*names, "heading", "1 σ", "offset", "matrix", *dates), [*rows, *_more(count)], is_dense=True)
 
 
 def _known_angle(angle_deg: float) -> str:

@@ -47,9 +47,10 @@ class ChangedFile(InputError):
     code = "changed-file"
 
     def __init__(self, name: str, size: int, now: int) -> None:
+        how = "it was written again" if size == now else f"it had {size:,} bytes, and has {now:,}"
         super().__init__(
-            f"{name} has changed since it was fitted (it had {size:,} bytes, and has {now:,}): its rows are of what it "
-            "was; give the new recording a name of its own, or begin the table again",
+            f"{name} has changed since it was fitted ({how}): its rows are of what it was; give the new recording a "
+            "name of its own, or begin the table again",
             hint={"force": True},
             size=size,
             now=now,

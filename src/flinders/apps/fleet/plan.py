@@ -191,7 +191,8 @@ def plan_of(where: str, options: Options, *, earlier: ReadFiles | None = None, b
     other_files.update(() if earlier is None else earlier.other_files(files))
     taken = [file for file in taken if file not in own]
     if not taken and earlier is None:
-        raise UnreadableInput(f"{where}: no recordings, but {counted(len(own), 'file')} that Flinders wrote")
+        wrote = f"{counted(len(own), 'file')} that Flinders wrote"
+        raise UnreadableInput(f"{where}: no recordings, but {wrote}: give the folder of recordings")
     if taken:
         _refuse_options(where, tables, logs, options)
     by_recording = defaultdict(list)

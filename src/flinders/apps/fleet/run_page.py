@@ -66,6 +66,8 @@ def of_verdicts(verdicts: Mapping[str, int]) -> RenderableType:
 
 def _listed(summary: RunSummary, listed_in: str) -> RenderableType:
     """Recordings that are not good, or of a table that was extended what crossed a limit since the last run."""
+    if summary.is_extended and not summary.alerts:
+        return "nothing crossed a limit since the last run"
     if summary.is_extended:
         return listed("since the last run", summary.alerts, len(summary.alerts), listed_in)
     bad = sum(summary.verdicts.values()) - summary.verdicts.get("good", 0)

@@ -93,8 +93,10 @@ def rows_of(table: str | os.PathLike[str], unit: str) -> list[UnitResult]:
         rows = UnitResults.from_arrow(known.of_units({unit}))
         known.close()
     if not len(rows):
-        similar = get_close_matches(unit, set(names), SIMILAR)
-        words = f"did you mean {' or '.join(similar)}?" if similar else "check its name"
+        units = sorted({name for name in names if not name.startswith("(")})  # those in brackets are files
+        similar = get_close_matches(unit, units, SIMILAR)
+        some = f"it has {', '.join(units[:SIMILAR])}{' …' * (len(units) > SIMILAR)}"
+        words = f"did you mean {' or '.join(similar)}?" if similar else some
         raise UsageError(f"{table} has no unit {unit}: {words}")
     return [rows.row(place) for place in range(len(rows))]
 

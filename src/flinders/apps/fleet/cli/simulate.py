@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shlex
 from pathlib import Path
 
 import click
@@ -91,6 +92,7 @@ def command(options: SimulatedFleet) -> int:
         f"{moved} an offset that moves"
     )
     say(f"the recordings are in {folder}, the truth in {truth}, properties of the units in {properties}")
+    say(f"next: {shlex.join(['flinders', 'fleet', str(folder), '-o', 'calibrations.parquet'])}")
     return GOOD
 
 

@@ -277,8 +277,8 @@ function whereFlat({ breadth, flatness_limit: limit }) {
 
 /** @param {Values} values */
 function independentReadings({ independent, samples }) {
-    const alike = "the others repeat them, or err alike, as where the field is not the same everywhere";
-    const others = independent === samples ? "" : ` (of ${grouped(samples)}: ${alike})`;
+    const alike = "the others repeat them or share their errors";
+    const others = independent === samples ? "" : ` (of ${grouped(samples)}; ${alike})`;
     return `${counted(independent, "independent reading")}${others}`;
 }
 
@@ -318,8 +318,8 @@ function because({ worst_deg: worst, structure_deg: structure, textbook_deg: tex
 
 /** @param {Values} values */
 function correlation({ autocorrelation: lagOne, textbook_deg: textbook }) {
-    const next = Number.isNaN(lagOne) ? "" : `each with the next by ${lagOne.toFixed(2)}`;
-    const claim = Number.isNaN(textbook) ? "" : `without regard to it ${figures(textbook)}° would be claimed`;
+    const next = Math.abs(lagOne) >= 0.005 ? `each with the next by ${lagOne.toFixed(2)}` : "";
+    const claim = Number.isNaN(textbook) ? "" : `the claim would be ${figures(textbook)}° if they were not`;
     const parts = [next, claim].filter(Boolean);
     return parts.length ? ` (${parts.join("; ")})` : "";
 }
@@ -334,7 +334,7 @@ function lagWords({ late_axis: axis, late_by: by, is_timed: isTimed }) {
 function swapWords({ swapped_axes: axes, swap_row: row, swap_count: count }) {
     const what = axes.length === 1 ? `the sign of ${axes} turned` : `${axes[0]} and ${axes[1]} changed places`;
     const again = count > 1 ? ` and back and forth, ${counted(count - 1, "time")} more` : "";
-    return `${grouped(row)} on ${what}${again}`;
+    return `${grouped(row)} on, ${what}${again}`;
 }
 
 /** @param {Values} values */

@@ -49,8 +49,9 @@ export function headline(fit, shown, verdict) {
 function kindOf(fit, cause, verdict) {
     if (!cause) return "good";
     const affects = fit.data.rows.find(({ code }) => code === cause.code)?.affects ?? "claim";
-    if (verdict === "refused") return affects === "error" ? "refused-error" : "refused";
     const { worst } = fit.headingError;
+    if (verdict === "refused" && affects !== "error") return "refused";
+    if (verdict === "refused") return worst < ANY_ANGLE_DEG ? "refused-error" : "refused-unknown";
     if (!(worst < ANY_ANGLE_DEG)) return "unknown";
     const isAbove = worst > fit.targetDeg;
     if (affects === "error" || isAbove) return isAbove && affects !== "claim" ? "error" : "claim";
