@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 LEADS: Final = {
     "good": "Headings are good to {error} {reach}; the target is {target}",
     "error": "Headings may be off by {error}, above the target of {target}: {why}",
-    "attitudes": "Good {reach}: {error}. Above the target {beyond}: {why}",
+    "attitudes": "Good {reach}: {error}. {beyond}: {why}",
     "directions": "Good in the directions that were recorded: {error}. Not verified in the others: {why}",
     "claim": "Headings may be off by more than {error}: {why}",
     "use": "Headings are good to {error} {reach}, with one reservation: {why}",
@@ -34,8 +34,8 @@ LEADS: Final = {
 """How a verdict begins, by what its first cause affects; `why` is the cause in a sentence, and its remedy follows."""
 
 REACHES: Final = (
-    (1.0, "while level", "when tilted"),
-    (UPSIDE_DOWN, "up to {limit:.0f}° of tilt", "beyond"),
+    (1.0, "while level", "Not known when tilted"),
+    (UPSIDE_DOWN, "up to {limit:.0f}° of tilt", "Above the target beyond"),
     (math.inf, "at any attitude", ""),
 )
 """Tilt up to which headings are good, at most; that in words, and what lies beyond."""
