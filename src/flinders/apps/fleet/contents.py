@@ -78,7 +78,7 @@ class Contents:
     @property
     def instead(self) -> str:
         """What it is, and what to type in place of a command for one recording."""
-        return f"{self.words}: {self.commands[0]}"
+        return f"{self.words}: {self.commands[0]}" if self.commands else f"{self.words}: give a recording"
 
     def as_dict(self) -> dict[str, Any]:
         """JSON-ready fields."""
@@ -98,7 +98,7 @@ class Contents:
         return page(
             Group(self.words, *([of_verdicts(self.verdicts)] if self.verdicts else [])),
             listed("not good", self.not_good, bad, self.path) if self.not_good else None,
-            Group(title, *commands),
+            Group(title, *commands) if commands else None,
         )
 
 
@@ -110,7 +110,7 @@ def recognised(path: str) -> Contents | None:
         if path.lower().endswith(TABLES):
             return _of_table(path)
         return _of_csv(path) if path.lower().endswith(CSV) and Path(path).is_file() else None
-    except (FlindersError, OSError, ValueError):
+    except (FlindersError, OSError, ValueError, csv.Error):
         return None  # whoever reads it as a recording says what is wrong
 
 
