@@ -121,6 +121,6 @@ def error_words(claimed: Claimed) -> str:
 
 
 def reach_words(limit_deg: float) -> tuple[str, str]:
-    """Attitudes at which headings are within the target, and the others."""
-    _, reach, beyond = next(row for row in REACHES if limit_deg < row[0])
+    """Attitudes at which headings are within the target, and the others; level ones alone where the tilt is NaN."""
+    _, reach, beyond = next((row for row in REACHES if limit_deg < row[0]), REACHES[0])
     return reach.format(limit=limit_deg), beyond
