@@ -246,6 +246,7 @@ def test_lines_of_properties_without_a_unit_are_passed_over_and_a_cell_may_have_
 def test_rows_of_a_run_that_ended_meanwhile_are_not_overwritten(monkeypatch: pytest.MonkeyPatch) -> None:
     append()
     write(Path("logs", "U8", "2026-06-01.csv"), FIELDS[3])
+
     def planned_late(*args: Any, **options: Any) -> Plan:
         """Plan while another run begins and ends."""
         monkeypatch.setattr(job, "plan_of", plan_of)

@@ -87,18 +87,15 @@ class Contents:
     def page(self) -> RenderableType:
         """Lay it out for the terminal."""
         from rich.console import Group
-        from rich.text import Text
 
         from flinders.apps.fleet.run_page import listed, of_verdicts
-        from flinders.report.terminal import page
+        from flinders.report.terminal import next_commands, page
 
-        title = Text("next" if len(self.commands) == 1 else "next, one of", "bold")
-        commands = [Text(f"   {command}", no_wrap=True, overflow="ignore") for command in self.commands]
         bad = sum(self.verdicts.values()) - self.verdicts.get("good", 0)
         return page(
             Group(self.words, *([of_verdicts(self.verdicts)] if self.verdicts else [])),
             listed("not good", self.not_good, bad, self.path) if self.not_good else None,
-            Group(title, *commands) if commands else None,
+            next_commands(self.commands) if self.commands else None,
         )
 
 

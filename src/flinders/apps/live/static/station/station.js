@@ -36,6 +36,9 @@ let facts;
 let state = null;
 let heardAt = 0;
 let isFinishing = false;
+/** Counts what was asked for and answered: a state from before is out of date. */
+let turn = 0;
+let isRefreshing = false;
 let frameAsked = false;
 
 start();
@@ -91,9 +94,11 @@ const listener = {
  */
 async function ask(asked) {
     setText(byId("refusal", HTMLElement), "");
+    turn += 1;
     try {
         const answer = await fetch("station", { method: "POST", body: JSON.stringify(asked) });
         const said = await answer.json();
+        turn += 1;
         if (answer.ok) take(said);
         else setText(byId("refusal", HTMLElement), said.words);
     } catch {
@@ -102,11 +107,16 @@ async function ask(asked) {
 }
 
 async function refresh() {
+    if (isRefreshing) return;
+    isRefreshing = true;
+    const begun = turn;
     try {
-        take(await load("station.json"));
+        const said = await load("station.json");
+        if (begun === turn) take(said);
     } catch {
         lose(LOST);
     }
+    isRefreshing = false;
 }
 
 /** @param {string} words */
@@ -123,7 +133,6 @@ function take(said) {
     byId("lost", HTMLElement).hidden = true;
     if (before !== said.phase) {
         serial.value = "";
-        isFinishing = false;
         document.body.dataset.phase = said.phase;
     }
     drawStation(said);
@@ -214,11 +223,12 @@ function draw(at) {
     askFrame();
 }
 
-/** The unit has been turned enough: the program judges it. */
-function finish() {
+/** The unit has been turned enough: the program judges it; where it did not hear that, it is asked once more. */
+async function finish() {
     if (isFinishing) return;
     isFinishing = true;
-    ask({ do: "finish" });
+    await ask({ do: "finish" });
+    window.setTimeout(() => (isFinishing = false), ASK_MS);
 }
 
 /** Seconds since the test began, as far as they are known. */
