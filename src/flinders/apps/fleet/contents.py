@@ -34,13 +34,11 @@ if TYPE_CHECKING:
 
     from flinders.apps.fleet.not_good import NotGood
 
-MANY: Final = 8
+MAX_SENSORS_OF_A_BODY: Final = 8
 """Units of a table up to which they may be sensors of one body, and are shown one by one."""
-NAMED: Final = 3
+MAX_NAMES: Final = 3
 """Units that are named."""
-SHOWN: Final = 20
-"""Units that are not good that a page lists."""
-OUT: Final = "calibrations.parquet"
+DEFAULT_TABLE: Final = "calibrations.parquet"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -61,7 +59,7 @@ class Contents:
     @property
     def is_one_recording(self) -> bool:
         """Whether it may be read as a recording all the same: few units may be sensors of one body."""
-        return self.kind == "readings of many units" and self.units <= MANY
+        return self.kind == "readings of many units" and self.units <= MAX_SENSORS_OF_A_BODY
 
     @property
     def words(self) -> str:
@@ -129,8 +127,8 @@ def _of_folder(path: str) -> Contents | None:
         kind="folder",
         units=len(units),
         recordings=len(names),
-        names=tuple(units[:NAMED]),
-        commands=(shlex.join(["flinders", "fleet", path, "-o", OUT]),),
+        names=tuple(units[:MAX_NAMES]),
+        commands=(shlex.join(["flinders", "fleet", path, "-o", DEFAULT_TABLE]),),
     )
 
 
@@ -196,8 +194,8 @@ def _of_units(path: str, column: str, units: set[str]) -> Contents | None:
         units=len(units),
         recordings=0,
         unit_column=column,
-        names=tuple(sorted(units)[:NAMED]),
-        commands=(shlex.join(["flinders", "fleet", path, "--unit-column", column, "-o", OUT]),),
+        names=tuple(sorted(units)[:MAX_NAMES]),
+        commands=(shlex.join(["flinders", "fleet", path, "--unit-column", column, "-o", DEFAULT_TABLE]),),
     )
 
 
@@ -223,7 +221,7 @@ def _of_fleet(path: str, table: Any) -> Contents:  # noqa: ANN401 - a path, or a
         kind="table of a fleet",
         units=counts["units"],
         recordings=counts["rows"],
-        names=tuple(named[:NAMED]),
+        names=tuple(named[:MAX_NAMES]),
         verdicts=counts["verdicts"],
         properties=added,
         not_good=first_of(not_good(table)),

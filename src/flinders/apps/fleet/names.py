@@ -24,7 +24,7 @@ BATCH_COLUMNS: Final = ("batch", "hw_batch", "lot", "hardware_batch", "hardware"
 """Names of a column of hardware batches."""
 DELIMITERS: Final = ",;\t"
 """What may stand between the cells of a table of text."""
-HEADER: Final = 1 << 16
+MAX_HEADER: Final = 1 << 16
 """Letters of the first line of a table of text."""
 
 
@@ -40,6 +40,6 @@ def delimiter_of(header: str) -> str:
 def header_of(path: Path) -> tuple[list[str], str]:
     """Names in the first line of a table of text, and what stands between them."""
     with path.open(encoding="utf-8-sig", errors="replace") as lines:
-        header = lines.readline(HEADER)
+        header = lines.readline(MAX_HEADER)
     delimiter = delimiter_of(header)
     return [cell.strip().strip('"') for cell in header.strip().split(delimiter)], delimiter

@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     import os
     from collections.abc import Mapping, Sequence
 
-LARGEST: Final = 1 << 28
+MAX_BYTES: Final = 1 << 28
 """Bytes of a list of units."""
 
 
@@ -43,7 +43,7 @@ class Properties:
         Lines without a unit are passed over. Raises `UnreadableInput` if it cannot be read, and `UsageError` if no
         column names units, a column has the name of one of the table, or a unit is there twice.
         """
-        content = read_bytes(path, largest=LARGEST, what="list of units", refused=UnreadableInput)
+        content = read_bytes(path, largest=MAX_BYTES, what="list of units", refused=UnreadableInput)
         text = content.decode("utf-8-sig", "replace")
         reader = csv.reader(io.StringIO(text, newline=""), delimiter=delimiter_of(text.partition("\n")[0]))
         try:

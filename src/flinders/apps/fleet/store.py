@@ -43,7 +43,7 @@ if TYPE_CHECKING:
     import os
     from collections.abc import Iterable, Mapping, Sequence
 
-SIMILAR: Final = 3
+MAX_PROPOSED: Final = 3
 """Names of units that are proposed in place of one that is not there."""
 
 
@@ -93,7 +93,7 @@ def rows_of(table: str | os.PathLike[str], unit: str) -> list[UnitResult]:
         rows = UnitResults.from_arrow(known.of_units({unit}))
         known.close()
     if not len(rows):
-        similar = get_close_matches(unit, set(names), SIMILAR)
+        similar = get_close_matches(unit, set(names), MAX_PROPOSED)
         words = f"did you mean {' or '.join(similar)}?" if similar else "check its name"
         raise UsageError(f"{table} has no unit {unit}: {words}")
     return [rows.row(place) for place in range(len(rows))]
