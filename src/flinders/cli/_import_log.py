@@ -8,10 +8,9 @@ from typing import TYPE_CHECKING, Any
 
 from flinders.cli._inputs import provenance, source_file
 from flinders.cli._multi_sensor import named_for
-from flinders.cli._output import Outputs, print_json, progress, say
+from flinders.cli._output import Outputs, print_json, progress, say, strength_words
 from flinders.core.geomag import recorded_field
-from flinders.core.units import label
-from flinders.errors import FlindersError, NoOnboardCalibration, UsageError, figures
+from flinders.errors import FlindersError, NoOnboardCalibration, UsageError
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -106,7 +105,6 @@ def _say(instrument: Instrument, calibration: Calibration) -> None:
     if stored.changes:
         say(f"! it changed {stored.changes} times in the log: this is the last")
     if not calibration.field_strength_known:
-        strength = f"{figures(calibration.field_strength, 4)} {label(calibration.unit)}"
         is_convention = recorded_field(instrument) is None
         what = "a convention" if is_convention else "that of the place, which the vehicle does not hold"
-        say(f"! field strength {strength} is {what}: give --field-strength where lengths matter")
+        say(strength_words(calibration, what))

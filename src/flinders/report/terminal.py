@@ -177,7 +177,7 @@ def braille(dots: NDArray[np.bool_]) -> list[str]:
 
 
 def letters(dots: NDArray[np.bool_]) -> list[str]:
-    """The same with a dot, a colon or a cross for few, some and many dots."""
+    """Lines with a dot, a colon or a cross for few, some and many of (4 r, 2 c) dots."""
     counts = dots.reshape(len(dots) // 4, 4, -1, 2).sum(axis=(1, 3))
     return ["".join(" .:::####"[count] for count in row) for row in counts.tolist()]
 
