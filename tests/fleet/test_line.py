@@ -209,6 +209,12 @@ def test_a_simulated_line_has_faults_and_drift_that_are_found() -> None:
     assert drift["steps"]
 
 
+@pytest.mark.parametrize("recordings", [0, 11])
+def test_a_line_has_no_more_recordings_than_months(recordings: int) -> None:
+    with pytest.raises(UsageError, match="need 1 to 10"):
+        next(line_of(1, recordings=recordings))
+
+
 def test_the_same_seed_makes_the_same_line() -> None:
     first, again = (list(line_of(3, seed=5, readings=30)) for _ in range(2))
     assert [truth for truth, _ in first] == [truth for truth, _ in again]
