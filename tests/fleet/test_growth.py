@@ -12,14 +12,14 @@ import pytest
 from click.testing import CliRunner
 
 from flinders import simulate
-from flinders.apps.fleet import UnitResults, job, worker
+from flinders.apps.fleet import UnitResults, job, store, worker
 from flinders.apps.fleet.growth import ReadFiles
 from flinders.apps.fleet.job import Outputs, run
 from flinders.apps.fleet.options import Options
 from flinders.apps.fleet.plan import plan_of
 from flinders.apps.fleet.properties import Properties
 from flinders.cli import main
-from flinders.errors import FlindersError, OutputError, UsageError
+from flinders.errors import DocumentError, FlindersError, OutputError, UsageError
 
 if TYPE_CHECKING:
     from flinders.apps.fleet.job import RunSummary
@@ -241,6 +241,19 @@ def test_properties_that_cannot_be_joined_are_refused(text: str, said: str) -> N
 def test_lines_of_properties_without_a_unit_are_passed_over_and_a_cell_may_have_lines() -> None:
     Path("units.csv").write_text('unit,place,note\nU0,Kiel,"first\nsecond"\n,Oslo,\n,Bergen,\n\n')
     assert Properties.read("units.csv").known == {"U0": ("Kiel", "first\nsecond")}
+
+
+def test_a_table_with_a_broken_page_is_named_and_left_as_it_is() -> None:
+    append()
+    content = bytearray(Path("out.parquet").read_bytes())
+    content[20:200] = bytes(180)  # of the first page
+    Path("out.parquet").write_bytes(content)
+    write(Path("logs", "U8", "2026-06-01.csv"), FIELDS[3])
+    with pytest.raises(DocumentError, match=r"out\.parquet"):
+        append()
+    with pytest.raises(DocumentError, match=r"out\.parquet"):
+        store.rows_of("out.parquet", "U0")
+    assert Path("out.parquet").read_bytes() == content
 
 
 def test_rows_of_a_run_that_ended_meanwhile_are_not_overwritten(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -231,7 +231,6 @@ def line_of(
     recordings : int
         Of each unit, up to `MAX_RECORDINGS`.
 
-
     >>> truths = [truth for truth, _ in line_of(40, drifting=0.2, readings=50)]
     >>> len(truths), truths[1].unit, truths[1].recording, sum(truth.offset_change > 0.0 for truth in truths)
     (80, 'U0000', '2026-04-01.csv', 8)

@@ -14,6 +14,7 @@ none, so that the one before them stays valid.
 
 from __future__ import annotations
 
+import contextlib
 import math
 from dataclasses import dataclass
 from datetime import UTC, datetime, time
@@ -88,25 +89,14 @@ def rows_of(table: str | os.PathLike[str], unit: str) -> list[UnitResult]:
         names = every.unit.tolist()
         rows = every[np.flatnonzero(every.unit == unit)]
     else:
-        known = _opened(table)
-        names = known.units()
-        rows = UnitResults.from_arrow(known.of_units({unit}))
-        known.close()
+        with contextlib.closing(TableRows(table)) as known:
+            names = known.units()
+            rows = UnitResults.from_arrow(known.of_units({unit}))
     if not len(rows):
         similar = get_close_matches(unit, set(names), MAX_PROPOSED)
         words = f"did you mean {' or '.join(similar)}?" if similar else "check its name"
         raise UsageError(f"{table} has no unit {unit}: {words}")
     return [rows.row(place) for place in range(len(rows))]
-
-
-def _opened(table: str | os.PathLike[str]) -> TableRows:
-    """Open a table of Parquet."""
-    from pyarrow.lib import ArrowException
-
-    try:
-        return TableRows(table)
-    except (OSError, ArrowException) as error:
-        raise DocumentError(f"{table}: cannot be read as a table of a fleet: {error}") from None
 
 
 def date_of(text: str) -> datetime:
