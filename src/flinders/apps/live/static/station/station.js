@@ -8,6 +8,7 @@
 import { byId, element, icon, remember, setIcon, setList, setText } from "../dom.js";
 import { RelayLink } from "../relay.js";
 import { Fitter } from "../standalone/fitter.js";
+import { ANY_ANGLE_DEG } from "../standalone/wording.js";
 import { errors, Store } from "../store.js";
 import { Guide, LeadView } from "../views/lead.js";
 import { degrees, duration, frequency } from "../views/words.js";
@@ -21,8 +22,6 @@ const ASK_MS = 250;
 const WORDS = { pass: "PASS", fail: "FAIL", aborted: "STOPPED" };
 const ICONS = { pass: "good", fail: "wrong", aborted: "stopped" };
 const LINKS = { connected: "connected", waiting: "waiting for readings", gone: "unplugged", ended: "ended" };
-/** An error beyond this says nothing yet. */
-const ANY_DEG = 90;
 const LOST = "Flinders does not answer. What was recorded is safe where it runs.";
 
 const store = new Store();
@@ -258,7 +257,7 @@ function drawProgress() {
     bar.setAttribute("aria-valuenow", String(Math.round(100 * share)));
     setText(byId("time-left", HTMLElement), `${duration(Math.max(state.time_s - elapsed(), 0))} left`);
     const { worst } = errors(store.view, "heading");
-    setText(byId("error-now", HTMLElement), worst === null || worst > ANY_DEG ? "" : `Heading error ${degrees(worst)}, target ${degrees(facts.target_deg)}`);
+    setText(byId("error-now", HTMLElement), worst === null || worst >= ANY_ANGLE_DEG ? "" : `Heading error ${degrees(worst)}, target ${degrees(facts.target_deg)}`);
 }
 
 function drawSource() {
