@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import re
 from typing import TYPE_CHECKING
 
@@ -16,9 +17,9 @@ from flinders.cli._program import EXIT_CODES
 from flinders.errors import UsageError
 from flinders.findings import CATALOGUE, REFUSALS
 from flinders.findings.finding import Finding
-from flinders.findings.headline import LEADS, Claimed, headline
+from flinders.findings.headline import LEADS, UNSTATED, Claimed, headline, reach_words
 from flinders.findings.row import VERDICTS
-from flinders.fitting.result import Refused
+from flinders.fitting.result import Refused, bare_fit
 from flinders.fitting.verdict import headline_of
 from flinders.verdicts import MEANINGS, Verdict
 
@@ -55,6 +56,15 @@ def test_a_number_above_the_target_is_not_written_like_the_target(worst: float, 
     said = headline("limited", Finding("heading-error", "limits", {}), Claimed(worst, 3.0 * worst, target), 0.0)
     shown, bar = re.search(r"off by ([\d.]+)°.*above the target of ([\d.]+)°", said.words).groups()  # type: ignore[union-attr]
     assert float(shown) > float(bar)
+
+
+def test_where_no_tilt_is_known_level_headings_alone_are_claimed() -> None:
+    assert reach_words(math.nan) == reach_words(0.0)
+
+
+def test_an_imported_calibration_is_not_called_good() -> None:
+    said = headline_of(bare_fit(flinders.Calibration.identity(field_strength=50.0)))
+    assert (said.code, UNSTATED in said.words, "good to" in said.words) == ("", True, False)
 
 
 def of(motion: str, **options: object) -> Fit:

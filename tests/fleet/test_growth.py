@@ -5,24 +5,25 @@ from __future__ import annotations
 import csv
 import shutil
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pytest
 from click.testing import CliRunner
 
 from flinders import simulate
-from flinders.apps.fleet import UnitResults, worker
+from flinders.apps.fleet import UnitResults, job, store, worker
 from flinders.apps.fleet.growth import ReadFiles
 from flinders.apps.fleet.job import Outputs, run
 from flinders.apps.fleet.options import Options
+from flinders.apps.fleet.plan import plan_of
 from flinders.apps.fleet.properties import Properties
 from flinders.cli import main
-from flinders.errors import UsageError
+from flinders.errors import DocumentError, FlindersError, OutputError, UsageError
 
 if TYPE_CHECKING:
     from flinders.apps.fleet.job import RunSummary
-    from flinders.apps.fleet.plan import Partition
+    from flinders.apps.fleet.plan import Partition, Plan
     from flinders.arrays import Floats
 
 pyarrow = pytest.importorskip("pyarrow")
@@ -234,9 +235,47 @@ def test_properties_are_joined_by_unit_and_kept_until_they_are_given_anew() -> N
         ("name,firmware\nU0,1\n", "does not say which unit a line is of"),
         ("unit,verdict\nU0,1\n", "cannot be called 'verdict'"),
         ("unit,place\nU0,Kiel\nU0,Oslo\n", "has unit U0 twice"),
+        (f'unit,place\nU0,"{"x" * 200_000}', "line 2 cannot be read"),
     ],
 )
 def test_properties_that_cannot_be_joined_are_refused(text: str, said: str) -> None:
     Path("units.csv").write_text(text)
-    with pytest.raises(UsageError, match=said):
+    with pytest.raises(FlindersError, match=said):
         Properties.read("units.csv")
+
+
+def test_lines_of_properties_without_a_unit_are_passed_over_and_a_cell_may_have_lines() -> None:
+    Path("units.csv").write_text('unit,place,note\nU0,Kiel,"first\nsecond"\n,Oslo,\n,Bergen,\n\n')
+    assert Properties.read("units.csv").known == {"U0": ("Kiel", "first\nsecond")}
+
+
+def test_a_table_with_a_broken_page_is_named_and_left_as_it_is() -> None:
+    append()
+    content = bytearray(Path("out.parquet").read_bytes())
+    content[20:200] = bytes(180)  # of the first page
+    Path("out.parquet").write_bytes(content)
+    write(Path("logs", "U8", "2026-06-01.csv"), FIELDS[3])
+    with pytest.raises(DocumentError, match=r"out\.parquet"):
+        append()
+    with pytest.raises(DocumentError, match=r"out\.parquet"):
+        store.rows_of("out.parquet", "U0")
+    assert Path("out.parquet").read_bytes() == content
+
+
+def test_rows_of_a_run_that_ended_meanwhile_are_not_overwritten(monkeypatch: pytest.MonkeyPatch) -> None:
+    append()
+    write(Path("logs", "U8", "2026-06-01.csv"), FIELDS[3])
+
+    def planned_late(*args: Any, **options: Any) -> Plan:
+        """Plan while another run begins and ends."""
+        monkeypatch.setattr(job, "plan_of", plan_of)
+        plan = plan_of(*args, **options)
+        write(Path("logs", "U9", "2026-06-01.csv"), FIELDS[4])
+        append()
+        return plan
+
+    monkeypatch.setattr(job, "plan_of", planned_late)
+    with pytest.raises(OutputError, match="another run has written it"):
+        append()
+    assert {"U8", "U9"} <= {unit for unit, _, _ in rows_of()}
+    assert not append().alerts

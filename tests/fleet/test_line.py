@@ -22,7 +22,7 @@ from flinders.apps.fleet.simulate import FAULTS, LineTruth, line_of
 from flinders.apps.fleet.store import NoCalibration, document_of, options_of, rows_of, valid_at
 from flinders.apps.fleet.tables import read_table
 from flinders.cli import main
-from flinders.errors import UsageError
+from flinders.errors import DocumentError, UsageError
 from flinders.fitting.fit_file import fit_from
 
 if TYPE_CHECKING:
@@ -94,6 +94,21 @@ def test_the_table_as_csv_is_read_back_to_the_bit() -> None:
         assert getattr(there, name).tolist() == getattr(back, name).tolist()
     for name in ("offset", "matrix", "covariance", "worst_deg", "number"):
         assert np.array_equal(getattr(there, name), getattr(back, name), equal_nan=True)
+
+
+def test_a_csv_that_is_cut_short_or_has_no_rows_is_no_fault_of_ours() -> None:
+    run("logs", "out.csv", Options(), workers=0)
+    names, *lines = Path("out.csv").read_text(encoding="utf-8").splitlines()
+    Path("cut.csv").write_text("\n".join([names, *lines[:-1], lines[-1][: len(lines[-1]) // 2]]), encoding="utf-8")
+    with pytest.raises(DocumentError, match="is cut short"):
+        read_table("cut.csv")
+    assert recognised("cut.csv") is None
+    Path("empty.csv").write_text(f"{names}\n", encoding="utf-8")
+    empty = recognised("empty.csv")
+    assert empty is not None
+    assert (empty.recordings, empty.instead[-18:]) == (0, ": give a recording")
+    Path("long.csv").write_text(f'unit,note\nA,"{"x" * 200_000}"\n', encoding="utf-8")
+    assert recognised("long.csv") is None
 
 
 def test_what_takes_parquet_alone_says_so_of_csv() -> None:
@@ -192,6 +207,12 @@ def test_a_simulated_line_has_faults_and_drift_that_are_found() -> None:
     moving = {row["unit"] for row in truth if float(row["offset_change"])}
     assert {step["unit"] for step in drift["steps"]} <= moving | {unit for unit, _ in faulty}
     assert drift["steps"]
+
+
+@pytest.mark.parametrize("recordings", [0, 11])
+def test_a_line_has_no_more_recordings_than_months(recordings: int) -> None:
+    with pytest.raises(UsageError, match="need 1 to 10"):
+        next(line_of(1, recordings=recordings))
 
 
 def test_the_same_seed_makes_the_same_line() -> None:

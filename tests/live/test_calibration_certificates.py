@@ -202,5 +202,12 @@ def test_the_command_writes_one_of_a_calibration_file(fit: Fit, tmp_path: Path) 
     assert root.findtext(".//dcc:conformity", namespaces=SPACES) == "fail"
 
 
+def test_it_states_every_limit_that_the_unit_was_held_against(fit: Fit) -> None:
+    limits = PassLimits(heading_error_deg=0.7, strength=(41.0, 61.0), offset=(-52.0, 53.0), noise=0.83, coverage=0.6)
+    root = rooted(certificate(fit, FACTS, ABOUT, limits))
+    stated = root.findtext(".//dcc:declaration/dcc:content", namespaces=SPACES) or ""
+    assert re.findall(r"-?\d+(?:\.\d+)?", stated) == ["0.7", "1", "41", "61", "-52", "53", "0.83", "1", "60"]
+
+
 def test_a_calibration_of_which_nothing_is_stated_does_not_conform() -> None:
     assert [miss.code for miss in misses(bare_fit(Calibration.identity()), PassLimits())] == ["unstated"]

@@ -146,6 +146,12 @@ def test_a_part_that_one_operator_has_not_measured_is_named() -> None:
         measured_of(rows, "noise")
 
 
+@pytest.mark.parametrize("names", [{"part": "units"}, {"operator": "opertor"}])
+def test_a_column_of_parts_or_operators_that_is_not_there_is_named(names: dict[str, str]) -> None:
+    with pytest.raises(UsageError, match=f"no column {next(iter(names.values()))}"):
+        measured_of(rows_of(AIAG), "noise", **names)
+
+
 def test_the_exit_code_and_the_report_say_whether_the_gauge_is_acceptable(tmp_path: Path) -> None:
     table, report = tmp_path / "table.csv", tmp_path / "gauge.html"
     lines = ["unit,operator,noise,unit_of_field", *(",".join(row.values()) for row in rows_of(AIAG))]

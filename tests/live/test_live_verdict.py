@@ -16,10 +16,10 @@ from flinders.apps.live.buffer import rows_of
 from flinders.apps.live.guided import Session
 from flinders.core.samples import Samples
 from flinders.report.formatting import condition
-from flinders.report.html import TITLES
 from flinders.report.modules import asset
 from flinders.report.notebook import html_of
 from flinders.report.view import view
+from flinders.verdicts import MEANINGS
 
 if TYPE_CHECKING:
     from tests.trials import Choose
@@ -58,4 +58,6 @@ def test_a_session_has_the_verdict_of_all_readings(verdict: str) -> None:
 
 def test_the_page_calls_verdicts_as_the_report_does() -> None:
     listed = asset("apps/live/static/views/words.js").split("export const VERDICTS = Object.freeze({")[1].split("}")[0]
-    assert listed.split() == [part for verdict, title in TITLES.items() for part in (f"{verdict}:", f'"{title}",')]
+    assert listed.split() == [
+        part for verdict, known in MEANINGS.items() for part in (f"{verdict}:", f'"{known.title}",')
+    ]

@@ -83,6 +83,11 @@ def lines_of(samples: Any = TUMBLE.samples, count: int = 2500) -> list[str]:  # 
     return [f"{0.02 * place:.2f},{x:.3f},{y:.3f},{z:.3f}" for place, (x, y, z) in enumerate(field.tolist())]
 
 
+def full(*_: object) -> None:
+    """Write into a table on a full disk."""
+    raise OutputError("table.csv: cannot be written: no space left on the disk")
+
+
 class Line:
     """A station whose board and clock are the test's."""
 
@@ -295,9 +300,6 @@ def test_a_power_failure_in_the_middle_of_a_unit_leaves_its_recording_and_a_row(
 
 
 def test_a_table_that_cannot_be_written_holds_the_next_unit_back(line: Line, monkeypatch: pytest.MonkeyPatch) -> None:
-    def full(*_: object) -> None:
-        raise OutputError("table.csv: cannot be written: No space left on device")
-
     line.do("start", serial="A17")
     line.send(*lines_of())
     wait_until(lambda: line.station.hub.log.buffer.total >= 2500)
@@ -309,6 +311,22 @@ def test_a_table_that_cannot_be_written_holds_the_next_unit_back(line: Line, mon
         line.do("start", status=409, serial="B02")
     assert line.do("start", serial="B02")["phase"] == "testing"
     assert [row["unit"] for row in line.rows] == ["A17"]
+
+
+def test_a_result_that_waited_for_room_is_the_only_row_of_its_test(line: Line, monkeypatch: pytest.MonkeyPatch) -> None:
+    with monkeypatch.context() as patch:
+        patch.setattr(StationTable, "append", full)
+        assert line.test("A17", lines_of())["result"] == "pass"
+        assert line.station.state.trouble
+    assert line.station.recover() is None
+    assert [row["result"] for row in line.rows] == ["pass"]
+    assert not (line.path / "unfinished.json").exists()
+
+
+def test_a_table_that_a_spreadsheet_has_changed_still_asks_about_its_units(line: Line) -> None:
+    line.test("A17", lines_of())
+    line.folder.table.rows[-1] |= {"result": "PASS", "began": "29.11.2026 10:32"}
+    assert line.do("start", serial="A17")["asked"] == "A17 was tested before."
 
 
 def test_a_fault_of_the_program_costs_no_row(line: Line, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -131,6 +131,9 @@ def test_a_column_of_triples_is_corrected_as_one(samples: Samples, calibration: 
     frame: dict[str, Any] = {"t": samples.time, "mag": samples.field}
     corrected = calibration.apply(frame)
     np.testing.assert_allclose(corrected["mag"], calibration.apply(samples.field))
+    triples = pyarrow.FixedSizeListArray.from_arrays(samples.field.ravel(), 3)
+    table = calibration.apply(pyarrow.table({"t": samples.time, "mag": triples}))
+    np.testing.assert_allclose(table["mag"].to_pylist(), corrected["mag"])
 
 
 def test_disturbances_are_columns_of_a_frame() -> None:

@@ -8,9 +8,9 @@ from typing import TYPE_CHECKING, Any
 
 from flinders.cli._inputs import provenance, source_file
 from flinders.cli._multi_sensor import named_for
-from flinders.cli._output import Outputs, print_json, progress, say
+from flinders.cli._output import Outputs, print_json, progress, say, strength_words
 from flinders.core.geomag import recorded_field
-from flinders.errors import FlindersError, NoOnboardCalibration, UsageError, figures
+from flinders.errors import FlindersError, NoOnboardCalibration, UsageError
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -105,7 +105,6 @@ def _say(instrument: Instrument, calibration: Calibration) -> None:
     if stored.changes:
         say(f"! it changed {stored.changes} times in the log: this is the last")
     if not calibration.field_strength_known:
-        strength = figures(calibration.field_strength, 4)
         is_placed = recorded_field(instrument) is not None
         what = "that of the place, since the vehicle stores none" if is_placed else "a convention"
-        say(f"! field strength {strength} µT is {what}: give --field-strength where lengths matter")
+        say(strength_words(calibration, what))

@@ -104,7 +104,7 @@ def _asked_columns(recording: Recording) -> ColumnsRecord | None:
 
 
 def of_content(name: str, content: bytes, rows: int = 0, **compass: Any) -> SourceFile:
-    """The same of what was read of a file at once; `compass` is whose it was, where a vehicle has several."""
+    """The record of a file that was read at once; `compass` is whose it was, where a vehicle has several."""
     import hashlib
 
     from flinders.core.calibration_file import SourceFile

@@ -18,6 +18,7 @@ from typing import IO, TYPE_CHECKING, Any, Final, NamedTuple, TypeVar
 import click
 
 from flinders.cli._spelling import in_options
+from flinders.core.units import label
 from flinders.errors import NotExportable, UsageError, figures, with_hint
 
 if TYPE_CHECKING:
@@ -383,6 +384,12 @@ def can_show(encoding: str, text: str) -> bool:
     except (UnicodeEncodeError, LookupError):
         return False
     return True
+
+
+def strength_words(calibration: Calibration, what: str = "a convention") -> str:
+    """That the field strength of an imported calibration is not known, and what to do."""
+    strength = f"{figures(calibration.field_strength, 4)} {label(calibration.unit)}"
+    return f"! field strength {strength} is {what}: give --field-strength where lengths matter"
 
 
 def cost_words(calibration: Calibration, disturbance: Disturbance) -> str:

@@ -376,7 +376,7 @@ class Group:
         return Outputs(tuple(self.named_files()), getattr(self, "force", False), getattr(self, "as_json", False))
 
     def checked_outputs(self, *inputs: str | None) -> Outputs:
-        """The same, refused where one cannot be written, or is one of the arguments or `inputs`, which are read."""
+        """The files that options name; refuses one that cannot be written, or is an argument or one of `inputs`."""
         read = list(filter(None, inputs))
         for declared, value in self.members():
             if declared["kind"] is click.Argument:
@@ -411,7 +411,7 @@ class Group:
         return typed
 
     def typed_words(self) -> dict[str, str]:
-        """The same in words, for a report.
+        """Options that were typed, and their values in words, for a report.
 
         >>> from flinders.cli._options import ReadingOptions
         >>> ReadingOptions(None, None, "mG", None, "x,y,z", None, 5.0, None, True).typed_words()

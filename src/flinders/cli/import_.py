@@ -9,7 +9,7 @@ import click
 from flinders.cli import _options as option
 from flinders.cli import _program as program
 from flinders.cli._inputs import of_content, provenance
-from flinders.cli._output import cost_words, print_json, say
+from flinders.cli._output import cost_words, print_json, say, strength_words
 from flinders.cli.targets import NamingTargets
 from flinders.core.units import label
 from flinders.errors import ArrayError, DocumentError, UsageError, figures
@@ -141,10 +141,7 @@ def _words(file: str, name: str, calibration: Calibration) -> list[str]:
     offset = ", ".join(figures(value, 4) for value in calibration.offset)
     words = [f"{file}: {name}, for readings in {calibration.raw.name}; offset {offset} {unit}"]
     if not calibration.field_strength_known:
-        words.append(
-            f"! field strength {figures(calibration.field_strength, 4)} {unit} is a convention: give --field-strength "
-            "where lengths matter"
-        )
+        words.append(strength_words(calibration))
     words += [
         f"it follows {disturbance} ({unit}): {cost_words(calibration, disturbance)} (dip 60°)"
         for disturbance in calibration.disturbances

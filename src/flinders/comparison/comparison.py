@@ -189,7 +189,7 @@ class Comparison:
 
     @property
     def is_nothing(self) -> bool:
-        """The same but for rounding."""
+        """Whether they are the same calibration but for rounding."""
         scale = abs(self.scale_difference) if self.is_scale_known else 0.0
         apart = max(math.radians(self.direction_difference_deg), self.offset_share, scale)
         return apart < 1e-9 and not self.is_turned

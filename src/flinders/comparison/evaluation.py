@@ -96,7 +96,7 @@ class Evaluation:
 
     @property
     def body_heading_ratio(self) -> float | None:
-        """The same of the heading of the body; None where no rotation is claimed."""
+        """True heading error of the body over the claimed one, rms; None where no rotation is claimed."""
         true, claimed = self.body_heading_error_deg, self.claimed_body_heading_deg
         return None if true is None or claimed is None else _ratio(true.rms, claimed.rms)
 

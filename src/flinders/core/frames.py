@@ -176,9 +176,15 @@ def _arrow_with(frame: Any, columns: Mapping[Any, Floats]) -> Any:  # noqa: ANN4
         raise _not_given_back(frame, "pyarrow.table(frame)")
     for name, values in columns.items():
         places = frame.schema.get_all_field_indices(name)
-        array = _package_of(frame).array(values)
+        array = _arrow_array(_package_of(frame), values)
         frame = frame.set_column(places[0], name, array) if places else frame.append_column(name, array)
     return frame
+
+
+def _arrow_array(arrow: Any, values: Floats) -> Any:  # noqa: ANN401
+    """A column of numbers, or of (N, K) lists of K numbers."""
+    flat = arrow.array(values.ravel())
+    return flat if values.ndim == 1 else arrow.FixedSizeListArray.from_arrays(flat, values.shape[1])
 
 
 def _refused(frame: Any, columns: Mapping[Any, Floats]) -> Any:  # noqa: ANN401

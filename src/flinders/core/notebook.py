@@ -75,7 +75,7 @@ def as_table(title: str, headings: Sequence[str], rows: Iterable[Sequence[str]],
 
 
 def in_columns(headings: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
-    """The same as text, a line for each row.
+    """Lay out rows of words below headings as text, a line for each row.
 
     >>> print(in_columns(["method", "n"], [["a", "12"]]))
     method   n

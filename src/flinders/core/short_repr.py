@@ -21,9 +21,9 @@ import numpy as np
 
 from flinders.arrays import four_digits
 
-FEW: Final = 9
+MAX_ENTRIES: Final = 9
 """Entries of an array that are written out."""
-LONGEST: Final = 80
+MAX_LETTERS: Final = 80
 """Characters of a field; a longer one is written as its type."""
 
 
@@ -58,7 +58,7 @@ def short(value: object) -> str:
 
 def _within(text: str, value: object) -> str:
     """The text, where it is short enough."""
-    if len(text) <= LONGEST and "\n" not in text:
+    if len(text) <= MAX_LETTERS and "\n" not in text:
         return text
     return f"{len(cast('Any', value)):,} entries" if isinstance(value, Mapping | list | tuple) else f"{_name(value)}(…)"
 
@@ -69,7 +69,7 @@ def _name(value: object) -> str:
 
 def _array(array: np.ndarray[Any, Any]) -> str:
     """Entries of a small array of numbers; of a larger one its shape."""
-    if array.size > FEW or array.dtype.kind not in "iufb" or array.ndim > 2:
+    if array.size > MAX_ENTRIES or array.dtype.kind not in "iufb" or array.ndim > 2:
         return f"array of {' × '.join(f'{length:,}' for length in array.shape)}"
     return f"[{', '.join(map(four_digits, array))}]" if array.ndim == 2 else four_digits(np.atleast_1d(array))
 

@@ -299,7 +299,7 @@ class Readings:
 
     @property
     def as_read(self) -> Readings:
-        """The same with all readings of each rest."""
+        """The readings as they were read, with all of each rest."""
         return self.whole or self
 
     @property

@@ -43,6 +43,9 @@ REACHES: Final = (
 SMALL_ERROR_DEG: Final = 0.2
 """A good heading error below this is followed by what it leaves out."""
 
+UNSTATED: Final = "the calibration states no uncertainty"
+"""Why nothing is known of a calibration without findings, as one that was imported."""
+
 LEFT_OUT: Final = "That is the error of the calibration alone: mounting, tilt and iron nearby come on top."
 
 
@@ -70,15 +73,17 @@ def headline(verdict: Verdict, cause: Finding | None, claimed: Claimed, limit_de
     Parameters
     ----------
     cause : Finding or None
-        The first cause (`flinders.findings.first_causes`); it is not looked at where the verdict is good.
+        The first cause (`flinders.findings.first_causes`); it is not looked at where the verdict is good. None of a
+        calibration without findings, as one that was imported.
     limit_deg : float
         Tilt up to which headings are within the target.
     """
+    cause = None if verdict == "good" else cause
     kind = _kind(verdict, cause, claimed)
     if kind == "attitudes" and limit_deg >= UPSIDE_DOWN:
         kind = "directions"
     reach, beyond = reach_words(limit_deg)
-    why, remedy = ("", "") if verdict == "good" or cause is None else (cause.in_a_sentence, cause.remedy)
+    why, remedy = (UNSTATED, "") if cause is None else (cause.in_a_sentence, cause.remedy)
     lead = LEADS[kind].format(
         error=error_words(claimed),
         target=f"{claimed.target_deg:g}°",
@@ -88,13 +93,13 @@ def headline(verdict: Verdict, cause: Finding | None, claimed: Claimed, limit_de
     )
     is_small = kind == "good" and claimed.worst_deg < SMALL_ERROR_DEG
     said = (as_sentence(lead), remedy, LEFT_OUT if is_small else "")
-    return Headline(" ".join(filter(None, said)), cause.code if cause is not None and verdict != "good" else "")
+    return Headline(" ".join(filter(None, said)), "" if cause is None else cause.code)
 
 
 def _kind(verdict: Verdict, cause: Finding | None, claimed: Claimed) -> str:
     """Which of `LEADS` a verdict begins with."""
-    if verdict == "good" or cause is None:
-        return "good"
+    if cause is None:
+        return "good" if claimed.worst_deg < ANY_ANGLE_DEG else "unknown"
     row = CATALOGUE.get(cause.code)
     affects = "claim" if row is None else row.affects
     if verdict == "refused":
@@ -129,6 +134,6 @@ def error_words(claimed: Claimed) -> str:
 
 
 def reach_words(limit_deg: float) -> tuple[str, str]:
-    """Attitudes at which headings are within the target, and the others."""
-    _, reach, beyond = next(row for row in REACHES if limit_deg < row[0])
+    """Attitudes at which headings are within the target, and the others; level ones alone where the tilt is NaN."""
+    _, reach, beyond = next((row for row in REACHES if limit_deg < row[0]), REACHES[0])
     return reach.format(limit=limit_deg), beyond

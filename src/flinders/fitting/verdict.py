@@ -190,7 +190,7 @@ def of_contradiction(repeats: Repeats, unit: str) -> dict[str, Any]:
 
 
 def _contradiction(judged: FitRecord) -> dict[str, Any]:
-    """The same of a fit; nothing where it has one recording."""
+    """Which recording of a fit is off the others, and by how much; nothing where it has one."""
     repeats = judged.diagnosis.repeats
     return {} if repeats is None else of_contradiction(repeats, label(judged.fit.calibration.unit))
 

@@ -81,7 +81,7 @@ class HeadingError:
     tilt_deg: float = 0.0  #: how far the vehicle is rolled or pitched, whichever way; zero for a level one
 
     def combined(self, angle_deg: float) -> HeadingError:
-        """The same with another error of each heading, independent of this one."""
+        """Add another error of each heading, which is independent of this one."""
         rms, worst = math.hypot(self.rms, angle_deg), math.hypot(self.worst, angle_deg)
         return HeadingError(rms, worst, self.dip_deg, self.tilt_deg)
 

@@ -94,7 +94,7 @@ class Belief:
         return direction
 
     def row(self) -> Records:
-        """The same as the engine has it."""
+        """The belief as the engine takes it."""
         row = np.zeros((), dtype=BELIEF)
         row["centre"], row["shape"] = self.ellipsoid.centre, upper(self.ellipsoid.shape)
         row["covariance"], row["variance"] = np.ravel(self.covariance), self.variance

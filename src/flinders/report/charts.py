@@ -265,11 +265,19 @@ def round_ticks(axis: Axis, most: int, unit: str = "") -> list[tuple[float, str]
     return labelled(ticks(axis.low, axis.high, most), unit=unit)
 
 
+ROUNDING: Final = 1e-11
+"""Width below which an axis shows nothing but errors of rounding."""
+
+
 def ticks(low: float, high: float, most: int) -> list[float]:
-    """Round numbers from `low` to `high`, about `most` of them or fewer."""
+    """Round numbers from `low` to `high`, about `most` of them or fewer; one where they are the same but for rounding.
+
+    >>> ticks(-1.0, 1.0, 5), ticks(-2e-13, 2e-13, 5)
+    ([-1.0, -0.5, 0.0, 0.5, 1.0], [0.0])
+    """
     width = high - low
-    if not (width > 0.0 and math.isfinite(width)):
-        return [low]
+    if not (width > ROUNDING and math.isfinite(width)):
+        return [round(low, 9) + 0.0]
     step = round_up(width / most, (1.0, 2.0, 5.0, 10.0))
     first = math.ceil(low / step - 1e-9)
     return [round(place * step, 12) + 0.0 for place in range(first, math.floor(high / step + 1e-9) + 1)]

@@ -154,7 +154,7 @@ def outline(drawn: FigureData, plane: tuple[int, int], *, is_corrected: bool) ->
 
 
 def _silhouette(drawn: FigureData, screen: Floats, *, is_corrected: bool) -> Floats:
-    """The same seen on a screen, (2, 3) with its directions to the right and up as rows."""
+    """(72, 2) outline on a screen whose directions to the right and up are rows of (2, 3); (0, 2) without a surface."""
     shown, shape = drawn.shown, drawn.shape
     if shown is None or shape is None:
         return np.empty((0, 2))

@@ -75,7 +75,7 @@ def _with_readings(fit: Fit, recording: AnyReadings | None) -> FigureData:
 
 
 def _with_surface(fit: Fit, recording: AnyReadings | None) -> FigureData:
-    """The same of readings that lie about an ellipsoid."""
+    """The fit and its readings, which lie about an ellipsoid; raises `UsageError` for others."""
     drawn = _with_readings(fit, recording)
     if drawn.shown is None:
         raise UsageError("the readings were not corrected: draw the sphere, which shows them as they were recorded")

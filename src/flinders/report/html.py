@@ -64,6 +64,7 @@ from flinders.report.modules import joined
 from flinders.report.onboard_pages import onboard_words
 from flinders.report.view import matrix_sigma, tiles_view
 from flinders.targets import registry
+from flinders.verdicts import MEANINGS
 from flinders.workflows.log_headings import heading_history
 
 if TYPE_CHECKING:
@@ -82,9 +83,6 @@ if TYPE_CHECKING:
     from flinders.report.view import View
     from flinders.workflows.log_headings import HeadingHistory
     from flinders.workflows.onboard import OnboardCheck
-
-TITLES: Final = {"good": "Good", "limited": "Limited", "refused": "Refused"}
-"""What each verdict is called, as on the page, on the terminal and in JSON."""
 
 ASTRAY, NOISY = 0.05, 3.0
 """Of the field, and times the noise of the fit: readings that are farther off (rms) do not go with a calibration."""
@@ -228,7 +226,7 @@ def _outcome(outcome: Fit | FitError, fit: Fit | None) -> dict[str, str]:
     if fit is None:
         why = as_sentence(cast("FitError", outcome).message)
         return {"verdict": "refused", "title": "No calibration", "sentence": why}
-    title = TITLES[fit.verdict] if fit.claim.states_uncertainty else "Of unknown quality"
+    title = MEANINGS[fit.verdict].title if fit.claim.states_uncertainty else "Of unknown quality"
     said = " ".join(map(as_sentence, filter(None, (headline_of(fit).words, condition(fit)))))
     return {"verdict": fit.verdict, "title": title, "sentence": said}
 

@@ -131,7 +131,7 @@ def tile_rules() -> str:
 
 
 def _tile_colours(theme: Theme) -> str:
-    """The same in one theme."""
+    """Colours of the classes of errors in one theme."""
     classes = (*(f"e{step}" for step in range(STEPS)), "unknown")
     return " ".join(f".{name} {{ fill: {colour_of(name, theme)} }}" for name in classes)
 

@@ -15,7 +15,7 @@ from flinders.core.units import COUNTS, EARTH_WITH_ROOM_UT, label
 from flinders.errors import counted, figures
 from flinders.readers._likeness import looks_like
 from flinders.report.formatting import written_time
-from flinders.report.terminal import facts, page
+from flinders.report.terminal import facts, next_commands, page
 from flinders.report.terminal import notes as marked
 
 if TYPE_CHECKING:
@@ -38,9 +38,7 @@ CALIBRATION: Final = Path("calibration.json")
 def of_contents(contents: Contents) -> RenderableType:
     """Lay out what a file holds, and what to type next."""
     sensors = [_sensor_block(sensor, contents.site) for sensor in contents.sensors]
-    title = Text("next" if len(contents.commands) == 1 else "next, one of", "bold")
-    commands = [Text(f"   {command}", no_wrap=True, overflow="ignore") for command in contents.commands]
-    said = Group(title, *commands) if commands else Text(NOTHING_FIT)
+    said = next_commands(contents.commands) if contents.commands else Text(NOTHING_FIT)
     return Group(_file_block(contents), page(*sensors, said))
 
 

@@ -118,6 +118,12 @@ def notes(said: Iterable[tuple[str, ...]]) -> RenderableType:
     return grid if grid.row_count else Group()
 
 
+def next_commands(commands: Sequence[str]) -> RenderableType:
+    """What to type next: a line for each command that is never cut."""
+    title = Text("next" if len(commands) == 1 else "next, one of", "bold")
+    return Group(title, *(Text(f"   {command}", no_wrap=True, overflow="ignore") for command in commands))
+
+
 # ------------------------------------------------------------------------------------------------- a fit in a few lines
 
 ROWS, COLUMNS, WIDE, GAP = 10, 20, 32, 3
@@ -171,7 +177,7 @@ def braille(dots: NDArray[np.bool_]) -> list[str]:
 
 
 def letters(dots: NDArray[np.bool_]) -> list[str]:
-    """The same with a dot, a colon or a cross for few, some and many dots."""
+    """Lines with a dot, a colon or a cross for few, some and many of (4 r, 2 c) dots."""
     counts = dots.reshape(len(dots) // 4, 4, -1, 2).sum(axis=(1, 3))
     return ["".join(" .:::####"[count] for count in row) for row in counts.tolist()]
 

@@ -124,7 +124,7 @@ class Coverage:
         return self._strength(ellipsoid.centre + CELLS @ ellipsoid.shape)
 
     def corrected_strength(self, ellipsoid: Ellipsoid, calibration: Calibration) -> tuple[float, float]:
-        """The same of readings that another calibration corrects, as plain matrix and offset."""
+        """Mean length of readings corrected by a matrix and an offset, and its spread as a fraction of the mean."""
         return self._strength(calibration.affine.apply(ellipsoid.centre + CELLS @ ellipsoid.shape))
 
     def _strength(self, readings: Floats) -> tuple[float, float]:

@@ -99,11 +99,11 @@ class Affine:
 
     @property
     def single(self) -> Affine:
-        """The same in single precision."""
+        """The numbers in single precision."""
         return Affine(single(self.matrix), single(self.offset), self.strength)
 
     def decimals(self, places: int) -> Affine:
-        """The same with so many decimal places."""
+        """The numbers with so many decimal places."""
         return Affine(np.round(self.matrix, places), np.round(self.offset, places), self.strength)
 
     def apply(self, field: ArrayLike) -> Floats:

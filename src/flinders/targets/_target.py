@@ -66,7 +66,7 @@ NEXT_TO_NOTHING: Final = 0.0001
 EXACT: Final = 1e-9
 """A matrix is of a kind to within this share of its largest entry: products of matrices are rounded."""
 EXACT_SINGLE: Final = 1e-6
-"""The same for what float32 has rounded."""
+"""A matrix that float32 has rounded is of a kind to within this share of its largest entry."""
 
 CHANCE: Final = 1e-4
 """How often a clean reading is beyond a limit of `Gates`, at most."""

@@ -209,7 +209,7 @@ class Contest:
         raise UsageError(f"method {method!r} was not compared{did_you_mean(method, names)}: {', '.join(names)}")
 
     def sorted_by(self, measure: str) -> Contest:
-        """The same in the order of one of `MEASURES`, the smallest first; entries without it come last."""
+        """The contest in the order of one of `MEASURES`, the smallest first; entries without it come last."""
         if measure not in MEASURES:
             known = ", ".join(MEASURES)
             raise UsageError(f"measure {measure!r} is not known{did_you_mean(measure, MEASURES)}: use one of {known}")

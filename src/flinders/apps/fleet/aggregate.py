@@ -27,7 +27,7 @@ COLUMNS: Final = (
     "findings", "unit_of_field",
 )  # fmt: skip
 LISTED: Final = 50
-FEWEST: Final = 2
+MIN_GROUP_UNITS: Final = 2
 """Units of a group, on average, from which on a property is shown: a serial number tells no groups."""
 RANKS: Final = {"heading error": "worst_deg", "offset": "offset", "noise": "noise"}
 """Quantities by which the worst units are listed, and the attributes of `FleetUnit` that hold them."""
@@ -113,7 +113,7 @@ class _Tally:
     def groups_by(self, name: str) -> dict[str, dict[str, int]]:
         """Rows of each verdict by a property; none where it tells no groups of units apart."""
         counts = self.groups.get(name, {})
-        is_group = 2 <= len(counts) <= max(self.units / FEWEST, 2)
+        is_group = 2 <= len(counts) <= max(self.units / MIN_GROUP_UNITS, 2)
         return _useful(self.properties[name], counts, self.rows) if is_group else {}
 
     def _add_codes(self, table: Any, units: Sequence[str]) -> None:  # noqa: ANN401

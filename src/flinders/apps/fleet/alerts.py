@@ -39,7 +39,8 @@ ALERTS: Final = {
     "vanished-file": "a file that was fitted is no longer there",
 }
 """What each alert means."""
-RECORD_AGAIN: Final = "look for what was moved or exchanged near the sensor, and use the new calibration"
+LOOK_NEARBY: Final = "look for what was moved or exchanged near the sensor, and use the new calibration"
+"""What to do about a heading that changed."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -135,7 +136,7 @@ def _of_headings(found: Iterable[_Successive], target_deg: float) -> list[Alert]
     dips = np.array([row.dip_deg for row in newer])
     changes = differences(_ellipsoids(older), _ellipsoids(newer), dip_deg=dips)
     beyond = (changes.worst_deg > target_deg) & (changes.p_value < CHANCE / len(pairs))
-    words = {"cause": "", "limit": target_deg, "message": ALERTS["heading-changed"], "remedy": RECORD_AGAIN}
+    words = {"cause": "", "limit": target_deg, "message": ALERTS["heading-changed"], "remedy": LOOK_NEARBY}
     return [
         Alert.of("heading-changed", row, before, {**words, "number": float(worst)})
         for (row, before, _), worst, is_beyond in zip(pairs, changes.worst_deg, beyond, strict=True)

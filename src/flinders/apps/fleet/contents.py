@@ -34,13 +34,11 @@ if TYPE_CHECKING:
 
     from flinders.apps.fleet.not_good import NotGood
 
-MANY: Final = 8
+MAX_SENSORS_OF_A_BODY: Final = 8
 """Units of a table up to which they may be sensors of one body, and are shown one by one."""
-NAMED: Final = 3
+MAX_NAMES: Final = 3
 """Units that are named."""
-SHOWN: Final = 20
-"""Units that are not good that a page lists."""
-OUT: Final = "calibrations.parquet"
+DEFAULT_TABLE: Final = "calibrations.parquet"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -61,7 +59,7 @@ class Contents:
     @property
     def is_one_recording(self) -> bool:
         """Whether it may be read as a recording all the same: few units may be sensors of one body."""
-        return self.kind == "readings of many units" and self.units <= MANY
+        return self.kind == "readings of many units" and self.units <= MAX_SENSORS_OF_A_BODY
 
     @property
     def words(self) -> str:
@@ -78,7 +76,7 @@ class Contents:
     @property
     def instead(self) -> str:
         """What it is, and what to type in place of a command for one recording."""
-        return f"{self.words}: {self.commands[0]}"
+        return f"{self.words}: {self.commands[0]}" if self.commands else f"{self.words}: give a recording"
 
     def as_dict(self) -> dict[str, Any]:
         """JSON-ready fields."""
@@ -87,18 +85,15 @@ class Contents:
     def page(self) -> RenderableType:
         """Lay it out for the terminal."""
         from rich.console import Group
-        from rich.text import Text
 
         from flinders.apps.fleet.run_page import listed, of_verdicts
-        from flinders.report.terminal import page
+        from flinders.report.terminal import next_commands, page
 
-        title = Text("next" if len(self.commands) == 1 else "next, one of", "bold")
-        commands = [Text(f"   {command}", no_wrap=True, overflow="ignore") for command in self.commands]
         bad = sum(self.verdicts.values()) - self.verdicts.get("good", 0)
         return page(
             Group(self.words, *([of_verdicts(self.verdicts)] if self.verdicts else [])),
             listed("not good", self.not_good, bad, self.path) if self.not_good else None,
-            Group(title, *commands),
+            next_commands(self.commands) if self.commands else None,
         )
 
 
@@ -110,7 +105,7 @@ def recognised(path: str) -> Contents | None:
         if path.lower().endswith(TABLES):
             return _of_table(path)
         return _of_csv(path) if path.lower().endswith(CSV) and Path(path).is_file() else None
-    except (FlindersError, OSError, ValueError):
+    except (FlindersError, OSError, ValueError, csv.Error):
         return None  # whoever reads it as a recording says what is wrong
 
 
@@ -132,8 +127,8 @@ def _of_folder(path: str) -> Contents | None:
         kind="folder",
         units=len(units),
         recordings=len(names),
-        names=tuple(units[:NAMED]),
-        commands=(shlex.join(["flinders", "fleet", path, "-o", OUT]),),
+        names=tuple(units[:MAX_NAMES]),
+        commands=(shlex.join(["flinders", "fleet", path, "-o", DEFAULT_TABLE]),),
     )
 
 
@@ -199,8 +194,8 @@ def _of_units(path: str, column: str, units: set[str]) -> Contents | None:
         units=len(units),
         recordings=0,
         unit_column=column,
-        names=tuple(sorted(units)[:NAMED]),
-        commands=(shlex.join(["flinders", "fleet", path, "--unit-column", column, "-o", OUT]),),
+        names=tuple(sorted(units)[:MAX_NAMES]),
+        commands=(shlex.join(["flinders", "fleet", path, "--unit-column", column, "-o", DEFAULT_TABLE]),),
     )
 
 
@@ -226,7 +221,7 @@ def _of_fleet(path: str, table: Any) -> Contents:  # noqa: ANN401 - a path, or a
         kind="table of a fleet",
         units=counts["units"],
         recordings=counts["rows"],
-        names=tuple(named[:NAMED]),
+        names=tuple(named[:MAX_NAMES]),
         verdicts=counts["verdicts"],
         properties=added,
         not_good=first_of(not_good(table)),

@@ -23,7 +23,16 @@ from typing import TYPE_CHECKING, Any, Final, Self, TypeAlias
 
 import numpy as np
 
-from flinders.apps.fleet.results import SIGN, VERSION, UnitResult, UnitResults, integers, needs_arrow, strings
+from flinders.apps.fleet.results import (
+    SIGN,
+    VERSION,
+    UnitResult,
+    UnitResults,
+    integers,
+    needs_arrow,
+    reading_table,
+    strings,
+)
 from flinders.errors import DocumentError, FlindersError, InputError, UsageError
 
 if TYPE_CHECKING:
@@ -90,12 +99,9 @@ class ReadFiles:
         """Read the list out of a table; raises DocumentError if it is none of a fleet, or has no list."""
         needs_arrow()
         from pyarrow import parquet
-        from pyarrow.lib import ArrowException
 
-        try:
+        with reading_table(path):
             metadata = parquet.read_metadata(path).metadata or {}
-        except (OSError, ArrowException) as error:
-            raise DocumentError(f"{path}: cannot be read as a table of a fleet: {error}") from None
         if metadata.get(SIGN) != VERSION.encode() or FILES not in metadata:
             raise DocumentError(
                 f"{path} does not say which files it was made from: only a table as `flinders fleet` writes it can be "

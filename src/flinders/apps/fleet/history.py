@@ -26,11 +26,11 @@ from flinders.apps.fleet.results import (
     needs_arrow,
     numbers,
     objects,
+    reading_table,
     refuse_other_table,
     texts,
 )
 from flinders.comparison.pairs import EllipsoidPairs
-from flinders.core.files import reason
 from flinders.errors import DocumentError, UsageError
 
 if TYPE_CHECKING:
@@ -216,23 +216,15 @@ def _numbered(number: int, path: str | os.PathLike[str], columns: Sequence[str],
     """Read some columns of the table with a number, so many rows at a time."""
     arrow = needs_arrow()
     from pyarrow import parquet
-    from pyarrow.lib import ArrowException
 
     last = ""
-    try:
-        with parquet.ParquetFile(path, page_checksum_verification=True) as file:
-            refuse_other_table(file.schema_arrow.names, columns, path)
-            present = [name for name in columns if name in file.schema_arrow.names]
-            for batch in file.iter_batches(rows, columns=present):
-                if len(batch):
-                    last = _sorted(path, batch.column("unit").to_pylist(), last)
-                    yield _completed(arrow, arrow.Table.from_batches([batch]), columns, number)
-    except OSError as error:
-        raise DocumentError(f"{path}: cannot be read as a table of a fleet: {reason(error)}") from None
-    except ArrowException as error:
-        raise DocumentError(
-            f"{path}: cannot be read as a table of a fleet ({error}): need what `flinders fleet` writes"
-        ) from None
+    with reading_table(path), parquet.ParquetFile(path, page_checksum_verification=True) as file:
+        refuse_other_table(file.schema_arrow.names, columns, path)
+        present = [name for name in columns if name in file.schema_arrow.names]
+        for batch in file.iter_batches(rows, columns=present):
+            if len(batch):
+                last = _sorted(path, batch.column("unit").to_pylist(), last)
+                yield _completed(arrow, arrow.Table.from_batches([batch]), columns, number)
 
 
 def _completed(arrow: Any, table: Any, columns: Sequence[str], number: int) -> Any:  # noqa: ANN401

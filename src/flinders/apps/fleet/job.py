@@ -33,7 +33,7 @@ from flinders.apps.fleet.scheduler import Abandoned, begin_processes, map_units,
 from flinders.apps.fleet.storage import StoredFile, exists, fetched, is_remote, put, refuse_object
 from flinders.apps.fleet.tables import is_csv, record_table, refuse_ending, write_csv
 from flinders.core.files import refuse_existing
-from flinders.errors import UsageError
+from flinders.errors import OutputError, UsageError
 from flinders.findings.row import OF_A_TUMBLE
 
 if TYPE_CHECKING:
@@ -119,12 +119,15 @@ def run(
     progress = Progress(watch, notice)
     with progress.ending(), contextlib.ExitStack() as ending:
         _prepare(outputs, options, scheduler, append=append, force=force)
+        found = _stamp(outputs.table)
         if scheduler is None and workers != 0:
             begin_processes()
         earlier = ending.enter_context(_earlier(outputs.table, options)) if append else None
         plan = _planned(where, outputs, options, earlier, append=append)
         checkpoint = Checkpoint.of(outputs.table, plan, append=append, force=force)
         ending.callback(checkpoint.close)
+        if not force and _stamp(outputs.table) != found:
+            raise OutputError(f"{outputs.table}: another run has written it since this one began: run it again")
         if earlier is not None:
             earlier.rows.read_ahead()
         files = checkpoint.finished()
@@ -174,6 +177,15 @@ def _prepare(outputs: Outputs, options: Options, scheduler: str | None, *, appen
     outputs.check(append=append, force=force)
     if scheduler is not None:
         reach(scheduler)
+
+
+def _stamp(table: str) -> tuple[int, int, int] | None:
+    """What tells a table from another one that took its place; None without one, and of an object."""
+    try:
+        status = None if is_remote(table) else os.stat(table)  # noqa: PTH116 - a text, which may be a URL
+    except OSError:
+        return None
+    return status and (status.st_ino, status.st_size, status.st_mtime_ns)
 
 
 @dataclass(frozen=True, slots=True)

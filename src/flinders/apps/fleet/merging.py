@@ -23,6 +23,7 @@ from flinders.apps.fleet.results import (
     integers,
     named_rows,
     needs_arrow,
+    reading_table,
     refuse_other_table,
     schema,
     strings,
@@ -208,7 +209,8 @@ class TableRows:
         needs_arrow()
         from pyarrow import parquet
 
-        self._file = parquet.ParquetFile(path, page_checksum_verification=True)
+        with reading_table(path):
+            self._file = parquet.ParquetFile(path, page_checksum_verification=True)
         names = self._file.schema_arrow.names
         refuse_other_table(names, NAMES, path)
         self.added = tuple(name for name in names if name not in NAMES)
@@ -263,11 +265,11 @@ class TableRows:
 
     def units(self) -> list[str]:
         """Unit of each row."""
-        return texts(self._file.read(columns=["unit"]).column("unit"))
+        return texts(self._columns("unit").column("unit"))
 
     def about_files(self) -> set[tuple[str, str]]:
         """Unit and code of the rows about files."""
-        table = self._file.read(columns=["unit", "code"])
+        table = self._columns("unit", "code")
         table = table.filter(_is_in(table.column("code"), ABOUT_FILES))
         return set(zip(texts(table.column("unit")), texts(table.column("code")), strict=True))
 
@@ -275,10 +277,15 @@ class TableRows:
         """Close the file."""
         self._file.close()
 
+    def _columns(self, *names: str) -> Any:  # noqa: ANN401
+        with reading_table(self._path):
+            return self._file.read(columns=list(names))
+
     def _group(self, group: int) -> Any:  # noqa: ANN401
         if self._held[0] != group:
             ahead, self._ahead = self._ahead, None
-            table = ahead.result() if ahead is not None and group == 0 else self._file.read_row_group(group)
+            with reading_table(self._path):
+                table = ahead.result() if ahead is not None and group == 0 else self._file.read_row_group(group)
             self._held = group, table
         return self._held[1]
 

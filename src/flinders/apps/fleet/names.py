@@ -22,13 +22,24 @@ RECORDING_COLUMNS: Final = ("recording", "recording_id", "session", "session_id"
 """Names of a column of recordings."""
 BATCH_COLUMNS: Final = ("batch", "hw_batch", "lot", "hardware_batch", "hardware", "revision")
 """Names of a column of hardware batches."""
-HEADER: Final = 1 << 16
+DELIMITERS: Final = ",;\t"
+"""What may stand between the cells of a table of text."""
+MAX_HEADER: Final = 1 << 16
 """Letters of the first line of a table of text."""
+
+
+def delimiter_of(header: str) -> str:
+    """What stands between the cells of a table of text, by its first line.
+
+    >>> delimiter_of("unit;firmware")
+    ';'
+    """
+    return max(DELIMITERS, key=header.count)
 
 
 def header_of(path: Path) -> tuple[list[str], str]:
     """Names in the first line of a table of text, and what stands between them."""
     with path.open(encoding="utf-8-sig", errors="replace") as lines:
-        header = lines.readline(HEADER)
-    delimiter = max(",;\t", key=header.count)
+        header = lines.readline(MAX_HEADER)
+    delimiter = delimiter_of(header)
     return [cell.strip().strip('"') for cell in header.strip().split(delimiter)], delimiter

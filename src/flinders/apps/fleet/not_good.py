@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     import os
     from collections.abc import Iterable, Iterator
 
-FIRST: Final = 100
+MAX_LISTED: Final = 100
 """Recordings that a summary has; a table of them has all."""
 
 
@@ -59,7 +59,7 @@ def not_good(path: str | os.PathLike[str]) -> Iterator[list[NotGood]]:
             yield [NotGood.of(UnitResult(**{name: _known(cell) for name, cell in row.items()})) for row in rows]
 
 
-def first_of(some: Iterable[list[NotGood]], most: int = FIRST) -> tuple[NotGood, ...]:
+def first_of(some: Iterable[list[NotGood]], most: int = MAX_LISTED) -> tuple[NotGood, ...]:
     """The first of each verdict, the worst verdicts first, no more than `most`."""
     kept: dict[str, list[NotGood]] = {verdict: [] for verdict in reversed(VERDICTS[1:])}
     for rows in some:

@@ -12,10 +12,11 @@ r"""Properties of units (firmware, revision, place, …) from a CSV: columns of 
 from __future__ import annotations
 
 import csv
+import io
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, Final, Self
 
-from flinders.apps.fleet.names import UNIT_COLUMNS
+from flinders.apps.fleet.names import UNIT_COLUMNS, delimiter_of
 from flinders.apps.fleet.results import NAMES, needs_arrow, schema, strings, texts
 from flinders.core.files import read_bytes
 from flinders.errors import UnreadableInput, UsageError
@@ -24,9 +25,8 @@ if TYPE_CHECKING:
     import os
     from collections.abc import Mapping, Sequence
 
-LARGEST: Final = 1 << 28
+MAX_BYTES: Final = 1 << 28
 """Bytes of a list of units."""
-DELIMITERS: Final = (",", ";", "\t")
 
 
 @dataclass(frozen=True, slots=True)
@@ -40,23 +40,25 @@ class Properties:
     def read(cls, path: str | os.PathLike[str], unit_column: str | None = None) -> Self:
         """Read a CSV with a column of units and others.
 
-        Raises `UnreadableInput` if it cannot be read, and `UsageError` if no column names units, a column has the name
-        of one of the table, or a unit is there twice.
+        Lines without a unit are passed over. Raises `UnreadableInput` if it cannot be read, and `UsageError` if no
+        column names units, a column has the name of one of the table, or a unit is there twice.
         """
-        content = read_bytes(path, largest=LARGEST, what="list of units", refused=UnreadableInput)
-        lines = content.decode("utf-8-sig", "replace").splitlines()
-        header = lines[0] if lines else ""
-        delimiter = max(DELIMITERS, key=header.count)
-        rows = csv.reader(lines, delimiter=delimiter)
-        columns = [name.strip() for name in next(rows, [])]
+        content = read_bytes(path, largest=MAX_BYTES, what="list of units", refused=UnreadableInput)
+        text = content.decode("utf-8-sig", "replace")
+        reader = csv.reader(io.StringIO(text, newline=""), delimiter=delimiter_of(text.partition("\n")[0]))
+        try:
+            rows = list(reader)
+        except csv.Error as error:
+            raise UnreadableInput(f"{path}: line {reader.line_num} cannot be read: {error}; check its quotes") from None
+        columns = [name.strip() for name in rows[0]] if rows else []
         place = _unit_place(path, columns, unit_column)
         names = tuple(name for at, name in enumerate(columns) if at != place)
         _refuse_names(path, names)
         known: dict[str, tuple[str, ...]] = {}
-        for row in rows:
+        for row in rows[1:]:
             cells = [cell.strip() for cell in (*row, *[""] * len(columns))[: len(columns)]]
             unit = cells.pop(place)
-            if known.setdefault(unit, tuple(cells)) != tuple(cells):
+            if unit and known.setdefault(unit, tuple(cells)) != tuple(cells):
                 raise UsageError(f"{path} has unit {unit} twice, with other values: leave one of the two out")
         return cls(names, known)
 

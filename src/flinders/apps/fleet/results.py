@@ -18,6 +18,7 @@ Unknown values are NaN here and null in Arrow and Parquet.
 
 from __future__ import annotations
 
+import contextlib
 import math
 import re
 from dataclasses import dataclass, fields, replace
@@ -27,13 +28,14 @@ from typing import TYPE_CHECKING, Any, Final, Self
 
 import numpy as np
 
+from flinders.core.files import reason
 from flinders.errors import DocumentError
 from flinders.fitting.batch import WIDTHS, FitColumns, fill_row
 from flinders.foreign_errors import needs
 
 if TYPE_CHECKING:
     import os
-    from collections.abc import Iterable, Sequence, Sized
+    from collections.abc import Iterable, Iterator, Sequence, Sized
 
     from numpy.typing import NDArray
 
@@ -210,14 +212,9 @@ class UnitResults(FitColumns):
         """
         needs_arrow()
         from pyarrow import parquet
-        from pyarrow.lib import ArrowException
 
-        try:
+        with reading_table(path):
             table = parquet.read_table(path, page_checksum_verification=True)
-        except (OSError, ArrowException) as error:
-            raise DocumentError(
-                f"{path}: cannot be read as a table of a fleet ({error}): need what `flinders fleet` writes"
-            ) from None
         return cls.from_arrow(table)
 
     def to_bytes(self) -> bytes:
@@ -244,6 +241,19 @@ def needs_arrow() -> Any:  # noqa: ANN401
     """Import pyarrow, which writes the table of a fleet; raises MissingExtra."""
     needs("pyarrow.ipc", "fleet", "the table of a fleet")
     return needs("pyarrow", "fleet", "the table of a fleet")
+
+
+@contextlib.contextmanager
+def reading_table(path: str | os.PathLike[str]) -> Iterator[None]:
+    """Turn what a table of a fleet raises that is broken, gone or none into `DocumentError`."""
+    from pyarrow.lib import ArrowException
+
+    try:
+        yield
+    except (OSError, ArrowException) as error:
+        is_of_system = isinstance(error, OSError) and error.errno is not None
+        why = f": {reason(error)}" if is_of_system else f" ({error}): need what `flinders fleet` writes"
+        raise DocumentError(f"{path}: cannot be read as a table of a fleet{why}") from None
 
 
 def refuse_other_table(names: Sequence[str], needed: Sequence[str], path: str | os.PathLike[str] = "") -> None:

@@ -25,23 +25,23 @@ if TYPE_CHECKING:
 
 SUFFIXES: Final = {"none": "without an ending"}
 """Words for kinds of files that are not their suffix."""
-SHOWN: Final = 20
+MAX_SHOWN: Final = 20
 """Recordings that are not good, and alerts, that the page lists; the tables have them all."""
-FREQUENT: Final = 8
+MAX_FINDINGS: Final = 8
 """Findings that the page counts."""
 
 
 def of_run(summary: RunSummary, listed_in: str) -> RenderableType:
     """Lay out a run: what was read, how many are good, which are not and what to do, and findings.
 
-    `listed_in`: the file with all that are not good.
+    `listed_in`: the file with all that are not good or, of a table that was extended, with all alerts.
     """
     common = common_findings(summary.findings, summary.verdicts)
     others = {code: count for code, count in summary.findings.items() if code not in common}
     tables = [_listed(summary, listed_in)] if summary.not_good or summary.alerts else []
     if others:
-        frequent = [(code, f"{count:,}") for code, count in list(others.items())[:FREQUENT]]
-        rest = [(f"and {len(others) - FREQUENT} more", "")] * (len(others) > FREQUENT)
+        frequent = [(code, f"{count:,}") for code, count in list(others.items())[:MAX_FINDINGS]]
+        rest = [(f"and {len(others) - MAX_FINDINGS} more", "")] * (len(others) > MAX_FINDINGS)
         tables.append(table(("findings", "recordings"), [*frequent, *rest]))
     remarks = [f"true of each calibration: {', '.join(common)}"] if common else []
     return page(Group(_read(summary), of_verdicts(summary.verdicts)), *tables, Group(*remarks, *_remarks(summary)))
@@ -79,7 +79,7 @@ def listed(title: str, every: Sequence[Alert | NotGood], total: int, listed_in: 
 
     `listed_in`: the file that has them all.
     """
-    shown = [(row, row.cause or getattr(row, "alert", "")) for row in every[:SHOWN]]
+    shown = [(row, row.cause or getattr(row, "alert", "")) for row in every[:MAX_SHOWN]]
     rows = [
         (*styled(COLOURS[row.verdict], row.unit, row.recording, row.verdict), cause, _compared(row.number, row.limit))
         for row, cause in shown
@@ -87,7 +87,7 @@ def listed(title: str, every: Sequence[Alert | NotGood], total: int, listed_in: 
     names = (Column(title, overflow="fold"), Column("recording", overflow="fold"))
     columns = [*names, *(Column(each, no_wrap=True) for each in ("verdict", "because"))]
     remedies = dict.fromkeys((cause, row.remedy) for row, cause in shown if row.remedy)
-    more = [f"and {total - SHOWN:,} more: {listed_in} has them all"] if total > SHOWN else []
+    more = [f"and {total - MAX_SHOWN:,} more: {listed_in} has them all"] if total > MAX_SHOWN else []
     return Group(table((*columns, "number / limit"), rows), *more, "", facts(list(remedies)))
 
 

@@ -49,6 +49,9 @@ DRIFTING: Final = 0.05
 MOVED_UT: Final = (3.0, 12.0)
 """and by how much, in µT: some degrees of heading."""
 
+MAX_RECORDINGS: Final = 10
+"""Of a unit: the months of the year from March on."""
+
 HARD_UT: Final = 60.0
 SOFT: Final = 0.15
 NOISE_UT: Final = (0.1, 1.0)
@@ -226,13 +229,15 @@ def line_of(
     drifting : float
         Share of units whose offset moves after the first recording.
     recordings : int
-        Of each unit, up to ten.
+        Of each unit, up to `MAX_RECORDINGS`.
 
     >>> truths = [truth for truth, _ in line_of(40, drifting=0.2, readings=50)]
     >>> len(truths), truths[1].unit, truths[1].recording, sum(truth.offset_change > 0.0 for truth in truths)
     (80, 'U0000', '2026-04-01.csv', 8)
     """
     share(drifting, "drifting", "the units")
+    if not 1 <= recordings <= MAX_RECORDINGS:
+        raise UsageError(f"recordings is {recordings}: need 1 to {MAX_RECORDINGS} of each unit, a month apart")
     for number in range(count(units, 1)):
         first = unit(number, seed=seed, bad=bad, readings=readings)
         rng = np.random.default_rng([seed, number, 1])

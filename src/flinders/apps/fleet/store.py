@@ -14,6 +14,7 @@ none, so that the one before them stays valid.
 
 from __future__ import annotations
 
+import contextlib
 import math
 from dataclasses import dataclass
 from datetime import UTC, datetime, time
@@ -43,7 +44,7 @@ if TYPE_CHECKING:
     import os
     from collections.abc import Iterable, Mapping, Sequence
 
-SIMILAR: Final = 3
+MAX_PROPOSED: Final = 3
 """Names of units that are proposed in place of one that is not there."""
 
 
@@ -88,27 +89,16 @@ def rows_of(table: str | os.PathLike[str], unit: str) -> list[UnitResult]:
         names = every.unit.tolist()
         rows = every[np.flatnonzero(every.unit == unit)]
     else:
-        known = _opened(table)
-        names = known.units()
-        rows = UnitResults.from_arrow(known.of_units({unit}))
-        known.close()
+        with contextlib.closing(TableRows(table)) as known:
+            names = known.units()
+            rows = UnitResults.from_arrow(known.of_units({unit}))
     if not len(rows):
         units = sorted({name for name in names if not name.startswith("(")})  # those in brackets are files
-        similar = get_close_matches(unit, units, SIMILAR)
-        some = f"it has {', '.join(units[:SIMILAR])}{' …' * (len(units) > SIMILAR)}"
+        similar = get_close_matches(unit, units, MAX_PROPOSED)
+        some = f"it has {', '.join(units[:MAX_PROPOSED])}{' …' * (len(units) > MAX_PROPOSED)}"
         words = f"did you mean {' or '.join(similar)}?" if similar else some
         raise UsageError(f"{table} has no unit {unit}: {words}")
     return [rows.row(place) for place in range(len(rows))]
-
-
-def _opened(table: str | os.PathLike[str]) -> TableRows:
-    """Open a table of Parquet."""
-    from pyarrow.lib import ArrowException
-
-    try:
-        return TableRows(table)
-    except (OSError, ArrowException) as error:
-        raise DocumentError(f"{table}: cannot be read as a table of a fleet: {error}") from None
 
 
 def date_of(text: str) -> datetime:

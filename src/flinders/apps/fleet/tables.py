@@ -145,10 +145,18 @@ def read_table(path: str | os.PathLike[str]) -> UnitResults:
         raise DocumentError(f"{path}: this is no table of a fleet: make one with `flinders fleet`")
     try:
         with Path(path).open(encoding="utf-8", newline="") as file:
-            return UnitResults.of([_row(cells) for cells in csv.DictReader(file)])
-    except (OSError, ValueError, TypeError) as error:
+            return UnitResults.of([_row(cells) for cells in _whole(csv.DictReader(file))])
+    except (OSError, ValueError, csv.Error) as error:
         words = reason(error) if isinstance(error, OSError) else str(error)
         raise DocumentError(f"{path}: cannot be read as a table of a fleet: {words}") from None
+
+
+def _whole(lines: csv.DictReader[str]) -> Iterator[dict[str, str]]:
+    """Cells of each line; `ValueError` for one that is cut short, as where a copy was not finished."""
+    for cells in lines:
+        if None in cells.values():
+            raise ValueError(f"line {lines.line_num} is cut short: copy or write the table again")
+        yield cells
 
 
 def _row(cells: Mapping[str, str]) -> UnitResult:

@@ -62,8 +62,6 @@ SPANS: Final[tuple[tuple[str, str, float], ...]] = (
     ("all", "All", math.inf),
 )
 """That the timeline can show: name, words and seconds."""
-USUAL_S: Final = 8.0 * DAY_S
-"""Longest life that is shown whole at first."""
 
 
 @dataclass(frozen=True, slots=True)

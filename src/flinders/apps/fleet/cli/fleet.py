@@ -154,7 +154,9 @@ def command(options: Fleet) -> int:
             watch=watch,
             notice=say,
         )
-    print_result(summary.as_dict, lambda: of_run(summary, options.bad or options.out), as_json=options.as_json)
+    of_alerts = options.alerts or "the table that --alerts writes"
+    listed_in = of_alerts if summary.is_extended else options.bad or options.out
+    print_result(summary.as_dict, lambda: of_run(summary, listed_in), as_json=options.as_json)
     if summary.worst_deg and not options.as_json and not program.is_typed("dip_deg"):
         say(f"heading errors are for a dip of {reading.dip_deg:g}° (assumed): give that of the site by --dip")
     if options.report is not None:

@@ -191,7 +191,7 @@ class ServedPage(program.Group):
 
 
 def with_serial_port(source: LiveSource, page: ServedPage) -> tuple[LiveSource, ServedPage]:
-    """The same, with a serial port that was given as that of the page as the source that it was meant for."""
+    """Take a serial port that ``--port`` names as the source, and serve the page on its usual port."""
     if isinstance(page.web_port, int):
         return source, page
     if source.port is not None:

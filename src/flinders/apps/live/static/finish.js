@@ -123,12 +123,12 @@ export class Finish {
             const finished = await this.link().finish();
             if (turn !== this.asked) return;
             this.finished = finished;
-            if (!finished.view?.offset && !wasFinished) this.link().send({ type: "collect" }); // nothing is finished
         } catch (error) {
             if (!(error instanceof Refusal)) throw error;
             if (turn !== this.asked) return;
             this.finished = { name: "", view: null, refusal: error.message };
         }
+        if (!this.finished.view?.offset && !wasFinished) this.link().send({ type: "collect" }); // nothing is finished
         this.draw();
         await this.ask();
     }

@@ -9,6 +9,7 @@ result, stopped by the operator, or as interrupted when the program starts again
 from __future__ import annotations
 
 import asyncio
+import contextlib
 import math
 import re
 import time
@@ -117,10 +118,13 @@ class Station:
         )
 
     def recover(self) -> UnitTest | None:
-        """Write the row of a test that was interrupted when the program last ran, and return the test."""
+        """Write the row of a test that was interrupted, here or when the program last ran, and return the test.
+
+        Rows that could not be written before are written too; raises `OutputError` where they still cannot be.
+        """
         test = self.folder.interrupted()
         if test is None:
-            self.folder.forget()
+            self.folder.write_waiting()
         else:
             self.folder.end(stopped(test, self.folder.last_written(test), "interrupted").row)
         return test
@@ -244,7 +248,10 @@ class Station:
 
 
 def _known(row: dict[str, str]) -> str:
-    """What is known of a unit that was tested before."""
-    ended = {"pass": "passed", "fail": "failed", "aborted": "was stopped"}[row["result"]]
-    began = datetime.fromisoformat(row["began"]).astimezone()
-    return f"{row['unit']} was tested on {began.day} {began:%B} at {began:%H:%M} and {ended}."
+    """What is known of a unit that was tested before; dates and results that a spreadsheet has changed are left out."""
+    ended = {"pass": " and passed", "fail": " and failed", "aborted": " and was stopped"}.get(row["result"], "")
+    when = " before"
+    with contextlib.suppress(ValueError, TypeError):
+        began = datetime.fromisoformat(row["began"]).astimezone()
+        when = f" on {began.day} {began:%B} at {began:%H:%M}"
+    return f"{row['unit']} was tested{when}{ended}."

@@ -21,7 +21,7 @@ import numpy as np
 from flinders.report.view import matrix_sigma
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Iterator, Sequence
     from datetime import datetime
 
     from numpy.typing import ArrayLike
@@ -158,8 +158,7 @@ class _Writer:
     def _conformity(self, result: ElementTree.Element, about: CertifiedTest, limits: PassLimits) -> None:
         stated = _dcc(_dcc(result, "measurementMetaData"), "metaData")
         self._text(stated, "name", "Conformity with the pass limits of the station")
-        words = f"largest heading error of a level vehicle at most {limits.heading_error_deg:g} degrees (1 sigma)"
-        self._text(stated, "declaration", f"Pass limits: {words}, verdict {limits.verdict}.")
+        self._text(stated, "declaration", f"Pass limits: {', '.join(_limits(limits))}.")
         _dcc(stated, "conformity", "pass" if about.is_passed else "fail")
 
     def _condition(self, conditions: ElementTree.Element, name: str, value: float, unit: str) -> None:
@@ -187,6 +186,21 @@ class _Writer:
     def _text(self, parent: ElementTree.Element, name: str, words: str) -> None:
         content = _dcc(_dcc(parent, name), "content", words)
         content.set("lang", self.language)
+
+
+def _limits(limits: PassLimits) -> Iterator[str]:
+    """Each pass limit that a unit is held against, in words."""
+    unit = "microtesla" if limits.unit == "uT" else limits.unit
+    yield f"largest heading error of a level vehicle at most {limits.heading_error_deg:g} degrees (1 sigma)"
+    if limits.strength is not None:
+        yield f"field strength {limits.strength[0]:g} to {limits.strength[1]:g} {unit}"
+    if limits.offset is not None:
+        yield f"offset of each axis {limits.offset[0]:g} to {limits.offset[1]:g} {unit}"
+    if limits.noise is not None:
+        yield f"noise at most {limits.noise:g} {unit} (1 sigma)"
+    if limits.coverage is not None:
+        yield f"at least {limits.coverage:.0%} of all directions recorded"
+    yield f"verdict {limits.verdict}"
 
 
 def _dcc(parent: ElementTree.Element, name: str, text: str | None = None) -> ElementTree.Element:

@@ -117,8 +117,8 @@ class StationFolder:
             test = msgspec.json.decode(self._journal.read_bytes(), type=UnitTest)
         except (OSError, msgspec.DecodeError):
             return None
-        is_written = any(row["recording"] == test.recording for row in self.table.rows)
-        return None if is_written else test
+        written = {row["recording"] for row in self.table.rows} | {row.recording for row in self._waiting}
+        return None if test.recording in written else test
 
     def last_written(self, test: UnitTest) -> datetime:
         """When the recording of a test was written last; when it began where there is none."""

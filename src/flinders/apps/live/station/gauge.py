@@ -167,7 +167,7 @@ def _two_way(values: Floats) -> tuple[VarianceRow, ...]:
 
 
 def _one_way(values: Floats) -> tuple[VarianceRow, ...]:
-    """The same with one operator."""
+    """The table of the analysis of variance with one operator: parts and repeatability."""
     parts, _, repeats = values.shape
     mean, of_parts = values.mean(), values.mean(axis=(1, 2))
     squares: dict[Source, tuple[int, float]] = {

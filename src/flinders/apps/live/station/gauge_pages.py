@@ -87,6 +87,8 @@ class Studied:
     def sentence(self) -> str:
         """What it comes to."""
         study = self.study
+        if not study.sigma("total"):
+            return "every value is the same, which tells nothing of the gauge"
         count = study.distinct_categories
         categories = f"{count} distinct categor{'y' if count == 1 else 'ies'}"
         words = f"{figures(study.percent('gauge'))} % of the total variation, {categories}"

@@ -33,6 +33,8 @@ if TYPE_CHECKING:
 TABLE_BYTES: Final = 256 << 20
 QUANTITIES: Final = ("offset_x", "offset_y", "offset_z", "worst_deg", "noise", "field_strength")
 """Columns that are studied unless others are named."""
+OPERATOR: Final = "operator"
+"""Column of a station's table that names who tested."""
 NOBODY: Final = "(no operator)"
 
 
@@ -52,14 +54,17 @@ def read_rows(path: str | os.PathLike[str]) -> list[dict[str, str]]:
     """Read a table; `UnreadableInput` for a file that is none."""
     content = read_bytes(path, largest=TABLE_BYTES, what="table of a station", refused=UnreadableInput)
     reader = csv.DictReader(StringIO(content.decode("utf-8-sig", "replace")))
-    missing = [name for name in ("unit",) if name not in (reader.fieldnames or ())]
-    if missing:
-        raise UnreadableInput(f"{path}: is no table of a station: it has no column {missing[0]}")
-    return list(reader)
+    try:
+        rows = list(reader)
+    except csv.Error as error:
+        raise UnreadableInput(f"{path}: line {reader.line_num} cannot be read: {error}; check its quotes") from None
+    if "unit" not in (reader.fieldnames or ()):
+        raise UnreadableInput(f"{path}: is no table of a station: it has no column unit")
+    return rows
 
 
 def measured_of(
-    rows: Iterable[Mapping[str, str]], quantity: str, *, part: str = "unit", operator: str = "operator"
+    rows: Iterable[Mapping[str, str]], quantity: str, *, part: str = "unit", operator: str = OPERATOR
 ) -> MeasuredTable:
     """Arrange a column by part, operator and repeat.
 
@@ -70,7 +75,7 @@ def measured_of(
     quantity : str
         Column of numbers; rows without one, as of tests that were stopped, are left out.
     part, operator : str
-        Columns that name them.
+        Columns that name them; a table without a column `OPERATOR` is of one operator.
 
     Raises
     ------
@@ -80,8 +85,8 @@ def measured_of(
     cells: dict[tuple[str, str], list[float]] = defaultdict(list)
     units: dict[str, None] = {}
     for row in rows:
-        if quantity not in row:
-            raise UsageError(f"the table has no column {quantity}: there are {', '.join(row)}")
+        if missing := [name for name in (quantity, part, operator) if name not in row and name != OPERATOR]:
+            raise UsageError(f"the table has no column {missing[0]}: there are {', '.join(filter(None, row))}")
         value = _number(row[quantity])
         if math.isfinite(value):
             cells[row.get(part) or "", row.get(operator) or NOBODY].append(value)

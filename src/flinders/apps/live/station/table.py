@@ -143,6 +143,9 @@ class StationTable:
             raise OutputError(f"{path}: cannot be written: {reason(error)}") from None
         try:
             self.rows = self._read()
+        except OSError as error:
+            os.close(self._file)
+            raise OutputError(f"{path}: cannot be read: {reason(error)}") from None
         except OutputError:
             os.close(self._file)
             raise
@@ -201,4 +204,7 @@ def rows_of(path: Path, text: str) -> list[dict[str, str]]:
         missing = [name for name in COLUMNS if name not in reader.fieldnames]
         what = f"it has no {missing[0]}" if missing else "its columns are in another order"
         raise OutputError(f"{path}: is no table of this station: {what}; move it away, or name another folder")
-    return list(reader)
+    try:
+        return list(reader)
+    except csv.Error as error:
+        raise OutputError(f"{path}: line {reader.line_num} cannot be read: {error}; move it away") from None

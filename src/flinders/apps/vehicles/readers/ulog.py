@@ -410,7 +410,7 @@ def _vehicle_magnetometer(flight: _Flight) -> Iterator[Instrument]:
 
 
 def _sensor_combined(flight: _Flight) -> Iterator[Instrument]:
-    """The same of old logs, without its repeats."""
+    """What the vehicle steered by, in old logs, without repeated readings."""
     columns = flight.topics.get(("sensor_combined", 0), {})
     if "magnetometer_ga[0]" not in columns:
         return

@@ -111,7 +111,7 @@ class CompassParameters:
         return self.motor_by in MOTORS.values() and bool(self.motor.any())
 
     def as_float32(self) -> Self:
-        """The same after the autopilot has kept each value as a float32."""
+        """The parameters after the autopilot has kept each value as a float32."""
         diagonal, off_diagonal = single(self.diagonal), single(self.off_diagonal)
         stored = replace(self, offset=single(self.offset), motor=single(self.motor))
         return replace(stored, diagonal=diagonal, off_diagonal=off_diagonal)

@@ -7,7 +7,7 @@ import { nextMovement } from "./advice.js";
 import { longestRuns, outlierRows, runWords } from "./outliers.js";
 import { figures, general, grouped } from "./numbers.js";
 import { longestRests, restWords } from "./rests.js";
-import { angle, counted, filled } from "./wording.js";
+import { angle, counted, filled, UPSIDE_DOWN } from "./wording.js";
 
 /** @typedef {import("./data.d.ts").EngineData} EngineData */
 /** @typedef {import("./data.d.ts").Severity} Severity */
@@ -25,7 +25,6 @@ import { angle, counted, filled } from "./wording.js";
  * @property {string | null} follows_from Code of the finding that it follows from.
  */
 
-const UPSIDE_DOWN = 180;
 const TILTS = [10, 30, 90];
 /** By the engine's numbers. @type {("" | Severity)[]} */
 const SEVERITIES = ["", "note", "limits", "refuses"];

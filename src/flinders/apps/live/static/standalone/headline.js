@@ -2,14 +2,11 @@
 
 import { remedyOf, whyOf } from "./findings.js";
 import { figures, general } from "./numbers.js";
-import { filled } from "./wording.js";
+import { ANY_ANGLE_DEG, filled, UPSIDE_DOWN } from "./wording.js";
 
 /** @typedef {import("./fit.js").Fit} Fit */
 /** @typedef {import("./findings.js").Finding} Finding */
 /** @typedef {import("../../../../static/view.d.ts").View["verdict"]} Verdict */
-
-const ANY_ANGLE_DEG = 90;
-const UPSIDE_DOWN = 180;
 
 /**
  * The first sentence of the verdict on a fit.

@@ -4,6 +4,7 @@ import { capital, clock } from "../views/words.js";
 import { strideFor } from "./buffer.js";
 import { figures, fixed, general } from "./numbers.js";
 import { labelOf } from "./session.js";
+import { ANY_ANGLE_DEG } from "./wording.js";
 
 /** @typedef {import("./session.js").Session} Session */
 /** @typedef {import("../messages.d.ts").Reason} Reason */
@@ -140,7 +141,7 @@ function ofView(session, view) {
     const worst = session.worstDeg(view);
     if (worst === null) return ["collecting", view.sentence];
     if (worst > session.targetDeg) {
-        const known = worst < 90 ? `the worst error to expect is ${figures(worst)}° (1 σ)` : "no heading is known yet";
+        const known = worst < ANY_ANGLE_DEG ? `the worst error to expect is ${figures(worst)}° (1 σ)` : "no heading is known yet";
         return ["collecting", `${isEnded(session) ? "Misses the target" : "Keep turning"}: ${known}, ${target}.`];
     }
     const done = `the worst ${errorOf(session)} to expect is ${figures(worst)}° (${bound(session, view)}), ${target}`;

@@ -5,6 +5,7 @@ import { corrected, threes, tileCounts, tilesOf } from "./coverage.js";
 import { adviceOf, firstCauses, stepWords, verdictOf } from "./findings.js";
 import { headline } from "./headline.js";
 import { tiles } from "./tiles.js";
+import { ANY_ANGLE_DEG } from "./wording.js";
 
 /** @typedef {import("../../../../static/view.d.ts").View} View */
 /** @typedef {import("./fit.js").Fit} Fit */
@@ -15,7 +16,6 @@ import { tiles } from "./tiles.js";
 
 const BINS = 40;
 const WIDEST = 4;
-const ANY_ANGLE_DEG = 90;
 const RAD = Math.PI / 180;
 const EVERYWHERE = "turn it slowly through all directions, away from iron and from currents";
 

@@ -2,7 +2,10 @@
 
 import { figures, fixed, general, grouped } from "./numbers.js";
 
-const ANY_ANGLE_DEG = 90;
+/** An error from here on says nothing of a heading. */
+export const ANY_ANGLE_DEG = 90;
+/** Of tilts, the last. */
+export const UPSIDE_DOWN = 180;
 
 /**
  * How many there are of something.

@@ -8,6 +8,7 @@
 import { byId, element, icon, remember, setIcon, setList, setText } from "../dom.js";
 import { RelayLink } from "../relay.js";
 import { Fitter } from "../standalone/fitter.js";
+import { ANY_ANGLE_DEG } from "../standalone/wording.js";
 import { errors, Store } from "../store.js";
 import { Guide, LeadView } from "../views/lead.js";
 import { degrees, duration, frequency } from "../views/words.js";
@@ -21,8 +22,6 @@ const ASK_MS = 250;
 const WORDS = { pass: "PASS", fail: "FAIL", aborted: "STOPPED" };
 const ICONS = { pass: "good", fail: "wrong", aborted: "stopped" };
 const LINKS = { connected: "connected", waiting: "waiting for readings", gone: "unplugged", ended: "ended" };
-/** An error beyond this says nothing yet. */
-const ANY_DEG = 90;
 const LOST = "Flinders does not answer. What was recorded is safe where it runs.";
 
 const store = new Store();
@@ -36,6 +35,9 @@ let facts;
 let state = null;
 let heardAt = 0;
 let isFinishing = false;
+/** Counts what was asked for and answered: a state from before is out of date. */
+let turn = 0;
+let isRefreshing = false;
 let frameAsked = false;
 
 start();
@@ -91,9 +93,11 @@ const listener = {
  */
 async function ask(asked) {
     setText(byId("refusal", HTMLElement), "");
+    turn += 1;
     try {
         const answer = await fetch("station", { method: "POST", body: JSON.stringify(asked) });
         const said = await answer.json();
+        turn += 1;
         if (answer.ok) take(said);
         else setText(byId("refusal", HTMLElement), said.words);
     } catch {
@@ -102,11 +106,16 @@ async function ask(asked) {
 }
 
 async function refresh() {
+    if (isRefreshing) return;
+    isRefreshing = true;
+    const begun = turn;
     try {
-        take(await load("station.json"));
+        const said = await load("station.json");
+        if (begun === turn) take(said);
     } catch {
         lose(LOST);
     }
+    isRefreshing = false;
 }
 
 /** @param {string} words */
@@ -123,7 +132,6 @@ function take(said) {
     byId("lost", HTMLElement).hidden = true;
     if (before !== said.phase) {
         serial.value = "";
-        isFinishing = false;
         document.body.dataset.phase = said.phase;
     }
     drawStation(said);
@@ -214,11 +222,12 @@ function draw(at) {
     askFrame();
 }
 
-/** The unit has been turned enough: the program judges it. */
-function finish() {
+/** The unit has been turned enough: the program judges it; where it did not hear that, it is asked once more. */
+async function finish() {
     if (isFinishing) return;
     isFinishing = true;
-    ask({ do: "finish" });
+    await ask({ do: "finish" });
+    window.setTimeout(() => (isFinishing = false), ASK_MS);
 }
 
 /** Seconds since the test began, as far as they are known. */
@@ -248,7 +257,7 @@ function drawProgress() {
     bar.setAttribute("aria-valuenow", String(Math.round(100 * share)));
     setText(byId("time-left", HTMLElement), `${duration(Math.max(state.time_s - elapsed(), 0))} left`);
     const { worst } = errors(store.view, "heading");
-    setText(byId("error-now", HTMLElement), worst === null || worst > ANY_DEG ? "" : `Heading error ${degrees(worst)}, target ${degrees(facts.target_deg)}`);
+    setText(byId("error-now", HTMLElement), worst === null || worst >= ANY_ANGLE_DEG ? "" : `Heading error ${degrees(worst)}, target ${degrees(facts.target_deg)}`);
 }
 
 function drawSource() {
