@@ -181,7 +181,17 @@ class _Run:
         except FitError as refusal:
             self._report(refusal)
             self._trace()
+            self._point_to_check()
             raise
+
+    def _point_to_check(self) -> None:
+        """Say how to judge what was on board of a log that gives no calibration."""
+        from flinders.core.samples import onboard_of
+
+        paths, sensor = self.options.recordings, self.options.sensors.sensor
+        if len(paths) == 1 and onboard_of(self.parts[0]) is not None:
+            words = ["flinders", "check", *paths, *(["--sensor", sensor] if sensor else [])]
+            say(f"what was on board is judged by: {shlex.join(words)}")
 
     def print_refused(self, refused: Fit, refusal: FitError) -> int:
         """Print a refusal, and the numbers of the recipe that it refuses, marked as such."""
