@@ -22,6 +22,13 @@ if TYPE_CHECKING:
 ALSO_CALLED: Final = {"--port": "--serial", "--device": "--serial", "--to": "--for", "--format": "--for"}
 """Options by what other programs call them."""
 
+PLAINER: Final = {
+    "is not a valid integer range": "is not a whole number",
+    "is not a valid integer": "is not a whole number",
+    "is not a valid float": "is not a number",
+}
+"""What click says, in words for people who do not program."""
+
 EXAMPLE: Final = re.compile(r"^ *(flinders .*\S)", re.MULTILINE)
 """The first command line of an epilog."""
 
@@ -30,6 +37,8 @@ def misused(error: click.ClickException) -> str:
     """Say in a line what click found, what was probably meant, and where help is."""
     context = getattr(error, "ctx", None)
     problem = " ".join(error.format_message().split()).rstrip(".")
+    for said, plainer in PLAINER.items():
+        problem = problem.replace(said, plainer)
     if isinstance(error, click.NoSuchOption):
         problem = _no_such_option(error)
     elif isinstance(error, click.MissingParameter) and (example := _example(context)):
