@@ -141,6 +141,8 @@ def test_the_name_alone_gives_help_on_stderr_and_2() -> None:
         ("live tumble.csv", "--replay tumble.csv"),
         ("calibrate", "flinders calibrate tumble.csv -o calibration.json"),
         ("fleet logs", "flinders fleet logs/ -o calibrations.parquet"),
+        ("fleet V101 V102 -o calibrations.parquet", "V102 is one argument too many"),
+        ("calibrate tumble.csv --to arduino", "'arduino' is not a number"),
     ],
 )
 def test_what_is_mistyped_is_answered_with_what_was_meant(typed: str, meant: str) -> None:
