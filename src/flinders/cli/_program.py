@@ -206,16 +206,6 @@ def _misused(error: click.ClickException, *, as_json: bool) -> int:
     return print_error(UsageError(misused(error)), as_json=as_json)
 
 
-def _alike(option: str, possibilities: Sequence[str]) -> str:
-    """Ask whether the option was meant that begins like one that there is not, or else the most similar one.
-
-    >>> _alike("--out", ["--robust", "--output"]), _alike("--to", ["--for", "--json"]), _alike("--list", [])
-    (". Did you mean '--output'?", ". Did you mean '--for'?", '')
-    """
-    meant = next((each for each in possibilities if each.startswith(option)), next(iter(possibilities), ""))
-    return f". Did you mean {meant!r}?" if meant else ""
-
-
 def _report_fault(error: Exception) -> int:
     """Say that the fault is ours, keep the details in a file, and ask for a report."""
     import platform
