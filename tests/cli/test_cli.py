@@ -129,6 +129,28 @@ def test_the_name_alone_gives_help_on_stderr_and_2() -> None:
     assert ended.err.startswith("Usage: ")
 
 
+@pytest.mark.parametrize(
+    ("typed", "meant"),
+    [
+        ("cal tumble.csv", "calibrate"),
+        ("callibrate tumble.csv", "calibrate"),
+        ("calibrate tumble.csv --out c.json", "--output"),
+        ("export --to arduino c.json", "--for"),
+        ("record --port /dev/ttyACM0 -o tumble.csv", "--serial"),
+        ("record /dev/ttyACM0 -o tumble.csv", "--serial /dev/ttyACM0"),
+        ("live tumble.csv", "--replay tumble.csv"),
+        ("calibrate", "flinders calibrate tumble.csv -o calibration.json"),
+        ("fleet logs", "flinders fleet logs/ -o calibrations.parquet"),
+        ("fleet V101 V102 -o calibrations.parquet", "V102 is one argument too many"),
+        ("calibrate tumble.csv --to arduino", "'arduino' is not a number"),
+    ],
+)
+def test_what_is_mistyped_is_answered_with_what_was_meant(typed: str, meant: str) -> None:
+    ended = flinders_(*typed.split())
+    assert ended.code == 2
+    assert meant in ended.err
+
+
 # what is no text
 
 

@@ -529,7 +529,7 @@ def test_what_was_left_out_is_told_in_words(logs: Path, tmp_path: Path) -> None:
     (logs / "notes.md").write_text("more")
     words = ["fleet", str(logs), "--output", str(tmp_path / "out.parquet"), "--workers", "0"]
     ended = CliRunner().invoke(main, words, prog_name="flinders")
-    assert "left out files that are no recordings: 1 .md, 1 without an ending" in ended.stdout
+    assert "left out files that are no recordings: .md (1), without an ending (1)" in ended.stdout
 
 
 def test_a_store_that_is_not_there_is_an_error_of_ours(tmp_path: Path) -> None:

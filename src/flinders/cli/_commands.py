@@ -41,6 +41,8 @@ ROWS: Final = {
 """Commands of the library: heading, module beside this one, and what the command does."""
 
 OTHERWISE: Final = {
+    "help": "each command has --help of its own",
+    "monitor": "flinders record keeps what a board prints, flinders live shows it",
     "plot": "figures are in the page of flinders report and of calibrate --report; in Python fit.plot draws them",
 }
 """Words that people type as a command, and what does that instead."""

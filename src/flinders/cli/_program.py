@@ -32,6 +32,7 @@ import click
 
 from flinders.cli._commands import OTHERWISE, Commands
 from flinders.cli._completion import BY_METAVAR, complete_files
+from flinders.cli._misuse import misused, unexpected
 from flinders.cli._output import Output, Outputs, error_words, print_fit, print_json, say
 from flinders.cli._signals import ENDING, handled, interrupt
 from flinders.cli._spelling import in_options, searched
@@ -139,6 +140,9 @@ class Program(Commanded):
             args = [name, *args[2:]]
         if args[0] in OTHERWISE and args[0] not in self.commands and not ctx.resilient_parsing:
             raise click.UsageError(f"No such command '{args[0]}': {OTHERWISE[args[0]]}", ctx)
+        begun = [command for command in self.commands if command.startswith(args[0])]
+        if begun and args[0] not in self.commands and not ctx.resilient_parsing:
+            raise click.UsageError(f"No such command '{args[0]}'. Did you mean '{begun[0]}'?", ctx)
         return super().resolve_command(ctx, args)
 
     def _named_in(self, words: Sequence[str]) -> click.Command:
@@ -199,23 +203,7 @@ def _misused(error: click.ClickException, *, as_json: bool) -> int:
     if message.startswith("Usage:"):
         say(message)
         return USAGE
-    context = getattr(error, "ctx", None)
-    if isinstance(error, click.NoSuchOption):
-        message = f"{error.message.rstrip('.')}{_alike(error.option_name, error.possibilities or ())}"
-    problem = " ".join(message.split()).rstrip(".")
-    problem += " See" if problem.endswith("?") else "; see"
-    command = context.command_path if context else "flinders"
-    return print_error(UsageError(f"{problem} {command} --help"), as_json=as_json)
-
-
-def _alike(option: str, possibilities: Sequence[str]) -> str:
-    """Ask whether the option was meant that begins like one that there is not, or else the most similar one.
-
-    >>> _alike("--out", ["--robust", "--output"]), _alike("--to", ["--for", "--json"]), _alike("--list", [])
-    (". Did you mean '--output'?", ". Did you mean '--for'?", '')
-    """
-    meant = next((each for each in possibilities if each.startswith(option)), next(iter(possibilities), ""))
-    return f". Did you mean {meant!r}?" if meant else ""
+    return print_error(UsageError(misused(error)), as_json=as_json)
 
 
 def _report_fault(error: Exception) -> int:
@@ -301,12 +289,16 @@ class Command(click.Command):
         self.common, self.headings = tuple(common), headings or {}
 
     def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
-        """Parse words, and let an error know its command, whose help is named."""
+        """Take the options and arguments, and refuse what remains; an error knows its command, whose help is named."""
+        ctx.allow_extra_args = True  # click would refuse them without saying how they are meant
         try:
-            return super().parse_args(ctx, args)
+            rest = super().parse_args(ctx, args)
         except click.UsageError as error:
             error.ctx = error.ctx or ctx
             raise
+        if rest and not ctx.resilient_parsing:
+            raise unexpected(rest, ctx)
+        return rest
 
     def format_options(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
         """Write the options under their headings."""

@@ -25,7 +25,8 @@ if TYPE_CHECKING:
 def in_options(hint: Hint, commands: Sequence[click.Command] | None = None) -> str:
     """Spell a hint as options of the first of some commands that has one; a keyword that none has is left out.
 
-    An option that the first command lacks is named with the command that has it: ``flinders calibrate --unit``.
+    An option that the first command lacks is named with the command that has it: ``flinders calibrate --unit``; but
+    ``--force`` of another command overwrites nothing of this one.
 
     `commands`: by default `searched` of the command that runs.
     """
@@ -34,7 +35,8 @@ def in_options(hint: Hint, commands: Sequence[click.Command] | None = None) -> s
         commands = searched(context.command, context.find_root().command) if context else ()
     spelled: dict[str, list[str]] = {}
     for keyword, value in hint.items():
-        found = next(((each, option) for each in commands if (option := option_of(keyword, each))), None)
+        asked = commands[:1] if keyword == "force" else commands
+        found = next(((each, option) for each in asked if (option := option_of(keyword, each))), None)
         if found is not None:
             command, option = found
             of = "" if command is commands[0] else f"flinders {command.name} "

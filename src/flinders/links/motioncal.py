@@ -203,8 +203,8 @@ class _EchoListener:
         if not missing:
             return "the board printed both lines with the new values, but never one soon after the other: send again"
         return (
-            f"the board prints no {missing} line, by which sketches tell what they hold: {unknown}; see what it prints "
-            "with flinders record, and that the sketch reads what MotionCal sends"
+            f"the board prints no {missing} line, by which a sketch confirms, and {unknown}: see what it prints with "
+            "flinders record, and whether its sketch reads what MotionCal sends"
         )
 
     def _of_values(self, name: str, wrong: str) -> str:

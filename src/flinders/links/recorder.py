@@ -334,7 +334,7 @@ class Resumed:
         begun = BEGUN.search(head)
         if begun is None:
             raise OutputError(
-                f"{path} is no recording of flinders record (none begins it): record into a file of its own"
+                f"{path} is no recording of flinders record (none begins it): give one, or record into a new file"
             )
         whole = head.rpartition("\n")[0].splitlines()
         lines = [line for line in whole if line.strip() and not line.startswith("#")]

@@ -25,6 +25,8 @@ if TYPE_CHECKING:
 
 ANY_PORT: Final = "?"
 """Stands for the port of the one board that is plugged in."""
+SERIAL_PORT: Final = re.compile(r"/dev/|COM\d", re.IGNORECASE)
+"""How the name of a serial port begins."""
 MODEM: Final = re.compile(r"\b(?:modem|lte|gsm|wwan|umts|hspa|mobile broadband)\b", re.IGNORECASE)
 """What modems call themselves."""
 MODEM_VENDORS: Final = frozenset(

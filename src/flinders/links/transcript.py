@@ -396,7 +396,10 @@ class Transcript:
                 f"{arrived} but comments, which begin with {' or '.join(COMMENTS)}: where they are readings, say with "
                 "--pattern how they are printed"
             )
-        return f"{arrived} of three numbers ({example!r}): check --baud, and what the sketch prints"
+        return (
+            f"{arrived} of three numbers ({example!r}): where that is garbled, check --baud; else see that the sketch "
+            "prints x, y and z on a line, or say with --pattern how it prints them"
+        )
 
     def _cut(self, content: bytes, at: float) -> None:
         """Cut what came in into lines; one that is too long into pieces, none of which counts as a line."""

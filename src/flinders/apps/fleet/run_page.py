@@ -112,7 +112,7 @@ def _remarks(summary: RunSummary) -> list[str]:
         units = ", ".join(f"{count:,} in {unit}" for unit, count in summary.units_of_field.items())
         lines.append(f"units of field differ: {units}; offsets are in the unit of their row")
     if summary.other_files:
-        kinds = ", ".join(f"{count:,} {SUFFIXES.get(kind, kind)}" for kind, count in summary.other_files.items())
+        kinds = ", ".join(f"{SUFFIXES.get(kind, kind)} ({count:,})" for kind, count in summary.other_files.items())
         lines.append(f"left out files that are no recordings: {kinds}")
     return lines + _remarks_on_run(summary)
 

@@ -68,8 +68,9 @@ def command(options: FleetAt) -> int:
     fit = fit_from(document, name=f"{options.unit}, {found.row.recording}")
     outputs.print(found.as_dict, lambda: of_file(fit, in_options, is_verbose=False))
     until = "" if math.isnan(found.next_s) else f" until {_day(found.next_s)}"
-    recording = found.row.recording or "its one recording"
-    say(f"{options.unit}: valid from {recording}{until}")
+    since = "always" if math.isnan(found.date_s) else f"from {_day(found.date_s)}"
+    recording = f" ({found.row.recording})" if found.row.recording else ""
+    say(f"{options.unit}: valid {since}{recording}{until}")
     for row in found.later:
         say(f"{row.recording} was {row.verdict} ({row.cause}) and gives no other")
     outputs.say_written("nothing was written: name a file with -o")

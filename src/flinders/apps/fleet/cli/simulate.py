@@ -10,7 +10,7 @@ import click
 from flinders.cli import _program as program
 from flinders.cli._output import print_json, say
 from flinders.cli._program import GOOD
-from flinders.errors import OutputExists, counted
+from flinders.errors import OutputError, counted
 
 
 class SimulatedFleet(program.Group):
@@ -65,7 +65,7 @@ def command(options: SimulatedFleet) -> int:
     folder = Path(options.output)
     truth, properties = (folder.with_name(f"{folder.name}.{what}.csv") for what in ("truth", "units"))
     if folder.exists():
-        raise OutputExists(folder)
+        raise OutputError(f"{folder} exists: give another name, or remove it first")
     for path in (folder, truth, properties):
         refuse_existing(path)
     written: list[LineTruth] = []

@@ -53,8 +53,9 @@ Example:
 def command(options: GaugeOptions) -> int:
     """Study the repeatability and reproducibility (gauge R&R) of a station, by analysis of variance.
 
-    The table has each part measured at least twice by each operator: test units several times with `repeats = true` in
-    the station's file. The exit code says whether the gauge is acceptable: 0, marginal: 3, or not: 4.
+    The table, or that in the folder of a station, has each part measured at least twice by each operator: test units
+    several times with `repeats = true` in the station's file. The exit code says whether the gauge is acceptable: 0,
+    marginal: 3, or not: 4.
     """
     options.checked_outputs(options.plan)
     from flinders.apps.live.station import gauge_pages

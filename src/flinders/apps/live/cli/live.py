@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import contextlib
 import os
-import re
 import shlex
 import sys
 import threading
@@ -21,7 +20,7 @@ from flinders.cli._inputs import load, stated_site
 from flinders.cli._output import print_json, say
 from flinders.errors import FlindersError, OutputError, UsageError
 from flinders.foreign_errors import needs
-from flinders.links.serial_ports import ANY_PORT, board_port, plugged_in
+from flinders.links.serial_ports import ANY_PORT, SERIAL_PORT, board_port, plugged_in
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
@@ -36,8 +35,6 @@ if TYPE_CHECKING:
 
 PORT: Final = 8410
 MAX_PORT: Final = 65535
-SERIAL_PORT: Final = re.compile(r"/dev/|COM\d", re.IGNORECASE)
-"""How the name of a serial port begins."""
 SEED: Final = 1
 """Of the simulation, always the same sensor: a session of it can be resumed."""
 SWITCH_S: Final = 0.0005
@@ -246,7 +243,6 @@ class Live(program.Group):
         "Session": ("previous", "refresh", "resume"),
         "Page": ("host", "web_port", "opens"),
     },
-    context_settings={"allow_extra_args": True},
     epilog="""\b
 Example:
   flinders live --serial
@@ -262,7 +258,6 @@ def command(options: Live) -> None:
     The page shows how good the calibration is by now, which way to turn next, and exports it when it is good. All that
     arrives is recorded as it comes; Ctrl-C ends it, and `flinders calibrate` reads the recording.
     """
-    _refuse_unnamed(click.get_current_context().args)
     named, page = with_serial_port(options.source, options.page)
     options = replace(options, source=named, page=page)
     options.check()
@@ -291,7 +286,8 @@ def command(options: Live) -> None:
         hub = Hub(supply, previous, renewed)
         if hub.warning:
             say(f"{supply.path}: {hub.warning}")
-        say(f"{hub.source.name}, recorded in {hub.supply.path}")
+        if hub.source.name != str(hub.supply.path):  # a session that is only shown is its own source
+            say(f"{hub.source.name}, recorded in {hub.supply.path}")
         announce(port, tokens.current if tokens else None, options.page, as_json=options.as_json)
         serve(application(hub, gate, tokens, say, live_data), listener)
         if hub.failure is not None:
@@ -313,15 +309,9 @@ def _last_words(hub: Hub) -> Iterator[str]:
         yield f"recorded in {path}"
         yield f"next: {calibrate_command(path)}"
     else:
-        yield f"recorded in {path}, with the calibration that was finished at {written_time(finished_s)}"
+        finished = f"the calibration that was finished at {written_time(finished_s)}"
+        yield f"recorded in {path}, with {finished}: the page shows and exports it again"
         yield f"next: {shlex.join(['flinders', 'live', '--resume', path])}"
-
-
-def _refuse_unnamed(words: list[str]) -> None:
-    """Say how a source is named that stands without an option."""
-    for word in words:
-        option = "--serial" if SERIAL_PORT.match(word) else "--replay"
-        raise UsageError(f"unexpected argument {word}: name the source, as in flinders live {option} {word}")
 
 
 def _chosen(options: Live) -> dict[str, Any]:

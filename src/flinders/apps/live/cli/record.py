@@ -59,6 +59,10 @@ class Record(program.Group):
             raise UsageError(
                 f"nothing to record: name a --serial port ({ports_in_words()}), or --udp PORT, --tcp HOST:PORT"
             )
+        if self.pattern is not None:
+            from flinders.readers.dialects.pattern import Pattern
+
+            Pattern.of(self.pattern)
         if not self.output:
             raise UsageError("need a file to write: -o tumble.csv, or -o - for standard output")
         if self.resume and (self.force or self.output == "-"):

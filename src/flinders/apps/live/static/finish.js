@@ -157,7 +157,7 @@ export class Finish {
     name({ finished }) {
         const button = byId("finish", HTMLButtonElement);
         setIcon(button, finished ? "download" : "good");
-        button.title = finished ? "Export (F)" : "Finish (F)";
+        button.title = finished ? "Export (F)" : "Keep this calibration and export it (F)";
         setText(button.querySelector("span") ?? button, finished ? "Export" : "Finish");
         setText(byId("finish-title", HTMLElement), finished ? `Finished at ${clock(finished.seconds)}` : "Finish");
     }

@@ -180,7 +180,10 @@ class Station:
         if not serial:
             raise UsageError("there is no serial number: scan or type that of the unit")
         if not re.fullmatch(self.plan.serial.pattern, serial):
-            raise UsageError(f"{serial[:64]!r} is no serial number of this station: scan the label of the unit again")
+            raise UsageError(
+                f"{serial[:64]!r} is no serial number of this station: need {self.plan.serial.words}; scan the label "
+                "of the unit again"
+            )
 
     def _write_waiting(self) -> None:
         """Write the row that could not be written before: no unit is begun before the table is complete."""

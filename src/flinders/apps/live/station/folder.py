@@ -21,7 +21,7 @@ import msgspec
 from msgspec import Struct
 
 from flinders.apps.live.station.recordings import folder_of
-from flinders.apps.live.station.table import StationRow, StationTable
+from flinders.apps.live.station.table import TABLE_FILE, StationRow, StationTable
 from flinders.core.files import make_folder, write_text
 
 if TYPE_CHECKING:
@@ -71,7 +71,7 @@ class StationFolder:
     def __init__(self, path: Path) -> None:
         self.path = path
         make_folder(path)
-        self.table = StationTable(path / "table.csv")
+        self.table = StationTable(path / TABLE_FILE)
         self._waiting: list[StationRow] = []
 
     def begun(self, serial: str, began: datetime, operator: str, station: str) -> UnitTest:

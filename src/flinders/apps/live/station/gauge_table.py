@@ -17,10 +17,12 @@ import math
 from collections import defaultdict
 from dataclasses import dataclass
 from io import StringIO
+from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
+from flinders.apps.live.station.table import TABLE_FILE
 from flinders.core.files import read_bytes
 from flinders.errors import UnreadableInput, UsageError, counted
 
@@ -51,7 +53,8 @@ class MeasuredTable:
 
 
 def read_rows(path: str | os.PathLike[str]) -> list[dict[str, str]]:
-    """Read a table; `UnreadableInput` for a file that is none."""
+    """Read a table, or that in the folder of a station; `UnreadableInput` for a file that is none."""
+    path = Path(path, TABLE_FILE) if Path(path).is_dir() else path
     content = read_bytes(path, largest=TABLE_BYTES, what="table of a station", refused=UnreadableInput)
     reader = csv.DictReader(StringIO(content.decode("utf-8-sig", "replace")))
     try:
@@ -104,7 +107,7 @@ def _repeats(
 ) -> int:
     """How often every part was measured by every operator."""
     if len(parts) < 2:
-        raise UsageError(f"{counted(len(parts), 'part')} with a {quantity}: a gauge study needs two, better ten")
+        raise UsageError(f"{counted(len(parts), 'part')} with {quantity}: a gauge study needs two, better ten")
     for part in parts:
         for operator in operators:
             count = len(cells.get((part, operator), ()))

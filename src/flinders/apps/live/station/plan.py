@@ -84,6 +84,13 @@ class Serials(Struct, frozen=True, kw_only=True):
     board_line: str | None = None  #: regular expression of a line of the board; its first group is the serial number
     repeats: bool = False  #: units are tested several times, as for a gauge study: nothing is asked
 
+    @property
+    def words(self) -> str:
+        """What a serial number looks like."""
+        if self.pattern == Serials().pattern:
+            return "up to 64 letters, digits, or - _ . +, without a space"
+        return f"one that the plan's serial.pattern matches, {self.pattern}"
+
 
 class StationSite(Struct, frozen=True, kw_only=True):
     """Where the station is."""

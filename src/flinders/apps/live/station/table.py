@@ -40,6 +40,8 @@ if TYPE_CHECKING:
 
 VECTOR: Final = (math.nan,) * 3
 MATRIX: Final = (math.nan,) * 9
+TABLE_FILE: Final = "table.csv"
+"""The table in the folder of a station."""
 AXES: Final = "xyz"
 
 

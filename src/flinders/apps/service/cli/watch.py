@@ -16,6 +16,7 @@ from flinders.cli._inputs import clock_start, load, say_read
 from flinders.cli._output import plain, say
 from flinders.cli._signals import stopping
 from flinders.errors import UnreadableInput, UsageError
+from flinders.links.serial_ports import SERIAL_PORT
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -69,7 +70,7 @@ class WatchedSource(program.Group):
             raise UsageError(f"{' and '.join(named)} name several sensors: watch each with a command of its own")
         if self.files and self.replay is None and (named or self.files != ("-",)):
             word = self.files[0]
-            source = "--serial" if word.startswith(("/dev/", "COM")) else "--replay"
+            source = "--serial" if SERIAL_PORT.match(word) else "--replay"
             raise UsageError(
                 f"unexpected argument {word}: name one source, as in flinders watch {source} {word}; - is standard "
                 "input"

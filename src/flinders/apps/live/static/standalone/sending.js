@@ -59,7 +59,7 @@ export class Echoes {
             if (at >= 0) return `the board says ${this.heard[name]?.[at]} in place of ${this.expected[name][at].toPrecision(6)} (number ${at + 1} of its ${name} line)`;
         }
         const missing = names().filter((name) => !this.heard[name]).map((name) => `${name}:`);
-        return `the board prints no ${missing.join(" and ")} line, by which sketches tell what they hold: whether it has taken the values is not known`;
+        return `the board prints no ${missing.join(" and ")} line, by which a sketch confirms: whether it has taken the values is not known`;
     }
 
     /** @param {Line} name @returns {number} The place of the first number that is another; -1: none, or nothing was heard. */
