@@ -107,7 +107,7 @@ def test_the_targets_are_listed() -> None:
         ("--for esphome calibration.json -o nowhere/sensor.txt", 6, "no such folder"),
         ("--for esphome calibration.json -o .", 6, "it is a directory"),
         ("--for esphome calibration.json -o - --json", 2, "both go to standard output"),
-        ("--for esphome calibration.json calibration.json", 2, "unexpected extra argument"),
+        ("--for esphome calibration.json calibration.json", 2, "one argument too many"),
     ],
 )
 def test_wrong_use_is_one_line_on_stderr(words: str, code: int, message: str) -> None:
