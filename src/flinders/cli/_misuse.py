@@ -4,7 +4,7 @@
 >>> from flinders.cli import main
 >>> export = click.Context(main.commands["export"], info_name="flinders export")
 >>> misused(click.NoSuchOption("--to", ctx=export))
-"No such option '--to'. Did you mean '--for'? See flinders export --help"
+"No such option '--to': did you mean '--for'? See flinders export --help"
 """
 
 from __future__ import annotations
@@ -67,7 +67,7 @@ def _no_such_option(error: click.NoSuchOption) -> str:
     called = [option for option in (ALSO_CALLED.get(name),) if option in options]
     likely = [*begun, *called, *(error.possibilities or ())]
     problem = f"No such option '{name}'"
-    return f"{problem}. Did you mean '{likely[0]}'?" if likely else problem
+    return f"{problem}: did you mean '{likely[0]}'?" if likely else problem
 
 
 def _options(command: click.Command) -> Collection[str]:

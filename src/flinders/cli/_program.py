@@ -142,7 +142,7 @@ class Program(Commanded):
             raise click.UsageError(f"No such command '{args[0]}': {OTHERWISE[args[0]]}", ctx)
         begun = [command for command in self.commands if command.startswith(args[0])]
         if begun and args[0] not in self.commands and not ctx.resilient_parsing:
-            raise click.UsageError(f"No such command '{args[0]}'. Did you mean '{begun[0]}'?", ctx)
+            raise click.UsageError(f"No such command '{args[0]}': did you mean '{begun[0]}'?", ctx)
         return super().resolve_command(ctx, args)
 
     def _named_in(self, words: Sequence[str]) -> click.Command:
