@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Final
+from typing import TYPE_CHECKING
 
 import numpy as np
 import numpy.testing as npt
@@ -80,18 +80,14 @@ def label(estimator: Estimator) -> str:
     return repr(estimator)
 
 
-ENDED: Final = 1e-5
-"""Of the radius, 0.0006° of heading: as far apart may iterations end, which is 6 × 10⁻⁶ of it on one field found."""
-
-
 def same(estimator: Estimator, field: Floats, changed: Floats, matrix: Floats, shift: Floats) -> None:
     """The fit of what was changed is the changed fit: x → M x + t, M a multiple of an orthogonal matrix."""
     one, other = estimator.estimate(Readings.of(field)), estimator.estimate(Readings.of(changed))
     size = float(np.cbrt(abs(np.linalg.det(matrix))))
     radius = size * one.ellipsoid.radius
-    npt.assert_allclose(other.ellipsoid.centre, matrix @ one.ellipsoid.centre + shift, rtol=0, atol=ENDED * radius)
+    npt.assert_allclose(other.ellipsoid.centre, matrix @ one.ellipsoid.centre + shift, rtol=0, atol=2e-6 * radius)
     npt.assert_allclose(
-        other.ellipsoid.shape, matrix @ one.ellipsoid.shape @ matrix.T / size, rtol=0, atol=ENDED * radius
+        other.ellipsoid.shape, matrix @ one.ellipsoid.shape @ matrix.T / size, rtol=0, atol=2e-6 * radius
     )
     assert other.noise == pytest.approx(size * one.noise, rel=1e-5)
     assert other.method == one.method
