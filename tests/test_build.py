@@ -395,7 +395,8 @@ def test_wheel_and_source_archive_carry_the_bundle(archives: tuple[Path, Path]) 
         size = wheel.getinfo("flinders/static/vendor/three.js").file_size
     assert "flinders/static/vendor/LICENSE" in files
     assert "flinders/static/views/scene.js" in files
-    made = {"static/bundled/scene.js", *(f"apps/live/static/bundled/{name}.js" for name in ("live", "main", "worker"))}
+    pages = ("live", "main", "station", "worker")
+    made = {"static/bundled/scene.js", *(f"apps/live/static/bundled/{name}.js" for name in pages)}
     assert {name for name in files if "/bundled/" in name} == {f"flinders/{name}" for name in made}
     assert size < 570_000
     with tarfile.open(archives[1]) as archive:
