@@ -358,7 +358,7 @@ def test_what_is_no_serial_number_is_refused(line: Line, serial: str) -> None:
 
 def test_an_export_and_a_certificate_are_written_of_units_that_pass(tmp_path: Path) -> None:
     facts = 'laboratory = "Lab"\ncountry = "AU"\ncity = "Hobart"\nperson = "Ada"\ncustomer = "Line"'
-    with Line(tmp_path, f'[export]\nto = ["arduino"]\n[certificate]\n{facts}') as line:
+    with Line(tmp_path, f'[export]\ntargets = ["arduino"]\n[certificate]\n{facts}') as line:
         assert line.test("A17", lines_of())["result"] == "pass"
         name = line.rows[0]["recording"].removesuffix(".csv")
         assert "A17" in next((tmp_path / "exports").glob(f"{name}.arduino.*")).read_text(encoding="utf-8")
@@ -366,7 +366,7 @@ def test_an_export_and_a_certificate_are_written_of_units_that_pass(tmp_path: Pa
 
 
 def test_a_target_that_cannot_hold_the_calibration_fails_the_unit(tmp_path: Path) -> None:
-    with Line(tmp_path, '[export]\nto = ["ardupilot"]', unit="counts") as line:
+    with Line(tmp_path, '[export]\ntargets = ["ardupilot"]', unit="counts") as line:
         ended = line.test("A17", lines_of())
         assert (ended["result"], ended["reasons"][0]["code"]) == ("fail", "not-exported")
 

@@ -36,7 +36,7 @@ class StationOptions(program.Group):
     )  # fmt: skip
     operator: str = program.member("--operator", default="", metavar="NAME", help="Who tests; the page can change it.")
     name: str = program.member("--name", default="", metavar="NAME", help="Name of the station, in each row.")
-    to: tuple[str, ...] = program.member(
+    targets: tuple[str, ...] = program.member(
         "--for",
         multiple=True,
         metavar="TARGET",
@@ -49,7 +49,7 @@ class StationOptions(program.Group):
 @program.command_of(
     "station",
     StationOptions,
-    common=("port", "udp", "tcp", "simulate", "folder", "operator", "name", "to"),
+    common=("port", "udp", "tcp", "simulate", "folder", "operator", "name", "targets"),
     headings={"Source": ("baud", "mavlink", "compass", "replay", "speed"), "Page": ("host", "web_port", "opens")},
     epilog="""\b
 Example:
@@ -81,8 +81,8 @@ def command(options: StationOptions) -> None:
     from flinders.targets import find
 
     plan = Plan() if options.plan is None else read_plan(options.plan)
-    plan = replace(plan, export=Exports(to=tuple(dict.fromkeys((*plan.export.to, *options.to)))))
-    for target in plan.export.to:
+    plan = replace(plan, export=Exports(targets=tuple(dict.fromkeys((*plan.export.targets, *options.targets)))))
+    for target in plan.export.targets:
         find(target)
     with contextlib.ExitStack() as stack:
         listener = stack.enter_context(contextlib.closing(options.page.listening()))

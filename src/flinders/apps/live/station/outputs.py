@@ -36,7 +36,7 @@ def write_outputs(
     fit.save(folder.file_of("calibrations", test, ".json"), provenance=record)
     if not is_passed:
         return
-    for name in plan.export.to:
+    for name in plan.export.targets:
         target = find(name)
         export = target.render(fit.calibration, about=[f"serial number {test.serial}", *made.about])
         _write(folder.file_of("exports", test, f".{name}{target.suffix}"), export.content)

@@ -101,7 +101,7 @@ class StationSite(Struct, frozen=True, kw_only=True):
 class Exports(Struct, frozen=True, kw_only=True):
     """What is written of each unit that passes, beside its calibration file."""
 
-    to: tuple[str, ...] = ()  #: names of targets
+    targets: tuple[str, ...] = ()  #: names of targets
 
 
 class CertificateFacts(Struct, frozen=True, kw_only=True):
