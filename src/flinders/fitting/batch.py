@@ -33,6 +33,7 @@ from flinders.findings.rules import SEVERITIES
 from flinders.fitting import calibrate
 from flinders.fitting.record import ASKS_HALVES, ASKS_SWAP
 from flinders.fitting.result import Fit, Refused
+from flinders.fitting.verdict import headline_of
 from flinders.geometry.ellipsoid import Ellipsoid, symmetric
 from flinders.likelihood.site_field import Site
 from flinders.native.engine import engine
@@ -99,7 +100,7 @@ class FitColumns:
     code: NDArray[np.object_]  #: (U,) str: of the error of a refused or failed one
     #: (U,) str: why one is not good: code of the gravest finding, else that of the error; empty for a good one
     cause: NDArray[np.object_]
-    message: NDArray[np.object_]  #: (U,) str: what was found and what to do, of that cause
+    message: NDArray[np.object_]  #: (U,) str: the first sentence of the verdict, with what to do
     number: Floats  #: (U,): what that finding states, NaN without one
     limit: Floats  #: (U,): what the number was compared with
     method: NDArray[np.object_]
@@ -342,5 +343,5 @@ def _explain(columns: FitColumns, place: int, result: Fit | Exception) -> None:
     """Write down why a fit is not good, by the cause that a page shows first."""
     if isinstance(result, Fit) and result.verdict != "good":
         for first in first_causes(result.findings)[:1]:
-            columns.cause[place], columns.message[place] = first.code, first.advice
+            columns.cause[place], columns.message[place] = first.code, headline_of(result).words
             columns.number[place], columns.limit[place] = first.number, first.limit

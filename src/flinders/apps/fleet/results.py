@@ -75,7 +75,7 @@ class UnitResult:
     code: str = ""  #: of the error of a refused or failed one, else empty
     #: why it is not good: code of the finding that comes first, or that of the error; empty for a good one
     cause: str = ""
-    message: str = ""  #: what was found and what to do, of that cause
+    message: str = ""  #: the first sentence of the verdict, with what to do
     number: float = math.nan  #: what that finding states: docs/findings.md has meaning and unit
     limit: float = math.nan  #: what that number was compared with
     method: str = ""  #: method of the final fit
