@@ -302,6 +302,5 @@ def quantile_words(histogram: Histogram, unit: str) -> str:
 FILTERS: Final = {
     "counted": counted, "figures": figures, "degrees": degrees, "day": when, "share": _share, "label": label,
     "chance": chance, "percent": percent, "shares": shares, "listed": listed_counts, "action": action,
-    "sentence": as_sentence,
 }  # fmt: skip
 """How the page writes numbers."""
