@@ -5,7 +5,7 @@ r"""The file of a station: pass limits, motion, serial numbers, exports and cert
 (0.5, (-60.0, 60.0), 'drone', 120.0)
 >>> plan_of("[export]\nfor = ['arduino']")
 Traceback (most recent call last):
-flinders.errors.UsageError: plan: [export] has no key for: it takes to
+flinders.errors.UsageError: plan: [export] has no key for: it takes targets
 """
 
 from __future__ import annotations
