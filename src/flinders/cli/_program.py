@@ -16,10 +16,7 @@ a.csv x,y,z True
 
 from __future__ import annotations
 
-import atexit
 import contextlib
-import gc
-import io
 import math
 import os
 import sys
@@ -34,6 +31,7 @@ from flinders.cli._commands import OTHERWISE, Commands
 from flinders.cli._completion import BY_METAVAR, complete_files
 from flinders.cli._misuse import misused, unexpected
 from flinders.cli._output import Output, Outputs, error_words, print_fit, print_json, say
+from flinders.cli._process import let_imports_be, prepare_streams, silence_stdout
 from flinders.cli._signals import ENDING, handled, interrupt
 from flinders.cli._spelling import in_options, searched
 from flinders.core.files import reason
@@ -110,9 +108,9 @@ class Program(Commanded):
         as_json = "--json" in words[: words.index("--") if "--" in words else None]
         try:
             if args is None:
-                _let_imports_be()
+                let_imports_be()
             os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # of such small matrices, threads would wait
-            _prepare_streams()
+            prepare_streams()
             with handled(interrupt, *ENDING):
                 code = super().main(words, prog_name, complete_var, standalone_mode=False, **extra)
         except click.ClickException as error:
@@ -126,7 +124,7 @@ class Program(Commanded):
             code = UNWRITABLE if end.code == 1 else end.code
         except OSError as error:
             code = print_error(OutputError(f"output cannot be written: {reason(error)}"), as_json=False)
-            _silence_stdout()
+            silence_stdout()
         except Exception as error:  # noqa: BLE001 - the one place that turns a fault of ours into a report
             code = _report_fault(error)
         code = code if isinstance(code, int) else GOOD
@@ -225,30 +223,6 @@ def _report_fault(error: Exception) -> int:
         say(details)
     say(f"This is a fault in Flinders, not in your recording. Please report it with {where}")
     return INTERNAL
-
-
-def _let_imports_be() -> None:
-    """Keep the garbage collector from what imports made: looking through it was a sixth of a short command."""
-    gc.set_threshold(50_000)
-    atexit.register(gc.freeze)
-
-
-def _prepare_streams() -> None:
-    """Print "?" for a letter that a terminal does not have, such as σ, and no talk where stderr is closed.
-
-    Results that go to a closed stdout are lost, and writing them fails: at a descriptor that is open for reading alone.
-    """
-    sys.stdout = sys.stdout or os.fdopen(os.open(os.devnull, os.O_RDONLY), "w")
-    sys.stderr = sys.stderr or io.TextIOWrapper(io.BytesIO())
-    for stream in (sys.stdout, sys.stderr):
-        if isinstance(stream, io.TextIOWrapper):
-            stream.reconfigure(errors="replace")
-
-
-def _silence_stdout() -> None:
-    """What could not be written will not be tried again at exit: let the interpreter flush into nothing."""
-    with contextlib.suppress(OSError, ValueError):
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
 
 
 # ------------------------------------------------------------------------------------------------- options of a command
