@@ -33,7 +33,7 @@ FOREIGN: Final = (
     (dict, "records: need columns of numbers; make a data frame of them"),
     (list | tuple | np.ndarray, "{count:,} arrays: need one of numbers; stack them, as numpy.stack({name}) does"),
 )
-"""Entries of an array that are no real numbers, and what to say of them."""
+"""Types of array entries that are not real numbers, and the message for each."""
 
 FEW: Final = 9
 """Numbers up to which Python is faster than NumPy."""

@@ -1,4 +1,4 @@
-"""What a value is asked for and packages above it do: `flinders`, which is always loaded first, puts it here."""
+"""Functions of packages above `core` that methods of its values call; `flinders/__init__.py` registers them here."""
 
 from __future__ import annotations
 

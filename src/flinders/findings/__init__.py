@@ -36,7 +36,7 @@ if TYPE_CHECKING:
     from flinders.errors import Spelling
 
 LINK: Final = re.compile(r"\[([^]]*)\]\([^)]*\)")
-"""A link of Markdown, of which its words are kept."""
+"""A link in Markdown: its words are kept, its address is not."""
 
 
 def advice(finding: Finding, spell: Spelling = in_python) -> str:

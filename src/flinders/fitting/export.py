@@ -216,7 +216,7 @@ def origin_lines(fit: Fit, held: str = "") -> list[str]:
 
 
 def verdict_lines(fit: Fit) -> list[str]:
-    """The first sentence of the verdict, and what else limits the calibration."""
+    """Lines of a comment: the first sentence of the verdict, then each further limit."""
     words, code = headline_of(fit)
     return [f"the calibration is {fit.verdict}. {words}", *limit_lines(fit, but=code)]
 

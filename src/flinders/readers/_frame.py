@@ -57,7 +57,7 @@ def open_columns(columns: dict[str, Any], name: str, /, **options: Any) -> Table
 
 
 def _of_columns(columns: dict[str, Any], source: str) -> Table:
-    """Columns of numbers, dates and names of devices and sensors."""
+    """Columns that hold numbers, dates, or the names of devices and sensors."""
     arrays = {name: _numbers(column) for name, column in columns.items()}
     labels = {name: Labels() for name, array in arrays.items() if array is None and tells_rows_apart(name)}
     arrays |= {name: known.numbers(words_of(columns[name])) for name, known in labels.items()}

@@ -193,7 +193,7 @@ def numbers(calibration: Calibration, offset_sigma: Floats, noise: float) -> Tex
 
 
 def findings(findings: Iterable[Finding], spell: Spelling) -> RenderableType:
-    """What limits it and what to do, each with its code."""
+    """One line for each finding: what it limits, what to do, and its code."""
     return notes((finding.severity, advice(finding, spell), finding.code) for finding in findings)
 
 

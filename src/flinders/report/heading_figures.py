@@ -105,7 +105,7 @@ def _compass(up: Axis) -> list[tuple[float, str]]:
 
 
 def _difference(history: HeadingHistory, target_deg: float) -> Panel:
-    """What was on board less the new calibration, with the target on both sides."""
+    """Heading by the calibration on board minus that by the new one, between lines at ± the target."""
     difference = history.difference_deg
     largest = float(np.nanmax(np.abs(difference), initial=0.0))
     end = min(round_up(1.1 * max(largest, target_deg)), 180.0)

@@ -28,7 +28,7 @@ COLUMNS: Final = (
 )  # fmt: skip
 LISTED: Final = 50
 MIN_GROUP_UNITS: Final = 2
-"""Units of a group, on average, from which on a property is shown: a serial number tells no groups."""
+"""Fewest units of a group, on average, for a property to be shown: each serial number is a group of one."""
 RANKS: Final = {"heading error": "worst_deg", "offset": "offset", "noise": "noise"}
 """Quantities by which the worst units are listed, and the attributes of `FleetUnit` that hold them."""
 

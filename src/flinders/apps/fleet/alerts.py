@@ -1,4 +1,4 @@
-"""Alerts of a run that extends a table: what crossed a limit since the run before.
+"""Alerts: units and files that crossed a limit since the last run, of a table that is extended.
 
 A recording is compared with the one before it of the same unit, by date or else by name. The heading is said to have
 changed where `flinders drift` would say so: by more than the target, and by more than chance explains among as many.
@@ -90,7 +90,7 @@ def about_files(faults: Iterable[tuple[str, FlindersError]]) -> list[Alert]:
 
 
 class _Successive(NamedTuple):
-    """A new row, and those before it of its unit."""
+    """A new row and the earlier rows of its unit."""
 
     row: UnitResult
     before: UnitResult | None  # that of the recording before

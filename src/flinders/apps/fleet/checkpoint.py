@@ -105,7 +105,7 @@ class Checkpoint:
                 )
 
     def _match(self, plan: Plan) -> None:
-        """Write what the plan is, where there is none or another one, whose partitions are of no use."""
+        """Write the plan, unless the folder has the same one; partitions of another plan are of no use."""
         path = self.folder / PLAN
         known = _planned(path)
         if known.get("fingerprint") == plan.fingerprint:
@@ -161,12 +161,12 @@ def folder_of(out: str | os.PathLike[str]) -> Path:
 
 
 def files_begun(out: str | os.PathLike[str]) -> list[str]:
-    """Names of the files of a run into this table that was stopped; none if there is none."""
+    """Names of the files that a stopped run was to add to this table; empty if no run was stopped."""
     return list(_planned(folder_of(out) / PLAN).get("files", ()))
 
 
 def _planned(path: Path) -> dict[str, Any]:
-    """Plan of the run that a folder is of; empty without one."""
+    """The plan of the run that wrote a checkpoint folder; empty without one."""
     with contextlib.suppress(OSError, ValueError):
         content = json.loads(path.read_text(encoding="utf-8"))
         return content if isinstance(content, dict) else {}

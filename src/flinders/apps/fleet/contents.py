@@ -37,7 +37,7 @@ if TYPE_CHECKING:
 MAX_SENSORS_OF_A_BODY: Final = 8
 """Units of a table up to which they may be sensors of one body, and are shown one by one."""
 MAX_NAMES: Final = 3
-"""Units that are named."""
+"""Units that a message names, at most."""
 DEFAULT_TABLE: Final = "calibrations.parquet"
 
 

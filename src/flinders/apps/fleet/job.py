@@ -65,7 +65,7 @@ class Outputs:
             raise UsageError(f"{self.table}: CSV does not say which files it was made from: extend a table of Parquet")
         if self.alerts is not None and not append:
             raise UsageError(
-                "alerts are what crossed a limit since the run before: there is one where a table is extended",
+                "alerts compare with the last run: extend a table that is there",
                 hint={"append": True},
             )
         if not is_remote(self.table):
@@ -133,13 +133,8 @@ def run(
         files = checkpoint.finished()
         resumed = len(files)
         progress.planned(plan, checkpoint, set(files), input=where, output=outputs.table)
-        do = partial(worker.calibrate_partition, options=options)
         over = partial(_map, progress=progress, workers=workers, scheduler=scheduler)
-        missing = [place for place in range(len(plan.partitions)) if place not in files]
-        for place, content, was_lost in _results(plan, missing, do, over):
-            files[place] = checkpoint.commit(place, content)
-            progress.committed(place, plan.partitions[place], content, was_lost=was_lost)
-        parts = [files[place] for place in range(len(plan.partitions))]
+        parts = _calibrated(plan, files, checkpoint, options, over, progress)
         alerts = _alerts(earlier, parts, plan, options) if earlier else []
         with record_table(outputs.alerts, Alert, force=True) as each:
             if each is not None:
@@ -281,6 +276,18 @@ def _map(
         progress.died(death, None if death.place is None else partitions[death.place], whole)
 
     return map_units(do, partitions, workers=workers, scheduler=scheduler, notice=progress.waits, died=died)
+
+
+def _calibrated(
+    plan: Plan, files: dict[int, Path], checkpoint: Checkpoint, options: Options, over: Map, progress: Progress
+) -> list[Path]:
+    """Calibrate the partitions that have no file yet, and return the file of each, in their order."""
+    do = partial(worker.calibrate_partition, options=options)
+    missing = [place for place in range(len(plan.partitions)) if place not in files]
+    for place, content, was_lost in _results(plan, missing, do, over):
+        files[place] = checkpoint.commit(place, content)
+        progress.committed(place, plan.partitions[place], content, was_lost=was_lost)
+    return [files[place] for place in range(len(plan.partitions))]
 
 
 def _results(

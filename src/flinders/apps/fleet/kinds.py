@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 TABLES_OF_FLEETS: Final = "tables of fleets"
 """Kind of the tables that a run wrote: an output may lie among the recordings."""
 OWN_FILES: Final = {"truth": "truth files", "calibration": "calibration files"}
-"""Kinds of other files that Flinders writes beside recordings, by what these call themselves."""
+"""Other files that Flinders writes beside recordings, by the kind that the file states."""
 MAX_OWN_BYTES: Final = 1 << 20
 """Size of such a file: the truth of a recording has two thousand bytes, a calibration a few times that."""
 

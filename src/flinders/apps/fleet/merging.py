@@ -141,7 +141,7 @@ def _order(sources: Sequence[Rows]) -> Iterator[NDArray[np.int64]]:
 
 
 def _between(place: int, table: TableRows, rows: Iterator[tuple[RowKey, int, int]]) -> Iterator[NDArray[np.int64]]:
-    """Rows of a table with others put between them, as far as it goes."""
+    """Merge new rows into the rows of a table, in their order."""
     waiting = next(rows, None)
     for group in table.groups():
         begun = 0
@@ -240,7 +240,7 @@ class TableRows:
             yield _KeyGroup(rows, table if len(rows) == len(table) else table.filter(_inverted(is_about)))
 
     def take(self, numbers: NDArray[np.int64]) -> Any:  # noqa: ANN401
-        """Table of some rows, in the order of their numbers, which rise."""
+        """The rows of these numbers as a table; the numbers are in ascending order."""
         arrow = needs_arrow()
         if not len(numbers):
             return self._file.schema_arrow.empty_table()

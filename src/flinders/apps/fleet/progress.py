@@ -191,7 +191,7 @@ def log_event(event: str, **fields: object) -> None:
 
 
 class _JsonLines(logging.Handler):
-    """Appends events to a file, unbuffered; unlike other handlers it raises if it cannot."""
+    """Append each event to a file at once; raise an error if the file cannot be written."""
 
     def __init__(self, path: str | os.PathLike[str]) -> None:
         """Open the file, and end a line that was cut."""

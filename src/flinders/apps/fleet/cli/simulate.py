@@ -14,7 +14,7 @@ from flinders.errors import OutputError, counted
 
 
 class SimulatedFleet(program.Group):
-    """How many units there are, how many are not good, and where the recordings go."""
+    """Options of a simulated line: number of units, share of faulty ones, output folder."""
 
     output: str = program.member(
         "-o", "--output", required=True, metavar="FOLDER", help="Where to write the recordings."

@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
 
 class CertificateOptions(program.Group):
-    """A calibration, and what the certificate states beside it."""
+    """The calibration to certify, its plan and serial number, and the file to write."""
 
     calibration: str = program.argument("CALIBRATION")
     plan: str = program.member(

@@ -56,7 +56,7 @@ class StationState(Struct, frozen=True, kw_only=True):
 
 
 class Station:
-    """One bench.
+    """The test bench: one sensor, one unit at a time.
 
     Parameters
     ----------

@@ -199,7 +199,7 @@ def _worst(studied: Sequence[Studied]) -> Studied:
 
 
 def _notes(studied: Sequence[Studied]) -> list[str]:
-    """What there is to know."""
+    """What was pooled or left out of a gauge study, and what it cannot tell."""
     notes = ["repeats by one operator: reproducibility is not known"] * (studied[0].study.values.shape[1] == 1)
     pooled = [each.words for each in studied if each.study.is_pooled]
     notes += [f"parts × operators is pooled with the repeatability (p > 0.25): {', '.join(pooled)}"] * bool(pooled)

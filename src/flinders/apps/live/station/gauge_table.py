@@ -53,7 +53,7 @@ class MeasuredTable:
 
 
 def read_rows(path: str | os.PathLike[str]) -> list[dict[str, str]]:
-    """Read a table, or that in the folder of a station; `UnreadableInput` for a file that is none."""
+    """Read the table of a station; `path` is the table or the folder that has it. Raises `UnreadableInput`."""
     path = Path(path, TABLE_FILE) if Path(path).is_dir() else path
     content = read_bytes(path, largest=TABLE_BYTES, what="table of a station", refused=UnreadableInput)
     reader = csv.DictReader(StringIO(content.decode("utf-8-sig", "replace")))

@@ -35,7 +35,7 @@ MAX_DIP_DEG: Final = 89.0
 
 
 class PassLimits(Struct, frozen=True, kw_only=True):
-    """What a unit has to keep to pass; None is not looked at."""
+    """Pass limits of a unit; a limit that is None is not checked."""
 
     heading_error_deg: float = 1.0  #: worst heading error of a level vehicle, 1 σ, at most
     verdict: Literal["good", "limited"] = "good"  #: the worst verdict of the engine that passes
@@ -120,7 +120,7 @@ class CertificateFacts(Struct, frozen=True, kw_only=True):
 
 
 class Plan(Struct, frozen=True, kw_only=True):
-    """All that a station is told."""
+    """The file of a station."""
 
     limits: PassLimits = PassLimits()
     motion: Motion = Motion()

@@ -1,4 +1,4 @@
-"""What the page of a station asks its program for, beside what each live page asks."""
+"""Requests of a station's page to its program, in addition to those of every live page."""
 
 from __future__ import annotations
 
