@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import math
 from functools import cache
 from typing import TYPE_CHECKING, Any
@@ -136,3 +137,15 @@ def test_a_larger_claim_is_a_larger_noise() -> None:
 def test_a_calibration_without_a_claim_has_no_noise() -> None:
     """An imported calibration states neither noise nor uncertainty."""
     assert noise_of(bare_fit(flinders.Calibration.identity(field_strength=50.0))) is None
+
+
+@pytest.mark.parametrize("kind", RECORDINGS)
+def test_plain_numbers_have_the_noise(kind: str) -> None:
+    """JSON for programs, in the file and among the fields of any target."""
+    fit = fitted(kind)[1]
+    noise = noise_of(fit)
+    assert noise is not None
+    written = json.loads("\n".join(line for line in flinders.export(fit, "json").text.splitlines()))["noise"]
+    assert written == flinders.export(fit, "c").export.fields["noise"]
+    assert written["heading_reading_deg"] == noise.heading_reading_deg
+    assert np.array_equal(written["field_covariance"], noise.field_covariance)
