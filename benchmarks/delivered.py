@@ -41,7 +41,7 @@ if TYPE_CHECKING:
 
 RECORDINGS: Final[dict[str, dict[str, Any]]] = {
     "a minute by hand (good)": {"motion": "hand"},
-    "three readings a second by hand, noisy (good)": {"motion": "hand", "rate_hz": 3.0, "noise": 2.0},
+    "a minute by hand, three readings a second, noisy": {"motion": "hand", "rate_hz": 3.0, "noise": 2.0},
     "a boat that rocks, 300 readings (limited)": {"motion": "tilted", "tilt_deg": 8.0, "n": 300, "noise": 1.0},
     "one level turn, 60 readings (level only)": {"motion": "level", "n": 60, "noise": 2.0},
     "one level turn, 40 readings of a poor sensor (level only)": {"motion": "level", "n": 40, "noise": 4.0},
@@ -118,8 +118,10 @@ class Compasses:
         """(V, 3) corrected fields at (V,) headings in rad."""
         level = math.cos(self.dip)
         true = [level * np.cos(heading), -level * np.sin(heading), np.full(len(heading), math.sin(self.dip))]
-        read = np.einsum("vij,jv->vi", self.matrix, self.field * np.array(true)) + self.offset
-        return read if rng is None else read + np.einsum("vij,vj->vi", self.noise, rng.standard_normal(read.shape))
+        read: Floats = np.einsum("vij,jv->vi", self.matrix, self.field * np.array(true)) + self.offset
+        if rng is not None:
+            read += np.einsum("vij,vj->vi", self.noise, rng.standard_normal(read.shape))
+        return read
 
     def heading_error(self, heading: Floats, rng: np.random.Generator | None = None) -> Floats:
         """(V,) what headings err by, rad, the mounting removed."""
@@ -149,11 +151,12 @@ def calibrated(asked: dict[str, Any], count: int) -> list[Vehicle]:
     return vehicles
 
 
-def written(vehicles: Sequence[Vehicle], delivered: Delivered) -> Floats:
-    """(V,) the noise that each vehicle's target is given."""
-    asked = delivered.target in {"px4", "ardupilot"}
-    exports = (flinders.export(vehicle.fit, delivered.target, lossy=True, noise=asked) for vehicle in vehicles)
-    return np.array([exported.export.fields["values"][delivered.name] for exported in exports])
+def written(vehicles: Sequence[Vehicle], target: str) -> dict[str, Floats]:
+    """(V,) each number that the target of each vehicle is given, by its name."""
+    asked = target in {"px4", "ardupilot"}
+    exports = [flinders.export(vehicle.fit, target, lossy=True, noise=asked).export for vehicle in vehicles]
+    names = {delivered.name for delivered in TARGETS if delivered.target == target}
+    return {name: np.array([export.fields["values"][name] for export in exports]) for name in names}
 
 
 def run_heading(
@@ -246,15 +249,14 @@ class Row(NamedTuple):
 
 def rows(vehicles: Sequence[Vehicle], *, hold_s: float) -> list[Row]:
     """The row of each target."""
-    found = []
+    found, all_written = [], {name: written(vehicles, name) for name in {one.target for one in TARGETS}}
     for delivered in TARGETS:
-        compasses = Compasses.of(vehicles, before=delivered.before)
-        sigma = written(vehicles, delivered)
-        usual = np.full(len(vehicles), delivered.default)
+        compasses, values = Compasses.of(vehicles, before=delivered.before), all_written[delivered.target]
+        sigma, usual = values[delivered.name], np.full(len(vehicles), delivered.default)
         first, first_usual = sigma, usual
         if delivered.field:
             angle = next(one for one in TARGETS if one.target == delivered.target)
-            first, first_usual = written(vehicles, angle), np.full(len(vehicles), angle.default)
+            first, first_usual = values[angle.name], np.full(len(vehicles), angle.default)
         run = partial(run_field if delivered.field else run_heading, compasses=compasses, hold_s=hold_s)
         numbers = [
             run(delivered.yaw, noise, beginning, rng=np.random.default_rng(1))

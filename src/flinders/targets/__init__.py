@@ -20,6 +20,7 @@ from typing import TYPE_CHECKING, Final
 
 from flinders.core.plugins import modules_of, plugin_rows
 from flinders.errors import DocumentError, PluginError, UsageError, did_you_mean
+from flinders.targets._measurement_noise import MeasurementNoise, YawFilter
 from flinders.targets._target import Export, ExportOptions, Target, TargetReader, Written
 
 if TYPE_CHECKING:
@@ -31,9 +32,11 @@ if TYPE_CHECKING:
 __all__ = [
     "Export",
     "ExportOptions",
+    "MeasurementNoise",
     "Target",
     "TargetReader",
     "Written",
+    "YawFilter",
     "find",
     "mounting_table",
     "read_back",
