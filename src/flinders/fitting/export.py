@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import math
 import shlex
+from dataclasses import replace
 from typing import TYPE_CHECKING, Final
 
 import numpy as np
@@ -43,6 +44,7 @@ def export_fit(
     lossy: bool = False,
     mounting: str | None = None,
     name: str | None = None,
+    noise: bool = False,
 ) -> tuple[Export, list[str]]:
     """Write a fit for a target.
 
@@ -55,6 +57,8 @@ def export_fit(
         Which one of the vehicle; by default the one that its readings came from.
     mounting : str, optional
         How the compass was mounted when it was recorded, as the target has it; by default as its logs say.
+    noise : bool
+        Write also the noise of the compass, as parameters of the vehicle's estimator.
     lossy, name
         As for `flinders.targets.ExportOptions`.
 
@@ -74,10 +78,17 @@ def export_fit(
         mounting=mounting_of(fit, target, mounting),
         gates=gates_of(fit),
         noise=noise_of(fit),
+        estimator=noise,
         fitting=fitting_command(fit, target),
     )
     trial = target.tried(fit.calibration, asked=asked)
-    return trial.export([*origin_lines(fit, _held_words(fit, trial) if trial.loses else ""), *notes]), notes
+    if trial.loses and asked.noise is not None:  # what the target leaves out is an error of its headings
+        asked = replace(asked, noise=asked.noise.with_error(level_turn_error(fit, trial).rms))
+        trial = target.tried(fit.calibration, asked=asked)
+    export = trial.export([*origin_lines(fit, _held_words(fit, trial) if trial.loses else ""), *notes])
+    if asked.noise is not None:
+        export.fields["noise"] = asked.noise.as_dict(fit.calibration.unit)
+    return export, notes
 
 
 def fitting_command(fit: Fit, target: Target) -> str:

@@ -88,8 +88,11 @@ def mounting_table(target: Target) -> MountingTable:
     return target.mountings
 
 
-def taking(name: str, *, compass: int | None = None, code_name: str | None = None) -> Target:
-    """Look up a target as `find`, and refuse a compass or a name for code that it does not take: `UsageError`."""
+def taking(name: str, *, compass: int | None = None, code_name: str | None = None, noise: bool = False) -> Target:
+    """Look up a target as `find`, and refuse what it does not take: `UsageError`.
+
+    That may be the number of a compass, a name for code, or the noise for an estimator.
+    """
     target = find(name)
     if compass is not None and not target.compasses:
         takes = ", ".join(each.name for each in registry().values() if each.compasses)
@@ -101,6 +104,12 @@ def taking(name: str, *, compass: int | None = None, code_name: str | None = Non
         takes = ", ".join(each.name for each in registry().values() if each.named)
         raise UsageError(
             f"a name goes with {takes}: {target.name} has no names to choose, leave it out", hint={"name": None}
+        )
+    if noise and not target.estimator:
+        takes = ", ".join(each.name for each in registry().values() if each.estimator)
+        raise UsageError(
+            f"the noise for an estimator goes with {takes}: {target.name} has no parameters of one, leave it out",
+            hint={"noise": None},
         )
     return target
 

@@ -102,6 +102,7 @@ class ExportOptions:
     mounting: Floats | None = None
     gates: Gates | None = None  # limits by which generated code tells a disturbed reading
     noise: MeasurementNoise | None = None  # what a filter has to assume of corrected readings
+    estimator: bool = False  # write that also as parameters of the vehicle's estimator
     # of the sensor: names in generated code begin with it, so that code for two sensors goes into one program
     name: str | None = None
     fitting: str = ""  # the command that makes a fit of what the target holds, if there is one
@@ -205,6 +206,7 @@ class Target:
     named: bool = False  #: names in it stand in a program beside those of others, and it takes ``--name``
     mountings: MountingTable | None = None  #: those that it can be given; with them it takes ``--mounting``
     limits: tuple[Limit, ...] = ()  #: of its parameters
+    estimator: str = ""  #: the estimator beside it that takes the noise of a compass; with one it takes ``--noise``
 
     @property
     def where(self) -> str:

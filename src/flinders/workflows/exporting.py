@@ -60,6 +60,7 @@ def export(
     mounting: str | None = None,
     name: str | None = None,
     lossy: bool = False,
+    noise: bool = False,
 ) -> Exported:
     """Write a calibration for what uses it (an autopilot, a device, a program), with what its fit knows.
 
@@ -80,6 +81,8 @@ def export(
         What names in code begin with.
     lossy : bool
         Write it also where what the target cannot hold costs more than 0.5° of heading.
+    noise : bool
+        Write also how good headings are as parameters of the vehicle's estimator (EKF2 of PX4, EKF3 of ArduPilot).
 
     Raises
     ------
@@ -97,8 +100,8 @@ def export(
     >>> export(known, "arduino").text.splitlines()[0][:12]
     '/*'
     """
-    chosen = taking(target, compass=compass, code_name=name)
+    chosen = taking(target, compass=compass, code_name=name, noise=noise)
     fit = fit_for(calibration)
     refuse_unfit(fit)
-    made, notes = export_fit(fit, chosen, compass=compass, lossy=lossy, mounting=mounting, name=name)
+    made, notes = export_fit(fit, chosen, compass=compass, lossy=lossy, mounting=mounting, name=name, noise=noise)
     return Exported(made, tuple(notes), tuple(limit_lines(fit)))
