@@ -240,9 +240,9 @@ def test_the_noise_of_a_filter_has_the_error_of_the_calibration_in_it(fit: Fit) 
     gauss = model["downstream_fusion"]["gauss_per_corrected_unit"]
     white = gauss * model["ellipsoid_correction"]["residual_rms"]
     sigma = model["downstream_fusion"]["mag_noise_gauss"]
-    kept = noise.calibration / 100.0  # µT in gauss
+    kept = noise.horizontal * np.deg2rad(noise.heading_calibration_deg) / 100.0  # µT in gauss
     assert sigma["sigma"] == pytest.approx(np.hypot(white, kept))
-    assert sigma["sigma_xy"] == pytest.approx(sigma["sigma"])
+    assert sigma["sigma_xy"] == pytest.approx(noise.axis / 100.0)
     assert sigma["sigma_z"] == pytest.approx(np.sqrt(noise.field_covariance[2, 2]) / 100.0)
     assert kept > 0.02 * white
 

@@ -31,10 +31,11 @@ forward, left and up (``flight/imu.c``), so nothing is mirrored here.
 **Noise.** `residual_rms` is the white noise of a reading over the strength of the field: the Configurator takes it from
 the lengths of corrected readings about the radius, which is that noise along the field. `mag_noise_gauss` is for the
 measurement noise R of a filter, so that "a good calibration earns tight mag trust". It is therefore that noise and the
-error of the calibration together, where the Configurator puts the noise alone, which a poor calibration does not make
-larger. A filter takes R for white, and the error of a calibration is not: it is the same in every reading of an
-attitude. Also with both in R a filter is too sure of a heading that it holds, and the R that makes it right depends on
-its rate and its gyro (`flinders.targets._measurement_noise`); so a note of the export states both parts.
+error of the calibration together, added as variances, as for EKF2_MAG_NOISE of PX4; the Configurator puts the noise
+alone, which a poor calibration does not make larger. A filter takes R for white, and the error of a calibration is not:
+it is the same in every reading of an attitude. Also with both in R a filter is too sure of a heading that it holds, and
+the R that makes it right depends on its rate and its gyro (`flinders.targets._measurement_noise`); so a note of the
+export states both parts.
 
 Source: betaflight-configurator, ``src/js/utils/magModelExport.ts`` at 7cd82d45, and beside it ``ellipsoidFit.ts``,
 ``magAlignment.js``, ``magCharacterizationCompute.ts`` and ``magTiltAlign.ts``; ``exportFullCalModel`` of
@@ -44,6 +45,7 @@ Source: betaflight-configurator, ``src/js/utils/magModelExport.ts`` at 7cd82d45,
 from __future__ import annotations
 
 import json
+import math
 from dataclasses import replace
 from typing import TYPE_CHECKING, Final, TypeAlias
 
@@ -142,8 +144,8 @@ def _fusion(soft_iron: Floats, strength_nt: float | None, noise: Noise) -> Downs
 
 
 Noise: TypeAlias = tuple[float, float, float] | None
-"""Parts of the field strength: 1 σ of a corrected reading, noise and error of the calibration together, of one axis, of
-x and y, and of z."""
+"""Parts of the field strength: 1 σ of a corrected reading, noise and error of the calibration together, across the
+horizontal field, of x and y, and of z."""
 
 
 def _noise(calibration: Calibration, noise: MeasurementNoise | None) -> tuple[float | None, Noise]:
@@ -152,7 +154,7 @@ def _noise(calibration: Calibration, noise: MeasurementNoise | None) -> tuple[fl
         return None, None
     back, strength = unmapped(calibration), calibration.field_strength
     x, y, z = np.diag(back @ noise.field_covariance @ back.T)
-    both = noise.axis / strength, float(np.sqrt((x + y) / 2)) / strength, float(np.sqrt(z)) / strength
+    both = noise.across / strength, float(np.sqrt((x + y) / 2)) / strength, float(np.sqrt(z)) / strength
     return noise.reading / strength, both
 
 
@@ -227,12 +229,13 @@ def _noise_words(calibration: Calibration, noise: MeasurementNoise | None) -> st
     """The two parts of the noise."""
     if noise is None:
         return "residual_rms and noise are null: the calibration states no noise, or no uncertainty"
-    reading, rest = (100.0 * part / calibration.field_strength for part in (noise.reading, noise.calibration))
+    across = noise.horizontal * math.radians(noise.heading_calibration_deg)
+    reading, rest = (100.0 * part / calibration.field_strength for part in (noise.reading, across))
     return (
         f"residual_rms is the white noise of a reading, {figures(reading)} % of the field (heading "
         f"{figures(noise.heading_reading_deg)}° level); mag_noise_gauss has the error of the calibration in it, "
-        f"{figures(rest)} % (heading {figures(noise.heading_calibration_deg)}°): that is alike in every reading of an "
-        "attitude, and a filter takes it for white"
+        f"{figures(rest)} % across the horizontal field (heading {figures(noise.heading_calibration_deg)}°): that is "
+        "alike in every reading of an attitude, and a filter takes it for white"
     )
 
 
