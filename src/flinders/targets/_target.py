@@ -154,6 +154,8 @@ class TargetReader:
     saved: str  #: what the tool itself saves that can be read, in words
     #: ``which(content, source, compass)`` gives number and device id of the compass that is read, of several
     which: Callable[[bytes, str, int | None], tuple[int, int | None]] | None = None
+    #: ``states(content, source)`` gives lines on what the file states beside the calibration
+    states: Callable[[bytes, str], list[str]] | None = None
 
     def sniff(self, head: bytes) -> bool:
         """Whether the first bytes may be those of such a file."""
