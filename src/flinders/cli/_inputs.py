@@ -14,7 +14,7 @@ if TYPE_CHECKING:
 
     from flinders.core.calibration import Calibration
     from flinders.core.calibration_file import ColumnsRecord, ProvenanceRecord, SourceFile
-    from flinders.core.geomag import SiteField
+    from flinders.core.geomag import FieldModel, SiteField
     from flinders.core.samples import Recording, Skipped
     from flinders.estimators.data import CountedRecording
     from flinders.fitting.result import Fit
@@ -292,12 +292,14 @@ def say_sensor(path: str, calibration: Calibration, recording: Recording, asked:
         say(f"{recording.source}: {name} is the sensor that {path} is for")
 
 
-def site_of(place: str, date: str | None, recording: Recording | None = None) -> SiteField:
+def site_of(
+    place: str, date: str | None, recording: Recording | None = None, *, model: FieldModel | None = None
+) -> SiteField:
     """The field at a place on a day that is given, or that the clock of the recording tells."""
     from flinders.core.geomag import place_of, site_field, year_of
 
     where = place_of(place)
-    return site_field(*where, year=year_of(_day(date, recording)))
+    return site_field(*where, year=year_of(_day(date, recording)), model=model)
 
 
 def stated_site(recording: object, otherwise: str, **more: Any) -> Site | None:
