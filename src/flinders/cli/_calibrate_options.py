@@ -357,6 +357,7 @@ class Calibrate(program.Group):
     field_strength: float | None = option.field_strength()
     by: Filter | None = option.smoothing()
     judgement: option.Judgement = program.group(option.Judgement)
+    history: str | None = option.history("What flinders watch has kept of this unit: how fast its offset walks.")
 
     @property
     def of_extremes(self) -> dict[str, Any]:

@@ -72,6 +72,11 @@ def field_model() -> Field:
     )  # fmt: skip
 
 
+def history(words: str) -> Field:
+    """``--history``, with what it is for."""
+    return member("--history", metavar="PATH", help=words)
+
+
 def grid(words: str) -> Field:
     """``--grid``, with what it adds to a command."""
     return flag("--grid", words, heading=SITE, keywords=("grid",))

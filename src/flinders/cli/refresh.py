@@ -119,7 +119,7 @@ def command(options: Refresh) -> int:
     """
     from flinders.core.calibration_file import dumps
     from flinders.fitting.fit_json import json_of
-    from flinders.fitting.result import document_of
+    from flinders.fitting.result import document_of, with_walk
     from flinders.report.fit_pages import of_fit
 
     outputs = options.checked_outputs(*options.recordings)
@@ -129,7 +129,7 @@ def command(options: Refresh) -> int:
     opened = [_opened(path, previous, options) for path in options.recordings]
     _refuse_known(options.previous, previous, opened)
     with saying_what_was_read(opened):
-        fit = _refreshed(opened, previous, options)
+        fit = with_walk(_refreshed(opened, previous, options), previous.claim.walk)
     outputs.write(dumps(document_of(fit, provenance(opened, files=previous.provenance.files))), options.output)
     outputs.print(lambda: json_of(fit), lambda: of_fit(fit, in_options))
     outputs.say_written("nothing was written: name a file with -o refreshed.json")

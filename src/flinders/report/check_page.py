@@ -5,13 +5,17 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from flinders.errors import in_python
+from flinders.fitting.good_until import duration
 from flinders.report.comparison_pages import of_comparison, of_untold
+from flinders.report.formatting import date_of, degrees
+from flinders.report.terminal import facts, page, verdict
 from flinders.workflows.onboard import NAME
 
 if TYPE_CHECKING:
     from rich.console import RenderableType
 
     from flinders.errors import Spelling
+    from flinders.workflows.aging import Aged
     from flinders.workflows.checking import Check
 
 
@@ -23,3 +27,21 @@ def of_check(checked: Check, spell: Spelling = in_python) -> RenderableType:
     own, fresh = checked.made_from, checked.fresh
     name = NAME if checked.known.provenance.name == NAME else "the calibration"
     return of_comparison(checked.comparison, spell, fresh=fresh, strengths=strengths, own=own, name=name)
+
+
+def of_aged(aged: Aged) -> RenderableType:
+    """Lay out how far a calibration has aged."""
+    until, ends = aged.until, " to ".join(map(degrees, aged.claim_range_deg))
+    walk = "by the walk of this unit" if until.by == "history" else "by the usual walk of an offset"
+    known = [
+        ("made", date_of(aged.since)),
+        ("asked for", f"{date_of(aged.at)}, {duration(aged.seconds)} later"),
+        ("claim", f"{degrees(until.claim_deg)} then, {degrees(aged.claim_deg)} now ({ends})"),
+        ("doubled", f"{date_of(until.date(aged.since))}, {walk}"),
+    ]
+    if aged.answer == "holds":
+        said = verdict("HOLDS", "good", "The claim has not doubled.", str(until))
+    else:
+        words = "The claim has doubled: check it on a recording, or calibrate again."
+        said = verdict("CANNOT TELL", "limited", words, str(until))
+    return page(facts(known), said)
