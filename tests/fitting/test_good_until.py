@@ -153,8 +153,11 @@ def test_a_clock_of_the_recording_is_when_the_claim_was_true(tmp_path: Path, mon
 
 def test_a_history_of_the_unit_tells_its_walk(calibrated: Path) -> None:
     lines = [
-        {"kind": "state", "event": None, "time_s": 1.7e9 + 14400.0 * k,
-         "offset": (20.0 + 0.05 * math.sin(9.0 * k), 1.0 + 0.1 * (k % 3), 0.0), "offset_sigma": (0.05, 0.05, 0.05), "radius": 50.0, "unit": "uT", "heading_error_deg": 0.5}
+        {
+            "kind": "state", "event": None, "time_s": 1.7e9 + 14400.0 * k,
+            "offset": (20.0 + 0.05 * math.sin(9.0 * k), 1.0 + 0.1 * (k % 3), 0.0), "offset_sigma": (0.05, 0.05, 0.05),
+            "radius": 50.0, "unit": "uT", "heading_error_deg": 0.5,
+        }
         for k in range(40)
     ]  # fmt: skip
     (calibrated / "unit.jsonl").write_text("".join(json.dumps(line) + "\n" for line in lines))

@@ -51,6 +51,7 @@ def json_of(fit: Fit) -> dict[str, Any]:
         "method": evidence.method,
         "calibration": fit.calibration.as_dict(),
         "heading_error_deg": None if error is None else msgspec.structs.asdict(error),
+        # when `heading_error_deg` will have doubled, as in the file; null where nothing is claimed
         "good_until": _good_until(fit),
         "uncorrected_heading_error_deg": _rms_and_worst(claim.uncorrected_heading_error_deg),
         "textbook_heading_error_deg": _rms_and_worst(claim.textbook_heading_error_deg),

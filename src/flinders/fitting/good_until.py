@@ -8,8 +8,8 @@ then uncertain by
 and has doubled, σ = 2 σ₀, where either term is 3 σ₀². Neither is known of a unit without a history: q is then what a
 calibration that goes on assumes of any unit, and c spans what data sheets state. Both are ranges of 95 %.
 
-Sources of c: 0.8 µT/K, typical, of the FXOS8700CQ (NXP, data sheet rev. 8, table 4, of which 0.73 was measured on a
-boat), 0.003 µT/K of a factory-compensated module (CGM92AD10).
+Sources of c: 0.8 µT/K, typical, of the FXOS8700CQ (NXP, data sheet rev. 8, table 4, as quoted by an owner who measured
+0.73), 0.003 µT/K of a factory-compensated module (CGM92AD10).
 
 >>> from flinders import simulate
 >>> from flinders.fitting import calibrate

@@ -69,7 +69,7 @@ class Aged:
             "answer": self.answer,  # ``holds`` until the claim has doubled, then ``cannot-tell``
             "since": self.since.isoformat(),  # when the readings were recorded, else when the file was made
             "at": self.at.isoformat(),  # the moment that is asked about
-            "age_s": self.seconds,
+            "age_s": self.seconds,  # from the one to the other
             "claimed_deg": self.until.claim_deg,  # worst heading error that was claimed, 1 σ
             "claim_deg": self.claim_deg,  # the same now, by the middle rate of the walk
             "claim_low_deg": low,  # by the slow end of what the rate may be
