@@ -16,6 +16,7 @@ import numpy as np
 from flinders.errors import NotExportable, UsageError, figures
 from flinders.estimators import METHODS
 from flinders.findings.words import ANY_ANGLE_DEG
+from flinders.fitting.good_until import good_until
 from flinders.fitting.measurement_noise import gates_of, noise_of
 from flinders.fitting.verdict import headline_of
 from flinders.geometry.plane import down_of
@@ -205,11 +206,14 @@ def origin_lines(fit: Fit, held: str = "") -> list[str]:
     `held`: what is claimed of that part of them which a target holds, in words; empty where it is all.
     """
     sensor = f", sensor {fit.calibration.sensor}" if fit.calibration.sensor else ""
+    until = good_until(fit)
+    aged = [] if until is None else [str(until)]
     if held and not math.isnan(fit.heading_error_deg.worst):
-        return [f"from {fit.provenance.name}{sensor}", held, *limit_lines(fit)]
+        return [f"from {fit.provenance.name}{sensor}", held, *aged, *limit_lines(fit)]
     return [
         f"from {fit.provenance.name}{sensor}",
         *(verdict_lines(fit) if fit.evidence.is_described else limit_lines(fit)),
+        *aged,
     ]
 
 
