@@ -54,7 +54,7 @@ OFFSET_SIGMA: Final = 0.2
 GAIN_SIGMA: Final = 0.2
 """What gains may differ by before, from that of the median length."""
 ORTHOGONALITY_SIGMA: Final = 0.01
-"""rad: what half the angle between two axes is off 90° by, 1 σ; data sheets say 1 to 2 % of cross-axis sensitivity."""
+"""rad: half of what two axes are off 90° by, 1 σ; data sheets say 1 to 2 % of cross-axis sensitivity."""
 OPEN: Final = 0.02
 """Standard deviation of an offset, of gravity, or of a gain, that poses leave open: it alone makes a tilt of 1°."""
 SEEN: Final = 0.5
