@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import shlex
+
 from flinders.cli import _options as option
 from flinders.cli import _program as program
 from flinders.cli._inputs import provenance, saying_what_was_read

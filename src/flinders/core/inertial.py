@@ -1,7 +1,7 @@
 """Calibration of an accelerometer or a gyro: offsets, gains and misalignment, each with its uncertainty.
 
-``corrected = matrix (raw − offset)``: the specific force in m/s², or the angular rate in rad/s. An accelerometer at rest
-reads the specific force, which points up: the axis that points up reads +g.
+``corrected = matrix (raw − offset)``: the specific force in m/s², or the angular rate in rad/s. At rest the specific
+force points up: the axis that points up reads +g.
 
 >>> in_g = Triad(np.diag([9.8, 9.7, 9.9]), [0.02, 0.0, -0.01], unit="g")
 >>> in_g.apply([1.02, 0.0, -0.01])
@@ -19,7 +19,7 @@ from typing import TYPE_CHECKING, Any, Final, Self
 import numpy as np
 
 from flinders.arrays import floats, vectors
-from flinders.core.inertial_record import InertialDocument, TiltErrorRecord, TriadRecord
+from flinders.core.inertial_record import InertialDocument, InertialUnit, TiltErrorRecord, TriadRecord
 from flinders.core.units import COUNTS
 from flinders.errors import UnitError
 
@@ -42,7 +42,7 @@ class Triad:
 
     matrix: Floats  #: (3, 3), m/s² or rad/s in one of `unit`: gains on its diagonal, misalignment beside it
     offset: Floats  #: (3,), in `unit`: what the axes read in free fall, or of a gyro at rest
-    unit: str  #: of raw readings: ``m/s2``, ``g``, ``mg``, ``rad/s`` or ``counts``
+    unit: InertialUnit  #: of raw readings: ``m/s2``, ``g``, ``mg``, ``rad/s`` or ``counts``
     matrix_sigma: Floats | None = None  #: (3, 3): 1 σ of each entry; None where it is not known
     offset_sigma: Floats | None = None  #: (3,): 1 σ
 
@@ -56,7 +56,7 @@ class Triad:
         corrected: Floats = (vectors(raw, "raw", finite=False) - self.offset) @ self.matrix.T
         return corrected
 
-    def in_unit(self, unit: str, *, who: str = "this") -> Self:
+    def in_unit(self, unit: InertialUnit, *, who: str = "this") -> Self:
         """The same for readings in another unit; `UnitError` where counts would have to become one, or a unit counts.
 
         `who`: what needs that unit, for the message.
@@ -70,12 +70,15 @@ class Triad:
             )
         return self.scaled(SIZES[self.unit] / SIZES[unit], unit)
 
-    def scaled(self, size: float, unit: str) -> Self:
+    def scaled(self, size: float, unit: InertialUnit) -> Self:
         """The same for readings that are `size` times as large, in `unit`."""
         scaled = replace(self, matrix=self.matrix / size, offset=self.offset * size, unit=unit)
-        sigmas = self.matrix_sigma, self.offset_sigma
-        matrix, offset = (None if sigma is None else sigma * factor for sigma, factor in zip(sigmas, (1 / size, size)))
-        return replace(scaled, matrix_sigma=matrix, offset_sigma=offset)
+        matrix, offset = self.matrix_sigma, self.offset_sigma
+        return replace(
+            scaled,
+            matrix_sigma=None if matrix is None else matrix / size,
+            offset_sigma=None if offset is None else offset * size,
+        )
 
     def turned(self, turn: Floats) -> Self:
         """The same in other axes: (3, 3) a signed permutation that takes the old axes to the new ones."""

@@ -12,7 +12,7 @@ flinders.errors.DocumentError: inertial: is JSON, but not a file of an accelerom
 from __future__ import annotations
 
 import os
-from typing import Annotated, Final, Literal
+from typing import Annotated, Final, Literal, TypeAlias
 
 import msgspec
 from msgspec import Meta, Struct
@@ -25,7 +25,8 @@ LARGEST: Final = 2**20
 """Bytes; such a file has some hundred."""
 WHAT: Final = "a file of an accelerometer"
 
-Rows = tuple[Triple, Triple, Triple]
+Rows: TypeAlias = tuple[Triple, Triple, Triple]
+InertialUnit: TypeAlias = Literal["m/s2", "g", "mg", "rad/s", "counts"]
 
 
 class TriadRecord(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
@@ -35,7 +36,7 @@ class TriadRecord(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True)
     matrix_sigma: Rows | None = None  #: (3, 3): 1 σ of each entry
     offset: Triple  #: (3,), in `unit`
     offset_sigma: Triple | None = None  #: (3,), in `unit`: 1 σ
-    unit: Literal["m/s2", "g", "mg", "rad/s", "counts"]  #: of raw readings
+    unit: InertialUnit  #: of raw readings
 
 
 class TiltErrorRecord(Struct, frozen=True, forbid_unknown_fields=True):
@@ -46,7 +47,9 @@ class TiltErrorRecord(Struct, frozen=True, forbid_unknown_fields=True):
     bound_95: NotNegative  #: degrees: that all stay within with a probability of 95 %
 
 
-class InertialDocument(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True, tag_field="flinders", tag="inertial"):
+class InertialDocument(
+    Struct, frozen=True, kw_only=True, forbid_unknown_fields=True, tag_field="flinders", tag="inertial"
+):
     """A calibration of an accelerometer, a gyro, or both."""
 
     schema: Literal[1] = 1  #: version of this layout

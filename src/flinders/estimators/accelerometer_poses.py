@@ -17,11 +17,14 @@ IEEE Std 1293 (2018).
 
 >>> rng = np.random.default_rng(2)
 >>> sides = np.concatenate([np.eye(3), -np.eye(3)])
->>> felt = np.repeat(sides @ np.diag([9.9, 9.7, 9.8]) + [0.2, -0.1, 0.3], 100, axis=0) + rng.normal(scale=0.02, size=(600, 3))
+>>> read = sides @ np.diag([9.9, 9.7, 9.8]) + [0.2, -0.1, 0.3]
+>>> felt = np.repeat(read, 100, axis=0) + rng.normal(scale=0.02, size=(600, 3))
 >>> found = from_poses(StillPoses.of(felt))
 >>> triad = found.triad()
->>> bool(np.all(np.abs(triad.offset - [0.2, -0.1, 0.3]) < 4.0 * triad.offset_sigma)), triad.unit, found.sees_misalignment
-(True, 'm/s2', False)
+>>> bool(np.all(np.abs(triad.offset - [0.2, -0.1, 0.3]) < 4.0 * triad.offset_sigma))
+True
+>>> triad.unit, found.sees_misalignment
+('m/s2', False)
 >>> round(found.tilt_error.rms, 1)                                   # degrees: misalignment that was not seen
 0.6
 """
@@ -37,10 +40,8 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 
 from flinders.core.inertial import SIZES, STANDARD_GRAVITY, TiltError, Triad
-from flinders.core.units import COUNTS
 from flinders.errors import FitError, MissingPose, TooFewSamples
 from flinders.estimators.accelerometer import known_before
-from flinders.estimators.still_poses import StillPoses
 from flinders.geometry.ellipsoid import symmetric
 from flinders.geometry.rotation import lengths
 from flinders.heading.tilt_error import tilt_error, turns
@@ -48,6 +49,8 @@ from flinders.likelihood.dip import AccelerometerPrior, by_symmetric
 
 if TYPE_CHECKING:
     from flinders.arrays import Floats
+    from flinders.core.inertial_record import InertialUnit
+    from flinders.estimators.still_poses import StillPoses
 
 OFFSET_SIGMA: Final = 0.2
 """Of gravity: what an offset may be before; poses tell it a hundred times better, or it is open."""
@@ -77,7 +80,7 @@ SIDES: Final = np.concatenate([np.eye(3), -np.eye(3)])
 SIDE_WORDS: Final = tuple(f"{sign}{axis}" for sign, axis in product("+−", "xyz"))
 
 
-@dataclass(frozen=True, slots=False, eq=False)
+@dataclass(frozen=True, eq=False)
 class AccelerometerEstimate:
     """Errors of an accelerometer, with their covariance."""
 
@@ -174,14 +177,14 @@ def from_readings(acceleration: Floats, *, gravity: float = STANDARD_GRAVITY) ->
     return found
 
 
-def unit_of(scale: float) -> str:
+def unit_of(scale: float) -> InertialUnit:
     """The unit in which gravity has about this length; counts where it has in none.
 
     >>> unit_of(9.7), unit_of(1.02), unit_of(990.0), unit_of(4130.0)
     ('m/s2', 'g', 'mg', 'counts')
     """
-    lengths_of_gravity = {name: STANDARD_GRAVITY / SIZES[name] for name in ("m/s2", "g", "mg")}
-    return next((name for name, length in lengths_of_gravity.items() if abs(scale / length - 1.0) < NEARLY), COUNTS)
+    names: tuple[InertialUnit, ...] = ("m/s2", "g", "mg")
+    return next((name for name in names if abs(scale * SIZES[name] / STANDARD_GRAVITY - 1.0) < NEARLY), "counts")
 
 
 def _prior() -> AccelerometerPrior:
@@ -219,16 +222,14 @@ def _refuse_far(residuals: Floats) -> None:
     left = float(np.sqrt(np.mean(residuals**2)))
     if not left < MOST_LEFT:
         raise FitError(
-            f"lengths of the still poses differ by {left:.0%} whatever offsets and gains are taken off: give the columns "
-            "of an accelerometer, at rest, and of an analog one less the reading of its middle",
+            f"lengths of the still poses differ by {left:.0%} whatever offsets and gains are taken off: give the "
+            "columns of an accelerometer, and of an analog one less the reading of its middle",
             hint={"columns": None},
             left=left,
         )
 
 
-def _widened(
-    found: AccelerometerEstimate, residuals: Floats, jacobian: Floats, sigma: Floats
-) -> AccelerometerEstimate:
+def _widened(found: AccelerometerEstimate, residuals: Floats, jacobian: Floats, sigma: Floats) -> AccelerometerEstimate:
     """The estimate with a wider covariance where residuals are larger than the noise of the poses explains."""
     used = np.einsum("pi,ij,pj->", jacobian / sigma[:, np.newaxis], found.covariance, jacobian / sigma[:, np.newaxis])
     freedom = len(residuals) - float(used)

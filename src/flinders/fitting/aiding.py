@@ -283,7 +283,6 @@ class Aiding:
             "excess_variance": self.excess_variance,
         }
 
-
     def inertial(self) -> Inertial:
         """The accelerometer and the gyro by themselves: nothing where no fit looked for their errors.
 

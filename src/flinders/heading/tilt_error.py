@@ -53,7 +53,7 @@ def tilt_error(errors: Floats, covariance: Floats) -> TiltError:
 
 
 def turns(errors: Floats, attitudes: Floats) -> Floats:
-    """(N, 2, 9) how two components across the vertical move with the errors, in rad; (N, 3) `attitudes`, unit vectors."""
+    """(N, 2, 9) rad: how two components across the vertical move with the errors, in (N, 3) `attitudes`."""
     whole = np.eye(3) + symmetric(errors[3:])
     aside = np.swapaxes(across(attitudes), 1, 2)
     felt = np.linalg.solve(whole, attitudes.T).T

@@ -29,8 +29,10 @@ def of_accelerometer(fit: AccelerometerFit) -> RenderableType:
     what = counted(fit.poses, "still pose" if fit.is_still else "reading")
     claim = (
         f"vertical good to {figures(error.rms)}° (1 σ, all attitudes; 95 % within {figures(error.bound_95)}°)",
-        f"headings with it to {figures(error.heading_error_deg(DIP_DEG))}° (1 σ, dip {DIP_DEG:.0f}°), "
-        f"beside the error of the compass; {what}",
+        (
+            f"headings with it to {figures(error.heading_error_deg(DIP_DEG))}° (1 σ, dip {DIP_DEG:.0f}°), "
+            f"beside the error of the compass; {what}"
+        ),
     )
     rows = [] if triad is None else list(_rows("offset", triad, fit.inertial.gravity))
     gyro = fit.inertial.gyro
@@ -57,7 +59,8 @@ def _pairs(values: np.ndarray, sigmas: np.ndarray) -> str:
     """Numbers with their uncertainty, to its second digit."""
     places = [max(1 - int(np.floor(np.log10(sigma))), 0) if sigma > 0 else 6 for sigma in sigmas]
     return "   ".join(
-        f"{value + 0.0:.{place}f} ± {sigma:.{place}f}" for value, sigma, place in zip(values, sigmas, places, strict=True)
+        f"{value + 0.0:.{place}f} ± {sigma:.{place}f}"
+        for value, sigma, place in zip(values, sigmas, places, strict=True)
     )
 
 
@@ -66,14 +69,18 @@ def _limits(fit: AccelerometerFit) -> Iterator[tuple[str, ...]]:
     if not fit.sees_misalignment:
         yield (
             "limits",
-            "the poses do not tell how square the axes are: the claim takes each pair as off 90° by 1.1° (1 σ); six more "
-            "poses, each on another edge, tell it",
+            (
+                "the poses do not tell how square the axes are: the claim takes each pair as off 90° by 1.1° (1 σ); "
+                "six more poses, each on another edge, tell it"
+            ),
         )
     if fit.excess > 1.0:
         yield (
             "limits",
-            f"lengths of the poses differ {figures(fit.excess)} times as much as their noise explains: uncertainties "
-            "are that much wider",
+            (
+                f"lengths of the poses differ {figures(fit.excess)} times as much as their noise explains: "
+                "uncertainties are that much wider"
+            ),
         )
     if not fit.is_still:
         yield "note", "no still pose: each reading counts as one, and its movement as noise"

@@ -13,7 +13,10 @@ array([ 0.2,  0. , -0.1])
 
 from __future__ import annotations
 
+import contextlib
+import os
 from dataclasses import dataclass, replace
+from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
@@ -24,7 +27,7 @@ from flinders.core.inertial import STANDARD_GRAVITY, Inertial, TiltError, Triad
 from flinders.core.joining import in_memory
 from flinders.core.keywords import spell_checked
 from flinders.core.samples import Samples
-from flinders.errors import NoAccelerometer, NoMagnetometer, UsageError, figures
+from flinders.errors import DocumentError, NoAccelerometer, NoMagnetometer, UsageError, figures
 from flinders.estimators.accelerometer_poses import from_poses, from_readings
 from flinders.estimators.still_poses import StillPoses
 from flinders.readers import open_recording
@@ -32,8 +35,6 @@ from flinders.readers._instruments import vectors as triples
 from flinders.readers._names import ACCELERATION, meaning
 
 if TYPE_CHECKING:
-    import os
-
     from flinders.arrays import Floats
     from flinders.core.calibration_file import ProvenanceRecord
     from flinders.core.inertial_record import InertialDocument
@@ -204,3 +205,15 @@ def _as_dict(triad: Triad | None) -> dict[str, Any] | None:
     arrays = ("matrix", "matrix_sigma", "offset", "offset_sigma")
     values = {name: getattr(triad, name) for name in arrays}
     return {"unit": triad.unit, **{name: None if value is None else value.tolist() for name, value in values.items()}}
+
+
+def is_inertial(path: str | os.PathLike[str]) -> bool:
+    """Whether a path leads to the file of an accelerometer; standard input is left unread."""
+    with contextlib.suppress(DocumentError):
+        return os.fspath(path) != "-" and Path(path).is_file() and bool(inertial_record.read(path))
+    return False
+
+
+def read_inertial(path: str | os.PathLike[str]) -> Inertial:
+    """Read such a file; raises `DocumentError`."""
+    return Inertial.from_document(inertial_record.read(path))
