@@ -13,7 +13,7 @@ from flinders.cli._output import say
 class Accelerometer(program.Group):
     """A recording of still poses, and where the calibration goes."""
 
-    recording: str = program.argument("RECORDING")
+    recording: str = program.argument("POSES")
     columns: str | None = program.member(
         "--columns", metavar="X,Y,Z", help="The accelerometer's columns: three names, or numbers counted from 1."
     )
@@ -47,7 +47,7 @@ def command(options: Accelerometer) -> None:
 
     Put the device down on each of its six sides, for two seconds each, and record meanwhile; moving it in between does
     no harm. Six more poses on edges tell how square the axes are. A gyro that is recorded too gets its offset.
-    RECORDING may lack a magnetometer.
+    POSES is any recording that `flinders calibrate` takes, and may lack a magnetometer.
     """
     from flinders.core.inertial_record import dumps
     from flinders.estimators.data import CountedRecording

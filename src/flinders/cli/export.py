@@ -37,8 +37,8 @@ class ExportCommand(program.Group):
     )  # fmt: skip
     mounting: str | None = option.mounting()
     sensors: tuple[str, ...] = program.member(
-        "--with", multiple=True, type=click.Choice(["accelerometer", "gyro"]),
-        help="Write also what a fit with aiding sensors found of its accelerometer or gyro; may be given twice.",
+        "--with", metavar="SENSOR", multiple=True, type=click.Choice(["accelerometer", "gyro"]),
+        help="accelerometer or gyro: write also what a fit with aiding sensors found of it; may be given twice.",
     )  # fmt: skip
     imu: int | None = program.member(
         "--imu", type=click.IntRange(0, 3), metavar="N",

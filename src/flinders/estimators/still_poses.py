@@ -39,6 +39,8 @@ QUIET: Final = 0.003
 """Of gravity: scatter of a window that is still whatever its steps are."""
 LOUD: Final = 0.03
 """Of gravity: scatter of a window that is moved whatever its steps are."""
+UNUSUAL: Final = 2.0
+"""Scatter of a still window, at most, over that which a quarter of them stay below."""
 SAME_POSE: Final = 0.01
 """Of gravity: distance of the mean of a window from that of its pose, at most; more with more noise."""
 SIGMAS: Final = 5.0
@@ -112,6 +114,8 @@ def _spans(acceleration: Floats) -> Iterator[tuple[int, int]]:
     scatter = np.sqrt(variance)
     still = known & (scatter <= LOUD * gravity)
     still &= (variance <= STEP_RATIO * of_steps) | (scatter <= QUIET * gravity)
+    if still.any():  # one reading on the way to the next pose stands out of a quiet recording
+        still &= scatter <= max(UNUSUAL * float(np.quantile(scatter[still], 0.25)), QUIET * gravity)
     begin, first = -1, np.zeros(3)
     for place in range(windows):
         reach = SAME_POSE * gravity + SIGMAS * scatter[place] / np.sqrt(WINDOW)

@@ -278,6 +278,7 @@ class Aiding:
             "sensors": [dataclasses.asdict(aid) for aid in self.sensors],
             **{name: None if value is None else value.tolist() for name, value in arrays.items()},
             "gravity_reading": self.gravity_reading,
+            # `rms`, `worst` and `bound_95` of the vertical that the corrected accelerometer shows at rest
             "tilt_error_deg": None if self.tilt_error is None else dataclasses.asdict(self.tilt_error),
             **{name: getattr(self, name) for name in ("delay_s", "delay_sigma_s", "dip_deg", "dip_sigma_deg")},
             "excess_variance": self.excess_variance,

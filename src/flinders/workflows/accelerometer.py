@@ -86,11 +86,11 @@ class AccelerometerFit:
             "tilt_error_deg": {"rms": error.rms, "worst": error.worst, "bound_95": error.bound_95},
             # degrees, 1 σ: of the heading, at a dip of 45°, 60° and 70°
             "heading_error_deg": {f"{dip:g}": error.heading_error_deg(dip) for dip in (45.0, 60.0, 70.0)},
-            "poses": self.poses,
-            "still": self.is_still,
-            "misalignment_seen": self.sees_misalignment,
-            "excess": self.excess,
-            "gravity": self.inertial.gravity,  # m/s²
+            "poses": self.poses,  # still poses, or readings that each count as one
+            "still": self.is_still,  # whether the device was put down
+            "misalignment_seen": self.sees_misalignment,  # whether the poses tell how square the axes are
+            "excess": self.excess,  # by what factor residuals are larger than the noise explains, 1 σ
+            "gravity": self.inertial.gravity,  # m/s²: length of corrected accelerations at rest
         }
 
 

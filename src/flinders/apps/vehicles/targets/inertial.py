@@ -213,10 +213,8 @@ INAV: Final = InertialForm(
     gives=None,
     holds="gains",
     notes=(
-        (
-            "accgain is for a driver whose 1 g is the power of two that is nearest to gravity in raw counts; for readings "
-            "recorded with acczero 0 and accgain 4096"
-        ),
+        "accgain is for a driver whose 1 g is the power of two nearest to gravity in raw counts",
+        "for readings recorded with acczero 0 and accgain 4096",
     ),
 )
 BETAFLIGHT: Final = InertialForm(
