@@ -40,7 +40,7 @@ def test_errors_are_found_within_their_covariance_and_the_tilt_within_its_claim(
     attitudes: Floats, sees: bool, trials: Choose
 ) -> None:
     """Mean of δᵀC⁻¹δ over 9 (NEES), coverage of the bound of 95 %, and rms tilt over the claim."""
-    several = trials(600, 100)
+    several = trials(4000, 100)
     nees, covered, squares = [], [], []
     for seed in several.seeds:
         sensor = FlawedAccelerometer.drawn(seed)
@@ -51,10 +51,10 @@ def test_errors_are_found_within_their_covariance_and_the_tilt_within_its_claim(
         covered.append(tilts.max() <= found.tilt_error.bound_95)
         squares.append(np.mean(tilts**2) / found.tilt_error.rms**2)
         assert found.sees_misalignment == sees
-    low, high = several.ratios(0.95, 1.06)
+    low, high = several.ratios(0.96, 1.04)
     assert low < np.mean(nees) < high
-    assert np.mean(covered) > 0.95 - 0.025 * several.widening
-    low, high = several.ratios(0.92, 1.09)
+    assert np.mean(covered) > 0.95 - 0.016 * several.widening
+    low, high = several.ratios(0.97, 1.03)
     assert low < np.sqrt(np.mean(squares)) < high
 
 

@@ -15,6 +15,7 @@ turned slowly, each reading counts as a pose, and residuals tell the noise (`fro
 Source: I. Frosio, F. Pedersini, N. A. Borghese, IEEE Trans. Instrum. Meas. 58 (2009), eq. 4 and 8; six sides as in
 IEEE Std 1293 (2018).
 
+>>> from flinders.estimators.still_poses import StillPoses
 >>> rng = np.random.default_rng(2)
 >>> sides = np.concatenate([np.eye(3), -np.eye(3)])
 >>> read = sides @ np.diag([9.9, 9.7, 9.8]) + [0.2, -0.1, 0.3]
