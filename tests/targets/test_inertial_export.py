@@ -128,6 +128,8 @@ def test_what_a_target_cannot_hold_is_refused(aided: Fit) -> None:
     with pytest.raises(UsageError):
         export(sensors(), "rtimulib")
     with pytest.raises(UsageError):
+        export(sensors(), "c", mounting="none")
+    with pytest.raises(UsageError):
         export(aided, "c", sensors=["gyro"])
     with pytest.raises(UsageError):
         export(aided, "c", sensors=["thermometer"])

@@ -49,6 +49,10 @@ class ExportCommand(program.Group):
         "--name", metavar="NAME",
         help="What names in code begin with, for code of two sensors in one program [default: flinders].",
     )  # fmt: skip
+    noise: bool = program.flag(
+        "--noise",
+        "Also write how good headings are, as parameters of the vehicle's estimator: EKF2_MAG_NOISE, EK3_YAW_M_NSE …",
+    )
     output: str | None = option.output("the text", "Where to write [default: standard output].")
     force: bool = option.force()
     as_json: bool = option.as_json()
@@ -59,7 +63,7 @@ class ExportCommand(program.Group):
     ExportCommand,
     cls=NamingTargets,
     common=("target", "output", "compass", "lossy", "name", "force", "as_json"),
-    headings={"Vehicle": ("mounting", "imu")},
+    headings={"Vehicle": ("mounting", "imu", "noise")},
     epilog="""\b
 Example:
   flinders export --for arduino calibration.json -o mag.ino
@@ -90,7 +94,9 @@ def command(options: ExportCommand) -> None:
     outputs = Outputs.of(("the text", path), force=options.force, as_json=options.as_json and not is_fields)
     outputs.check([options.calibration])
     source = path_or_fit(options.calibration)
-    asked: dict[str, Any] = {name: getattr(options, name) for name in ("compass", "mounting", "name", "sensors", "imu")}
+    asked: dict[str, Any] = {
+        name: getattr(options, name) for name in ("compass", "mounting", "name", "sensors", "imu", "noise")
+    }
     exported = lossy_if_agreed(lambda lossy: export(source, target, lossy=lossy, **asked), lossy=options.lossy)
     if not is_fields:
         outputs.write(exported.export.content, path)

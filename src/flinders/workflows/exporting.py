@@ -18,8 +18,10 @@ from flinders.core.files import write_bytes, write_text
 from flinders.core.inertial import Inertial
 from flinders.core.keywords import spell_checked
 from flinders.core.short_repr import ShortRepr
+from flinders.errors import UsageError
 from flinders.fitting.export import export_fit, limit_lines, refuse_unfit
 from flinders.fitting.inertial_export import alone, beside, inertial_of
+from flinders.fitting.measurement_noise import noise_of
 from flinders.targets import taking
 from flinders.targets._inertial import Asked
 from flinders.workflows.accelerometer import is_inertial, read_inertial
@@ -28,7 +30,7 @@ from flinders.workflows.recordings import fit_for
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from flinders.targets import Export
+    from flinders.targets import Export, MeasurementNoise
     from flinders.workflows.recordings import AnyCalibration
 
 
@@ -67,6 +69,7 @@ def export(
     lossy: bool = False,
     sensors: Sequence[str] = (),
     imu: int | None = None,
+    noise: bool = False,
 ) -> Exported:
     """Write a calibration for what uses it (an autopilot, a device, a program), with what its fit knows.
 
@@ -91,6 +94,8 @@ def export(
         ``accelerometer``, ``gyro``: what a fit with aiding sensors found of them is written too.
     imu : int, optional
         Which IMU of the vehicle these are; by default its first.
+    noise : bool
+        Write also how good headings are as parameters of the vehicle's estimator (EKF2 of PX4, EKF3 of ArduPilot).
 
     Raises
     ------
@@ -108,14 +113,45 @@ def export(
     >>> export(known, "arduino").text.splitlines()[0][:12]
     '/*'
     """
-    chosen, asked = taking(target, compass=compass, code_name=name), Asked(imu, name)
+    chosen, asked = taking(target, compass=compass, code_name=name, noise=noise), Asked(imu, name)
     if isinstance(calibration, str | os.PathLike) and is_inertial(calibration):
         calibration = read_inertial(calibration)
     if isinstance(calibration, Inertial):
+        if noise or sensors or compass is not None or mounting is not None:
+            raise UsageError("the calibration is that of an accelerometer: leave out what is asked for a compass")
         return Exported(alone(chosen, calibration, asked, lossy=lossy), (), ())
     fit = fit_for(calibration)
     refuse_unfit(fit)
     found = inertial_of(fit, chosen, sensors)
-    made, notes = export_fit(fit, chosen, compass=compass, lossy=lossy, mounting=mounting, name=name)
+    made, notes = export_fit(fit, chosen, compass=compass, lossy=lossy, mounting=mounting, name=name, noise=noise)
     made = beside(made, chosen, found, asked, lossy=lossy)
     return Exported(made, tuple(notes), tuple(limit_lines(fit)))
+
+
+def measurement_noise(calibration: AnyCalibration) -> MeasurementNoise | None:
+    """What a filter has to assume of corrected readings: white noise, and the error that the calibration leaves.
+
+    None where the calibration states no noise or no uncertainty, as one that was imported.
+
+    Parameters
+    ----------
+    calibration : Fit, Calibration or path
+
+    Returns
+    -------
+    MeasurementNoise or None
+        In the calibration's unit, and in degrees of a level heading; 1 σ.
+
+    Raises
+    ------
+    DocumentError
+        For a file that cannot be read.
+
+    Examples
+    --------
+    >>> from flinders import fit, simulate
+    >>> noise = measurement_noise(fit(simulate.tumble(seed=1).samples))
+    >>> round(noise.heading_reading_deg, 1), round(noise.heading_calibration_deg, 2)
+    (1.2, 0.06)
+    """
+    return noise_of(fit_for(calibration))
