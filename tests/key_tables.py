@@ -54,6 +54,11 @@ PAGE: Final[Mapping[str, Mapping[str, str]]] = {
         "`provenance.files.columns`": "core.calibration_file:ColumnsRecord",
         "`survey`": "core.calibration_file:SurveyRecord",
     },
+    "File of an accelerometer": {
+        "top level": "core.inertial_record:InertialDocument",
+        "`accelerometer`, `gyro`": "core.inertial_record:TriadRecord",
+        "`tilt_error_deg`": "core.inertial_record:TiltErrorRecord",
+    },
     "Truth of a simulation": {
         "`recording.truth.json`": "simulate.truth:Truth",
         "`sensor`": "simulate.truth:SensorRecord",
@@ -104,6 +109,7 @@ PAGE: Final[Mapping[str, Mapping[str, str]]] = {
         "`aiding`": "fitting.aiding:Aiding",
         "`aiding.sensors`, each": "fitting.aiding:AidingSensor",
         "`calibrate --previous --json`": "workflows.bench:Bench",
+        "`accelerometer --json`": "workflows.accelerometer:AccelerometerFit",
         "`refreshed`": "diagnostics.soft_iron:Refreshed",
         "`calibrate --minmax --json`": f"fitting.axis_extremes:Extremes {FIT}",
         "`calibrate --sensor all --joint --json`":

@@ -67,6 +67,7 @@ if TYPE_CHECKING:
     from flinders.readers import open_recording as open_recording
     from flinders.readers import read as read
     from flinders.summary.summary import Summary as Summary
+    from flinders.workflows.accelerometer import calibrate_accelerometer as calibrate_accelerometer
     from flinders.workflows.bench import fit_bench as fit_bench
     from flinders.workflows.checking import check as check
     from flinders.workflows.correction import apply as apply
@@ -98,6 +99,7 @@ _HOMES: Final = {
     "Summary": "summary.summary",
     "Unit": "core.units",
     "apply": "workflows.correction",
+    "calibrate_accelerometer": "workflows.accelerometer",
     "check": "workflows.checking",
     "compare": "comparison.comparison",
     "contents": "workflows.recording_contents",

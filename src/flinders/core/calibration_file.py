@@ -160,6 +160,16 @@ class AidingRecord(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True
     acceleration_bias_sigma: Triple | UnsetType = UNSET  #: (3,), m/s²: 1 σ of that
     #: (3, 3): the specific force is this times what the accelerometer reads, less its bias
     acceleration_matrix: tuple[Triple, Triple, Triple] | UnsetType = UNSET
+    acceleration_matrix_sigma: tuple[Triple, Triple, Triple] | UnsetType = UNSET  #: (3, 3): 1 σ of each entry
+    gravity_reading: float | UnsetType = UNSET  #: what the accelerometer's numbers are long at rest, in their own unit
+    #: (3,), degrees: of the vertical that the corrected accelerometer shows at rest: 1 σ over all attitudes, 1 σ at the
+    #: worst, and what all stay within with a probability of 95 %
+    tilt_error_deg: Triple | UnsetType = UNSET
+    gyro_bias: Triple | UnsetType = UNSET  #: (3,), rad/s: what the gyro reads at rest
+    gyro_bias_sigma: Triple | UnsetType = UNSET  #: (3,), rad/s: 1 σ of that
+    #: (3, 3): the rate is this times what the gyro reads, less its bias
+    gyro_matrix: tuple[Triple, Triple, Triple] | UnsetType = UNSET
+    gyro_matrix_sigma: tuple[Triple, Triple, Triple] | UnsetType = UNSET  #: (3, 3): 1 σ of each entry
     dip_deg: float | UnsetType = UNSET  #: dip of the field against the vertical that was recorded
     dip_sigma_deg: NotNegative | UnsetType = UNSET  #: 1 σ of the dip
 

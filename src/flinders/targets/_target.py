@@ -48,6 +48,7 @@ if TYPE_CHECKING:
     from flinders.arrays import Floats
     from flinders.core.calibration import Calibration
     from flinders.core.disturbance import Disturbance
+    from flinders.targets._inertial import InertialForm
     from flinders.targets._measurement_noise import MeasurementNoise
     from flinders.targets._mounting import MountingTable
 
@@ -206,6 +207,7 @@ class Target:
     named: bool = False  #: names in it stand in a program beside those of others, and it takes ``--name``
     mountings: MountingTable | None = None  #: those that it can be given; with them it takes ``--mounting``
     limits: tuple[Limit, ...] = ()  #: of its parameters
+    inertial: InertialForm | None = None  #: how it holds an accelerometer and a gyro too
     estimator: str = ""  #: the estimator beside it that takes the noise of a compass; with one it takes ``--noise``
 
     @property

@@ -39,6 +39,7 @@ from typing import TYPE_CHECKING, ClassVar, Final, Self
 
 import numpy as np
 
+from flinders.apps.vehicles.targets import inertial
 from flinders.apps.vehicles.targets.autopilot import (
     ROTATIONS,
     CompassParameters,
@@ -508,6 +509,7 @@ TARGETS: Final = (
         compasses=range(1, 4),
         mountings=MOUNTINGS,
         limits=LIMITS,
+        inertial=inertial.ARDUPILOT,
         write=write,
         # pins that Betaflight calls so are none
         reader=TargetReader(

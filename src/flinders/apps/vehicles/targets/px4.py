@@ -40,6 +40,7 @@ from typing import TYPE_CHECKING, ClassVar, Final, Self
 
 import numpy as np
 
+from flinders.apps.vehicles.targets import inertial
 from flinders.apps.vehicles.targets.autopilot import (
     ROTATIONS,
     CompassParameters,
@@ -420,10 +421,18 @@ PX4: Final = Target(
         Limit(f"CAL_MAG0_{axis}SCALE", "matrix", (at,), LEAST_SCALE, MOST_SCALE)
         for axis, at in zip("XYZ", (0, 4, 8), strict=True)
     ),
+    inertial=inertial.PX4,
     write=write,
     reader=TargetReader(rb"CAL_MAG", FILE.read, "parameters of PX4", FILE.which),
 )
 TARGETS: Final = (
     PX4,
-    replace(PX4, name="px4-shell", use="PX4, lines for its shell", suffix=".txt", write=write_shell),
+    replace(
+        PX4,
+        name="px4-shell",
+        use="PX4, lines for its shell",
+        suffix=".txt",
+        write=write_shell,
+        inertial=inertial.PX4_SHELL,
+    ),
 )
