@@ -15,6 +15,7 @@ import numpy as np
 from flinders.errors import NotExportable, UsageError, figures
 from flinders.estimators import METHODS
 from flinders.findings.words import ANY_ANGLE_DEG
+from flinders.fitting.heading_model import heading_model_of
 from flinders.fitting.measurement_noise import gates_of, noise_of
 from flinders.fitting.verdict import headline_of
 from flinders.geometry.plane import down_of
@@ -74,6 +75,7 @@ def export_fit(
         mounting=mounting_of(fit, target, mounting),
         gates=gates_of(fit),
         noise=noise_of(fit),
+        heading=heading_model_of(fit),
         fitting=fitting_command(fit, target),
     )
     trial = target.tried(fit.calibration, asked=asked)
