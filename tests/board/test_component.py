@@ -304,7 +304,10 @@ def test_the_example_for_arduino_prints_headings(tmp_path: Path) -> None:
 
 
 @pytest.mark.tools
-def test_the_library_for_arduino_compiles_for_a_board(tmp_path: Path) -> None:
+@pytest.mark.parametrize(
+    "command", [("arm-none-eabi-g++", *CORTEX), ("avr-g++", "-mmcu=atmega328p", *STRICT)], ids=["cortex", "avr"]
+)
+def test_the_library_for_arduino_compiles_for_a_board(command: tuple[str, ...], tmp_path: Path) -> None:
     write(COMPONENTS["arduino"], found("level"), tmp_path)
     source = tmp_path / "use.cpp"
     source.write_text(
@@ -313,8 +316,8 @@ def test_the_library_for_arduino_compiles_for_a_board(tmp_path: Path) -> None:
         "  out[1] = compass.read(v[0], v[1], v[2], v[3], v[4], v[5]).heading;\n}\n",
         encoding="ascii",
     )
-    command = [compiler("arm-none-eabi-g++"), "-std=c++11", *CORTEX, "-I", str(tmp_path / "src"), "-c", str(source)]
-    subprocess.run([*command, "-o", str(tmp_path / "o")], check=True)
+    includes = ["-I", str(tmp_path / "src"), "-c", str(source), "-o", str(tmp_path / "o")]
+    subprocess.run([compiler(command[0]), *command[1:], "-std=c++11", *includes], check=True)
 
 
 @pytest.mark.tools

@@ -17,6 +17,7 @@ from flinders import fit, simulate
 from flinders.core.calibration import Calibration
 from flinders.estimators.ellipse import Ellipse
 from flinders.fitting.export import export_fit
+from flinders.fitting.fit_file import load
 from flinders.fitting.measurement_noise import noise_of
 from flinders.geometry.ellipsoid import gathered
 from flinders.geometry.plane import down_of
@@ -222,6 +223,15 @@ def test_the_constants_are_those_of_the_fit() -> None:
     assert module["FIELD_SIGMA_READING"] == pytest.approx(noise.reading, rel=1e-6)
     assert module["FIELD_SIGMA_CALIBRATION"] == pytest.approx(noise.calibration, rel=1e-6)
     assert "level_heading" not in module
+
+
+@pytest.mark.parametrize("kind", ["limited", "level", "aided"])
+def test_the_headings_of_a_file_are_those_of_its_fit(kind: str, tmp_path: Path) -> None:
+    fitted = found(kind)
+    fitted.save(tmp_path / "calibration.json")
+    readings = attitudes(fitted)
+    out = ran("micropython", load(tmp_path / "calibration.json"), readings, tmp_path)
+    npt.assert_allclose(out[:, 1], ran("micropython", fitted, readings, tmp_path)[:, 1], rtol=1e-4)
 
 
 @pytest.mark.parametrize("name", ["c", "arduino", "micropython"])
