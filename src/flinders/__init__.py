@@ -71,6 +71,7 @@ if TYPE_CHECKING:
     from flinders.workflows.checking import check as check
     from flinders.workflows.correction import apply as apply
     from flinders.workflows.exporting import export as export
+    from flinders.workflows.exporting import measurement_noise as measurement_noise
     from flinders.workflows.heading_series import headings as headings
     from flinders.workflows.log_headings import heading_history as heading_history
     from flinders.workflows.offset_history import OffsetHistory as OffsetHistory
@@ -113,6 +114,7 @@ _HOMES: Final = {
     "headings": "workflows.heading_series",
     "judge_onboard": "workflows.onboard",
     "load": "fitting.fit_file",
+    "measurement_noise": "workflows.exporting",
     "merge": "comparison.merging",
     "open_log": "readers",
     "open_recording": "readers",

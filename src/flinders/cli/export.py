@@ -40,6 +40,10 @@ class ExportCommand(program.Group):
         "--name", metavar="NAME",
         help="What names in code begin with, for code of two sensors in one program [default: flinders].",
     )  # fmt: skip
+    noise: bool = program.flag(
+        "--noise",
+        "Also write how good headings are, as parameters of the vehicle's estimator: EKF2_MAG_NOISE, EK3_YAW_M_NSE …",
+    )
     output: str | None = option.output("the text", "Where to write [default: standard output].")
     force: bool = option.force()
     as_json: bool = option.as_json()
@@ -50,7 +54,7 @@ class ExportCommand(program.Group):
     ExportCommand,
     cls=NamingTargets,
     common=("target", "output", "compass", "lossy", "name", "force", "as_json"),
-    headings={"Vehicle": ("mounting",)},
+    headings={"Vehicle": ("mounting", "noise")},
     epilog="""\b
 Example:
   flinders export --for arduino calibration.json -o mag.ino
@@ -82,6 +86,7 @@ def command(options: ExportCommand) -> None:
     outputs.check([options.calibration])
     fit = load("export --for TARGET", options.calibration)
     asked: dict[str, Any] = {"compass": options.compass, "mounting": options.mounting, "name": options.name}
+    asked |= {"noise": options.noise}
     exported = lossy_if_agreed(lambda lossy: export(fit, target, lossy=lossy, **asked), lossy=options.lossy)
     if not is_fields:
         outputs.write(exported.export.content, path)

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import math
 import shlex
+from dataclasses import replace
 from typing import TYPE_CHECKING, Final
 
 import numpy as np
@@ -15,6 +16,7 @@ import numpy as np
 from flinders.errors import NotExportable, UsageError, figures
 from flinders.estimators import METHODS
 from flinders.findings.words import ANY_ANGLE_DEG
+from flinders.fitting.good_until import good_until
 from flinders.fitting.heading_model import heading_model_of
 from flinders.fitting.measurement_noise import gates_of, noise_of
 from flinders.fitting.verdict import headline_of
@@ -44,6 +46,7 @@ def export_fit(
     lossy: bool = False,
     mounting: str | None = None,
     name: str | None = None,
+    noise: bool = False,
 ) -> tuple[Export, list[str]]:
     """Write a fit for a target.
 
@@ -56,6 +59,8 @@ def export_fit(
         Which one of the vehicle; by default the one that its readings came from.
     mounting : str, optional
         How the compass was mounted when it was recorded, as the target has it; by default as its logs say.
+    noise : bool
+        Write also the noise of the compass, as parameters of the vehicle's estimator.
     lossy, name
         As for `flinders.targets.ExportOptions`.
 
@@ -76,10 +81,17 @@ def export_fit(
         gates=gates_of(fit),
         noise=noise_of(fit),
         heading=heading_model_of(fit),
+        estimator=noise,
         fitting=fitting_command(fit, target),
     )
     trial = target.tried(fit.calibration, asked=asked)
-    return trial.export([*origin_lines(fit, _held_words(fit, trial) if trial.loses else ""), *notes]), notes
+    if trial.loses and asked.noise is not None:  # what the target leaves out is an error of its headings
+        asked = replace(asked, noise=asked.noise.with_error(level_turn_error(fit, trial).rms))
+        trial = target.tried(fit.calibration, asked=asked)
+    export = trial.export([*origin_lines(fit, _held_words(fit, trial) if trial.loses else ""), *notes])
+    if asked.noise is not None:
+        export.fields["noise"] = asked.noise.as_dict(fit.calibration.unit)
+    return export, notes
 
 
 def fitting_command(fit: Fit, target: Target) -> str:
@@ -196,11 +208,14 @@ def origin_lines(fit: Fit, held: str = "") -> list[str]:
     `held`: what is claimed of that part of them which a target holds, in words; empty where it is all.
     """
     sensor = f", sensor {fit.calibration.sensor}" if fit.calibration.sensor else ""
+    until = good_until(fit)
+    aged = [] if until is None else [str(until)]
     if held and not math.isnan(fit.heading_error_deg.worst):
-        return [f"from {fit.provenance.name}{sensor}", held, *limit_lines(fit)]
+        return [f"from {fit.provenance.name}{sensor}", held, *aged, *limit_lines(fit)]
     return [
         f"from {fit.provenance.name}{sensor}",
         *(verdict_lines(fit) if fit.evidence.is_described else limit_lines(fit)),
+        *aged,
     ]
 
 

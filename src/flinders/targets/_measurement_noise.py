@@ -3,31 +3,33 @@
 Noise differs from reading to reading. The error that a calibration leaves is the same in every reading of an attitude:
 no filter averages it away, and a vehicle that holds its heading keeps it. A filter has one number for both, the
 measurement noise R, which it takes for white. With R as large as both together it is sure of itself where it is wrong;
-`YawFilter` finds the R at which its own variance is that of its error.
+`YawFilter` finds the R at which its own variance is that of its error. Below, the calibration errs by 1°, the gyro by
+0.6°, and the filter states both.
 
 >>> compass_and_gyro = YawFilter(rate_hz=15.0, drift=2.25e-6, bias_drift=1e-8)
 >>> sigma = compass_and_gyro.measurement_sigma(calibration_deg=1.0, reading_deg=0.5)
->>> math.degrees(sigma) > 10.0, round(math.degrees(compass_and_gyro.steady(sigma).sigma), 2)
-(True, 1.0)
+>>> round(math.degrees(sigma), 1), round(compass_and_gyro.stated_deg(sigma), 2)
+(20.5, 1.18)
 """
 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
-from typing import TYPE_CHECKING, Final, NamedTuple
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
 from flinders.core.short_repr import ShortRepr
+from flinders.errors import figures
 
 if TYPE_CHECKING:
     from flinders.arrays import Floats
 
-MAX_SIGMA: Final = 1e3
-"""rad: no measurement noise is larger than this."""
-BISECTIONS: Final = 50
-"""Steps in which the measurement noise is found, to far below a millionth of it."""
+MIN_SIGMA, MAX_SIGMA = 1e-6, 1e3
+"""rad: a measurement noise is looked for between these."""
+BISECTIONS: Final = 20
+"""Steps in which the measurement noise is found, to 2e-5 of it."""
 DOUBLINGS: Final = 60
 """Doublings of the time over which a variance settles, at most."""
 
@@ -50,22 +52,42 @@ class MeasurementNoise(ShortRepr):
     #: (3, 3): of a corrected reading in the calibration's unit, both parts, mean over a level turn
     field_covariance: Floats
 
+    def with_error(self, heading_deg: float) -> MeasurementNoise:
+        """The same with a further error of each level heading, 1 σ, which no reading shows."""
+        off = self.horizontal * math.radians(heading_deg)
+        return replace(
+            self,
+            calibration=math.hypot(self.calibration, off),
+            heading_calibration_deg=math.hypot(self.heading_calibration_deg, heading_deg),
+            field_covariance=self.field_covariance + off**2 * np.eye(3),
+        )
+
+    def as_dict(self, unit: str) -> dict[str, object]:
+        """JSON-ready; `unit` is that of the calibration."""
+        return {
+            "unit": unit,  # of the field
+            "reading": self.reading,  # of one horizontal axis of one reading, 1 σ: white
+            "calibration": self.calibration,  # of one horizontal axis, 1 σ: alike in every reading of an attitude
+            "heading_reading_deg": self.heading_reading_deg,  # of a level heading of one reading, 1 σ: white
+            "heading_calibration_deg": self.heading_calibration_deg,  # 1 σ: alike in every reading of a heading
+            "dip_deg": self.dip_deg,  # for which headings hold
+            "field_covariance": self.field_covariance.tolist(),  # (3, 3): of a corrected reading, both parts
+        }
+
     @property
     def axis(self) -> float:
         """Of one horizontal axis of a corrected reading, both parts."""
         return math.hypot(self.reading, self.calibration)
 
     @property
+    def across(self) -> float:
+        """Of a corrected reading across the horizontal field, which turns the heading: both parts."""
+        return math.hypot(self.reading, self.horizontal * math.radians(self.heading_calibration_deg))
+
+    @property
     def heading_deg(self) -> float:
         """Of the heading of one reading of a level vehicle, both parts."""
         return math.hypot(self.heading_reading_deg, self.heading_calibration_deg)
-
-
-class SteadyState(NamedTuple):
-    """A filter that has settled."""
-
-    sigma: float  # rad: 1 σ of its yaw, as it states it
-    noise_share: float  # variance of its yaw by white measurement noise, over the variance of that
 
 
 @dataclass(frozen=True, slots=True)
@@ -75,37 +97,68 @@ class YawFilter:
     rate_hz: float  #: headings that it takes each second
     drift: float  #: rad²/s: growth of its yaw variance by the noise that it assumes of the gyro
     bias_drift: float = 0.0  #: rad²/s³: growth of the variance of the gyro's bias; without one it has no such state
+    is_of_gyro: bool = (
+        True  #: `drift` is noise that the gyro has; otherwise a precaution, and the yaw has no such error
+    )
 
-    def steady(self, sigma: float) -> SteadyState:
-        """The settled filter with a measurement noise of `sigma`, in rad.
+    def stated_deg(self, sigma: float) -> float:
+        """What the settled filter states of its yaw with a measurement noise of `sigma` rad, 1 σ in degrees."""
+        return _stated_deg(self._settled(sigma))
 
-        The variance solves the algebraic Riccati equation, by the doubling algorithm of E. K. Chu, H. Y. Fan,
-        W. W. Lin, "A structure-preserving doubling algorithm", Linear Algebra Appl. 396 (2005).
+    def error_deg(self, sigma: float, reading_deg: float) -> float:
+        """What noise leaves in its yaw, 1 σ in degrees, where headings have `reading_deg` and `sigma` is assumed.
+
+        The gyro is as noisy as the filter assumes, where that is what `drift` is.
         """
-        transition, process = self._model()
-        measurement = np.zeros_like(process)
-        measurement[0, 0] = 1.0
-        prior = _riccati(transition.T, measurement / sigma**2, process)
-        gain = prior[:, 0] / (prior[0, 0] + sigma**2)
-        remaining = np.eye(len(prior)) - np.outer(gain, measurement[0])
-        carried = remaining @ transition
-        settled = np.linalg.solve(np.eye(carried.size) - np.kron(carried, carried), np.outer(gain, gain).ravel())
-        return SteadyState(math.sqrt((remaining @ prior)[0, 0]), float(settled[0]))
+        return self._error_deg(self._settled(sigma), reading_deg)
 
     def measurement_sigma(self, calibration_deg: float, reading_deg: float) -> float:
         """Measurement noise, 1 σ in rad, with which the filter states the error that its yaw has.
 
-        That is the calibration's error at a heading that is held, and what is left of the noise of the readings; never
-        less than that noise.
+        That is the error of the calibration, on a heading that is held, and what noise leaves. Where the calibration is
+        exact it is the noise of a reading.
         """
-        kept, white = math.radians(calibration_deg) ** 2, math.radians(reading_deg) ** 2
-        low, high = math.log(max(math.radians(reading_deg), 1e-6)), math.log(MAX_SIGMA)
+        low, high = math.log(max(math.radians(reading_deg), MIN_SIGMA)), math.log(MAX_SIGMA)
         for _ in range(BISECTIONS):
             middle = (low + high) / 2.0
-            settled = self.steady(math.exp(middle))
-            too_sure = settled.sigma**2 < kept + settled.noise_share * white
-            low, high = (middle, high) if too_sure else (low, middle)
+            settled = self._settled(math.exp(middle))
+            is_too_sure = _stated_deg(settled) < math.hypot(calibration_deg, self._error_deg(settled, reading_deg))
+            low, high = (middle, high) if is_too_sure else (low, middle)
         return math.exp(low)
+
+    def _error_deg(self, settled: tuple[Floats, Floats], reading_deg: float) -> float:
+        """The same of a settled filter: the variance of errors that its gain passes on, from heading to heading."""
+        transition, process = self._model()
+        gain, _ = settled
+        remaining = np.eye(len(gain))
+        remaining[:, 0] -= gain
+        carried = remaining @ transition
+        added = math.radians(reading_deg) ** 2 * np.outer(gain, gain)
+        if self.is_of_gyro:
+            added += remaining @ process @ remaining.T
+        variance = np.linalg.solve(np.eye(carried.size) - np.kron(carried, carried), added.ravel())
+        return math.degrees(math.sqrt(variance[0]))
+
+    def _settled(self, sigma: float) -> tuple[Floats, Floats]:
+        """Gain of a heading and variance before it, where the filter has settled.
+
+        The variance solves the algebraic Riccati equation, by the doubling algorithm of E. K.-W. Chu, H.-Y. Fan and
+        W.-W. Lin, Linear Algebra and its Applications 396 (2005) 55.
+        """
+        transition, process = self._model()
+        measured = np.zeros_like(process)
+        measured[0, 0] = sigma**-2
+        prior = _riccati(transition.T, measured, process)
+        return prior[:, 0] / (prior[0, 0] + sigma**2), prior
+
+    def words(self, name: str, sigma: float, noise: MeasurementNoise, *, who: str) -> str:
+        """What a measurement noise of `sigma`, in rad, does in the filter of a program, and what is wrong there."""
+        return (
+            f"{name} is {figures(math.degrees(sigma))}°: with it {who} states {figures(self.stated_deg(sigma))}° of "
+            f"yaw (1 σ) on a heading that is held. The calibration errs there by "
+            f"{figures(noise.heading_calibration_deg)}°, and that stays; a reading has "
+            f"{figures(noise.heading_reading_deg)}° of noise, which averages away"
+        )
 
     def _model(self) -> tuple[Floats, Floats]:
         """Transition and process noise from one heading to the next."""
@@ -115,6 +168,12 @@ class YawFilter:
         cross = -self.bias_drift * step**2 / 2.0
         yaw = self.drift * step + self.bias_drift * step**3 / 3.0
         return np.array([[1.0, -step], [0.0, 1.0]]), np.array([[yaw, cross], [cross, self.bias_drift * step]])
+
+
+def _stated_deg(settled: tuple[Floats, Floats]) -> float:
+    """Standard deviation of the yaw of a settled filter, after a heading, in degrees."""
+    gain, prior = settled
+    return math.degrees(math.sqrt((1.0 - gain[0]) * prior[0, 0]))
 
 
 def _riccati(transition: Floats, measured: Floats, process: Floats) -> Floats:

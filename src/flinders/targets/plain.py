@@ -1,6 +1,7 @@
 """The numbers as plain JSON or YAML: ``corrected = matrix (raw − offset)``, in the calibration's unit.
 
-Readings go in with the axes as recorded and come out with those of the calibration.
+Readings go in with the axes as recorded and come out with those of the calibration. ``noise`` is what a filter has to
+assume of them, where a fit states it (`flinders.targets._measurement_noise`).
 
 For programs that need no more; `flinders` itself reads its own calibration files, which hold all that is known.
 """
@@ -24,19 +25,19 @@ if TYPE_CHECKING:
 FORMULA: Final = "corrected = matrix (raw - offset)"
 
 
-def write_json(calibration: Calibration, _asked: ExportOptions) -> Written:
+def write_json(calibration: Calibration, asked: ExportOptions) -> Written:
     """Write one JSON object."""
-    correction, values = _values(calibration)
+    correction, values = _values(calibration, asked)
     return Written(correction.apply, json.dumps(values, indent=1).splitlines(), values)
 
 
-def write_yaml(calibration: Calibration, _asked: ExportOptions) -> Written:
+def write_yaml(calibration: Calibration, asked: ExportOptions) -> Written:
     """Write the same as YAML; values are written as JSON has them, which YAML reads too."""
-    correction, values = _values(calibration)
+    correction, values = _values(calibration, asked)
     return Written(correction.apply, [f"{name}: {_yaml(value)}" for name, value in values.items()], values)
 
 
-def _values(calibration: Calibration) -> tuple[Affine, dict[str, Any]]:
+def _values(calibration: Calibration, asked: ExportOptions) -> tuple[Affine, dict[str, Any]]:
     """The correction, and all that is written, by name."""
     correction = Affine.of(calibration, OWN, who="plain JSON", acts="across")
     return correction, {
@@ -47,6 +48,7 @@ def _values(calibration: Calibration) -> tuple[Affine, dict[str, Any]]:
         "offset": correction.offset.tolist(),
         "matrix": correction.matrix.tolist(),
         **_drivers(calibration),
+        **({} if asked.noise is None else {"noise": asked.noise.as_dict(calibration.unit)}),
     }
 
 

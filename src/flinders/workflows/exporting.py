@@ -17,13 +17,14 @@ from flinders.core.files import write_bytes, write_text
 from flinders.core.keywords import spell_checked
 from flinders.core.short_repr import ShortRepr
 from flinders.fitting.export import export_fit, limit_lines, refuse_unfit
+from flinders.fitting.measurement_noise import noise_of
 from flinders.targets import taking
 from flinders.workflows.recordings import fit_for
 
 if TYPE_CHECKING:
     import os
 
-    from flinders.targets import Export
+    from flinders.targets import Export, MeasurementNoise
     from flinders.workflows.recordings import AnyCalibration
 
 
@@ -60,6 +61,7 @@ def export(
     mounting: str | None = None,
     name: str | None = None,
     lossy: bool = False,
+    noise: bool = False,
 ) -> Exported:
     """Write a calibration for what uses it (an autopilot, a device, a program), with what its fit knows.
 
@@ -80,6 +82,8 @@ def export(
         What names in code begin with.
     lossy : bool
         Write it also where what the target cannot hold costs more than 0.5° of heading.
+    noise : bool
+        Write also how good headings are as parameters of the vehicle's estimator (EKF2 of PX4, EKF3 of ArduPilot).
 
     Raises
     ------
@@ -97,8 +101,37 @@ def export(
     >>> export(known, "arduino").text.splitlines()[0][:12]
     '/*'
     """
-    chosen = taking(target, compass=compass, code_name=name)
+    chosen = taking(target, compass=compass, code_name=name, noise=noise)
     fit = fit_for(calibration)
     refuse_unfit(fit)
-    made, notes = export_fit(fit, chosen, compass=compass, lossy=lossy, mounting=mounting, name=name)
+    made, notes = export_fit(fit, chosen, compass=compass, lossy=lossy, mounting=mounting, name=name, noise=noise)
     return Exported(made, tuple(notes), tuple(limit_lines(fit)))
+
+
+def measurement_noise(calibration: AnyCalibration) -> MeasurementNoise | None:
+    """What a filter has to assume of corrected readings: white noise, and the error that the calibration leaves.
+
+    None where the calibration states no noise or no uncertainty, as one that was imported.
+
+    Parameters
+    ----------
+    calibration : Fit, Calibration or path
+
+    Returns
+    -------
+    MeasurementNoise or None
+        In the calibration's unit, and in degrees of a level heading; 1 σ.
+
+    Raises
+    ------
+    DocumentError
+        For a file that cannot be read.
+
+    Examples
+    --------
+    >>> from flinders import fit, simulate
+    >>> noise = measurement_noise(fit(simulate.tumble(seed=1).samples))
+    >>> round(noise.heading_reading_deg, 1), round(noise.heading_calibration_deg, 2)
+    (1.2, 0.06)
+    """
+    return noise_of(fit_for(calibration))
