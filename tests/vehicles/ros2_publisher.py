@@ -43,10 +43,10 @@ class Driver:
             at = start_ns + round(index / rate_hz * SECOND_NS)
             header = Header_(Time_(at // SECOND_NS, at % SECOND_NS), frame)
             field = Vector3_(*row[:3])
-            message = MagneticField_(header, field) if len(row) == 3 else Imu_(header)
-            if len(row) == 6:
-                message.linear_acceleration, message.angular_velocity = field, Vector3_(*row[3:])
-            writer.write(message)
+            if len(row) == 3:
+                writer.write(MagneticField_(header, field))
+            else:
+                writer.write(Imu_(header, angular_velocity=Vector3_(*row[3:]), linear_acceleration=field))
 
     def end(self, topic: str) -> None:
         del self.writers[topic]
@@ -57,7 +57,8 @@ def main() -> None:
     for line in sys.stdin:
         told = json.loads(line)
         getattr(driver, told.pop("do"))(**told)
-        print(json.dumps("done"), flush=True)
+        sys.stdout.write("done\n")
+        sys.stdout.flush()
 
 
 if __name__ == "__main__":

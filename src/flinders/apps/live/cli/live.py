@@ -250,7 +250,7 @@ class Live(program.Group):
 @program.command_of(
     "live",
     Live,
-    common=("port", "udp", "tcp", "mavlink", "ros2", "replay", "simulate", "unit", "output"),
+    common=("port", "udp", "tcp", "mavlink", "ros2", "replay", "simulate", "output"),
     headings={
         "Source": ("baud", "compass", "imu_topic", "speed"),
         "Session": ("previous", "refresh", "resume"),

@@ -102,6 +102,9 @@ class TopicFeed:
             return None
         self._waiting_for.wait(int(min(timeout, TOGETHER_S) * SECOND_NS))
         readings = [self._reading(message) for message in self._reader.take(MAX_TAKEN) if hasattr(message, "header")]
+        if self._imu is not None and readings:
+            self._motions.frame = str(readings[-1].message.header.frame_id)
+            self._motions.add(self._imu.take(MAX_TAKEN))
         self._waiting.extend(self._events(readings))
         self.newest = [reading for reading in readings if np.isfinite(vector_of(reading.message.magnetic_field)).all()]
         return self._samples() if self.newest else None
@@ -124,7 +127,6 @@ class TopicFeed:
         field = np.array([vector_of(reading.message.magnetic_field) for reading in self.newest])
         motions = None
         if self._imu is not None:
-            self._motions.add(self._imu.take(MAX_TAKEN))
             motions = np.array([self._motions.near(at) for at in times])
         return Samples.of(
             field,
@@ -145,7 +147,7 @@ class TopicFeed:
         values = np.array([vector_of(reading.message.magnetic_field) for reading in readings]).reshape(-1, 3)
         yield from self._of_values(values)
         if self._imu is not None and readings:
-            yield from self._of_frames(str(readings[-1].message.header.frame_id))
+            yield from self._of_frames()
 
     def _connection(self, *, is_heard: bool) -> Iterator[FeedEvent]:
         """Whether a publisher is there, sends, and all of it arrives."""
@@ -208,11 +210,10 @@ class TopicFeed:
             "to 7e-05 T: the driver writes another unit, which --unit names, or normalises them",
         )
 
-    def _of_frames(self, frame: str) -> Iterator[FeedEvent]:
-        """Say once that the `Imu` beside is in another frame, and leave it out."""
-        self._motions.frame = frame
+    def _of_frames(self) -> Iterator[FeedEvent]:
+        """Say once that the `Imu` beside is in another frame, and is left out."""
         if self._motions.others:
-            other = min(self._motions.others)
+            other, frame = min(self._motions.others), self._motions.frame
             yield from self._advise(
                 "garbage",
                 f"the Imu is in the frame {other!r}, and {self.topic} in {frame!r}: acceleration and rate are left out",

@@ -80,12 +80,12 @@ class Participant:
             topics.setdefault(name, set()).add(kind)
         return topics
 
-    def find(self, topic: str, kind: str, wait_s: float = DISCOVERY_S) -> None:
+    def find(self, topic: str, kind: str) -> None:
         """Wait until somebody publishes a topic of a type.
 
         Raises `LinkError` where nobody does, or it has another type; the message names topics of that type.
         """
-        end = time.monotonic() + wait_s
+        end = time.monotonic() + DISCOVERY_S
         while kind not in (topics := self.published()).get(topic, ()):
             if time.monotonic() > end:
                 raise LinkError(_not_found(topic, kind, topics, self.domain))
