@@ -23,7 +23,7 @@ from collections import deque
 from concurrent.futures import Future
 from dataclasses import dataclass, replace
 from importlib import import_module
-from typing import TYPE_CHECKING, Final, Literal, Protocol, TypeAlias, TypeVar
+from typing import TYPE_CHECKING, Any, Final, Literal, Protocol, TypeAlias, TypeVar
 
 import numpy as np
 
@@ -339,8 +339,22 @@ def feed_kind(name: str) -> Callable[..., Feed]:
     ``mavlink`` takes a `ByteSource` and the number of a magnetometer, ``ros2`` the names of topics and a unit.
     Raises `UsageError` where no package of `flinders.apps` reads that.
     """
-    module = app_modules("FEEDS").get(name)
+    opened: Callable[..., Feed] = _opened("FEEDS", name)
+    return opened
+
+
+def publisher_kind(name: str) -> Callable[..., Any]:
+    """Look up by its name what publishes beside a feed of that name: ``opened`` of its module, of the feed and a topic.
+
+    Raises `UsageError` where no package of `flinders.apps` does.
+    """
+    return _opened("PUBLISHERS", name)
+
+
+def _opened(table: str, name: str) -> Callable[..., Any]:
+    """``opened`` of the module that a table names."""
+    module = app_modules(table).get(name)
     if module is None:
-        raise UsageError(f"this installation reads no {name}: install flinders anew")
-    opened: Callable[..., Feed] = import_module(module).opened
+        raise UsageError(f"this installation knows no {name}: install flinders anew")
+    opened: Callable[..., Any] = import_module(module).opened
     return opened

@@ -125,6 +125,7 @@ def _recorded(source: ByteSource, pattern: str | None, sink: Sink, **how: Any) -
     "record",
     Record,
     common=("port", "udp", "tcp", "ros2", "output", "seconds"),
+    headings={"Source": ("baud", "imu_topic", "unit")},
     epilog="""\b
 Example:
   flinders record --serial /dev/ttyACM0 -o tumble.csv

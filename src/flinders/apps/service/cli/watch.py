@@ -263,9 +263,10 @@ class Watch(program.Group):
         """What publishes beside the source; None where that is not asked for."""
         if self.publish is None:
             return None
-        from flinders.apps.service.publishing import publisher_kind
+        from flinders.links.feeds import publisher_kind
 
-        return publisher_kind("ros2")(source.feed, *([self.publish] if self.publish else []))
+        opened: Callable[..., Publisher] = publisher_kind("ros2")
+        return opened(source.feed, *([self.publish] if self.publish else []))
 
     def began(self) -> OnlineCalibration | Begun:
         """The calibration of the state file where that is there, else how it begins."""
