@@ -23,6 +23,7 @@ TEST_COMMAND = "pip install uv && uv run --group test pytest"
 # The last ones are reserved for examples (RFC 2606 and 5737), or filled in when the program runs.
 KNOWN_SITES = (
     "keepachangelog.com|semver.org|doi.org|github.com|distributed.dask.org|json-schema.org|www.w3.org|mavlink.io|ptb.de|"
+    "betaflight.com|"
     r"localhost|127\.0\.0\.1|\[::1\]|evil\.example|192\.0\.2\.\d+|HOST|\{[^}]*\}"
 )
 

@@ -21,11 +21,12 @@ from tests.waiting import wait_until
 import flinders
 from flinders import Samples, simulate
 from flinders.apps.vehicles.ros2 import feed as feeds
-from flinders.apps.vehicles.ros2.corrected import corrected_field, covariance_of
+from flinders.apps.vehicles.ros2.corrected import corrected_field
 from flinders.apps.vehicles.ros2.names import domain_id, full_name
 from flinders.core.calibration_file import loads
 from flinders.errors import LinkError, MissingExtra, UsageError
 from flinders.fitting.fit_file import fit_from
+from flinders.fitting.measurement_noise import field_covariance
 from flinders.links.feeds import FeedEvent
 
 if TYPE_CHECKING:
@@ -321,7 +322,7 @@ def test_the_covariance_of_a_corrected_reading_is_that_of_its_derivatives(fit: F
     found = corrected_field(fit, raw)
     fields = fit.calibration.apply(raw)
     npt.assert_allclose(1e6 * found.field, fields, rtol=1e-12)
-    npt.assert_allclose(1e12 * found.covariance, covariance_of(fit, fields), rtol=1e-12)
+    npt.assert_allclose(1e12 * found.covariance, field_covariance(fit, fields), rtol=1e-12)
     off = np.linalg.norm(fields, axis=1) / fit.calibration.field_strength - 1.0
     for one, covariance, away in zip(raw, found.covariance, off, strict=True):
         # the covariance is that on the sphere: a reading that is off it by 1 % has slopes that differ by as much

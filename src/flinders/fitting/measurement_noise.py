@@ -65,6 +65,21 @@ def noise_of(fit: Fit) -> MeasurementNoise | None:
     )
 
 
+def field_covariance(fit: Fit, fields: Floats) -> Floats:
+    """(N, 3, 3) covariance of (N, 3) corrected readings, in the square of their unit; zero where it is not known.
+
+    Both parts at the direction of each reading, in the axes of the calibration.
+    """
+    if not _is_stated(fit):
+        return np.zeros((len(fields), 3, 3))
+    turn = fit.calibration.rotation_matrix
+    kept, white = _errors(
+        fit, fields @ turn / np.linalg.norm(fields, axis=1, keepdims=True), fit.claim.claimed_covariance
+    )
+    covariance: Floats = fit.calibration.field_strength**2 * turn @ (kept + white) @ turn.T
+    return covariance
+
+
 def _horizontal_sigma(covariance: Floats, down: Floats | None) -> float:
     """Standard deviation along one horizontal axis of a (3, 3) covariance, both alike."""
     vertical = np.array([0.0, 0.0, 1.0]) if down is None else down / np.linalg.norm(down)

@@ -1,11 +1,7 @@
 """What a calibration in force makes of readings, for messages of ROS: corrected fields in tesla, and a diagnosis.
 
-A corrected reading of direction q has the covariance F² M(q), where F is the field strength and
-
-    M(q) = G(q) C G(q)ᵀ + σ² S⁻¹S⁻ᵀ
-
-is that of its direction and relative length: of offset b and shape S by their covariance C, with G δ(b, S) =
-S⁻¹(δb + δS q), and of the noise of a reading, σ on each axis (`flinders.fitting.export`).
+The covariance of a corrected reading has the noise of a reading and the error of the calibration at its direction
+(`flinders.fitting.measurement_noise`).
 
 >>> from flinders import fit, simulate
 >>> tumble = simulate.tumble(seed=1).samples
@@ -27,7 +23,7 @@ import numpy as np
 
 from flinders.core.units import MICROTESLA, PER_UNIT
 from flinders.errors import UnitError
-from flinders.geometry.ellipsoid import gathered
+from flinders.fitting.measurement_noise import field_covariance
 
 if TYPE_CHECKING:
     from flinders.arrays import Floats
@@ -87,24 +83,8 @@ def corrected_field(fit: Fit, readings: Floats) -> CorrectedField:
     fields = calibration.apply(readings @ mapping.T)
     return CorrectedField(
         TESLA * fields @ mapping,
-        TESLA**2 * mapping.T @ covariance_of(fit, fields) @ mapping,
+        TESLA**2 * mapping.T @ field_covariance(fit, fields) @ mapping,
     )
-
-
-def covariance_of(fit: Fit, fields: Floats) -> Floats:
-    """(N, 3, 3) covariance of corrected fields, in the square of their unit; zero where it is not known.
-
-    `fields` is (N, 3): corrected readings in the axes of the calibration.
-    """
-    calibration = fit.calibration
-    turned, strength = calibration.rotation_matrix, calibration.field_strength
-    inverse = np.linalg.inv(calibration.ellipsoid.shape)
-    directions = fields @ turned / np.linalg.norm(fields, axis=1, keepdims=True)
-    rows = np.stack([gathered(np.tile(row, (len(fields), 1)).T, directions.T) for row in inverse], axis=1)
-    errors = rows @ np.asarray(fit.claim.covariance) @ np.swapaxes(rows, 1, 2)
-    errors = errors + fit.evidence.noise**2 * inverse @ inverse.T
-    covariance: Floats = strength**2 * turned @ errors @ turned.T
-    return covariance if np.isfinite(covariance).all() else np.zeros_like(covariance)
 
 
 def diagnosis_of(online: OnlineCalibration, now: float) -> Diagnosis:
