@@ -58,6 +58,32 @@ class Axes:
         parity = (second - first) * (third - first) * (third - second)  # 2 or −2
         return parity * math.prod(self.signs) < 0
 
+    @property
+    def mirrored_axis(self) -> str:
+        """The recorded axis whose sign makes it a mirror image, by its name; empty where it is none.
+
+        Any of the three would do: it is the one that, turned over, leaves the smallest rotation.
+
+        >>> Axes.of("x,-y,z").mirrored_axis, Axes.of("-y,-x,z").mirrored_axis, Axes.of("y,-x,z").mirrored_axis
+        ('y', 'x', '')
+        """
+        return max(NAMES, key=lambda axis: self.turned_over(axis).trace) if self.is_mirror else ""
+
+    @property
+    def trace(self) -> int:
+        """Of the mapping as a matrix: 1 + 2 cos of its angle where it is a rotation."""
+        return sum(self.signs[place] for place, index in enumerate(self.order) if index == place)
+
+    def turned_over(self, axis: str) -> Axes:
+        """The same mapping of readings of which one axis had its sign changed before.
+
+        >>> str(Axes.of("y,x,-z").turned_over("x"))
+        'y,-x,-z'
+        """
+        over = NAMES.index(axis)
+        x, y, z = (-sign if index == over else sign for index, sign in zip(self.order, self.signs, strict=True))
+        return Axes(self.order, (x, y, z))
+
     def apply(self, vector: ArrayLike) -> Floats:
         """Map (..., 3) vectors from the recorded axes; values that are not finite pass through."""
         recorded = vectors(vector, finite=False)
