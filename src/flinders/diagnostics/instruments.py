@@ -23,6 +23,7 @@ from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
+from flinders.core.axes import nearest_to
 from flinders.core.samples import Samples
 from flinders.estimators.accelerometer import scatter_at_rest
 from flinders.estimators.aiding import Aided, solve
@@ -89,6 +90,9 @@ LEAN_DEG, LEAN_SIGMAS = 1.5, 3.0
 Of 1,002 that do not lean none is named (``python -m benchmarks.wrong_use --cases leaning --seeds 167``).
 """
 
+MIRROR_DEG: Final = 10.0
+"""How far the dip that a mirrored sensor shows may be off the site's with the other sign: iron and rock are near."""
+
 STEEP_DEG: Final = 10.0
 """A steeper dip has a sign that no iron near it turns round."""
 
@@ -128,13 +132,16 @@ def _certain(code: str, aid: str, values: dict[str, Any], *, drops: bool = True)
     return Mistake(aid, certain({**values, "aid": aid}, code), drops)
 
 
-def of_instruments(samples: Samples, alone: Ellipsoid, wanted: Sequence[str]) -> tuple[Axes | None, list[Mistake]]:
+def of_instruments(
+    samples: Samples, alone: Ellipsoid, wanted: Sequence[str], *, is_signed: bool = False
+) -> tuple[Axes | None, list[Mistake]]:
     """Look for mistakes in the unit and the axes of gyro and accelerometer.
 
     An instrument is left out where it cannot be told how it sits, and where the two do not sit alike: then the one
     that sits as the magnetometer is right.
 
-    `alone`: what the magnetometer finds by itself, well or badly; `wanted`: ``rate`` and ``dip`` are looked at.
+    `alone`: what the magnetometer finds by itself, well or badly; `wanted`: ``rate`` and ``dip`` are looked at;
+    `is_signed`: the sign of the dip is known, by which a mirrored axis is told from half a turn afterwards.
 
     Returns
     -------
@@ -150,10 +157,12 @@ def of_instruments(samples: Samples, alone: Ellipsoid, wanted: Sequence[str]) ->
     if turned.left > EXPLAINED:
         turned, mistakes = Mounted(), [_strange(turned)]
     if not turned.is_as_recorded:
-        mistakes.append(_misread("rate", turned, contradicted=felt.is_as_recorded and not felt.allows(turned.axes)))
+        contradicted = felt.is_as_recorded and not felt.allows(turned.axes)
+        mistakes.append(_misread("rate", turned, contradicted=contradicted, is_signed=is_signed))
     is_used = "rate" in wanted and not any(mistake.drops for mistake in mistakes)
     if not felt.is_as_recorded:
-        mistakes.append(_misread("dip", felt, contradicted=is_used and not felt.allows(turned.axes)))
+        contradicted = is_used and not felt.allows(turned.axes)
+        mistakes.append(_misread("dip", felt, contradicted=contradicted, is_signed=is_signed))
     used = [mistake.aid for mistake in mistakes if not mistake.drops]
     return (None if not used else turned.axes if "rate" in used else felt.axes), [*empty, *mistakes]
 
@@ -279,6 +288,32 @@ accelerometer that lies level reads −g on z; the site was not used'
     return _certain("site-differs", "site", {**numbers, "site_fault": fault})
 
 
+def is_mirrored(seen_deg: float, site: Site, rotation: Floats | None) -> Mistake | None:
+    """Whether an axis of the magnetometer has the wrong sign.
+
+    Neither a gyro nor a dip shows that by itself: readings of a mirrored sensor are those of one that is turned by 180°
+    about an axis, in a field that is reversed. What tells is the sign of the dip, by the site, together with a
+    `rotation`, (3, 3), that is nearest to another one than unity.
+
+    >>> from flinders.likelihood.site_field import Site
+    >>> mistake = is_mirrored(-64.1, Site(inclination_deg=64.0), np.diag([1.0, -1.0, -1.0]))
+    >>> mistake.code, mistake.finding.values["axis"], mistake.finding.values["axes"]
+    ('mirrored-axis', 'x', '-x,y,z')
+    """
+    there = site.inclination_deg or 0.0
+    turned = None if rotation is None else nearest_to(rotation)
+    if turned is None or turned.is_identity or turned.is_mirror:
+        return None
+    if not (seen_deg * there < 0.0 and min(abs(seen_deg), abs(there)) > STEEP_DEG):
+        return None
+    if abs(seen_deg + there) > MIRROR_DEG:
+        return None
+    mended = turned.opposite
+    numbers = {"handedness": -1.0, "dip_deg": seen_deg, "site_dip_deg": there}
+    words = {"axis": mended.mirrored_axis, "axes": str(mended), "turned_by": str(turned)}
+    return _certain("mirrored-axis", "site", {**numbers, **words})
+
+
 def dip_of(aided: Aided) -> float:
     """The dip in degrees, of a fit that looked for it."""
     sine = aided.parameters.sine if "sine" in aided.layout else float(aided.parameters.direction[2])
@@ -391,14 +426,16 @@ def _strange(mounted: Mounted) -> Mistake:
     return _certain("gyro-differs", "rate", {"gyro_leaves": mounted.left})
 
 
-def _misread(aid: str, mounted: Mounted, *, contradicted: bool) -> Mistake:
+def _misread(aid: str, mounted: Mounted, *, contradicted: bool, is_signed: bool) -> Mistake:
     """What is wrong with an instrument, and whether it can be used all the same."""
     if mounted.unit != RAD_S or (aid == "rate" and mounted.axes == REVERSED):
         rate_unit = "" if mounted.unit == RAD_S else mounted.unit
         axes = "" if mounted.axes.is_identity else str(mounted.axes)
         return _certain("gyro-unit", aid, {"times_better": mounted.better, "rate_unit": rate_unit, "axes": axes})
     drops = contradicted or not mounted.is_clear or mounted.axes.is_mirror
-    seat = "contradicted" if contradicted else "clear" if mounted.is_clear else "unclear"
+    is_half_turn = mounted.axes.order == (0, 1, 2) and not is_signed
+    clear = "half-turned" if is_half_turn else "clear"
+    seat = "contradicted" if contradicted else clear if mounted.is_clear else "unclear"
     seat = "mirrored" if mounted.axes.is_mirror else seat
     values = {"times_better": mounted.better, "axes": str(mounted.axes), "seat": seat}
     return _certain("swapped-axes", aid, values, drops=drops)

@@ -37,6 +37,7 @@ from flinders.diagnostics.instruments import (
     is_diverged,
     is_far,
     is_implausible,
+    is_mirrored,
     of_aid_and_gyro,
     of_instruments,
     of_scales,
@@ -76,6 +77,9 @@ WORTH: Final = 0.95
 
 TURNED: Final = 16.3
 """χ² of three degrees of freedom: a rotation that chance makes once in a thousand."""
+
+MIRRORED: Final = "mirrored-axis"
+"""A finding that tells why axes seem exchanged, in place of the finding that they are."""
 
 FAR_TURN_DEG: Final = 20.0
 """From the axes as they were found: instruments on one body sit no farther apart, and what says so is no vertical."""
@@ -123,7 +127,8 @@ def aided_by(
     refuse_without(samples, wanted)
     wanted = tuple(sorted(wanted, key=lambda name: name != "rate"))  # the others are compared with it
     samples, of_gaps = without_gaps(samples, wanted)
-    axes, mistakes = of_instruments(samples, start or _alone(samples), wanted)
+    is_signed = site is not None and site.inclination_deg is not None
+    axes, mistakes = of_instruments(samples, start or _alone(samples), wanted, is_signed=is_signed)
     rotation = None if axes is None else axes.apply(np.eye(3)).T
     options: dict[str, Any] = {"spread": spread, "gyro_scale": gyro_scale, "acceleration_bias": acceleration_bias}
     options |= {"acceleration_gain": acceleration_gain, "start": start, "shape": shape}
@@ -135,7 +140,8 @@ def aided_by(
     if site is not None and selection.is_elsewhere:  # the site would bend the fit: again, without it
         again, reported = aided_by(samples, aiding, dip_deg=dip_deg, **options)
         if (mistake := _of_site(selection.best, reported, site)) is not None:
-            return again, replace(reported, mistakes=(*of_gaps, *reported.mistakes, mistake))
+            others = [one for one in reported.mistakes if mistake.code != MIRRORED or one.code != "swapped-axes"]
+            return again, replace(reported, mistakes=(*of_gaps, *others, mistake))
     return selection.best, selection.reported()
 
 
@@ -253,7 +259,9 @@ def _of_site(bent: Aided, without: Aiding, site: Site) -> Mistake | None:
     """Whether the dip is not the site's: by the fit with the site, or by what one without it sees."""
     if without.dip_deg is None:
         return wrong_dip(dip_of(bent), site) if is_at_another_site(bent, site) else None
-    return wrong_dip(without.dip_deg, site) if is_far(without.dip_deg, site, without.dip_sigma_deg or 0.0) else None
+    if not is_far(without.dip_deg, site, without.dip_sigma_deg or 0.0):
+        return None
+    return is_mirrored(without.dip_deg, site, without.rotation) or wrong_dip(without.dip_deg, site)
 
 
 def available(samples: Samples) -> tuple[str, ...]:

@@ -29,7 +29,7 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
-from flinders.core.axes import EXCHANGES, Axes
+from flinders.core.axes import nearest_to, of_the_hand_of
 from flinders.core.calibration import Calibration
 from flinders.core.symmetric_matrix import is_positive
 from flinders.core.units import label
@@ -44,6 +44,7 @@ if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
 
     from flinders.arrays import Floats
+    from flinders.core.axes import Axes
 
 CHI_SQUARED: Final = 14.16
 """Of three degrees of freedom, exceeded by chance as often as 3 σ of one: 0.27 %."""
@@ -96,12 +97,12 @@ class Placement:
     @property
     def rotation(self) -> Floats:
         """(3, 3) R that is written: by right angles where it is taken for that."""
-        return self.found if self.axes is None else matrix_of(self.axes)
+        return self.found if self.axes is None else self.axes.matrix
 
     @property
     def nearest(self) -> Axes:
         """The mounting by right angles that is nearest, of the same hand."""
-        return max(_of_the_hand(self.found), key=lambda axes: float(np.sum(matrix_of(axes) * self.found)))
+        return nearest_to(self.found)
 
     @property
     def is_mirror(self) -> bool:
@@ -208,8 +209,8 @@ def right_angled(found: Floats, covariance: Floats | None = None) -> Axes | None
     >>> str(right_angled(tilted, np.deg2rad(1.0) ** 2 * np.eye(3))), str(right_angled(euler(180, 0, 0)))
     ('-y,x,z', 'x,-y,-z')
     """
-    ways = _of_the_hand(found)
-    turns = np.stack([matrix_of(axes) for axes in ways])
+    ways = of_the_hand_of(found)
+    turns = np.stack([axes.matrix for axes in ways])
     if covariance is None:
         near = [apart_deg(found, turn) <= MOST_TURN_DEG for turn in turns]
     else:
@@ -218,11 +219,6 @@ def right_angled(found: Floats, covariance: Floats | None = None) -> Axes | None
             near = np.einsum("ni,ij,nj->n", off, np.linalg.pinv(covariance), off) <= CHI_SQUARED
     fitting = [axes for axes, is_near in zip(ways, near, strict=True) if is_near]
     return fitting[0] if len(fitting) == 1 else None
-
-
-def matrix_of(axes: Axes) -> Floats:
-    """(3, 3) from the recorded axes to those they are mapped to: rows of zeros and one 1 or −1."""
-    return axes.apply(np.eye(3)).T + 0.0
 
 
 def to_calibration(rows: Floats, source: str, *, strength: float | None = None) -> Calibration:
@@ -240,18 +236,12 @@ def to_calibration(rows: Floats, source: str, *, strength: float | None = None) 
         lengths = ", ".join(figures(size) for size in sizes)
         raise DocumentError(f"{source}: the matrix stretches by {lengths}: need a rotation, which does by 1")
     rotation = left @ right
-    axes = max(_of_the_hand(rotation), key=lambda axes: float(np.sum(matrix_of(axes) * rotation)))
-    turn = rotation @ matrix_of(axes).T
+    axes = nearest_to(rotation)
+    turn = rotation @ axes.matrix.T
     length = 1.0 if strength is None else strength
     if float(np.abs(turn - np.eye(3)).max()) < EXACT:
         return Calibration(np.eye(3), np.zeros(3), length, strength is not None, axes=axes)
     return Calibration(turn, np.zeros(3), length, strength is not None, rotation="composed", axes=axes)
-
-
-def _of_the_hand(found: Floats) -> list[Axes]:
-    """The 24 mountings by right angles of the hand of R: rotations, or mirror images."""
-    is_mirror = float(np.linalg.det(found)) < 0.0
-    return [axes for axes in EXCHANGES if axes.is_mirror == is_mirror]
 
 
 def _polar(matrix: Floats) -> tuple[Floats, Floats]:

@@ -35,7 +35,7 @@ from flinders.errors import DocumentError
 from flinders.targets._comments import BLOCK
 from flinders.targets._mounting import MOST_TURN_DEG, apart_deg
 from flinders.targets._numbers import OWN, decoded, numbers, single
-from flinders.targets._placement import BODY, Placement, matrix_of, to_calibration
+from flinders.targets._placement import BODY, Placement, to_calibration
 from flinders.targets._target import ExportOptions, Target, TargetReader, Written
 from flinders.targets.code import begun, float32s
 
@@ -138,7 +138,7 @@ def write_zephyr(calibration: Calibration, asked: ExportOptions) -> Written:
     for name, index, sign in zip("xyz", axes.order, axes.signs, strict=True):
         body.append(f"axis-align-{name} = <{AXIS}{'XYZ'[index]}>;")
         body.append(f"axis-align-{name}-sign = <{AXIS}{'POS' if sign > 0 else 'NEG'}>;")
-    return placement.written(matrix_of(axes), body, {"axes": str(axes)}, notes=[OF_ZEPHYR], is_partial=is_partial)
+    return placement.written(axes.matrix, body, {"axes": str(axes)}, notes=[OF_ZEPHYR], is_partial=is_partial)
 
 
 def read_zephyr(content: bytes, source: str, *, strength: float | None = None) -> Calibration:
@@ -175,7 +175,7 @@ def write_axes_code(calibration: Calibration, asked: ExportOptions) -> Written:
         "}",
     ]
     notes = ["both may be the same array; C99, C++ and Arduino"]
-    return placement.written(matrix_of(axes), body, {"axes": str(axes)}, notes=notes, is_partial=is_partial)
+    return placement.written(axes.matrix, body, {"axes": str(axes)}, notes=notes, is_partial=is_partial)
 
 
 def _by_right_angles(placement: Placement) -> tuple[Axes, bool]:
@@ -183,7 +183,7 @@ def _by_right_angles(placement: Placement) -> tuple[Axes, bool]:
     if placement.axes is not None:
         return placement.axes, False
     nearest = placement.nearest
-    return nearest, apart_deg(placement.found, matrix_of(nearest)) > MOST_TURN_DEG
+    return nearest, apart_deg(placement.found, nearest.matrix) > MOST_TURN_DEG
 
 
 def _of_words(words: list[str], source: str, strength: float | None, *, is_transposed: bool = False) -> Calibration:
