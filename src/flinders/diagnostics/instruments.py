@@ -314,6 +314,17 @@ def is_mirrored(seen_deg: float, site: Site, rotation: Floats | None) -> Mistake
     return _certain("mirrored-axis", "site", {**numbers, **words})
 
 
+def middle_dip_deg(samples: Samples, ellipsoid: Ellipsoid, axes: Axes) -> float:
+    """Median dip by an accelerometer, which may lean in turns, of a magnetometer whose axes are turned; NaN without."""
+    if samples.acceleration is None:
+        return math.nan
+    down, trust = dip.verticals(samples.acceleration)
+    known = trust > 0.0
+    field = axes.apply(np.linalg.solve(ellipsoid.shape, (samples.field[known] - ellipsoid.centre).T).T)
+    sine = np.einsum("ni,ni->n", down[known], field) / np.maximum(lengths(field), 1e-300)
+    return float(np.rad2deg(np.arcsin(np.clip(np.median(sine), -1.0, 1.0)))) if len(sine) else math.nan
+
+
 def dip_of(aided: Aided) -> float:
     """The dip in degrees, of a fit that looked for it."""
     sine = aided.parameters.sine if "sine" in aided.layout else float(aided.parameters.direction[2])

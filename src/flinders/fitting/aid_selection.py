@@ -38,6 +38,7 @@ from flinders.diagnostics.instruments import (
     is_far,
     is_implausible,
     is_mirrored,
+    middle_dip_deg,
     of_aid_and_gyro,
     of_instruments,
     of_scales,
@@ -128,21 +129,32 @@ def aided_by(
     wanted = tuple(sorted(wanted, key=lambda name: name != "rate"))  # the others are compared with it
     samples, of_gaps = without_gaps(samples, wanted)
     is_signed = site is not None and site.inclination_deg is not None
-    axes, mistakes = of_instruments(samples, start or _alone(samples), wanted, is_signed=is_signed)
+    about = start or _alone(samples)
+    axes, mistakes = of_instruments(samples, about, wanted, is_signed=is_signed)
     rotation = None if axes is None else axes.apply(np.eye(3)).T
     options: dict[str, Any] = {"spread": spread, "gyro_scale": gyro_scale, "acceleration_bias": acceleration_bias}
     options |= {"acceleration_gain": acceleration_gain, "start": start, "shape": shape}
     solver: Callable[..., Aided] = partial(solve, samples, site=site, **options)
     alone = _Candidate(samples, solver(()), rotation)
+    if site is not None and axes is not None:
+        mirror = is_mirrored(middle_dip_deg(samples, about, axes), site, rotation)
+        if mirror is not None:
+            again, reported = aided_by(samples, aiding, dip_deg=dip_deg, **options)
+            return again, _in_place(reported, mirror, of_gaps)
     selection = _Selection(samples, solver, rotation, site, dip_deg, is_auto, alone, [*mistakes, *of_gaps])
     for name in wanted:
         selection.try_sensor(name)
     if site is not None and selection.is_elsewhere:  # the site would bend the fit: again, without it
         again, reported = aided_by(samples, aiding, dip_deg=dip_deg, **options)
         if (mistake := _of_site(selection.best, reported, site)) is not None:
-            others = [one for one in reported.mistakes if mistake.code != MIRRORED or one.code != "swapped-axes"]
-            return again, replace(reported, mistakes=(*of_gaps, *others, mistake))
+            return again, _in_place(reported, mistake, of_gaps)
     return selection.best, selection.reported()
+
+
+def _in_place(reported: Aiding, mistake: Mistake, of_gaps: Sequence[Mistake]) -> Aiding:
+    """What a fit without the site reports, with why it has none; a mirrored axis is why axes seem exchanged."""
+    others = [one for one in reported.mistakes if mistake.code != MIRRORED or one.code != "swapped-axes"]
+    return replace(reported, mistakes=(*of_gaps, *others, mistake))
 
 
 @dataclass(eq=False)
