@@ -80,8 +80,10 @@ def test_how_the_magnetometer_sits_is_found_whichever_way_it_is(turn: flinders.A
 def test_a_mirrored_axis_is_named_with_the_axes_that_mend_it(motion: str, axis: int) -> None:
     """With the sensor at a right angle on the body, give or take five degrees, and the place known."""
     attack = CASES["left-handed"][0](motion, 2, axis)
+    code, axes = attack.code.split()
+    assert code == "mirrored-axis"
     assert codes_of(attack) == (attack.code,)
-    mended = replace(attack, samples=attack.samples.turned(Axes.of(attack.code.split()[1])))
+    mended = replace(attack, samples=attack.samples.turned(Axes.of(axes)))
     assert codes_of(mended) == ()
 
 

@@ -10,6 +10,7 @@ import math
 import re
 import shutil
 import subprocess
+from dataclasses import replace
 from typing import TYPE_CHECKING
 from xml.etree import ElementTree
 
@@ -20,12 +21,14 @@ from hypothesis import given
 from hypothesis import strategies as st
 from tests.trials import examples
 
-from flinders import simulate
-from flinders.core.axes import EXCHANGES, TURNS, Axes
+from flinders import fit, simulate
+from flinders.core.axes import EXCHANGES, TURNS, Axes, nearest_to
 from flinders.core.calibration import Calibration
 from flinders.core.units import Unit
 from flinders.errors import DocumentError, NotExportable
+from flinders.fitting.export import export_fit
 from flinders.geometry.rotation import rotations
+from flinders.likelihood.site_field import Site
 from flinders.targets import ExportOptions, find, read_back, registry
 from flinders.targets._mounting import apart_deg, euler
 from flinders.targets._placement import right_angled
@@ -302,6 +305,33 @@ def test_what_holds_signs_of_axes_writes_a_mirrored_sensor_and_reads_it_back(nam
         assert_corrects(export, given)
         if find(name).reader is not None:
             assert read_back(export.text.encode(), "file")[1].axes == mirror
+
+
+def test_a_mirrored_sensor_from_its_recording_to_its_mounting() -> None:
+    """The axes that the finding names mend it: corrected readings are the true field, in the axes of the body."""
+    true = simulate.tumble(seed=3, motion="swayed", n=1500, dip_deg=60.0)
+    mounted = euler(1.0, -2.0, 91.0) @ np.diag([1.0, -1.0, 1.0])
+    recorded = replace(true.samples, field=true.samples.field @ mounted)
+    site = Site(None, 60.0, inclination_sigma_deg=1.0)
+    wrong = fit(recorded, aiding=("dip", "rate"), site=site)
+    finding = next(one for one in wrong.findings if one.code == "mirrored-axis")
+    axes = Axes.of(str(finding.values["axes"]))
+    assert axes == nearest_to(mounted)
+    assert finding.values["axis"] == axes.mirrored_axis
+
+    found = fit(recorded.turned(axes), aiding=("dip", "rate"), site=site)
+    codes = {one.code for one in found.findings}
+    assert "mirrored-axes" in codes
+    assert not codes & {"mirrored-axis", "swapped-axes", "site-differs"}
+    export, _ = export_fit(found, find("iio-mount-matrix"))
+    values = export.fields["values"]
+    assert np.linalg.det(rotation_in(export)) == pytest.approx(-1.0)
+    corrected = (recorded.field - values["offset"]) @ np.asarray(values["matrix"]).T @ rotation_in(export).T
+    field = np.linalg.solve(true.sensor.matrix, (true.samples.field - true.sensor.offset).T)
+    cosine = np.sum(corrected * field.T, axis=1) / np.linalg.norm(corrected, axis=1) / np.linalg.norm(field, axis=0)
+    assert np.rad2deg(np.arccos(np.median(cosine))) < 2.0
+    with pytest.raises(NotExportable):
+        export_fit(found, find("urdf"))
 
 
 @pytest.mark.skipif(shutil.which("gcc") is None, reason="no C compiler")
