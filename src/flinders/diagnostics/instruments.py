@@ -23,7 +23,6 @@ from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
-from flinders.core.axes import nearest_to
 from flinders.core.samples import Samples
 from flinders.estimators.accelerometer import scatter_at_rest
 from flinders.estimators.aiding import Aided, solve
@@ -89,9 +88,6 @@ LEAN_DEG, LEAN_SIGMAS = 1.5, 3.0
 
 Of 1,002 that do not lean none is named (``python -m benchmarks.wrong_use --cases leaning --seeds 167``).
 """
-
-MIRROR_DEG: Final = 10.0
-"""How far the dip that a mirrored sensor shows may be off the site's with the other sign: iron and rock are near."""
 
 STEEP_DEG: Final = 10.0
 """A steeper dip has a sign that no iron near it turns round."""
@@ -286,43 +282,6 @@ accelerometer that lies level reads −g on z; the site was not used'
         fault = "elsewhere"
     numbers = {"dip_deg": seen_deg, "site_dip_deg": there, "dip_off_deg": abs(seen_deg - there)}
     return _certain("site-differs", "site", {**numbers, "site_fault": fault})
-
-
-def is_mirrored(seen_deg: float, site: Site, rotation: Floats | None) -> Mistake | None:
-    """Whether an axis of the magnetometer has the wrong sign.
-
-    Neither a gyro nor a dip shows that by itself: readings of a mirrored sensor are those of one that is turned by 180°
-    about an axis, in a field that is reversed. What tells is the sign of the dip, by the site, together with a
-    `rotation`, (3, 3), that is nearest to another one than unity.
-
-    >>> from flinders.likelihood.site_field import Site
-    >>> mistake = is_mirrored(-64.1, Site(inclination_deg=64.0), np.diag([1.0, -1.0, -1.0]))
-    >>> mistake.code, mistake.finding.values["axis"], mistake.finding.values["axes"]
-    ('mirrored-axis', 'x', '-x,y,z')
-    """
-    there = site.inclination_deg or 0.0
-    turned = None if rotation is None else nearest_to(rotation)
-    if turned is None or turned.is_identity or turned.is_mirror:
-        return None
-    if not (seen_deg * there < 0.0 and min(abs(seen_deg), abs(there)) > STEEP_DEG):
-        return None
-    if abs(seen_deg + there) > MIRROR_DEG:
-        return None
-    mended = turned.opposite
-    numbers = {"handedness": -1.0, "dip_deg": seen_deg, "site_dip_deg": there}
-    words = {"axis": mended.mirrored_axis, "axes": str(mended), "turned_by": str(turned)}
-    return _certain("mirrored-axis", "site", {**numbers, **words})
-
-
-def middle_dip_deg(samples: Samples, ellipsoid: Ellipsoid, axes: Axes) -> float:
-    """Median dip by an accelerometer, which may lean in turns, of a magnetometer whose axes are turned; NaN without."""
-    if samples.acceleration is None:
-        return math.nan
-    down, trust = dip.verticals(samples.acceleration)
-    known = trust > 0.0
-    field = axes.apply(np.linalg.solve(ellipsoid.shape, (samples.field[known] - ellipsoid.centre).T).T)
-    sine = np.einsum("ni,ni->n", down[known], field) / np.maximum(lengths(field), 1e-300)
-    return float(np.rad2deg(np.arcsin(np.clip(np.median(sine), -1.0, 1.0)))) if len(sine) else math.nan
 
 
 def dip_of(aided: Aided) -> float:

@@ -37,8 +37,6 @@ from flinders.diagnostics.instruments import (
     is_diverged,
     is_far,
     is_implausible,
-    is_mirrored,
-    middle_dip_deg,
     of_aid_and_gyro,
     of_instruments,
     of_scales,
@@ -47,6 +45,7 @@ from flinders.diagnostics.instruments import (
     without_gaps,
     wrong_dip,
 )
+from flinders.diagnostics.mirrored_axis import is_mirrored, middle_dip_deg
 from flinders.errors import FitError, figures
 from flinders.estimators.aiding import Aided, refuse_without, solve
 from flinders.estimators.data import Readings
