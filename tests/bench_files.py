@@ -18,7 +18,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
 import numpy as np
-from tests import samples
+from tests import samples, still_poses
 from tests.boats import START, Boat, nmea0183_of, octagon
 from tests.flight_log import dataflash, round_flight
 from tests.golden.sessions import ROOT
@@ -337,6 +337,9 @@ FILES: Final[dict[str, Maker]] = {
     "sap6.json": shots_of_mag_cal,
     "flight.ulg": lambda path: path.write_bytes(b"".join(dataflash())),
     "tumble.csv": tumble(3, PLAIN),
+    "poses.csv": lambda path: path.write_text(still_poses.table(), encoding="utf-8"),
+    "accelerometer.json": of_commands("accelerometer poses.csv -o {}"),
+    "nine-axes.json": of_commands("calibrate tumble.csv --with rate,dip -o {}"),
     "tumble.truth.json": of_commands("simulate three-axis -o made.csv --truth {}"),
     "evaluate calibration.json": of_commands("simulate three-axis -o made.csv", "calibrate made.csv -o {}"),
     "evaluate boat.json": of_commands(

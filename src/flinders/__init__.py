@@ -67,10 +67,12 @@ if TYPE_CHECKING:
     from flinders.readers import open_recording as open_recording
     from flinders.readers import read as read
     from flinders.summary.summary import Summary as Summary
+    from flinders.workflows.accelerometer import calibrate_accelerometer as calibrate_accelerometer
     from flinders.workflows.bench import fit_bench as fit_bench
     from flinders.workflows.checking import check as check
     from flinders.workflows.correction import apply as apply
     from flinders.workflows.exporting import export as export
+    from flinders.workflows.exporting import measurement_noise as measurement_noise
     from flinders.workflows.heading_series import headings as headings
     from flinders.workflows.log_headings import heading_history as heading_history
     from flinders.workflows.offset_history import OffsetHistory as OffsetHistory
@@ -97,6 +99,7 @@ _HOMES: Final = {
     "Summary": "summary.summary",
     "Unit": "core.units",
     "apply": "workflows.correction",
+    "calibrate_accelerometer": "workflows.accelerometer",
     "check": "workflows.checking",
     "compare": "comparison.comparison",
     "contents": "workflows.recording_contents",
@@ -113,6 +116,7 @@ _HOMES: Final = {
     "headings": "workflows.heading_series",
     "judge_onboard": "workflows.onboard",
     "load": "fitting.fit_file",
+    "measurement_noise": "workflows.exporting",
     "merge": "comparison.merging",
     "open_log": "readers",
     "open_recording": "readers",

@@ -26,6 +26,7 @@
     │   ├── Unmoved                  unmoved           4    a sensor that was hardly turned
     │   ├── OutOfScale               out-of-scale      4    numbers that no magnetometer reads
     │   ├── NotAnEllipsoid           not-an-ellipsoid  4    the quadric through the readings is open
+    │   ├── MissingPose              missing-pose      4    still poses that do not tell an accelerometer's errors
     │   ├── Undetermined             undetermined      4    readings that leave parameters open, without a prior
     │   ├── NeedsSamples             needs-samples     4    sums were given where the method needs the readings
     │   ├── NeedsRecording           needs-recording   4    a calibration file was given, which keeps no readings
@@ -398,6 +399,12 @@ class Undetermined(FitError):
             "more of its axes, or let the prior hold what was not seen",
             unseen=unseen,
         )
+
+
+class MissingPose(FitError):
+    """Still poses leave offsets or gains of an accelerometer open; evidence `side`: the side to turn up next."""
+
+    code = "missing-pose"
 
 
 class NeedsSamples(FitError):

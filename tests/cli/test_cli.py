@@ -187,7 +187,7 @@ def test_json_has_the_promised_keys(home: Path) -> None:
     assert set(found) - set(promised) == {
         "uncorrected_heading_error_deg", "textbook_heading_error_deg", "alignment_error_deg", "direction_error_deg",
         "bias_deg", "prior_influence", "unobserved", "samples", "independent_samples", "outliers", "distortion",
-        "drift", "nonlinearity", "axis_lag", "conditions", "repeats",
+        "drift", "nonlinearity", "axis_lag", "conditions", "repeats", "good_until",
         "covariance", "tilted_heading_error_deg", "attitude_limit_deg", "autocorrelation",
     }  # fmt: skip
     assert {"offset", "matrix", "field_strength", "unit"} <= set(found["calibration"])

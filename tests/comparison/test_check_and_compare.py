@@ -315,7 +315,7 @@ def test_a_refresh_refuses_the_recording_of_the_earlier_calibration() -> None:
         ("check monday.json tuesday.json", 2, "tuesday.json is a calibration too"),
         ("check - tuesday.csv", 2, "the calibration must be a file"),
         ("check monday.json tuesday.csv tuesday.csv", 2, "given twice"),
-        ("check monday.json", 2, "give a recording to check it on"),
+        ("check monday.json", 2, "does not say when it was made"),
         ("check monday.json counts.csv", 2, "counts.csv is in counts, the calibration is for readings in uT"),
         ("check counts.json tuesday.csv", 2, "the calibration is for readings in counts"),
         ("check monday.json nix.csv", 5, "nix.csv does not exist"),

@@ -5,12 +5,17 @@ from __future__ import annotations
 import datetime
 import subprocess
 import sys
+from types import SimpleNamespace
+from typing import TYPE_CHECKING
 
 import numpy.testing as npt
 import pytest
 
-from flinders.core.geomag import SiteField, place_of, site_field, year_of
+from flinders.core.geomag import SiteField, place_of, recorded_field, site_field, year_of
 from flinders.errors import UsageError
+
+if TYPE_CHECKING:
+    from flinders.core.geomag import FieldModel
 
 WMM2025 = """
 2025.0   0  80   0   6521.6   145.9  54791.5  1.28
@@ -60,6 +65,7 @@ def test_the_coefficients_are_those_that_were_published() -> None:
 @pytest.mark.parametrize(
     ("year", "model"),
     [
+        (1900.0, "IGRF-14"), (2009.99, "IGRF-14"),
         (2010.0, "WMM-2010"), (2014.99, "WMM-2010"), (2015.0, "WMM-2015v2"), (2020.0, "WMM-2020"),
         (2024.999, "WMM-2020"), (2025.0, "WMM-2025"), (2030.0, "WMM-2025"),
     ],
@@ -70,7 +76,7 @@ def test_each_year_has_its_model(year: float, model: str) -> None:
 
 def test_models_meet_where_one_follows_the_other() -> None:
     """The forecast of five years is off by as much as is published, not more."""
-    for year in (2015.0, 2020.0, 2025.0):
+    for year in (2010.0, 2015.0, 2020.0, 2025.0):
         before, after = (site_field(47.0, 8.0, year=at) for at in (year - 1e-6, year))
         assert abs(before.declination_deg - after.declination_deg) < 0.3
         assert abs(before.strength - after.strength) < 0.2
@@ -108,10 +114,45 @@ def test_days_become_years() -> None:
     assert year_of(noon) == pytest.approx(2026 + 0.5 / 365)
 
 
-@pytest.mark.parametrize("day", ["2009-12-31", "2030-01-02", "1066", 2031.0, datetime.date(1999, 1, 1)])
+@pytest.mark.parametrize("day", ["1899-12-31", "2030-01-02", "1066", 2031.0, datetime.date(1899, 1, 1)])
 def test_a_day_without_a_model_is_refused(day: datetime.date | str | float) -> None:
-    with pytest.raises(UsageError, match="outside the World Magnetic Models from 2010 to 2030"):
+    with pytest.raises(UsageError, match="1900 to 2030"):
         year_of(day)
+
+
+@pytest.mark.parametrize(("year", "model"), [(2009.9, "wmm"), (2024.9, "wmmhr"), (2026.0, "best")])
+def test_a_model_that_does_not_hold_is_refused(year: float, model: FieldModel) -> None:
+    with pytest.raises(UsageError):
+        site_field(47.0, 8.0, year=year, model=model)
+
+
+WMMHR2025 = """
+2025.0  28  89 -121 -101.96  88.44   -316.211505  -1493.255880  56107.758937
+2025.0  65  43   93    0.51  64.11  24298.772442    216.069098  50070.428631
+2025.5  22 -37  140    9.16 -68.63  21403.492117   3450.936430 -55419.694995
+2027.5   0 -13  -59  -17.36 -15.19  21387.766379  -6684.222433  -6084.836918
+2028.0  75  79  125  -18.75  87.42   2440.662196   -828.428933  57281.211002
+"""
+"""Year, km, latitude, longitude; declination, dip, north, east, down in nT: NOAA's file WMMHR2025_TEST_VALUES."""
+
+
+@pytest.mark.parametrize("row", WMMHR2025.strip().splitlines())
+def test_the_model_of_high_resolution_meets_the_values_of_noaas_test_file(row: str) -> None:
+    year, height, latitude, longitude, *printed = map(float, row.split())
+    site = site_field(latitude, longitude, 1e3 * height, year=year, model="wmmhr")
+    found = [1e3 * part for part in (site.north, site.east, site.down)]
+    npt.assert_allclose(found, printed[2:], atol=1e-3)
+    npt.assert_allclose([site.declination_deg, site.inclination_deg], printed[:2], atol=0.0051)
+    assert site.model == "WMMHR-2025"
+    assert site.declination_sigma_deg == pytest.approx((0.25**2 + (5.205 / site.horizontal) ** 2) ** 0.5)
+
+
+def test_the_clock_of_a_log_is_believed_from_2010_on() -> None:
+    """One that was never set, or has rolled over, shows an earlier year."""
+    place = SimpleNamespace(latitude_deg=47.0, longitude_deg=8.0, altitude_m=0.0)
+    for year, is_known in ((1980, False), (2005, False), (2010, True), (2029, True)):
+        log = SimpleNamespace(position=place, begun=datetime.datetime(year, 1, 6, tzinfo=datetime.UTC))
+        assert (recorded_field(log) is not None) is is_known
 
 
 @pytest.mark.parametrize("day", ["yesterday", "21.11.2026", "2026-13-01", ""])

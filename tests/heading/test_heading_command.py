@@ -80,6 +80,27 @@ def test_headings_are_those_that_the_vehicle_had(home: Path) -> None:
     assert "600 readings" in ended.err
 
 
+def test_headings_from_grid_north_are_the_convergence_behind(home: Path) -> None:
+    ended = flinders_("heading", "calibration.json", "log.csv", "-o", "out.csv", "--json", "--grid", *ZURICH)
+    columns, told = replace(ended, out=(home / "out.csv").read_text(encoding="utf-8")).columns, ended.json
+    turn = folded(columns["true_heading_deg"] - columns["grid_heading_deg"])
+    npt.assert_allclose(turn, told["site"]["grid"]["convergence_deg"], atol=1.1e-3)
+    assert told["site"]["grid"]["name"] == "UTM 32N"
+    assert told["grid_declination_deg"] == told["site"]["grid_declination_deg"]
+    assert "grid north of UTM 32N" in ended.said
+    without = flinders_("heading", "calibration.json", "log.csv", *ZURICH)
+    assert "grid" not in without.said + without.out
+
+
+@pytest.mark.parametrize(
+    ("asked", "model"),
+    [(["1985-06-01"], "IGRF-14"), (["2026", "--field-model", "wmmhr"], "WMMHR-2025"), (["2026"], "WMM-2025")],
+)
+def test_the_model_is_that_of_the_day_or_the_one_asked_for(home: Path, asked: list[str], model: str) -> None:
+    ended = flinders_("heading", "calibration.json", "log.csv", "--at", "47.38,8.54", "--date", *asked)
+    assert f"{model} at 47.38" in ended.said
+
+
 def test_true_headings_are_the_declination_further_on(home: Path) -> None:
     ended = flinders_("heading", "calibration.json", "log.csv", "-o", "out.csv", "--json", *ZURICH)
     told = ended.json
@@ -260,8 +281,11 @@ ODD: dict[str, tuple[str, int, str]] = {
     "a calibration through a pipe": ("- log.csv", 2, "must be a file"),
     "no place": ("calibration.json log.csv --at home --date 2026", 2, "such as 47.62,-122.35"),
     "no day": ("calibration.json log.csv --at 47,8", 2, "--date 2026-11-21"),
-    "a day without a model": ("calibration.json log.csv --at 47,8 --date 2031-01-01", 2, "2010 to 2030"),
+    "a day without a model": ("calibration.json log.csv --at 47,8 --date 2031-01-01", 2, "1900 to 2030"),
     "a day without a place": ("calibration.json log.csv --date 2026-01-01", 2, "--at LAT,LON too"),
+    "a model without a place": ("calibration.json log.csv --field-model igrf", 2, "--at LAT,LON too"),
+    "a model of other years": ("calibration.json log.csv --at 47,8 --date 2020 --field-model wmmhr", 2, "2025 to 2030"),
+    "a grid without a place": ("calibration.json log.csv --grid", 2, "--at"),
     "place and declination": (
         "calibration.json log.csv --at 47,8 --date 2026 --declination 3", 2, "leave one of them out",
     ),

@@ -69,7 +69,8 @@ def test_the_strength_is_that_of_the_truth_and_stands_beside_the_model(bench: Pa
         flinders.fit(flinders.open_recording(bench)).calibration.ellipsoid.radius, rel=1e-3
     )
     assert found["site"]["strength"] == pytest.approx(47.46, abs=0.01)
-    shown = CliRunner().invoke(main, ["info", str(bench), "--at", "43.77,11.26", "--date", "2026-06-01"])
+    shown = CliRunner().invoke(main, ["info", str(bench), "--at", "43.77,11.26", "--date", "2026-06-01", "--grid"])
+    assert "grid north of UTM 32N 1.56° E of true north" in shown.stdout
     assert f"{sensor['strength'] / 47.46:.2f} of the field there" in shown.stdout
     assert max(map(len, shown.stdout.partition("next")[0].splitlines())) <= 80
 
@@ -139,6 +140,7 @@ def test_what_is_odd_is_said(field: Floats, tmp_path: Path) -> None:
     [
         ("nix.csv", 5, "nix.csv does not exist"),
         ("bench.npz --date 2026-01-01", 2, "--date is for the field at a place"),
+        ("bench.npz --grid", 2, "--at"),
         ("bench.npz --at 91,0 --date 2026-01-01", 2, "latitude is 91°"),
         ("bench.npz --at 43,11", 2, "give the day of the recording"),
         ("bench.npz --columns a,b,c", 2, "there is no column 'a'"),

@@ -13,8 +13,8 @@ from matplotlib.figure import Figure
 
 import flinders
 from flinders.errors import NeedsRecording, NotExportable, OutputExists, UsageError
-from flinders.fitting.export import gates_of
 from flinders.fitting.fit_file import fit_from
+from flinders.fitting.measurement_noise import gates_of
 from flinders.fitting.result import Refused, bare_fit, document_of
 from flinders.report.fit_figure import KINDS
 

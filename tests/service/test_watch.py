@@ -30,11 +30,11 @@ from tests.worlds import walked_days
 from flinders import OnlineCalibration, Samples
 from flinders.apps.service.sources import Source, of_recordings, of_wire
 from flinders.apps.service.watching import Begun, Files, Watch
+from flinders.core.offset_walk import Walk
 from flinders.errors import OutputError
 from flinders.fitting.fit_file import load
 from flinders.links.feeds import FeedEvent
 from flinders.links.transports import Scripted
-from flinders.workflows.walk import Walk
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence

@@ -21,8 +21,9 @@ from flinders.core.calibration import Calibration
 from flinders.core.linearization import Linearization
 from flinders.core.units import Unit
 from flinders.errors import UsageError
-from flinders.fitting.export import export_fit, gates_of
+from flinders.fitting.export import export_fit
 from flinders.fitting.fit_file import load
+from flinders.fitting.measurement_noise import gates_of
 from flinders.report.html import python_of
 from flinders.targets import ExportOptions, find
 from flinders.targets._target import Gates

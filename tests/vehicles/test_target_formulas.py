@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import re
 from collections.abc import Callable
 from dataclasses import replace
@@ -82,9 +83,17 @@ def pipeline(export: Export, r: Floats) -> Floats:
     return floats((r - [p[f"initial_mag_bias_{axis}"] for axis in "xyz"]) @ rows.T)
 
 
+def betaflight_model(export: Export, r: Floats) -> Floats:
+    """applyEllipsoidCorrection of ellipsoidFit.ts."""
+    correction = json.loads(export.text)["ellipsoid_correction"]
+    centre = [correction["center"][axis] for axis in "xyz"]
+    return floats((r - centre) @ np.array(correction["soft_iron"]).T)
+
+
 FORMULAS: dict[str, Callable[[Export, Floats], Floats]] = {
-    "ardupilot": ardupilot, "px4": px4, "px4-shell": px4, "betaflight": betaflight, "inav": inav,
-    "paparazzi": paparazzi, "ros-madgwick": madgwick, "ros-pipeline": pipeline,
+    "ardupilot": ardupilot, "px4": px4, "px4-shell": px4, "betaflight": betaflight,
+    "betaflight-model": betaflight_model, "inav": inav, "paparazzi": paparazzi, "ros-madgwick": madgwick,
+    "ros-pipeline": pipeline,
 }  # fmt: skip
 BOUND_UT = {
     # half a count of the offset and half a count of the reading, on each axis

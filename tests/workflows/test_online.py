@@ -14,13 +14,13 @@ from tests.worlds import walked_days
 
 import flinders
 from flinders import simulate
+from flinders.core.offset_walk import Walk
 from flinders.errors import DocumentError, UsageError
 from flinders.fitting.result import bare_fit
 from flinders.native.engine import engine
 from flinders.native.layouts import ONLINE
 from flinders.workflows.online import OnlineCalibration
 from flinders.workflows.timeline import MOST_POINTS, OnlinePoint, Timeline
-from flinders.workflows.walk import Walk
 
 if TYPE_CHECKING:
     from pathlib import Path

@@ -7,8 +7,9 @@ import math
 import numpy as np
 import pytest
 
+from flinders.core.offset_walk import Walk
 from flinders.errors import UsageError
-from flinders.workflows.walk import MIN_STEPS, Walk, walk_of
+from flinders.workflows.walk import MIN_STEPS, walk_of
 
 RATE = 0.1
 

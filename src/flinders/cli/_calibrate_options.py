@@ -16,6 +16,7 @@ from flinders.errors import UsageError
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator, Sequence
 
+    from flinders.core.geomag import FieldModel
     from flinders.estimators import Estimator
     from flinders.fitting.aiding import Instruments
     from flinders.heading.smoothing import Filter
@@ -212,10 +213,11 @@ class SiteOptions(program.Group, heading=program.SITE):
 
     place: str | None = program.member(
         "--at", metavar="LAT,LON[,ALT]|none",
-        help="Site of the recording: its dip and strength then count (World Magnetic Model; with --date) [default: "
+        help="Site of the recording: its dip and strength then count (by a model of the field; with --date) [default: "
         "what a log says; none leaves that out].",
     )  # fmt: skip
     date: str | None = program.member("--date", metavar="DAY", help="Day of the recording, such as 2026-11-21.")
+    model: FieldModel | None = option.field_model()
     gain_sigma: float | None = program.member(
         "--gain-sigma", type=program.within(0, 1, "a share above 0, up to 1, such as 0.01"), metavar="SHARE",
         help="With --at: how well the sensor's mean gain is known, 1 σ [default: 0.05].",
@@ -228,6 +230,8 @@ class SiteOptions(program.Group, heading=program.SITE):
                 raise UsageError("--date goes with --at: give both, or neither")
             if self.gain_sigma is not None:
                 raise UsageError("--gain-sigma goes with --at: without the strength of a site no gain is looked at")
+            if self.model is not None:
+                raise UsageError("--field-model goes with --at: give both, or neither")
             return None
         if self.date is None:
             raise UsageError(
@@ -236,7 +240,7 @@ class SiteOptions(program.Group, heading=program.SITE):
             )
         from flinders.likelihood.site_field import Site
 
-        return Site.of(site_of(self.place, self.date), **self._more)
+        return Site.of(site_of(self.place, self.date, model=self.model), **self._more)
 
     @property
     def is_left_out(self) -> bool:
@@ -353,6 +357,7 @@ class Calibrate(program.Group):
     field_strength: float | None = option.field_strength()
     by: Filter | None = option.smoothing()
     judgement: option.Judgement = program.group(option.Judgement)
+    history: str | None = option.history("What flinders watch has kept of this unit: how fast its offset walks.")
 
     @property
     def of_extremes(self) -> dict[str, Any]:

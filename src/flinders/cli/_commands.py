@@ -24,6 +24,7 @@ ROWS: Final = {
     "heading": (USE, "heading", "Turn a recording into magnetic and true headings."),
     "check": (USE, "check", "Say whether a calibration holds on another recording."),
     "refresh": (USE, "refresh", "Renew the hard iron of a calibration in ten seconds."),
+    "accelerometer": (USE, "accelerometer", "Calibrate an accelerometer from still poses."),
     "merge": (USE, "merge", "Put several calibrations of a sensor together."),
     "export": (USE, "export", "Write a calibration for what uses it."),
     "import": (USE, "import_", "Read a calibration out of another tool's file."),

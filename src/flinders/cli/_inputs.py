@@ -11,10 +11,12 @@ from flinders.errors import DocumentError, FlindersError, TooFewSamples, UsageEr
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator, Sequence
+    from datetime import datetime
 
     from flinders.core.calibration import Calibration
     from flinders.core.calibration_file import ColumnsRecord, ProvenanceRecord, SourceFile
-    from flinders.core.geomag import SiteField
+    from flinders.core.geomag import FieldModel, SiteField
+    from flinders.core.offset_walk import Walk
     from flinders.core.samples import Recording, Skipped
     from flinders.estimators.data import CountedRecording
     from flinders.fitting.result import Fit
@@ -64,13 +66,18 @@ def provenance(parts: Iterable[CountedRecording] = (), files: Iterable[SourceFil
     """Which release made it, when, from which files: those of the parts that were read, after `files`."""
     from datetime import UTC, datetime
 
+    from msgspec import UNSET
+
     from flinders.core.calibration_file import ProvenanceRecord
     from flinders.core.version import VERSION
 
+    read = tuple(parts)
+    recorded = [moment for part in read if (moment := recorded_at(part.recording)) is not None]
     return ProvenanceRecord(
         flinders=VERSION,
         date=datetime.now(UTC).replace(microsecond=0),
-        files=(*files, *(source_file(part) for part in parts)),
+        files=(*files, *(source_file(part) for part in read)),
+        recorded=max(recorded, default=UNSET),
     )
 
 
@@ -292,12 +299,14 @@ def say_sensor(path: str, calibration: Calibration, recording: Recording, asked:
         say(f"{recording.source}: {name} is the sensor that {path} is for")
 
 
-def site_of(place: str, date: str | None, recording: Recording | None = None) -> SiteField:
+def site_of(
+    place: str, date: str | None, recording: Recording | None = None, *, model: FieldModel | None = None
+) -> SiteField:
     """The field at a place on a day that is given, or that the clock of the recording tells."""
     from flinders.core.geomag import place_of, site_field, year_of
 
     where = place_of(place)
-    return site_field(*where, year=year_of(_day(date, recording)))
+    return site_field(*where, year=year_of(_day(date, recording)), model=model)
 
 
 def stated_site(recording: object, otherwise: str, **more: Any) -> Site | None:
@@ -331,6 +340,43 @@ def _day(date: str | None, recording: Recording | None) -> str:
         )
     day = datetime.now(UTC) if date is not None else datetime.fromtimestamp(start, UTC)
     return day.date().isoformat()
+
+
+def walk_in(path: str | None, fit: Fit) -> Walk | None:
+    """The walk of a unit by what `flinders watch` has kept of it; None where no path is given.
+
+    Raises `UsageError` for a history in another unit, or too short to tell.
+    """
+    if path is None:
+        return None
+    from flinders.workflows.offset_history import OffsetHistory
+    from flinders.workflows.walk import MIN_STEPS
+
+    history = OffsetHistory.read(path)
+    if history.unit != fit.calibration.unit:
+        raise UsageError(
+            f"{path} is in {history.unit}, the calibration in {fit.calibration.unit}: give its own history"
+        )
+    if history.walk is None:
+        raise UsageError(
+            f"{path} has fewer than {MIN_STEPS + 1} estimates of the offset that differ: too few to tell how fast it "
+            "walks, leave the history out"
+        )
+    return history.walk
+
+
+def recorded_at(recording: object) -> datetime | None:
+    """When a recording was begun, by a clock that counts from 1970 and shows a year from 2010 on; else None."""
+    from datetime import UTC, datetime
+
+    from flinders.core.geomag import FIRST_CLOCK_YEAR, LAST_CLOCK_YEAR
+
+    begun: datetime | None = getattr(recording, "begun", None)
+    if begun is None and (start := clock_start(recording)) > 0.0:
+        begun = datetime.fromtimestamp(round(start), UTC)
+    if begun is None or not FIRST_CLOCK_YEAR <= begun.year < LAST_CLOCK_YEAR:
+        return None
+    return begun.replace(microsecond=0) if begun.tzinfo else begun.replace(microsecond=0, tzinfo=UTC)
 
 
 def clock_start(recording: object) -> float:

@@ -25,6 +25,7 @@ from flinders.errors import UsageError
 from flinders.links.serial_ports import ANY_PORT
 
 if TYPE_CHECKING:
+    from flinders.core.geomag import FieldModel
     from flinders.heading.smoothing import Filter
 
 
@@ -60,6 +61,25 @@ def as_json(heading: str = OUTPUT) -> Field:
 def lossy() -> Field:
     """``--lossy``."""
     return flag("--lossy", "Do it also where what is left out costs more than 0.5° of heading.")
+
+
+def field_model() -> Field:
+    """``--field-model``."""
+    return member(
+        "--field-model", heading=SITE, type=click.Choice(["wmm", "wmmhr", "igrf"]), keywords=("model",),
+        help="Model of the earth's field at --at: World Magnetic Model, its high resolution (2025 to 2030), IGRF-14 "
+        "(1900 to 2030) [default: wmm, before 2010 igrf].",
+    )  # fmt: skip
+
+
+def history(words: str) -> Field:
+    """``--history``, with what it is for."""
+    return member("--history", metavar="PATH", help=words)
+
+
+def grid(words: str) -> Field:
+    """``--grid``, with what it adds to a command."""
+    return flag("--grid", words, heading=SITE, keywords=("grid",))
 
 
 def mounting() -> Field:
@@ -207,17 +227,20 @@ class Place(Group, heading=SITE):
 
     place: str | None = member(
         "--at", metavar="LAT,LON[,ALT]", keywords=("site",),
-        help="Site: degrees, north and east positive, and metres; gives true headings (World Magnetic Model).",
+        help="Site: degrees, north and east positive, and metres; gives true headings by a model of the field.",
     )  # fmt: skip
     date: str | None = member(
         "--date", metavar="DAY",
         help="Day of the recording, such as 2026-11-21, or today [default: by its clock, if from 1970].",
     )  # fmt: skip
+    model: FieldModel | None = field_model()
 
     def check(self) -> None:
-        """Refuse a day without a place."""
+        """Refuse a day or a model without a place."""
         if self.date is not None and self.place is None:
             raise UsageError("--date is for the field at a place: give --at LAT,LON too")
+        if self.model is not None and self.place is None:
+            raise UsageError("--field-model is for the field at a place: give --at LAT,LON too")
 
 
 class Accelerometer(Group, heading=AIDING):

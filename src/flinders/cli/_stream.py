@@ -27,6 +27,7 @@ def open_log(
     fixed: tuple[str, ...] = (),
     by: Filter | None = None,
     has_stated_place: bool = False,
+    grid: bool = False,
     **reading: Any,
 ) -> HeadingStream:
     """Open a recording with a calibration, or as it is, and find out where it was made.
@@ -42,14 +43,14 @@ def open_log(
     _refuse_contradictions(place, accelerometer, formula, declination_deg)
     Axes.of(accelerometer.acceleration_axes)
     if place.place is not None and place.date is not None:
-        site_of(place.place, place.date)  # what is wrong with them is said before anything is read
+        site_of(place.place, place.date, model=place.model)  # what is wrong with them is said before anything is read
     if calibration is None:
         fit = uncalibrated(open_recording(recording, **reading))
     else:
         fit = in_use(command, calibration, [recording], fixed)
     refuse_calibrations([recording])
     opened = open_with(fit, recording, once=True, **reading)
-    site = None if place.place is None else site_of(place.place, place.date, opened)
+    site = None if place.place is None else site_of(place.place, place.date, opened, model=place.model)
     if has_stated_place and place.place is None and declination_deg is None and dip_deg is None:
         site = recorded_field(opened)
         if site is not None:
@@ -65,6 +66,7 @@ def open_log(
         acceleration_axes=accelerometer.acceleration_axes,
         formula=formula,
         by=by,
+        grid=grid,
     )
     if (bias := stream.compass.acceleration_bias) is not None:
         gains = "" if stream.compass.acceleration_matrix is None else ", and its gains and angles between its axes"

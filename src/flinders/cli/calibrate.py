@@ -11,7 +11,7 @@ import click
 
 from flinders.cli import _program as program
 from flinders.cli._calibrate_options import TRACES, Calibrate
-from flinders.cli._inputs import likely_target, opened, provenance, refuse_others, saying_what_was_read
+from flinders.cli._inputs import likely_target, opened, provenance, refuse_others, saying_what_was_read, walk_in
 from flinders.cli._output import plot_fit, print_fit, print_json, progress, refuse_report, say, show
 from flinders.cli._program import GOOD, LIMITED, print_error
 from flinders.cli._spelling import in_options
@@ -108,6 +108,7 @@ def _typed(options: Calibrate) -> int:
         "--alignment-sigma": estimation.alignment_sigma_deg,
         "--columns": reading.columns,
         "--filter": options.by,
+        "--history": options.history,
     }
     useless = [name for name, value in of_readings.items() if value is not None]
     if useless:
@@ -120,7 +121,8 @@ def _each(options: Calibrate, asked: dict[str, Any]) -> int:
     from flinders.cli._multi_sensor import MultiSensor
 
     files = options.files
-    alone = {"--export": files.exported or None, "--linearize": options.estimation.linearize or None}
+    alone: dict[str, object] = {"--export": files.exported or None, "--linearize": options.estimation.linearize or None}
+    alone["--history"] = options.history
     for name, value in {**files.of_readings, **alone}.items():
         if value is not None:
             raise UsageError(f"{name} is for one magnetometer: leave it out with --sensor all, or choose one")
@@ -174,15 +176,17 @@ class _Run:
     def fitted(self) -> Fit:
         """Fit the recordings; of a refusal, write the reports and how far the estimate came."""
         from flinders.fitting.filtering import fit_filtered
+        from flinders.fitting.result import with_walk
 
         try:
             with saying_what_was_read(self.parts):
-                return fit_filtered(self.parts, self.options.by, notice=say, **self.asked)
+                fit = fit_filtered(self.parts, self.options.by, notice=say, **self.asked)
         except FitError as refusal:
             self._report(refusal)
             self._trace()
             self._point_to_check()
             raise
+        return with_walk(fit, walk_in(self.options.history, fit))
 
     def _point_to_check(self) -> None:
         """Say how to judge what was on board of a log that gives no calibration."""

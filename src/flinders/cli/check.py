@@ -13,19 +13,24 @@ from flinders.cli import _program as program
 from flinders.cli._inputs import (
     at_fixed,
     in_use,
+    is_calibration,
+    load,
     open_all_with,
     opened,
     refuse_calibration,
     say_exact,
     saying_what_was_read,
     stated_site,
+    walk_in,
 )
-from flinders.cli._output import can_show, print_json, progress, say, show
+from flinders.cli._output import can_show, print_json, print_result, progress, say, show
 from flinders.cli._program import ANSWER_EXITS, LIMITED, print_error
 from flinders.cli._spelling import in_options
 from flinders.errors import FitError, NeedsSamples, UsageError
 
 if TYPE_CHECKING:
+    from datetime import datetime
+
     from flinders.diagnostics.random_walk import RandomWalk
     from flinders.estimators.data import CountedRecording
     from flinders.fitting.result import Fit
@@ -39,12 +44,21 @@ class Check(program.Group):
     calibration: str | None = program.argument("[CALIBRATION]", required=False)
     recordings: tuple[str, ...] = program.argument("RECORDING...", nargs=-1, required=False)
     is_followed: bool = program.flag("--drift", "Also follow the offset through the recording.")
+    date: str | None = program.member(
+        "--date", metavar="DAY", help="Without a RECORDING: the day for which the age is judged [default: today]."
+    )
+    history: str | None = option.history("Without a RECORDING: what flinders watch has kept of this unit.")
     reading: option.PartOfColumns = program.group(option.PartOfColumns)
     sensor: str | None = option.sensor_of_calibration()
     fixed: tuple[str, ...] = option.fixed()
     target_deg: float = option.target()
     dip_deg: float | None = option.dip("Inclination of the field [default: what CALIBRATION was judged at].")
     as_json: bool = option.as_json()
+
+    @property
+    def is_aged(self) -> bool:
+        """One calibration alone was given: its age is meant."""
+        return not self.recordings and self.calibration is not None and is_calibration(self.calibration)
 
     @property
     def is_onboard(self) -> bool:
@@ -60,6 +74,7 @@ class Check(program.Group):
 Example:
   flinders check calibration.json today.csv
   flinders check calibration.json monday.csv tuesday.csv --target 2
+  flinders check calibration.json --date 2027-05-01
   flinders check flight.bin
 
 \b
@@ -67,19 +82,26 @@ Exit codes:
   0  it holds: the heading difference is within the target, with a
      confidence of 95 %
   3  cannot tell: the recording or the calibration claims too little, the
-     recording cannot be fitted, or the calibration was made from it
+     recording cannot be fitted, or the calibration was made from it;
+     without a recording, the claim has reached the target since, or
+     doubled
   4  it fails: the difference is beyond the target, with that confidence
 """,
 )
 def command(options: Check) -> int:
     """Fit RECORDING afresh and say how far CALIBRATION is from that, and whether it is more than chance.
 
-    With a log alone, the calibration is that which was in force on board when it was made.
+    With a log alone, the calibration is that which was in force on board when it was made. With a CALIBRATION alone,
+    say what its claim has grown to, and how long it is good, by the walk of its offset.
 
     Record as for a calibration: turn the sensor through all directions. Unit and axes come from the
     calibration file; a recording that contradicts it is refused. RECORDING is a file, or - for standard
     input; several recordings are fitted together.
     """
+    if options.is_aged:
+        return _age(options)
+    if options.date is not None or options.history is not None:
+        raise UsageError("--date and --history are for a calibration alone: leave them out, or the recording")
     try:
         checked = _checked(options)
     except NeedsSamples:  # no times for --drift
@@ -92,6 +114,31 @@ def command(options: Check) -> int:
     if options.is_onboard and checked.answer == "fails":
         say(f"next: {_calibrating(options)}")
     return ANSWER_EXITS[checked.answer]
+
+
+def _age(options: Check) -> int:
+    """Say how far a calibration has aged."""
+    from datetime import UTC, datetime
+
+    from flinders.report.check_page import of_aged
+    from flinders.workflows.aging import age_of
+
+    fit = load("check", str(options.calibration))
+    at = datetime.now(UTC) if options.date in (None, "today") else _day(str(options.date))
+    aged = age_of(fit, at, walk=walk_in(options.history, fit))
+    print_result(aged.as_dict, lambda: of_aged(aged), as_json=options.as_json)
+    return ANSWER_EXITS[aged.answer]
+
+
+def _day(text: str) -> datetime:
+    """A day or moment as it is typed, in UTC unless it names a zone."""
+    from datetime import UTC, datetime
+
+    try:
+        moment = datetime.fromisoformat(text.strip())
+    except ValueError:
+        raise UsageError(f"{text!r} is no date: need a day such as 2027-05-01, or today") from None
+    return moment if moment.tzinfo else moment.replace(tzinfo=UTC)
 
 
 def _calibrating(options: Check) -> str:

@@ -19,6 +19,7 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from flinders.core.calibration_file import SourceFile
+    from flinders.core.inertial import Inertial
     from flinders.fitting.result import Fit
     from flinders.workflows.exporting import Exported
 
@@ -35,11 +36,23 @@ class ExportCommand(program.Group):
         help="Which compass it is for: {compasses} [default: the one of the log, else the first].",
     )  # fmt: skip
     mounting: str | None = option.mounting()
+    sensors: tuple[str, ...] = program.member(
+        "--with", metavar="SENSOR", multiple=True, type=click.Choice(["accelerometer", "gyro"]),
+        help="accelerometer or gyro: write also what a fit with aiding sensors found of it; may be given twice.",
+    )  # fmt: skip
+    imu: int | None = program.member(
+        "--imu", type=click.IntRange(0, 3), metavar="N",
+        help="Which IMU of a vehicle that is, as the autopilot counts [default: its first].",
+    )  # fmt: skip
     lossy: bool = option.lossy()
     name: str | None = program.member(
         "--name", metavar="NAME",
         help="What names in code begin with, for code of two sensors in one program [default: flinders].",
     )  # fmt: skip
+    noise: bool = program.flag(
+        "--noise",
+        "Also write how good headings are, as parameters of the vehicle's estimator: EKF2_MAG_NOISE, EK3_YAW_M_NSE …",
+    )
     output: str | None = option.output("the text", "Where to write [default: standard output].")
     force: bool = option.force()
     as_json: bool = option.as_json()
@@ -50,7 +63,7 @@ class ExportCommand(program.Group):
     ExportCommand,
     cls=NamingTargets,
     common=("target", "output", "compass", "lossy", "name", "force", "as_json"),
-    headings={"Vehicle": ("mounting",)},
+    headings={"Vehicle": ("mounting", "imu", "noise")},
     epilog="""\b
 Example:
   flinders export --for arduino calibration.json -o mag.ino
@@ -80,15 +93,24 @@ def command(options: ExportCommand) -> None:
     is_fields = options.as_json and path != options.output  # --json takes the place of the text on standard output
     outputs = Outputs.of(("the text", path), force=options.force, as_json=options.as_json and not is_fields)
     outputs.check([options.calibration])
-    fit = load("export --for TARGET", options.calibration)
-    asked: dict[str, Any] = {"compass": options.compass, "mounting": options.mounting, "name": options.name}
-    exported = lossy_if_agreed(lambda lossy: export(fit, target, lossy=lossy, **asked), lossy=options.lossy)
+    source = path_or_fit(options.calibration)
+    asked: dict[str, Any] = {
+        name: getattr(options, name) for name in ("compass", "mounting", "name", "sensors", "imu", "noise")
+    }
+    exported = lossy_if_agreed(lambda lossy: export(source, target, lossy=lossy, **asked), lossy=options.lossy)
     if not is_fields:
         outputs.write(exported.export.content, path)
     if options.as_json:
         print_json(exported.export.fields)
     _say(exported, is_hidden=path != "-" or options.as_json, is_asked=options.compass is not None)
     outputs.say_written()
+
+
+def path_or_fit(path: str) -> Fit | Inertial:
+    """Load a calibration, of a magnetometer or of an accelerometer."""
+    from flinders.workflows.accelerometer import is_inertial, read_inertial
+
+    return read_inertial(path) if is_inertial(path) else load("export --for TARGET", path)
 
 
 def _say(exported: Exported, *, is_hidden: bool, is_asked: bool) -> None:

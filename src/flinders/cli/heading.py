@@ -39,6 +39,7 @@ class Heading(program.Group):
         "--declination", heading=program.SITE, type=program.within(-180, 180, "degrees from -180 to 180"),
         metavar="DEG", help="Declination, east positive, where it is known otherwise.",
     )  # fmt: skip
+    grid: bool = option.grid("Also give headings from north of the map's grid: UTM, or UPS around the poles.")
     dip_deg: float | None = option.dip(
         "Inclination of the field [default: that of --at or of the log, else as it is seen, else 60]."
     )
@@ -59,7 +60,7 @@ class Heading(program.Group):
     epilog="""\b
 Example:
   flinders heading calibration.json log.csv -o headings.csv
-  flinders heading calibration.json log.csv --at 47.62,-122.35 --date 2026-11-21
+  flinders heading calibration.json log.csv --at 47.62,-122.35 --date 2026-11-21 --grid
   tail -f log.csv | flinders heading calibration.json - --level
 """,
 )
@@ -68,7 +69,7 @@ def command(options: Heading) -> int:
 
     It is the heading of the sensor's x axis, clockwise from magnetic north, with the tilt removed by the
     accelerometer in LOG at any attitude. With --at, or a LOG that states its place, it is also counted from true
-    north. LOG is a file, or - for
+    north, and with --grid from north of the map's grid. LOG is a file, or - for
     standard input, which may go on as long as it likes: lines are written as they come.
     """
     from flinders.fitting.result import tilt_words
@@ -110,6 +111,7 @@ def _opened(options: Heading, bar: Any) -> HeadingStream:  # noqa: ANN401 - prog
         dip_deg=options.dip_deg,
         fixed=options.fixed,
         by=options.by,
+        grid=options.grid,
         has_stated_place=True,
         sensor=options.sensor,
         progress=bar,

@@ -92,7 +92,7 @@ def command(options: Import) -> None:
     )
     if options.as_json:
         print_json({"target": name, "calibration": calibration.as_dict()})
-    for line in _words(file, name, calibration):
+    for line in (*_words(file, name, calibration), *_stated(content, file, name)):
         say(line)
     outputs.say_written()
 
@@ -149,3 +149,11 @@ def _words(file: str, name: str, calibration: Calibration) -> list[str]:
     if find(name).acts == "mapped":
         words.append("! for readings in the axes of the vehicle or board, after the mounting")
     return words
+
+
+def _stated(content: bytes, file: str, name: str) -> list[str]:
+    """What the file states beside the calibration."""
+    from flinders.targets import find
+
+    reader = find(name).reader
+    return [] if reader is None or reader.states is None else reader.states(content, file)

@@ -10,6 +10,7 @@ from flinders.cli import _program as program
 from flinders.cli._inputs import refuse_calibration, site_of
 from flinders.cli._output import print_result, progress, say
 from flinders.cli._spelling import in_options
+from flinders.errors import UsageError
 
 if TYPE_CHECKING:
     from flinders.core.geomag import SiteField
@@ -22,6 +23,7 @@ class Info(program.Group):
     log: str = program.argument("LOG")
     reading: option.ReadingOptions = program.group(option.ReadingOptions)
     place: option.Place = program.group(option.Place)
+    grid: bool = option.grid("Also say where north of the map's grid is: UTM, or UPS around the poles.")
     as_json: bool = option.as_json()
 
 
@@ -61,7 +63,9 @@ def command(options: Info) -> None:
         held = contents(log, topic=reading.topic, columns=columns, unit=unit, site=site, spell=in_options)
     typed = [word for each in reading.typed().items() for word in _words(*each)]
     held = replace(held, commands=commands_for(options.log, held.sensors, typed))
-    print_result(held.as_dict, lambda: of_contents(held), as_json=options.as_json)
+    if options.grid and held.site is None:
+        raise UsageError(f"grid north is that of a place, and {options.log} states none: give --at LAT,LON")
+    print_result(held.as_dict, lambda: of_contents(held, grid=options.grid), as_json=options.as_json)
     if other is not None:
         say(other.instead)
 
@@ -81,4 +85,5 @@ def _site(log: Log, place: option.Place) -> SiteField | None:
     """The field at the place that is given, on the day of the log."""
     if place.place is None:
         return None
-    return site_of(place.place, place.date or (log.begun.date().isoformat() if log.begun else None))
+    day = place.date or (log.begun.date().isoformat() if log.begun else None)
+    return site_of(place.place, day, model=place.model)

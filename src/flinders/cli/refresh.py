@@ -23,6 +23,7 @@ from flinders.core.plugins import app_modules, remark
 from flinders.errors import UsageError
 
 if TYPE_CHECKING:
+    from flinders.core.geomag import FieldModel, SiteField
     from flinders.estimators.data import CountedRecording
     from flinders.fitting.result import Fit
     from flinders.likelihood.site_field import Site
@@ -80,6 +81,7 @@ class Refresh(program.Group):
     )  # fmt: skip
     place: str | None = program.same_as(SiteOptions, "place")
     date: str | None = program.same_as(SiteOptions, "date")
+    model: FieldModel | None = option.field_model()
     target_deg: float = option.target()
     dip_deg: float | None = option.dip(
         "Inclination of the field [default: that of the site, else as CALIBRATION says].", keywords=("site",)
@@ -117,7 +119,7 @@ def command(options: Refresh) -> int:
     """
     from flinders.core.calibration_file import dumps
     from flinders.fitting.fit_json import json_of
-    from flinders.fitting.result import document_of
+    from flinders.fitting.result import document_of, with_walk
     from flinders.report.fit_pages import of_fit
 
     outputs = options.checked_outputs(*options.recordings)
@@ -127,7 +129,7 @@ def command(options: Refresh) -> int:
     opened = [_opened(path, previous, options) for path in options.recordings]
     _refuse_known(options.previous, previous, opened)
     with saying_what_was_read(opened):
-        fit = _refreshed(opened, previous, options)
+        fit = with_walk(_refreshed(opened, previous, options), previous.claim.walk)
     outputs.write(dumps(document_of(fit, provenance(opened, files=previous.provenance.files))), options.output)
     outputs.print(lambda: json_of(fit), lambda: of_fit(fit, in_options))
     outputs.say_written("nothing was written: name a file with -o refreshed.json")
@@ -186,7 +188,7 @@ def _on_courses(opened: list[CountedRecording], previous: Fit, options: Refresh)
         raise UsageError("--course takes one log, without --heading, --magnetic-heading, --with and --soft-iron-sigma")
     recording = opened[0].recording
     velocity, log = _courses(recording, options.course_log)
-    place = recorded_field(log) if options.place is None else site_of(options.place, options.date)
+    place = recorded_field(log) if options.place is None else _field(options, options.place)
     if place is None:
         raise UsageError("courses are true: they need the declination of the place, give --at and --date")
     return refresh_on_courses(
@@ -234,7 +236,7 @@ def _magnetic(options: Refresh, recording: object) -> list[float]:
         raise UsageError(f"headings are {typed!r}: need degrees with commas between them, such as 0,90,180,270")
     if options.headings is None:
         return numbers
-    place = recorded_field(recording) if options.place is None else site_of(options.place, options.date)
+    place = recorded_field(recording) if options.place is None else _field(options, options.place)
     if place is None:
         raise UsageError(
             "a true heading needs the declination of the place: give --at and --date, or --magnetic-heading"
@@ -253,9 +255,14 @@ def _aiding(names: tuple[str, ...]) -> tuple[str, ...]:
     return aiding
 
 
+def _field(options: Refresh, place: str) -> SiteField:
+    """The field at the place that was typed."""
+    return site_of(place, options.date, model=options.model)
+
+
 def _site(options: Refresh, recording: object) -> Site | None:
     """Site and dip, as they were typed or as the log says."""
     from flinders.likelihood.site_field import Site
 
-    site = SiteOptions(place=options.place, date=options.date, gain_sigma=None)
+    site = SiteOptions(place=options.place, date=options.date, model=options.model, gain_sigma=None)
     return Site.stated(site.typed_site() or site.told_by(recording), inclination_deg=options.dip_deg)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from itertools import groupby
 from typing import TYPE_CHECKING
 
 import click
@@ -43,11 +42,12 @@ def _filled(text: str | None, names: dict[str, str]) -> str | None:
 def _saved(rows: Iterable[Target]) -> str:
     """What tools save that can be read, those of one kind together: a dump of one or another."""
     saved = dict.fromkeys(row.reader.saved for row in rows if row.reader and row.reader.saved)
-    kinds = []
-    for _, same in groupby(saved, key=lambda words: words.partition(" of ")[0]):
-        first, *others = same
-        kinds.append(" or ".join([first, *(words.partition(" of ")[2] for words in others)]))
-    return f"{', '.join(kinds[:-1])}, or {kinds[-1]}"
+    kinds: dict[str, list[str]] = {}
+    for words in saved:
+        kind, _, whose = words.partition(" of ")
+        kinds.setdefault(kind, []).append(whose)
+    *first, last = (" of ".join(filter(None, [kind, " or ".join(whose)])) for kind, whose in kinds.items())
+    return f"{', '.join(first)}, or {last}"
 
 
 def _compasses(rows: Iterable[Target]) -> str:

@@ -160,6 +160,16 @@ class AidingRecord(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True
     acceleration_bias_sigma: Triple | UnsetType = UNSET  #: (3,), m/s²: 1 σ of that
     #: (3, 3): the specific force is this times what the accelerometer reads, less its bias
     acceleration_matrix: tuple[Triple, Triple, Triple] | UnsetType = UNSET
+    acceleration_matrix_sigma: tuple[Triple, Triple, Triple] | UnsetType = UNSET  #: (3, 3): 1 σ of each entry
+    gravity_reading: float | UnsetType = UNSET  #: what the accelerometer's numbers are long at rest, in their own unit
+    #: (3,), degrees: of the vertical that the corrected accelerometer shows at rest: 1 σ over all attitudes, 1 σ at the
+    #: worst, and what all stay within with a probability of 95 %
+    tilt_error_deg: Triple | UnsetType = UNSET
+    gyro_bias: Triple | UnsetType = UNSET  #: (3,), rad/s: what the gyro reads at rest
+    gyro_bias_sigma: Triple | UnsetType = UNSET  #: (3,), rad/s: 1 σ of that
+    #: (3, 3): the rate is this times what the gyro reads, less its bias
+    gyro_matrix: tuple[Triple, Triple, Triple] | UnsetType = UNSET
+    gyro_matrix_sigma: tuple[Triple, Triple, Triple] | UnsetType = UNSET  #: (3, 3): 1 σ of each entry
     dip_deg: float | UnsetType = UNSET  #: dip of the field against the vertical that was recorded
     dip_sigma_deg: NotNegative | UnsetType = UNSET  #: 1 σ of the dip
 
@@ -170,6 +180,31 @@ def aiding_record(**columns: Floats | float | None) -> AidingRecord | UnsetType:
     known = {name: value if isinstance(value, float) else value.tolist() for name, value in given.items()}
     finite = {name: value for name, value in known.items() if not any(gaps(value))}
     return msgspec.convert(finite, AidingRecord) if finite else UNSET
+
+
+class WalkRecord(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """How fast the offset of this unit walks, by its history."""
+
+    rate: Positive  #: in the calibration's unit: by which it moves in an hour along each axis, 1 σ; it grows with √t
+    low: Positive  #: of the 95 % interval
+    high: Positive  #: of that
+
+
+class GoodUntilRecord(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """When the claim of the worst heading will have doubled; made anew of claim and walk when a file is read."""
+
+    hours: Positive  #: of the offset's walk, by the middle of its rate
+    hours_low: Positive  #: by the fast end of what the rate may be, 95 %
+    hours_high: Positive  #: by the slow end
+    #: until the claim is the target, by the middle; null of one that is not within it
+    target_hours: Positive | None = None
+    date: datetime | None = None  #: by the middle, from when the recording was made; null where the file says no time
+    by: Literal["history", "prior"]  #: walk of this unit, or what is usual of any
+    temperature_change_kelvin: Positive | None = None  #: K: change of temperature that doubles it, by the middle
+    temperature_change_low_kelvin: Positive | None = None  #: K: by the largest coefficient of data sheets
+    temperature_change_high_kelvin: Positive | None = None  #: K: by the smallest
+    #: ``followed``: from the reference of a fit that follows the temperature; ``prior``: by data sheets
+    temperature_by: Literal["followed", "prior"]
 
 
 class Fitted(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
@@ -185,6 +220,8 @@ class Fitted(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     #: ``good``, ``limited`` or ``refused``; None where it was not judged
     verdict: Literal["good", "limited", "refused"] | None = None
     heading_error_deg: HeadingErrorRecord | None = None  #: to expect of a level vehicle
+    good_until: GoodUntilRecord | UnsetType = UNSET  #: when that will have doubled
+    walk: WalkRecord | UnsetType = UNSET  #: of the offset, where a history of this unit was given
     coverage: dict[str, float] = {}  #: directions recorded: the keys of `coverage` of a fit
     findings: tuple[FindingRecord, ...] = ()  #: what to know about it, the most severe first
     #: what a verdict rests on: ``same-soft-iron``, ``unchanged-body``, ``uniform-field``, ``constant-iron``
@@ -241,6 +278,8 @@ class ProvenanceRecord(Struct, frozen=True, kw_only=True, forbid_unknown_fields=
     flinders: str  #: version of the release
     date: Annotated[datetime, Meta(tz=True)]  #: date and time, with a time zone
     files: tuple[SourceFile, ...] = ()  #: the recordings
+    #: when the newest recording was made, by its own clock; left out where that does not count from 1970
+    recorded: Annotated[datetime, Meta(tz=True)] | UnsetType = UNSET
 
 
 class SurveyRecord(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):

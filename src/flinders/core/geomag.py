@@ -1,4 +1,4 @@
-"""The earth's field at a site, from the World Magnetic Model of the day.
+"""The earth's field at a site, from the World Magnetic Model of the day; before 2010 from IGRF-14.
 
 >>> seattle = site_field(47.6205, -122.3493, year=2025.25)
 >>> seattle.model, round(seattle.declination_deg, 2), round(seattle.inclination_deg, 2)
@@ -6,9 +6,15 @@
 >>> print(seattle)
 WMM-2025 at 47.6205, -122.349, 0 m, in 2025.25: declination 15.07° E ± 0.39°, dip 68.8°, 52.77 µT
 
-A compass shows magnetic north; ``true = magnetic + declination``, east positive.
-The models hold from 2010 to 2030, each for five years from its epoch; the second of 2015 is used, which replaced the
-first when the pole ran away from it. What they cannot show is local: rock, buildings, vehicles.
+A compass shows magnetic north; ``true = magnetic + declination``, east positive. `SiteField.grid` is north of the map's
+grid, ``grid = true − convergence``.
+World Magnetic Models hold from 2010 to 2030, each for five years from its epoch; the second of 2015 is used, which
+replaced the first when the pole ran away from it. IGRF-14 holds from 1900 to 2030 and serves the years before. The
+model of high resolution, WMMHR-2025, shows the crust to wavelengths of 300 km. What no model shows is local: rock,
+buildings, vehicles.
+
+>>> site_field(47.6205, -122.3493, year=2025.25, model="wmmhr").model, site_field(47.6205, -122.3493, year=1985.0).model
+('WMMHR-2025', 'IGRF-14')
 """
 
 from __future__ import annotations
@@ -17,18 +23,28 @@ import datetime
 import math
 import re
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, Final
+from typing import Any, Final, Literal, get_args
 
+from flinders.core import igrf
+from flinders.core.grid_north import GridNorth, grid_north
 from flinders.errors import UsageError
-
-if TYPE_CHECKING:
-    from pygeomag import GeoMag
 
 ASSUMED_DIP_DEG: Final = 60.0
 """Dip of the field where nobody says where a recording was made."""
 
-FIRST_YEAR, LAST_YEAR = 2010.0, 2030.0
+FieldModel = Literal["wmm", "wmmhr", "igrf"]
+"""Families of models: World Magnetic Model, its high resolution, International Geomagnetic Reference Field."""
+
+YEARS: Final[dict[FieldModel, tuple[float, float]]] = {
+    "wmm": (2010.0, 2030.0), "wmmhr": (2025.0, 2030.0), "igrf": (1900.0, 2030.0)
+}  # fmt: skip
 """A model is available between these."""
+
+FIRST_YEAR, LAST_YEAR = YEARS["igrf"]
+"""Some model is available between these."""
+
+FIRST_CLOCK_YEAR, LAST_CLOCK_YEAR = YEARS["wmm"]
+"""Years in which the clock of a log is believed: one that was never set, or has rolled over, shows an earlier one."""
 
 LOWEST_M, HIGHEST_M = -1000.0, 850_000.0
 """Altitudes for which the models are made, in metres."""
@@ -37,6 +53,9 @@ BLACKOUT: Final = 2.0
 """µT of horizontal field below which declination means nothing, and a compass is of no use (NOAA's blackout zone)."""
 CAUTION: Final = 6.0
 """µT of horizontal field below which a compass is unreliable (NOAA's caution zone)."""
+
+FIRST_JUDGED_YEAR: Final = 2015.0
+"""First year of a World Magnetic Model with a published formula of its uncertainty."""
 
 _NANOTESLA: Final = 1e-3
 
@@ -57,7 +76,8 @@ class SiteField:
     inclination_deg: float  #: dip below the horizon, negative in the south
     horizontal: float  #: µT: length of the horizontal component
     strength: float  #: µT: length of the field
-    #: the model's published uncertainty, 1 σ, crust and all, in degrees and µT; None for WMM-2010
+    #: the model's published uncertainty, 1 σ, crust and all, in degrees and µT; None where none is published: of
+    #: WMM-2010, and of IGRF-14 before 1980 and after 2025
     declination_sigma_deg: float | None = None
     inclination_sigma_deg: float | None = None  #: 1 σ of the model
     strength_sigma: float | None = None  #: µT: 1 σ of the model
@@ -80,9 +100,22 @@ class SiteField:
             return f"{words}, below 2,000 nT: no compass can be trusted here, and the declination hardly at all"
         return f"{words}, below 6,000 nT: a compass is unreliable here" if self.is_caution else ""
 
+    @property
+    def grid(self) -> GridNorth:
+        """North of the grid of maps there: UTM, or UPS around the poles."""
+        return grid_north(self.latitude_deg, self.longitude_deg)
+
+    @property
+    def grid_declination_deg(self) -> float:
+        """From grid to magnetic north, east positive, in (−180, 180]: the declination less the convergence."""
+        return 180.0 - (180.0 - self.declination_deg + self.grid.convergence_deg) % 360.0
+
     def as_dict(self) -> dict[str, Any]:
         """JSON-ready, under the names of the attributes."""
-        return {name: getattr(self, name) for name in self.__dataclass_fields__}
+        return {name: getattr(self, name) for name in self.__dataclass_fields__} | {
+            "grid": self.grid.as_dict(),  # north of the grid of maps there
+            "grid_declination_deg": self.grid_declination_deg,  # from grid to magnetic north, east positive
+        }
 
     def __str__(self) -> str:
         sigma = "" if self.declination_sigma_deg is None else f" ± {self.declination_sigma_deg:.2f}°"
@@ -94,10 +127,12 @@ class SiteField:
         )
 
 
-def site_field(latitude_deg: float, longitude_deg: float, altitude_m: float = 0.0, *, year: float) -> SiteField:
-    """Ask the World Magnetic Model of a year.
+def site_field(
+    latitude_deg: float, longitude_deg: float, altitude_m: float = 0.0, *, year: float, model: FieldModel | None = None
+) -> SiteField:
+    """Ask a model of the earth's field.
 
-    Raises `UsageError` for a place that there is not, or a time without a model.
+    Raises `UsageError` for a place that there is not, a time without a model, or a model that does not hold then.
 
     Parameters
     ----------
@@ -106,34 +141,74 @@ def site_field(latitude_deg: float, longitude_deg: float, altitude_m: float = 0.
     altitude_m : float, m
         Above the ellipsoid, −1,000 to 850,000; sea level is near enough.
     year : float
-        With its fraction, as `year_of` gives it: 2010 to 2030.
+        With its fraction, as `year_of` gives it: 1900 to 2030.
+    model : ``wmm``, ``wmmhr`` or ``igrf``, optional
+        Family of models; by default the World Magnetic Model of the year, before 2010 IGRF-14.
 
     Notes
     -----
-    Evaluated by pygeomag, which is loaded here. All of NOAA's printed test values for WMM2025 agree to the digit that
-    is printed (``tests/core/test_geomag.py``).
+    World Magnetic Models are evaluated by pygeomag, which is loaded here. All of NOAA's printed test values for WMM2025
+    agree to the digit that is printed; IGRF-14 agrees to 0.01 nT with values of the British Geological Survey
+    (``tests/core/test_geomag.py``, ``tests/core/test_igrf.py``).
     """
     _refuse_nowhere(latitude_deg, longitude_deg, altitude_m)
-    model = _model(year)
-    elements: Any = model.calculate(latitude_deg, longitude_deg, altitude_m / 1000.0, year)
-    sigma: Any = elements.calculate_uncertainty() if year >= 2015.0 else None
+    place = (float(latitude_deg), float(longitude_deg), float(altitude_m))
+    family = _model_of(year, model)
+    elements = _of_igrf(*place, year) if family == "igrf" else _of_wmm(*place, year, family)
+    latitude_deg, longitude_deg, altitude_m = place
     return SiteField(
-        str(model.model),
-        float(latitude_deg),
-        float(longitude_deg),
-        float(altitude_m),
-        float(year),
-        north=elements.x * _NANOTESLA,
-        east=elements.y * _NANOTESLA,
-        down=elements.z * _NANOTESLA,
-        declination_deg=float(elements.d),
-        inclination_deg=float(elements.i),
-        horizontal=elements.h * _NANOTESLA,
-        strength=elements.f * _NANOTESLA,
-        declination_sigma_deg=None if sigma is None else float(min(sigma.d, 180.0)),
-        inclination_sigma_deg=None if sigma is None else float(sigma.i),
-        strength_sigma=None if sigma is None else sigma.f * _NANOTESLA,
+        latitude_deg=latitude_deg, longitude_deg=longitude_deg, altitude_m=altitude_m, year=float(year), **elements
     )
+
+
+def _of_wmm(
+    latitude_deg: float, longitude_deg: float, altitude_m: float, year: float, family: FieldModel
+) -> dict[str, Any]:
+    """The field by the World Magnetic Model of a year, under the names of `SiteField`."""
+    from pygeomag import GeoMag
+
+    model = GeoMag(base_year=min(math.floor(year), 2029), high_resolution=family == "wmmhr")
+    found: Any = model.calculate(latitude_deg, longitude_deg, altitude_m / 1000.0, year)
+    elements = {
+        "model": str(model.model),
+        "north": found.x * _NANOTESLA,
+        "east": found.y * _NANOTESLA,
+        "down": found.z * _NANOTESLA,
+        "declination_deg": float(found.d),
+        "inclination_deg": float(found.i),
+        "horizontal": found.h * _NANOTESLA,
+        "strength": found.f * _NANOTESLA,
+    }
+    if year < FIRST_JUDGED_YEAR:
+        return elements
+    sigma: Any = found.calculate_uncertainty()
+    return elements | {
+        "declination_sigma_deg": float(min(sigma.d, 180.0)),
+        "inclination_sigma_deg": float(sigma.i),
+        "strength_sigma": sigma.f * _NANOTESLA,
+    }
+
+
+def _of_igrf(latitude_deg: float, longitude_deg: float, altitude_m: float, year: float) -> dict[str, Any]:
+    """The field by IGRF-14 under the names of `SiteField`, from 1980 to 2025 with its uncertainty, to first order."""
+    north, east, down = (igrf.igrf_field(latitude_deg, longitude_deg, altitude_m, year=year) * _NANOTESLA).tolist()
+    horizontal, strength = math.hypot(north, east), math.hypot(north, east, down)
+    declination, inclination = math.atan2(east, north), math.atan2(down, horizontal)
+    elements = {
+        "model": igrf.NAME, "north": north, "east": east, "down": down, "declination_deg": math.degrees(declination),
+        "inclination_deg": math.degrees(inclination), "horizontal": horizontal, "strength": strength,
+    }  # fmt: skip
+    if not igrf.JUDGED_YEARS[0] <= year <= igrf.JUDGED_YEARS[1]:
+        return elements
+    x, y, z = (sigma * _NANOTESLA for sigma in igrf.COMPONENT_SIGMA_NT)
+    sine, cosine = math.sin(declination), math.cos(declination)
+    along, across = math.hypot(cosine * x, sine * y), math.hypot(sine * x, cosine * y)  # the magnetic meridian
+    dip_sigma = math.hypot(horizontal * z, down * along) / strength**2
+    return elements | {
+        "declination_sigma_deg": min(math.degrees(across / max(horizontal, _NANOTESLA)), 180.0),
+        "inclination_sigma_deg": math.degrees(dip_sigma),
+        "strength_sigma": math.hypot(north * x, east * y, down * z) / strength,
+    }
 
 
 def newest_model() -> dict[str, Any]:
@@ -153,9 +228,12 @@ def newest_model() -> dict[str, Any]:
 
 
 def recorded_field(log: object) -> SiteField | None:
-    """The field where and when a log, or a magnetometer of one, says that it was made; None where it does not."""
+    """The field where and when a log, or a magnetometer of one, says that it was made; None where it does not.
+
+    Also None where its clock shows a year before 2010: give place and day of such a log.
+    """
     position, begun = getattr(log, "position", None), getattr(log, "begun", None)
-    if position is None or begun is None or not FIRST_YEAR <= begun.year < LAST_YEAR:
+    if position is None or begun is None or not FIRST_CLOCK_YEAR <= begun.year < LAST_CLOCK_YEAR:
         return None
     return site_field(position.latitude_deg, position.longitude_deg, position.altitude_m, year=year_of(begun))
 
@@ -193,8 +271,8 @@ def year_of(day: datetime.date | str | float) -> float:
     year = _read(day) if isinstance(day, str) else _fraction(day) if isinstance(day, datetime.date) else float(day)
     if not FIRST_YEAR <= year <= LAST_YEAR:
         raise UsageError(
-            f"{_shown(day)} lies outside the World Magnetic Models from {FIRST_YEAR:.0f} to {LAST_YEAR:.0f}: give the "
-            "date of the recording, or leave the place out"
+            f"{_shown(day)} lies outside the models of the earth's field, from {FIRST_YEAR:.0f} to {LAST_YEAR:.0f}: "
+            "give the date of the recording, or leave the place out"
         )
     return year
 
@@ -226,12 +304,17 @@ def _shown(day: datetime.date | str | float) -> str:
     return f"{day:g}" if isinstance(day, float | int) else str(day)
 
 
-def _model(year: float) -> GeoMag:
-    """Load the coefficients of the model that holds in a year."""
-    from pygeomag import GeoMag
-
+def _model_of(year: float, asked: FieldModel | None) -> FieldModel:
+    """The family of models that is asked for, where it holds; by default the best known that holds in a year."""
     year_of(year)
-    return GeoMag(base_year=min(math.floor(year), 2029))
+    if asked is None:
+        return "wmm" if year >= YEARS["wmm"][0] else "igrf"
+    if asked not in get_args(FieldModel):
+        raise UsageError(f"field model {asked!r} is not known: need one of {', '.join(get_args(FieldModel))}")
+    first, last = YEARS[asked]
+    if not first <= year <= last:
+        raise UsageError(f"{asked} holds from {first:.0f} to {last:.0f}, and {year:g} is outside: leave the model out")
+    return asked
 
 
 def _refuse_nowhere(latitude_deg: float, longitude_deg: float, altitude_m: float) -> None:

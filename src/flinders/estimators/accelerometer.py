@@ -53,7 +53,8 @@ def known_before(acceleration: Floats, prior: AccelerometerPrior) -> Acceleromet
     force = acceleration[np.isfinite(acceleration).all(axis=1) & acceleration.any(axis=1)]
     if not len(force):
         return prior
-    force = force / np.median(lengths(force))
+    scale = float(np.median(lengths(force)))
+    force = force / scale
     errors = prior.mean
     for _ in range(STEPS):
         corrected = (errors[:3] - force) @ (np.eye(3) + symmetric(errors[3:]))
@@ -66,7 +67,7 @@ def known_before(acceleration: Floats, prior: AccelerometerPrior) -> Acceleromet
         precision = prior.precision + (root * reliability**2) @ root.T
         seen = root @ (reliability * np.linalg.solve(root, jacobian.T @ (weights * residuals)))
         errors = errors + np.linalg.solve(precision, prior.precision @ (prior.mean - errors) + seen)
-    return AccelerometerPrior(errors, precision)
+    return AccelerometerPrior(errors, precision, scale)
 
 
 def scatter_at_rest(acceleration: Floats) -> float:

@@ -93,8 +93,7 @@ SEARCH_STEPS, APPROACH_STEPS = 20, 8
 GLANCE: Final = 2
 """Steps of the correction, of a long recording, before verticals are looked at: correlated ones get another weight."""
 
-FEWEST: Final = 12
-"""Readings that are needed."""
+FEWEST: Final = 12  # readings that are needed
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -120,9 +119,9 @@ class Aided:
     # factor by which stretches of the recording scatter more than their residuals explain, in variance
     excess_variance: float = 1.0
     site_off: float | None = None  # standard deviations between the dip found and that of the site
-    # what the gyro's scales came out at, the farthest, where that is beyond `FAR_SCALES`: they were held instead. 0
-    # where they are as gyros are.
+    # the farthest of the gyro's scales, where beyond `FAR_SCALES`: they were held instead. 0 where they are usual.
     scales_off: float = 0.0
+    gravity_reading: float = 1.0  # what accelerations are long at rest, in their recorded unit
 
     @property
     def ellipsoid(self) -> Ellipsoid:
@@ -442,7 +441,7 @@ def _finished(problem: JointProblem, iterate: JointIterate) -> Aided:
     if "rotation" in problem.layout:
         columns = problem.layout.columns["rotation"]
         seen = np.diag(textbook)[columns] / ROTATION_SIGMA**2
-    outliers = [group.rows[group.weight == 0.0] for group in iterate.groups]
+    outliers = np.sort(np.concatenate([group.rows[group.weight == 0.0] for group in iterate.groups]))
     return Aided(
         iterate.at,
         covariance,
@@ -452,12 +451,13 @@ def _finished(problem: JointProblem, iterate: JointIterate) -> Aided:
         iterate.weights.vertical if any(group.trust is not None for group in iterate.groups) else None,
         problem.aiding,
         sum(group.count for group in iterate.groups),
-        np.sort(np.concatenate(outliers)),
+        outliers,
         problem.prior.influence(iterate.at, textbook[:9, :9]),
         math.sqrt(walk.variance / max(problem.interval, 1e-9)),
         seen,
         scatter.excess_variance,
         _site_off(problem, iterate, covariance),
+        gravity_reading=1.0 if problem.accelerometer is None else problem.accelerometer.scale,
     )
 
 

@@ -57,6 +57,11 @@ REFUSALS: Final[dict[str, Refusal]] = {
         "nothing.",
         "Turn the sensor about all three of its axes.",
     ),
+    "missing-pose": Refusal(
+        "put the device down on the side that is named, too",
+        "The poses leave offsets or gains of the accelerometer open.",
+        "Put the device down on each of its six sides.",
+    ),
     "constant-strength": Refusal(
         "",
         "The field has nearly one and the same strength at all readings. The method that was asked for needs one that "

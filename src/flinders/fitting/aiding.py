@@ -15,10 +15,13 @@ import numpy as np
 from msgspec import UNSET
 
 from flinders.core.calibration_file import aiding_record
+from flinders.core.inertial import STANDARD_GRAVITY, Inertial, TiltError, Triad
 from flinders.errors import UsageError, figures
+from flinders.estimators.accelerometer_poses import unit_of
 from flinders.geometry.ellipsoid import symmetric
+from flinders.heading.tilt_error import tilt_error
 from flinders.likelihood.dip import ACCELERATION_SIGMA, GAIN_SIGMA, GRAVITY
-from flinders.likelihood.gyro import SCALE_SIGMA
+from flinders.likelihood.gyro import SCALE_SIGMA, grown
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -46,6 +49,9 @@ ROTATION_ALONE: Final = "offset and shape stay those without it, and its rotatio
 
 LARGEST_BIAS: Final = 2.0
 """m/s²: no accelerometer in use has a larger bias, 1 σ."""
+
+_GYRO: Final = ("gyro_scale", "gyro_turn")
+"""Blocks of the gyro's matrix."""
 
 LARGEST_SHARE: Final = 0.5
 """Of a scale or gain: no instrument in use is off by more, 1 σ."""
@@ -140,11 +146,17 @@ class Aiding:
     rotation_covariance: Floats | None = None  # (3, 3), rad²: of its rotation vector, in body axes
     gyro_bias: Floats | None = None  # (3,), rad/s: what the gyro reads at rest
     gyro_bias_sigma: Floats | None = None  # (3,), rad/s: 1 σ
+    # (3, 3): gains, non-orthogonality and mounting of the gyro: the rate is this times what it reads, less its bias
+    gyro_matrix: Floats | None = None
+    gyro_matrix_sigma: Floats | None = None  # (3, 3): 1 σ of each entry
     acceleration_bias: Floats | None = None  # (3,), m/s²: what the accelerometer reads too much
     acceleration_bias_sigma: Floats | None = None  # (3,), m/s²: 1 σ
     # (3, 3): gains and non-orthogonality of the accelerometer: the specific force is this times what it reads, less its
     # bias
     acceleration_matrix: Floats | None = None
+    acceleration_matrix_sigma: Floats | None = None  # (3, 3): 1 σ of each entry
+    gravity_reading: float | None = None  # what the accelerometer's numbers are long at rest, in their own unit
+    tilt_error: TiltError | None = None  # of the vertical that the corrected accelerometer shows at rest
     delay_s: float | None = None  # by how much the magnetometer is behind the gyro
     delay_sigma_s: float | None = None  # 1 σ
     dip_deg: float | None = None  # inclination of the field as the recording shows it
@@ -179,7 +191,8 @@ class Aiding:
             gyro_bias_sigma=gyro,
             acceleration_bias=None if accelerometer is None else GRAVITY * at.accelerometer[:3],
             acceleration_bias_sigma=None if accelerometer is None else GRAVITY * accelerometer[:3],
-            acceleration_matrix=None if accelerometer is None else np.eye(3) + symmetric(at.accelerometer[3:]),
+            **_gyro_matrix(aided),
+            **_acceleration_matrix(aided),
             delay_s=None if delay is None else at.delay,
             delay_sigma_s=None if delay is None else float(np.sqrt(delay[0, 0])),
             dip_deg=None if height is None else float(np.rad2deg(np.arcsin(np.clip(height, -1.0, 1.0)))),
@@ -196,6 +209,13 @@ class Aiding:
             acceleration_bias=_array(record.acceleration_bias),
             acceleration_bias_sigma=_array(record.acceleration_bias_sigma),
             acceleration_matrix=_array(record.acceleration_matrix),
+            acceleration_matrix_sigma=_array(record.acceleration_matrix_sigma),
+            gravity_reading=None if record.gravity_reading is UNSET else record.gravity_reading,
+            tilt_error=None if record.tilt_error_deg is UNSET else TiltError(*record.tilt_error_deg),
+            gyro_bias=_array(record.gyro_bias),
+            gyro_bias_sigma=_array(record.gyro_bias_sigma),
+            gyro_matrix=_array(record.gyro_matrix),
+            gyro_matrix_sigma=_array(record.gyro_matrix_sigma),
             dip_deg=None if record.dip_deg is UNSET else record.dip_deg,
             dip_sigma_deg=None if record.dip_sigma_deg is UNSET else record.dip_sigma_deg,
         )
@@ -235,6 +255,13 @@ class Aiding:
             acceleration_bias=self.acceleration_bias,
             acceleration_bias_sigma=self.acceleration_bias_sigma,
             acceleration_matrix=self.acceleration_matrix,
+            acceleration_matrix_sigma=self.acceleration_matrix_sigma,
+            gravity_reading=self.gravity_reading,
+            tilt_error_deg=None if self.tilt_error is None else np.array(dataclasses.astuple(self.tilt_error)),
+            gyro_bias=self.gyro_bias,
+            gyro_bias_sigma=self.gyro_bias_sigma,
+            gyro_matrix=self.gyro_matrix,
+            gyro_matrix_sigma=self.gyro_matrix_sigma,
             dip_deg=self.dip_deg,
             dip_sigma_deg=self.dip_sigma_deg,
         )
@@ -242,14 +269,41 @@ class Aiding:
     def as_dict(self) -> dict[str, Any]:
         """JSON-ready."""
         biases = ("gyro_bias", "gyro_bias_sigma", "acceleration_bias", "acceleration_bias_sigma")
-        matrices = ("rotation", "rotation_covariance", "acceleration_matrix")
+        matrices = (
+            "rotation", "rotation_covariance", "acceleration_matrix", "acceleration_matrix_sigma", "gyro_matrix",
+            "gyro_matrix_sigma",
+        )  # fmt: skip
         arrays = {name: getattr(self, name) for name in (*matrices, *biases)}
         return {
             "sensors": [dataclasses.asdict(aid) for aid in self.sensors],
             **{name: None if value is None else value.tolist() for name, value in arrays.items()},
+            "gravity_reading": self.gravity_reading,
+            # `rms`, `worst` and `bound_95` of the vertical that the corrected accelerometer shows at rest
+            "tilt_error_deg": None if self.tilt_error is None else dataclasses.asdict(self.tilt_error),
             **{name: getattr(self, name) for name in ("delay_s", "delay_sigma_s", "dip_deg", "dip_sigma_deg")},
             "excess_variance": self.excess_variance,
         }
+
+    def inertial(self) -> Inertial:
+        """The accelerometer and the gyro by themselves: nothing where no fit looked for their errors.
+
+        Gains of an accelerometer are told apart by directions, and their mean by the standard gravity.
+        """
+        accelerometer = gyro = None
+        if self.acceleration_matrix is not None and self.acceleration_bias is not None and self.gravity_reading:
+            size = STANDARD_GRAVITY / self.gravity_reading
+            own, sigma = self.acceleration_matrix_sigma, self.acceleration_bias_sigma
+            accelerometer = Triad(
+                size * self.acceleration_matrix,
+                self.acceleration_bias / size,
+                unit_of(self.gravity_reading),
+                None if own is None else size * own,
+                None if sigma is None else sigma / size,
+            )
+        if self.gyro_bias is not None:
+            matrix = np.eye(3) if self.gyro_matrix is None else self.gyro_matrix
+            gyro = Triad(matrix, self.gyro_bias, "rad/s", self.gyro_matrix_sigma, self.gyro_bias_sigma)
+        return Inertial(accelerometer, gyro, self.tilt_error)
 
 
 def claims_more(with_deg: float, without_deg: float, used: Sequence[str] = ()) -> str:
@@ -260,6 +314,37 @@ def claims_more(with_deg: float, without_deg: float, used: Sequence[str] = ()) -
     """
     those, them = (" and ".join(used), "them") if len(used) > 1 else ("it", "it")
     return f"with {those} the heading error is {figures(with_deg)}°, without {them} {figures(without_deg)}°"
+
+
+def _acceleration_matrix(aided: Aided) -> dict[str, Any]:
+    """Gains and misalignment of the accelerometer with 1 σ, what its unit is, and the error of its vertical."""
+    covariance, errors = aided.of("accelerometer"), aided.parameters.accelerometer
+    if covariance is None:
+        return {}
+    return {
+        "acceleration_matrix": np.eye(3) + symmetric(errors[3:]),
+        "acceleration_matrix_sigma": symmetric(np.sqrt(np.diag(covariance)[3:])),
+        "gravity_reading": aided.gravity_reading,
+        "tilt_error": tilt_error(errors, covariance),
+    }
+
+
+def _gyro_matrix(aided: Aided) -> dict[str, Any]:
+    """Gains, misalignment and mounting of the gyro with 1 σ, as far as they were looked for."""
+    if aided.of("gyro_scale") is None:
+        return {}
+    at, columns = aided.parameters, aided.layout.columns
+    rows = np.concatenate([np.arange(columns[name].start, columns[name].stop) for name in _GYRO if name in columns])
+    turn = at.gyro_turn if "gyro_turn" in columns else np.zeros(3)
+    by = _entries(len(rows))
+    variances = np.einsum("ri,ij,rj->r", by, aided.covariance[np.ix_(rows, rows)], by).reshape(3, 3)
+    return {"gyro_matrix": grown(np.concatenate([at.gyro_scale, turn])), "gyro_matrix_sigma": np.sqrt(variances)}
+
+
+def _entries(free: int) -> Floats:
+    """(9, n) how the entries of 1 + Γ + [ψ]× move with the first n of Γ and ψ."""
+    moved: Floats = np.array([(grown(row) - np.eye(3)).ravel() for row in np.eye(9)[:free]]).T
+    return moved
 
 
 def _sigma(covariance: Floats | None) -> Floats | None:

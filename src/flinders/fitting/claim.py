@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
+from flinders.core.calibration_file import PARAMETERS
 from flinders.core.geomag import ASSUMED_DIP_DEG
 from flinders.core.short_repr import ShortRepr
 from flinders.errors import ArrayError
@@ -35,6 +36,7 @@ from flinders.native.engine import engine
 if TYPE_CHECKING:
     from flinders.arrays import Floats
     from flinders.core.calibration import Calibration
+    from flinders.core.offset_walk import Walk
     from flinders.geometry.ellipsoid import Ellipsoid
     from flinders.geometry.plane import Plane
 
@@ -72,6 +74,7 @@ class Claim(ShortRepr):
     #: ``xy``, ``yz`` or ``zx`` where the readings of one plane are all that it rests on: headings are then those of a
     #: turn about the third axis
     plane: Plane | None = None
+    walk: Walk | None = None  #: how fast the offset of this unit walks, where its history is known
 
     def __post_init__(self) -> None:
         """Refuse a covariance of another shape.
@@ -173,6 +176,14 @@ class Claim(ShortRepr):
     def uncorrected_heading_error_deg(self) -> HeadingError:
         """What the heading of the same vehicle errs by without the calibration, if the calibration is right."""
         return raw_error(self.ellipsoid, dip_deg=self.known_dip_deg, down=down_of(self.plane))
+
+
+def parameters_of(calibration: Calibration) -> tuple[str, ...]:
+    """What the rows of the covariance of all parameters stand for, the disturbances among them."""
+    disturbances = calibration.disturbances
+    named = [f"{disturbance.kind.key}_{axis}" for disturbance in disturbances for axis in "xyz"]
+    growth = [f"{disturbance.kind.key}_scale" for disturbance in disturbances if disturbance.name == "temperature"]
+    return (*PARAMETERS, *named, *growth)
 
 
 def heading_words(claim: Claim) -> str:

@@ -2,21 +2,13 @@
 
 A target (`flinders.targets`) writes the numbers of a calibration; here they get the origin, the claim and the limits
 of their fit, and the compass that their readings came from.
-
-Firmware can tell a disturbed reading by limits (`gates_of`). A reading x of the field's direction q has the error
-S⁻¹(δb + δS q + n) of the corrected direction: of the parameters, by their covariance C, and of noise n with the
-standard deviation σ on each axis,
-
-    M(q) = G C Gᵀ + σ² S⁻¹S⁻ᵀ
-
-The length is off by F √(qᵀ M q), the direction by at most the root of the largest eigenvalue of M. The limits are
-those of the worst direction, so that a clean reading is beyond them no more often than is said.
 """
 
 from __future__ import annotations
 
 import math
 import shlex
+from dataclasses import replace
 from typing import TYPE_CHECKING, Final
 
 import numpy as np
@@ -24,19 +16,18 @@ import numpy as np
 from flinders.errors import NotExportable, UsageError, figures
 from flinders.estimators import METHODS
 from flinders.findings.words import ANY_ANGLE_DEG
+from flinders.fitting.good_until import good_until
+from flinders.fitting.measurement_noise import gates_of, noise_of
 from flinders.fitting.verdict import headline_of
-from flinders.geometry.ellipsoid import gathered
 from flinders.geometry.plane import down_of
-from flinders.geometry.sphere import fibonacci
 from flinders.heading.error_propagation import HeadingError, level_turn, upright
 from flinders.targets import ExportOptions, mounting_table
 from flinders.targets._mounting import euler
 from flinders.targets._numbers import VEHICLE, unmapped
-from flinders.targets._target import MOUNTINGS, SIGMAS, TILT_DEG, Gates
+from flinders.targets._target import MOUNTINGS
 
 if TYPE_CHECKING:
     from flinders.arrays import Floats
-    from flinders.fitting.aiding import Aiding
     from flinders.fitting.result import Fit
     from flinders.targets import Export, Target
     from flinders.targets._mounting import Angles
@@ -46,8 +37,6 @@ FITTED: Final = {"offset": "sphere", "diagonal": "axes"}
 """Method that finds no more than what a target of a kind holds."""
 UPRIGHT: Final = "none"
 """What a mounting is called that turns nothing."""
-DIRECTIONS: Final = fibonacci(400)
-"""(N, 3) in which the error of a reading is looked at, for the limits of a disturbed one."""
 
 
 def export_fit(
@@ -58,6 +47,7 @@ def export_fit(
     lossy: bool = False,
     mounting: str | None = None,
     name: str | None = None,
+    noise: bool = False,
 ) -> tuple[Export, list[str]]:
     """Write a fit for a target.
 
@@ -70,6 +60,8 @@ def export_fit(
         Which one of the vehicle; by default the one that its readings came from.
     mounting : str, optional
         How the compass was mounted when it was recorded, as the target has it; by default as its logs say.
+    noise : bool
+        Write also the noise of the compass, as parameters of the vehicle's estimator.
     lossy, name
         As for `flinders.targets.ExportOptions`.
 
@@ -90,10 +82,18 @@ def export_fit(
         mounting=turn,
         rotation_covariance=_in_the_body(fit, turn),
         gates=gates_of(fit),
+        noise=noise_of(fit),
+        estimator=noise,
         fitting=fitting_command(fit, target),
     )
     trial = target.tried(fit.calibration, asked=asked)
-    return trial.export([*origin_lines(fit, _held_words(fit, trial) if trial.loses else ""), *notes]), notes
+    if trial.loses and asked.noise is not None:  # what the target leaves out is an error of its headings
+        asked = replace(asked, noise=asked.noise.with_error(level_turn_error(fit, trial).rms))
+        trial = target.tried(fit.calibration, asked=asked)
+    export = trial.export([*origin_lines(fit, _held_words(fit, trial) if trial.loses else ""), *notes])
+    if asked.noise is not None:
+        export.fields["noise"] = asked.noise.as_dict(fit.calibration.unit)
+    return export, notes
 
 
 def fitting_command(fit: Fit, target: Target) -> str:
@@ -214,11 +214,14 @@ def origin_lines(fit: Fit, held: str = "") -> list[str]:
     `held`: what is claimed of that part of them which a target holds, in words; empty where it is all.
     """
     sensor = f", sensor {fit.calibration.sensor}" if fit.calibration.sensor else ""
+    until = good_until(fit)
+    aged = [] if until is None else [str(until)]
     if held and not math.isnan(fit.heading_error_deg.worst):
-        return [f"from {fit.provenance.name}{sensor}", held, *limit_lines(fit)]
+        return [f"from {fit.provenance.name}{sensor}", held, *aged, *limit_lines(fit)]
     return [
         f"from {fit.provenance.name}{sensor}",
         *(verdict_lines(fit) if fit.evidence.is_described else limit_lines(fit)),
+        *aged,
     ]
 
 
@@ -232,40 +235,6 @@ def limit_lines(fit: Fit, but: str = "") -> list[str]:
     """What the calibration is not good for, as its file says, except for the finding of one code."""
     limits = (finding for finding in fit.findings if finding.severity == "limits" and finding.code != but)
     return [f"limited: {finding.advice}" for finding in limits]
-
-
-def gates_of(fit: Fit) -> Gates | None:
-    """The limits of a fit; None where its noise or uncertainty is not known, or nothing would be beyond them.
-
-    Dip has a limit where the fit saw how the sensor is turned against an accelerometer or attitude, and the dip there.
-
-    >>> from flinders import fit, simulate
-    >>> gates = gates_of(fit(simulate.tumble(seed=1).samples))
-    >>> round(gates.strength_limit, 1), gates.has_dip
-    (2.4, False)
-    """
-    if not math.isfinite(fit.evidence.noise) or not fit.claim.covariance.any():
-        return None
-    errors = _errors(fit)
-    along = np.einsum("ni,nij,nj->n", DIRECTIONS, errors, DIRECTIONS)
-    strength = SIGMAS * fit.calibration.field_strength * float(np.sqrt(along.max()))
-    if not strength < fit.calibration.field_strength:
-        return None
-    aiding = fit.evidence.aiding
-    if fit.calibration.rotation != "estimated" or aiding is None or aiding.dip_deg is None:
-        return Gates(strength)
-    across = float(np.linalg.eigvalsh(errors)[:, -1].max()) + _mounting(aiding)
-    limit = SIGMAS * math.hypot(math.degrees(math.sqrt(across)), aiding.dip_sigma_deg or 0.0, TILT_DEG)
-    return Gates(strength, aiding.dip_deg, limit)
-
-
-def _errors(fit: Fit) -> Floats:
-    """(N, 3, 3) M of directions all over."""
-    ellipsoid = fit.calibration.ellipsoid
-    inverse = np.linalg.inv(ellipsoid.shape)
-    rows = np.stack([gathered(np.tile(row, (len(DIRECTIONS), 1)).T, DIRECTIONS.T) for row in inverse], axis=1)
-    carried: Floats = rows @ np.asarray(fit.claim.covariance) @ np.swapaxes(rows, 1, 2)
-    return carried + fit.evidence.noise**2 * inverse @ inverse.T
 
 
 def _in_the_body(fit: Fit, mounting: Floats | None) -> Floats | None:
@@ -282,9 +251,3 @@ def _in_the_body(fit: Fit, mounting: Floats | None) -> Floats | None:
     turn = unmapped(calibration) if calibration.frame == VEHICLE else after
     turned: Floats = turn @ covariance @ turn.T
     return turned
-
-
-def _mounting(aiding: Aiding) -> float:
-    """rad²: variance of the rotation against the body, about its least certain axis."""
-    covariance = aiding.rotation_covariance
-    return 0.0 if covariance is None else float(np.linalg.eigvalsh(covariance)[-1])

@@ -27,11 +27,13 @@ from msgspec import UNSET
 
 from flinders.core.calibration import Calibration
 from flinders.core.calibration_file import PARAMETERS, Fitted, HeadingErrorRecord, read
+from flinders.core.offset_walk import Walk
 from flinders.errors import DocumentError
 from flinders.findings import Finding
 from flinders.fitting.aiding import Aiding
+from flinders.fitting.claim import parameters_of
 from flinders.fitting.evidence import Disturbances, Evidence, Residuals
-from flinders.fitting.result import Judgement, Provenance, bare_fit, parameters_of
+from flinders.fitting.result import Judgement, Provenance, bare_fit
 from flinders.heading.error_propagation import HeadingError
 from flinders.summary.coverage import Coverage
 
@@ -76,7 +78,8 @@ def _with_record(fit: Fit, record: Fitted) -> Fit:
         z_down=True if record.z_down is UNSET else record.z_down,
         aiding=None if record.aiding is UNSET else Aiding.from_record(record.aiding),
     )
-    claim = replace(fit.claim, plane=record.plane or None)
+    walk = None if record.walk is UNSET else Walk(record.walk.rate, record.walk.low, record.walk.high)
+    claim = replace(fit.claim, plane=record.plane or None, walk=walk)
     if (error := record.heading_error_deg) is not None:
         claim = _with_error(claim, error, evidence.aiding)
     if error is not None and error.structure_deg:

@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, Any, Final
 import msgspec
 
 from flinders.fitting.claim import TILTS
+from flinders.fitting.good_until import good_until, since_of
 from flinders.fitting.result import finite_or_none, heading_record
 
 if TYPE_CHECKING:
@@ -27,7 +28,7 @@ _REFUSED: Final = ("calibration", "uncorrected_heading_error_deg")
 
 _ON_A_SURFACE: Final = (
     *_REFUSED, "heading_error_deg", "textbook_heading_error_deg", "tilted_heading_error_deg", "attitude_limit_deg",
-    "direction_error_deg", "bias_deg", "coverage",
+    "direction_error_deg", "bias_deg", "coverage", "good_until",
 )  # fmt: skip
 """Keys that are None where the readings are flat."""
 
@@ -50,6 +51,8 @@ def json_of(fit: Fit) -> dict[str, Any]:
         "method": evidence.method,
         "calibration": fit.calibration.as_dict(),
         "heading_error_deg": None if error is None else msgspec.structs.asdict(error),
+        # when `heading_error_deg` will have doubled, as in the file; null where nothing is claimed
+        "good_until": _good_until(fit),
         "uncorrected_heading_error_deg": _rms_and_worst(claim.uncorrected_heading_error_deg),
         "textbook_heading_error_deg": _rms_and_worst(claim.textbook_heading_error_deg),
         "alignment_error_deg": claim.alignment_error_deg,
@@ -81,6 +84,12 @@ def json_of(fit: Fit) -> dict[str, Any]:
     untrusted = _ON_A_SURFACE if fit.judgement.is_flat else _REFUSED if fit.verdict == "refused" else ()
     unstated = () if claim.states_uncertainty else _OF_THE_COVARIANCE
     return {**fields, **dict.fromkeys((*untrusted, *unstated))}
+
+
+def _good_until(fit: Fit) -> dict[str, Any] | None:
+    """When the claim will have doubled."""
+    until = good_until(fit)
+    return None if until is None else msgspec.to_builtins(until.to_record(since_of(fit.provenance.record)))
 
 
 def _disturbances_as_dict(disturbances: Disturbances) -> dict[str, Any]:

@@ -28,8 +28,9 @@ from flinders.core.short_repr import ShortRepr
 from flinders.core.units import label
 from flinders.errors import FitError, counted, figures
 from flinders.findings import VERDICTS, Finding, Verdict, first_causes
-from flinders.fitting.claim import Claim
+from flinders.fitting.claim import Claim, parameters_of
 from flinders.fitting.evidence import Evidence
+from flinders.fitting.good_until import good_until, since_of, walk_record
 
 if TYPE_CHECKING:
     import os
@@ -40,6 +41,7 @@ if TYPE_CHECKING:
     from flinders.core.calibration import Calibration
     from flinders.core.calibration_file import Document, FindingRecord, ProvenanceRecord, SourceFile
     from flinders.core.figure import Figure
+    from flinders.core.offset_walk import Walk
     from flinders.core.samples import Recording
     from flinders.errors import FlindersError
     from flinders.findings import Condition
@@ -237,6 +239,11 @@ def with_calibration(fit: Fit, calibration: Calibration) -> Fit:
     return replace(fit, calibration=calibration, claim=replace(fit.claim, calibration=calibration))
 
 
+def with_walk(fit: Fit, walk: Walk | None) -> Fit:
+    """The same fit of a unit whose walk is known, which its file then states."""
+    return replace(fit, claim=replace(fit.claim, walk=walk))
+
+
 def with_name(fit: Fit, name: str) -> Fit:
     """The same fit by another name."""
     return replace(fit, provenance=replace(fit.provenance, name=name))
@@ -249,15 +256,17 @@ def of_recording(fit: Fit, recording: Recording | None) -> Fit:
 
 def document_of(fit: Fit, provenance: ProvenanceRecord | None = None) -> Document:
     """The calibration file with all of a fit in it; of a loaded fit by default with the provenance it has."""
-    return fit.calibration.to_document(fit=_record(fit), provenance=provenance or fit.provenance.record)
+    origin = provenance or fit.provenance.record
+    return fit.calibration.to_document(fit=_record(fit, origin), provenance=origin)
 
 
-def _record(fit: Fit) -> Fitted | None:
+def _record(fit: Fit, origin: ProvenanceRecord | None) -> Fitted | None:
     """What a calibration file keeps of it beside the calibration."""
     evidence, claim = fit.evidence, fit.claim
     if not evidence.is_described:
         return None
     joint = evidence.disturbances.covariance
+    until = good_until(fit)
     rows = (claim.covariance if joint is None else joint).tolist()
     covariance = tuple(map(tuple, rows)) if claim.states_uncertainty else None
     return Fitted(
@@ -268,6 +277,8 @@ def _record(fit: Fit) -> Fitted | None:
         covariance=covariance,
         verdict=fit.verdict,
         heading_error_deg=heading_record(claim),
+        good_until=UNSET if until is None else until.to_record(since_of(origin)),
+        walk=UNSET if claim.walk is None else walk_record(claim.walk),
         coverage=evidence.coverage.as_dict(),
         findings=fit.judgement.finding_records,
         conditions=fit.judgement.conditions or UNSET,
@@ -275,14 +286,6 @@ def _record(fit: Fit) -> Fitted | None:
         z_down=evidence.z_down if claim.plane else UNSET,
         aiding=UNSET if evidence.aiding is None else evidence.aiding.to_record(),
     )
-
-
-def parameters_of(calibration: Calibration) -> tuple[str, ...]:
-    """What the rows of the covariance of all parameters stand for, the disturbances among them."""
-    disturbances = calibration.disturbances
-    named = [f"{disturbance.kind.key}_{axis}" for disturbance in disturbances for axis in "xyz"]
-    growth = [f"{disturbance.kind.key}_scale" for disturbance in disturbances if disturbance.name == "temperature"]
-    return (*PARAMETERS, *named, *growth)
 
 
 def heading_record(claim: Claim) -> HeadingErrorRecord | None:

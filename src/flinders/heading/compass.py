@@ -52,6 +52,7 @@ class Headings:
     dip_deg: Floats | None = None  # (N,) of the field, as it is seen
     frames: Frames = field(default_factory=Frames)  # axes of the accelerometer; of a level sensor, whether z is down
     accelerated: int = 0  # readings whose acceleration was not that of gravity alone
+    grid_deg: Floats | None = None  # (N,) from north of the map's grid, where its convergence is known
 
     def __len__(self) -> int:
         return len(self.magnetic_deg)
@@ -70,6 +71,7 @@ class Headings:
             columns.get("dip_deg"),
             sum((block.frames for block in blocks), Frames()),
             sum(block.accelerated for block in blocks),
+            columns.get("grid_heading_deg"),
         )
 
     def columns(self) -> dict[str, Floats]:
@@ -77,6 +79,7 @@ class Headings:
         named = {
             "heading_deg": self.magnetic_deg,
             "true_heading_deg": self.true_deg,
+            "grid_heading_deg": self.grid_deg,
             "roll_deg": self.roll_deg,
             "pitch_deg": self.pitch_deg,
             "dip_deg": self.dip_deg,
@@ -93,6 +96,7 @@ class Compass:
     formula: str = "exact"  # of `flinders.heading.attitude.FORMULAS`, or "level": two axes, never tilted
     acceleration_axes: Axes = AS_THEY_ARE  # what turns the acceleration further than the field
     declination_deg: float | None = None  # added to magnetic headings it gives true ones
+    grid_declination_deg: float | None = None  # added to magnetic headings it gives those from grid north
     gravity: float | None = None  # length of the acceleration at rest, in its own unit; else the median of each block
     acceleration_bias: Floats | None = None  # (3,) m/s², read too much in the calibration's axes, and removed
     acceleration_matrix: Floats | None = None  # (3, 3) by which what is left is multiplied
@@ -116,7 +120,8 @@ class Compass:
         if self.formula == LEVEL:
             magnetic = level_heading_deg(corrected)
             frames = Frames.of(corrected, np.broadcast_to([0.0, 0.0, -1.0], corrected.shape), gravity=1.0)
-            return Headings(magnetic, strength, self._true(magnetic), frames=frames)
+            true, grid = self._from_north(magnetic)
+            return Headings(magnetic, strength, true, frames=frames, grid_deg=grid)
         if samples.acceleration is None:
             raise NoAccelerometer(
                 f"no accelerometer among the columns of {samples.source}: the heading of a tilted sensor needs one; "
@@ -128,9 +133,10 @@ class Compass:
         roll, pitch = roll_pitch_deg(force)
         frames = Frames.of(corrected, force, gravity=self.gravity)
         present = int(np.isfinite(force).all(axis=1).sum())
+        true, grid = self._from_north(magnetic)
         return Headings(
-            magnetic, strength, self._true(magnetic), roll, pitch, dip_deg(corrected, force), frames,
-            max(present - frames.readings, 0),
+            magnetic, strength, true, roll, pitch, dip_deg(corrected, force), frames, max(present - frames.readings, 0),
+            grid,
         )  # fmt: skip
 
     def _specific_force(self, read: Floats) -> Floats:
@@ -143,9 +149,11 @@ class Compass:
         force: Floats = read if self.acceleration_matrix is None else read @ self.acceleration_matrix.T
         return force
 
-    def _true(self, magnetic: Floats) -> Floats | None:
-        """True headings, where the declination is known."""
-        return None if self.declination_deg is None else wrapped(magnetic + self.declination_deg)
+    def _from_north(self, magnetic: Floats) -> tuple[Floats | None, Floats | None]:
+        """Headings from true and from grid north, where these are known."""
+        known = (self.declination_deg, self.grid_declination_deg)
+        true, grid = (None if angle is None else wrapped(magnetic + angle) for angle in known)
+        return true, grid
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -102,6 +102,7 @@ class AccelerometerPrior:
     # rest (1 + Γ)(gβ − f) is down, and as long as gravity
     mean: Floats
     precision: Floats  # (9, 9)
+    scale: float = 1.0  # what gravity is long in the recorded unit, for Γ = 0
 
     @classmethod
     def of(cls, *, bias: float = ACCELERATION_SIGMA, gain: float = GAIN_SIGMA) -> Self:

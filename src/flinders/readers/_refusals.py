@@ -217,6 +217,7 @@ def no_magnetometer(name: str, header: list[str], values: Floats, text: str, hea
             f"no magnetometer among the columns of {name}: {listed(header)}; "
             "say which three it is, by name or by number",
             hint=XYZ,
+            columns=header,
         )
     return _other_labels(name, text, line) or NoMagnetometer(
         f"{name} has {values.shape[1]} columns and {heading}: need three, x y z, "

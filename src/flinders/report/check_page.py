@@ -2,16 +2,21 @@
 
 from __future__ import annotations
 
+from datetime import timedelta
 from typing import TYPE_CHECKING
 
 from flinders.errors import in_python
+from flinders.fitting.good_until import duration
 from flinders.report.comparison_pages import of_comparison, of_untold
+from flinders.report.formatting import date_of, degrees
+from flinders.report.terminal import facts, page, verdict
 from flinders.workflows.onboard import NAME
 
 if TYPE_CHECKING:
     from rich.console import RenderableType
 
     from flinders.errors import Spelling
+    from flinders.workflows.aging import Aged
     from flinders.workflows.checking import Check
 
 
@@ -23,3 +28,25 @@ def of_check(checked: Check, spell: Spelling = in_python) -> RenderableType:
     own, fresh = checked.made_from, checked.fresh
     name = NAME if checked.known.provenance.name == NAME else "the calibration"
     return of_comparison(checked.comparison, spell, fresh=fresh, strengths=strengths, own=own, name=name)
+
+
+def of_aged(aged: Aged) -> RenderableType:
+    """Lay out how far a calibration has aged."""
+    until, ends = aged.until, " to ".join(map(degrees, aged.claim_range_deg))
+    walk = "by the walk of this unit" if until.by == "history" else "by the usual walk of an offset"
+    known = [
+        ("made", date_of(aged.since)),
+        ("asked for", f"{date_of(aged.at)}, {duration(aged.seconds)} later"),
+        ("claim", f"{degrees(until.claim_deg)} then, {degrees(aged.claim_deg)} now ({ends})"),
+        ("doubled", f"{date_of(until.date(aged.since))}, {walk}"),
+    ]
+    is_beyond = until.target_s is None
+    limit = "doubled" if is_beyond else f"reached the target of {until.target_deg:g}°"
+    if until.target_s is not None:
+        known.insert(3, ("target", f"{date_of(aged.since + timedelta(seconds=round(until.target_s)))}, {walk}"))
+    if aged.answer == "holds":
+        said = verdict("HOLDS", "good", f"The claim has not {limit}.", str(until))
+    else:
+        words = f"The claim has {limit}: check it on a recording, or calibrate again."
+        said = verdict("CANNOT TELL", "limited", words, str(until))
+    return page(facts(known), said)

@@ -20,7 +20,8 @@ from typing import TYPE_CHECKING, Final, NamedTuple
 from flinders.core.figure import Figure
 from flinders.errors import NeedsRecording, UsageError, did_you_mean
 from flinders.errors import figures as digits
-from flinders.fitting.export import gates_of, refuse_unfit
+from flinders.fitting.export import refuse_unfit
+from flinders.fitting.measurement_noise import gates_of
 from flinders.report import figures
 from flinders.report.charts import MOST_DOTS, as_file, beside, rectangle, stacked, text, thinned
 from flinders.report.figure_data import FigureData

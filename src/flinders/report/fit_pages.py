@@ -19,6 +19,7 @@ from flinders.fitting.claim import dip_words
 from flinders.fitting.result import Fit, fit_of
 from flinders.fitting.verdict import headline_of, improves
 from flinders.report.formatting import (
+    aging,
     aligned,
     condition,
     curve_entries,
@@ -235,10 +236,10 @@ def _fit_verdict(fit: Fit) -> Table:
 
 
 def _more(fit: Fit) -> Iterator[str]:
-    """What else a verdict says: what the mounting adds, on which conditions it holds, and whether it is needed."""
+    """What else a verdict says: what the mounting adds, when it holds and how long, and whether it is needed."""
     if fit.verdict == "refused":
         return iter(("no calibration was written",))
-    return filter(None, (mounting(fit), condition(fit), "" if improves(fit) else NO_BETTER))
+    return filter(None, (mounting(fit), condition(fit), aging(fit), "" if improves(fit) else NO_BETTER))
 
 
 # ----------------------------------------------------------------------------------------------- merged, and typed

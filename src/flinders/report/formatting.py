@@ -20,6 +20,7 @@ from flinders.findings import first_causes
 from flinders.findings.catalogue import OF_RECORDING
 from flinders.findings.row import stated
 from flinders.findings.words import ANY_ANGLE_DEG
+from flinders.fitting.good_until import good_until
 from flinders.likelihood.parameters import TERMS
 
 if TYPE_CHECKING:
@@ -259,6 +260,12 @@ def with_unit(disturbance: Disturbance) -> str:
     ('current, A', 'throttle')
     """
     return f"{disturbance.name},{disturbance.kind.unit}" if disturbance.kind.unit else disturbance.name
+
+
+def aging(fit: Fit) -> str:
+    """How long a fit is good; nothing where it claims nothing."""
+    until = good_until(fit)
+    return "" if until is None else str(until)
 
 
 def condition(fit: Fit) -> str:

@@ -33,6 +33,8 @@ def of_headings(summary: HeadingSummary, spell: Spelling = in_python) -> Rendera
     ]
     if compass.declination_deg is not None:
         known.append(("north", _north(site, compass.declination_deg)))
+    if site is not None and compass.grid_declination_deg is not None:
+        known.append(("grid", grid_words(site)))
     if voyage.frames.readings and compass.formula != LEVEL:
         known.append(("dip", _dip(voyage, site)))
     said = [(note.severity, note.words(spell)) for note in summary.notes]
@@ -82,6 +84,12 @@ def _north(site: SiteField | None, declination_deg: float) -> str:
         side = "E" if declination_deg >= 0.0 else "W"
         return f"declination {abs(declination_deg):.2f}° {side}, as given"
     return str(site)
+
+
+def grid_words(site: SiteField) -> str:
+    """Where grid north is, and magnetic north from it."""
+    side = "E" if site.grid_declination_deg >= 0.0 else "W"
+    return f"{site.grid}; magnetic north {abs(site.grid_declination_deg):.2f}° {side} of grid north"
 
 
 def _dip(voyage: Voyage, site: SiteField | None) -> str:

@@ -45,6 +45,7 @@ from flinders.report.colours import STEPS
 from flinders.report.figure_data import FigureData
 from flinders.report.formatting import (
     SOURCES,
+    aging,
     condition,
     curve_entries,
     date_of,
@@ -230,7 +231,7 @@ def _outcome(outcome: Fit | FitError, fit: Fit | None) -> dict[str, str]:
         why = as_sentence(cast("FitError", outcome).message)
         return {"verdict": "refused", "title": "No calibration", "sentence": why}
     title = MEANINGS[fit.verdict].title if fit.claim.states_uncertainty else "Of unknown quality"
-    said = " ".join(map(as_sentence, filter(None, (headline_of(fit).words, condition(fit)))))
+    said = " ".join(map(as_sentence, filter(None, (headline_of(fit).words, condition(fit), aging(fit)))))
     return {"verdict": fit.verdict, "title": title, "sentence": said}
 
 

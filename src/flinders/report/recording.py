@@ -15,6 +15,7 @@ from flinders.core.units import COUNTS, EARTH_WITH_ROOM_UT, label
 from flinders.errors import counted, figures
 from flinders.readers._likeness import looks_like
 from flinders.report.formatting import written_time
+from flinders.report.heading_pages import grid_words
 from flinders.report.terminal import facts, next_commands, page
 from flinders.report.terminal import notes as marked
 
@@ -35,11 +36,11 @@ NOTHING_FIT: Final = "No magnetometer of it can be calibrated from this recordin
 CALIBRATION: Final = Path("calibration.json")
 
 
-def of_contents(contents: Contents) -> RenderableType:
-    """Lay out what a file holds, and what to type next."""
+def of_contents(contents: Contents, *, grid: bool = False) -> RenderableType:
+    """Lay out what a file holds, and what to type next; with `grid` also where grid north is at its place."""
     sensors = [_sensor_block(sensor, contents.site) for sensor in contents.sensors]
     said = next_commands(contents.commands) if contents.commands else Text(NOTHING_FIT)
-    return Group(_file_block(contents), page(*sensors, said))
+    return Group(_file_block(contents, grid=grid), page(*sensors, said))
 
 
 def commands_for(path: str, sensors: Sequence[RecordedSensor], options: Sequence[str]) -> tuple[str, ...]:
@@ -75,7 +76,7 @@ def _calibrate(path: str) -> list[str]:
     return ["flinders", "calibrate", f"./{path}" if is_like_an_option else path]
 
 
-def _file_block(contents: Contents) -> RenderableType:
+def _file_block(contents: Contents, *, grid: bool) -> RenderableType:
     size = "" if contents.bytes is None else f", {_written_size(contents.bytes)}"
     rows = []
     if contents.start:
@@ -89,6 +90,7 @@ def _file_block(contents: Contents) -> RenderableType:
         declination = f"declination {abs(site.declination_deg):.1f}° {side}"
         words = f"{site.strength:.2f} µT, dip {site.inclination_deg:.1f}°, {declination} ({site.model})"
         rows.append(("field there", words))
+        rows += [("grid there", grid_words(site))] * grid
     return _block(contents.source, f"{contents.format}{size}", rows, notes=contents.notes)
 
 

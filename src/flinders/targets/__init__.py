@@ -20,6 +20,7 @@ from typing import TYPE_CHECKING, Final
 
 from flinders.core.plugins import modules_of, plugin_rows
 from flinders.errors import DocumentError, PluginError, UsageError, did_you_mean
+from flinders.targets._measurement_noise import MeasurementNoise, YawFilter
 from flinders.targets._target import Export, ExportOptions, Target, TargetReader, Written
 
 if TYPE_CHECKING:
@@ -31,9 +32,11 @@ if TYPE_CHECKING:
 __all__ = [
     "Export",
     "ExportOptions",
+    "MeasurementNoise",
     "Target",
     "TargetReader",
     "Written",
+    "YawFilter",
     "find",
     "mounting_table",
     "read_back",
@@ -42,8 +45,9 @@ __all__ = [
 ]
 
 FIRST: Final = (
-    "ardupilot", "px4", "motioncal", "adafruit", "fusion", "rtimulib", "betaflight", "inav", "paparazzi", "vectornav",
-    "adis16480", "ros", "esphome", "zscilib", "matlab", "code", "plain", "system_mounting", "ros_mounting",
+    "ardupilot", "px4", "motioncal", "adafruit", "fusion", "rtimulib", "betaflight", "betaflight_model", "inav",
+    "paparazzi", "vectornav", "adis16480", "ros", "esphome", "zscilib", "matlab", "code", "plain", "system_mounting",
+    "ros_mounting",
 )  # fmt: skip
 """Modules in the order in which their targets are listed; all others come after them, by name."""
 
@@ -88,8 +92,11 @@ def mounting_table(target: Target) -> MountingTable:
     return target.mountings
 
 
-def taking(name: str, *, compass: int | None = None, code_name: str | None = None) -> Target:
-    """Look up a target as `find`, and refuse a compass or a name for code that it does not take: `UsageError`."""
+def taking(name: str, *, compass: int | None = None, code_name: str | None = None, noise: bool = False) -> Target:
+    """Look up a target as `find`, and refuse what it does not take: `UsageError`.
+
+    That may be the number of a compass, a name for code, or the noise for an estimator.
+    """
     target = find(name)
     if compass is not None and not target.compasses:
         takes = ", ".join(each.name for each in registry().values() if each.compasses)
@@ -101,6 +108,12 @@ def taking(name: str, *, compass: int | None = None, code_name: str | None = Non
         takes = ", ".join(each.name for each in registry().values() if each.named)
         raise UsageError(
             f"a name goes with {takes}: {target.name} has no names to choose, leave it out", hint={"name": None}
+        )
+    if noise and not target.estimator:
+        takes = ", ".join(each.name for each in registry().values() if each.estimator)
+        raise UsageError(
+            f"the noise for an estimator goes with {takes}: {target.name} has no parameters of one, leave it out",
+            hint={"noise": None},
         )
     return target
 

@@ -423,3 +423,12 @@ def _number(value: object, name: str, source: str) -> float:
 def _short(value: object) -> str:
     text = repr(value)
     return "missing" if value is None else text if len(text) <= 40 else f"{text[:37]}..."
+
+
+def yaml_text(value: object) -> str:
+    """A scalar, list or mapping; numbers with a point and a signed exponent, as YAML 1.1 needs them."""
+    if isinstance(value, dict):
+        return f"{{{', '.join(f'{name}: {yaml_text(member)}' for name, member in value.items())}}}"
+    if isinstance(value, list):
+        return f"[{', '.join(map(yaml_text, value))}]"
+    return f"{value:.17e}" if isinstance(value, float) else json.dumps(value)

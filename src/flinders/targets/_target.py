@@ -48,6 +48,8 @@ if TYPE_CHECKING:
     from flinders.arrays import Floats
     from flinders.core.calibration import Calibration
     from flinders.core.disturbance import Disturbance
+    from flinders.targets._inertial import InertialForm
+    from flinders.targets._measurement_noise import MeasurementNoise
     from flinders.targets._mounting import MountingTable
 
 Keeps: TypeAlias = Literal["all", "symmetric", "diagonal", "offset", "rotation", "axes"]
@@ -105,6 +107,8 @@ class ExportOptions:
     mounting: Floats | None = None
     rotation_covariance: Floats | None = None  # (3, 3) rad², in the body's axes: of how the sensor sits
     gates: Gates | None = None  # limits by which generated code tells a disturbed reading
+    noise: MeasurementNoise | None = None  # what a filter has to assume of corrected readings
+    estimator: bool = False  # write that also as parameters of the vehicle's estimator
     # of the sensor: names in generated code begin with it, so that code for two sensors goes into one program
     name: str | None = None
     fitting: str = ""  # the command that makes a fit of what the target holds, if there is one
@@ -159,6 +163,8 @@ class TargetReader:
     saved: str  #: what the tool itself saves that can be read, in words
     #: ``which(content, source, compass)`` gives number and device id of the compass that is read, of several
     which: Callable[[bytes, str, int | None], tuple[int, int | None]] | None = None
+    #: ``states(content, source)`` gives lines on what the file states beside the calibration
+    states: Callable[[bytes, str], list[str]] | None = None
 
     def sniff(self, head: bytes) -> bool:
         """Whether the first bytes may be those of such a file."""
@@ -209,6 +215,8 @@ class Target:
     named: bool = False  #: names in it stand in a program beside those of others, and it takes ``--name``
     mountings: MountingTable | None = None  #: those that it can be given; with them it takes ``--mounting``
     limits: tuple[Limit, ...] = ()  #: of its parameters
+    inertial: InertialForm | None = None  #: how it holds an accelerometer and a gyro too
+    estimator: str = ""  #: the estimator beside it that takes the noise of a compass; with one it takes ``--noise``
 
     @property
     def where(self) -> str:

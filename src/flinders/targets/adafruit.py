@@ -19,6 +19,7 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
+from flinders.targets._inertial_forms import SENSORLAB
 from flinders.targets._numbers import Affine, listed, loaded, numbers
 from flinders.targets._target import ExportOptions, Target, TargetReader, Written
 
@@ -63,6 +64,7 @@ TARGETS: Final = (
         storage="JSON, read as float32",
         source="Adafruit_Sensor_Calibration_SDFat.cpp",
         comment=None,
+        inertial=SENSORLAB,
         write=write,
         reader=TargetReader(rb'"mag_(?:hard|soft)iron"', read, "sensor_calib.json"),
     ),

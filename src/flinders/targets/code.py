@@ -23,7 +23,6 @@ from __future__ import annotations
 import math
 import re
 import unicodedata
-import zlib
 from dataclasses import dataclass, replace
 from functools import partial
 from typing import TYPE_CHECKING, Final, Self
@@ -52,11 +51,13 @@ from flinders.targets._code_templates import (
     SKETCH_STRENGTH,
 )
 from flinders.targets._comments import BLOCK, HASH
+from flinders.targets._guard import guarded
+from flinders.targets._inertial_forms import code_form
 from flinders.targets._numbers import OWN, RECORDED, Affine, shift_in_recorded_axes, single, unmapped, whole
 from flinders.targets._target import CHANCE, TILT_DEG, ExportOptions, Gates, Target, Written
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Iterator, Sequence
+    from collections.abc import Iterable, Iterator
 
     from numpy.typing import ArrayLike
 
@@ -380,35 +381,6 @@ def begun(usual: str, name: str | None) -> str:
     return word
 
 
-def guarded(word: str, body: Sequence[str]) -> list[str]:
-    """Put an include guard around a header.
-
-    The guard holds a checksum of the lines: the same header may be included again, and another one of the same names
-    is an error, where an empty guard would give the second sensor the numbers of the first without a word.
-
-    >>> print(*guarded("mast", ["int x;"]), sep=chr(10))
-    #ifndef MAST_CALIBRATION_H
-    #define MAST_CALIBRATION_H 0x32c65decu
-    <BLANKLINE>
-    int x;
-    <BLANKLINE>
-    #elif MAST_CALIBRATION_H != 0x32c65decu
-    #error "two calibrations have the names of mast: write one of them with flinders export --name"
-    #endif
-    """
-    guard, checksum = f"{word.upper()}_CALIBRATION_H", zlib.crc32("\n".join(body).encode())
-    return [
-        f"#ifndef {guard}",
-        f"#define {guard} 0x{checksum:08x}u",
-        "",
-        *body,
-        "",
-        f"#elif {guard} != 0x{checksum:08x}u",
-        f'#error "two calibrations have the names of {word}: write one of them with flinders export --name"',
-        "#endif",
-    ]
-
-
 HEADER: Final = Target(
     name="c",
     use="C99 header, single precision",
@@ -425,6 +397,7 @@ HEADER: Final = Target(
     linearizes=True,
     comment=BLOCK,
     named=True,
+    inertial=code_form("c"),
     write=write_header,
 )
 SHORT: Final = replace(
@@ -436,6 +409,7 @@ SHORT: Final = replace(
     linearizes=False,
     storage="int16 readings, int16 matrix, offset in 2^-8 of a unit, 64-bit sums",
     gives=RECORDED,
+    inertial=None,
     write=write_q15,
 )
 LONG: Final = replace(
@@ -447,7 +421,14 @@ LONG: Final = replace(
     write=write_q31,
 )
 ARDUINO: Final = replace(
-    HEADER, name="arduino", use="Arduino sketch", suffix=".ino", title="Arduino sketch", follows="", write=write_sketch
+    HEADER,
+    name="arduino",
+    use="Arduino sketch",
+    suffix=".ino",
+    title="Arduino sketch",
+    follows="",
+    inertial=code_form("sketch"),
+    write=write_sketch,
 )
 MICROPYTHON: Final = replace(
     ARDUINO,
@@ -458,6 +439,7 @@ MICROPYTHON: Final = replace(
     storage="the float of the board, 30 bits or more",
     comment=HASH,
     named=False,
+    inertial=code_form("python"),
     write=write_micropython,
 )
 TARGETS: Final = (HEADER, SHORT, LONG, ARDUINO, MICROPYTHON)

@@ -24,6 +24,7 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 
 from flinders.targets._comments import BLOCK, HASH
+from flinders.targets._inertial_forms import FUSION_C, FUSION_PYTHON
 from flinders.targets._numbers import OWN, Affine, single
 from flinders.targets._target import ExportOptions, Target, Written
 from flinders.targets.code import float32s
@@ -91,6 +92,7 @@ FUSION: Final = Target(
     fed=True,
     source="FusionModel.h; before 1.3 FusionCalibration.h",
     comment=BLOCK,
+    inertial=FUSION_C,
     write=write,
 )
 TARGETS: Final = (
@@ -103,6 +105,7 @@ TARGETS: Final = (
         title="x-io Fusion from 1.3.0 on, Python",
         storage="float64",
         comment=HASH,
+        inertial=FUSION_PYTHON,
         write=write_python,
     ),
     replace(
@@ -112,6 +115,7 @@ TARGETS: Final = (
         title="x-io Fusion up to 1.1, C",
         formula="c = S u - h",
         source="FusionCalibration.h before commit 15e463c",
+        inertial=None,
         write=write_old,
     ),
 )

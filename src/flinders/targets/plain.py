@@ -1,6 +1,7 @@
 """The numbers as plain JSON or YAML: ``corrected = matrix (raw − offset)``, in the calibration's unit.
 
-Readings go in with the axes as recorded and come out with those of the calibration.
+Readings go in with the axes as recorded and come out with those of the calibration. ``noise`` is what a filter has to
+assume of them, where a fit states it (`flinders.targets._measurement_noise`).
 
 For programs that need no more; `flinders` itself reads its own calibration files, which hold all that is known.
 """
@@ -15,7 +16,8 @@ from flinders.core.disturbance import BY_KEY, Disturbance
 from flinders.core.units import COUNTS, MICROTESLA
 from flinders.errors import DocumentError
 from flinders.targets._comments import HASH
-from flinders.targets._numbers import OWN, Affine, listed, loaded, numbers, shift_in_recorded_axes
+from flinders.targets._inertial_forms import PLAIN_JSON, PLAIN_YAML
+from flinders.targets._numbers import OWN, Affine, listed, loaded, numbers, shift_in_recorded_axes, yaml_text
 from flinders.targets._target import ExportOptions, Target, TargetReader, Written
 
 if TYPE_CHECKING:
@@ -24,19 +26,19 @@ if TYPE_CHECKING:
 FORMULA: Final = "corrected = matrix (raw - offset)"
 
 
-def write_json(calibration: Calibration, _asked: ExportOptions) -> Written:
+def write_json(calibration: Calibration, asked: ExportOptions) -> Written:
     """Write one JSON object."""
-    correction, values = _values(calibration)
+    correction, values = _values(calibration, asked)
     return Written(correction.apply, json.dumps(values, indent=1).splitlines(), values)
 
 
-def write_yaml(calibration: Calibration, _asked: ExportOptions) -> Written:
+def write_yaml(calibration: Calibration, asked: ExportOptions) -> Written:
     """Write the same as YAML; values are written as JSON has them, which YAML reads too."""
-    correction, values = _values(calibration)
-    return Written(correction.apply, [f"{name}: {_yaml(value)}" for name, value in values.items()], values)
+    correction, values = _values(calibration, asked)
+    return Written(correction.apply, [f"{name}: {yaml_text(value)}" for name, value in values.items()], values)
 
 
-def _values(calibration: Calibration) -> tuple[Affine, dict[str, Any]]:
+def _values(calibration: Calibration, asked: ExportOptions) -> tuple[Affine, dict[str, Any]]:
     """The correction, and all that is written, by name."""
     correction = Affine.of(calibration, OWN, who="plain JSON", acts="across")
     return correction, {
@@ -47,6 +49,7 @@ def _values(calibration: Calibration) -> tuple[Affine, dict[str, Any]]:
         "offset": correction.offset.tolist(),
         "matrix": correction.matrix.tolist(),
         **_drivers(calibration),
+        **({} if asked.noise is None else {"noise": asked.noise.as_dict(calibration.unit)}),
     }
 
 
@@ -63,15 +66,6 @@ def _drivers(calibration: Calibration) -> dict[str, Any]:
         for disturbance in calibration.disturbances
         for key in [disturbance.kind.key]
     }
-
-
-def _yaml(value: object) -> str:
-    """A scalar, list or mapping; numbers with a point and a signed exponent, as YAML 1.1 needs them."""
-    if isinstance(value, dict):
-        return f"{{{', '.join(f'{name}: {_yaml(member)}' for name, member in value.items())}}}"
-    if isinstance(value, list):
-        return f"[{', '.join(map(_yaml, value))}]"
-    return f"{value:.17e}" if isinstance(value, float) else json.dumps(value)
 
 
 def read(content: bytes, source: str, *, strength: float | None = None) -> Calibration:
@@ -125,6 +119,7 @@ JSON: Final = Target(
     acts="across",
     follows="all",
     comment=None,
+    inertial=PLAIN_JSON,
     write=write_json,
     reader=TargetReader(rb'(?s)\A\s*\{.*"corrected = matrix \(raw - offset\)"', read, ""),
 )
@@ -137,6 +132,7 @@ TARGETS: Final = (
         suffix=".yaml",
         title="plain YAML",
         comment=HASH,
+        inertial=PLAIN_YAML,
         write=write_yaml,
         reader=None,
     ),

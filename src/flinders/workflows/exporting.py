@@ -10,20 +10,27 @@
 
 from __future__ import annotations
 
+import os
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from flinders.core.files import write_bytes, write_text
+from flinders.core.inertial import Inertial
 from flinders.core.keywords import spell_checked
 from flinders.core.short_repr import ShortRepr
+from flinders.errors import UsageError
 from flinders.fitting.export import export_fit, limit_lines, refuse_unfit
+from flinders.fitting.inertial_export import alone, beside, inertial_of
+from flinders.fitting.measurement_noise import noise_of
 from flinders.targets import taking
+from flinders.targets._inertial import Asked
+from flinders.workflows.accelerometer import is_inertial, read_inertial
 from flinders.workflows.recordings import fit_for
 
 if TYPE_CHECKING:
-    import os
+    from collections.abc import Sequence
 
-    from flinders.targets import Export
+    from flinders.targets import Export, MeasurementNoise
     from flinders.workflows.recordings import AnyCalibration
 
 
@@ -53,13 +60,16 @@ class Exported(ShortRepr):
 
 @spell_checked()
 def export(
-    calibration: AnyCalibration,
+    calibration: AnyCalibration | Inertial,
     target: str,
     *,
     compass: int | None = None,
     mounting: str | None = None,
     name: str | None = None,
     lossy: bool = False,
+    sensors: Sequence[str] = (),
+    imu: int | None = None,
+    noise: bool = False,
 ) -> Exported:
     """Write a calibration for what uses it (an autopilot, a device, a program), with what its fit knows.
 
@@ -68,8 +78,8 @@ def export(
 
     Parameters
     ----------
-    calibration : Fit, Calibration or path
-        One that was refused is not written.
+    calibration : Fit, Calibration, Inertial or path
+        One that was refused is not written. An accelerometer's calibration, or its file, is written by itself.
     target : str
         One of `flinders.targets.registry`, such as ``"arduino"``, ``"esphome"``, ``"c"``.
     compass : int, optional
@@ -79,7 +89,13 @@ def export(
     name : str, optional
         What names in code begin with.
     lossy : bool
-        Write it also where what the target cannot hold costs more than 0.5° of heading.
+        Write it also where what the target cannot hold costs more than 0.5° of heading, or of tilt.
+    sensors : sequence of str
+        ``accelerometer``, ``gyro``: what a fit with aiding sensors found of them is written too.
+    imu : int, optional
+        Which IMU of the vehicle these are; by default its first.
+    noise : bool
+        Write also how good headings are as parameters of the vehicle's estimator (EKF2 of PX4, EKF3 of ArduPilot).
 
     Raises
     ------
@@ -97,8 +113,45 @@ def export(
     >>> export(known, "arduino").text.splitlines()[0][:12]
     '/*'
     """
-    chosen = taking(target, compass=compass, code_name=name)
+    chosen, asked = taking(target, compass=compass, code_name=name, noise=noise), Asked(imu, name)
+    if isinstance(calibration, str | os.PathLike) and is_inertial(calibration):
+        calibration = read_inertial(calibration)
+    if isinstance(calibration, Inertial):
+        if noise or sensors or compass is not None or mounting is not None:
+            raise UsageError("the calibration is that of an accelerometer: leave out what is asked for a compass")
+        return Exported(alone(chosen, calibration, asked, lossy=lossy), (), ())
     fit = fit_for(calibration)
     refuse_unfit(fit)
-    made, notes = export_fit(fit, chosen, compass=compass, lossy=lossy, mounting=mounting, name=name)
+    found = inertial_of(fit, chosen, sensors)
+    made, notes = export_fit(fit, chosen, compass=compass, lossy=lossy, mounting=mounting, name=name, noise=noise)
+    made = beside(made, chosen, found, asked, lossy=lossy)
     return Exported(made, tuple(notes), tuple(limit_lines(fit)))
+
+
+def measurement_noise(calibration: AnyCalibration) -> MeasurementNoise | None:
+    """What a filter has to assume of corrected readings: white noise, and the error that the calibration leaves.
+
+    None where the calibration states no noise or no uncertainty, as one that was imported.
+
+    Parameters
+    ----------
+    calibration : Fit, Calibration or path
+
+    Returns
+    -------
+    MeasurementNoise or None
+        In the calibration's unit, and in degrees of a level heading; 1 σ.
+
+    Raises
+    ------
+    DocumentError
+        For a file that cannot be read.
+
+    Examples
+    --------
+    >>> from flinders import fit, simulate
+    >>> noise = measurement_noise(fit(simulate.tumble(seed=1).samples))
+    >>> round(noise.heading_reading_deg, 1), round(noise.heading_calibration_deg, 2)
+    (1.2, 0.06)
+    """
+    return noise_of(fit_for(calibration))

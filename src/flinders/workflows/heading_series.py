@@ -40,7 +40,7 @@ if TYPE_CHECKING:
 class HeadingSeries:
     """Headings of a recording, one for each reading."""
 
-    headings: Headings  #: (N,) degrees each: magnetic, true, roll, pitch, dip; NaN where there is none
+    headings: Headings  #: (N,) degrees each: magnetic, true, grid, roll, pitch, dip; NaN where there is none
     time: Floats | None  #: (N,) s, by the clock of the recording
     summary: HeadingSummary
 
@@ -62,6 +62,7 @@ def headings(
     formula: str = "exact",
     at: Mapping[str, float] | None = None,
     by: Filter | str | None = None,
+    grid: bool = False,
 ) -> HeadingSeries:
     """Turn a recording into headings of the sensor's x axis, clockwise from north, and say how good they are.
 
@@ -91,6 +92,8 @@ def headings(
         How tilt is removed: ``exact``; ``an4248`` and ``an3192`` for comparison.
     at, by
         As for `flinders.apply`.
+    grid : bool
+        Also give headings from north of the map's grid at the site: UTM, or UPS around the poles.
 
     Returns
     -------
@@ -133,6 +136,7 @@ def headings(
         formula=formula,
         at=at,
         by=Filter.of(by) if isinstance(by, str) else by,
+        grid=grid,
     )
     blocks: list[Headings] = []
     times: list[Floats | None] = []

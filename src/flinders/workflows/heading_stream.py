@@ -74,6 +74,8 @@ class HeadingSummary:
             "dip_from": claim.dip_source,  # ``given``, ``calibration``, ``model``, ``measured`` or ``assumed``
             # from magnetic to true headings; null where they are magnetic
             "declination_deg": self.compass.declination_deg,
+            # from magnetic headings to those from grid north; null unless these were asked for
+            "grid_declination_deg": self.compass.grid_declination_deg,
             "site": None if self.site is None else self.site.as_dict(),  # the field there; null without a place
             **self.correction.strength.as_dict(),
             "skipped": [str(entry) for entry in self.correction.skipped],  # lines that were not understood
@@ -128,10 +130,13 @@ class HeadingStream:
         formula: str = "exact",
         at: Mapping[str, float] | None = None,
         by: Filter | None = None,
+        grid: bool = False,
     ) -> Self:
         """Begin with a recording in the unit and axes of a fit; the parameters are those of `headings`."""
         if site is not None and declination_deg is not None:
             raise UsageError("a site and a declination both say where true north is: leave one of them out")
+        if grid and site is None:
+            raise UsageError("grid north is that of a place: give the site, or leave the grid out", hint={"site": None})
         if level and (formula != "exact" or acceleration is not None):
             raise UsageError("level headings remove no tilt: leave the formula and the acceleration out")
         if acceleration is not None:
@@ -139,7 +144,9 @@ class HeadingStream:
         declination_deg = declination_deg if site is None else site.declination_deg
         correction = CorrectionStream.of(recording, fit, at=at, by=by)
         calibration, aiding = correction.fit.calibration, fit.evidence.aiding
-        compass = Compass(calibration, LEVEL if level else formula, Axes.of(acceleration_axes), declination_deg)
+        from_grid_deg = site.grid_declination_deg if site is not None and grid else None
+        shape = (calibration, LEVEL if level else formula, Axes.of(acceleration_axes))
+        compass = Compass(*shape, declination_deg=declination_deg, grid_declination_deg=from_grid_deg)
         if not level and aiding is not None and aiding.acceleration_bias is not None:
             bias, matrix = aiding.acceleration_bias, aiding.acceleration_matrix
             compass = replace(compass, acceleration_bias=bias, acceleration_matrix=matrix)

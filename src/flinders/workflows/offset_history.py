@@ -34,7 +34,7 @@ if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator, Sequence
 
     from flinders.arrays import Floats
-    from flinders.workflows.walk import Walk
+    from flinders.core.offset_walk import Walk
 
 CELL_S: Final = 7200.0
 """From one estimate to the next at least, of which a walk is told: those close together are one estimate."""

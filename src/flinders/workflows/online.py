@@ -31,6 +31,7 @@ from flinders.core.calibration import Calibration
 from flinders.core.disturbance import Disturbance, effect, named
 from flinders.core.files import read_bytes, write_text
 from flinders.core.geomag import ASSUMED_DIP_DEG
+from flinders.core.offset_walk import Walk
 from flinders.core.samples import Samples
 from flinders.core.units import Unit
 from flinders.errors import DocumentError, UsageError
@@ -42,7 +43,6 @@ from flinders.workflows._online_fit import fit_of, refuse
 from flinders.workflows._online_releases import converted, is_of_this_release
 from flinders.workflows.online_events import CODES, DOING, WORDS, OnlineEvent, OnlineState
 from flinders.workflows.timeline import UNKNOWN, OnlinePoint, Timeline
-from flinders.workflows.walk import Walk
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping

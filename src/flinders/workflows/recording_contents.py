@@ -160,7 +160,7 @@ class Contents:
     bytes: int | None  # its size
     start: str | None  # date and time, UTC
     position: tuple[float, float, float] | None  # latitude and longitude, °, north and east positive; altitude, m
-    site: SiteField | None  # what the World Magnetic Model has there
+    site: SiteField | None  # what the model of the field has there
     sensors: tuple[RecordedSensor, ...]  # its magnetometers
     commands: tuple[str, ...] = ()  # what to type next
     notes: tuple[str, ...] = ()  # what else to know

@@ -15,12 +15,11 @@ True
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
-from typing import TYPE_CHECKING, Final, Self
+from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
-from flinders.errors import UsageError, figures
+from flinders.core.offset_walk import HOUR_S, Walk
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -29,11 +28,6 @@ if TYPE_CHECKING:
 
     Flags = NDArray[np.bool_]
 
-HOUR_S: Final = 3600.0
-KNOWN_FACTOR: Final = 2.0
-"""Within which a rate is known that is a bare number, 1 σ."""
-BOUND: Final = 1.96
-"""Standard deviations of a 95 % interval."""
 MIN_STEPS: Final = 8
 """Of an offset, from one estimate to the next, below which nothing is said of how fast it walks."""
 FREEDOM: Final = 4.0
@@ -42,40 +36,6 @@ NORMAL: Final = 0.8310
 """Scale of Student's distribution of that freedom that is nearest to a normal distribution of scale 1."""
 SHARES: Final = np.geomspace(1.0 / 16.0, 4.0, 7)
 """Of the variances that estimates claim, that they may be off by."""
-
-
-@dataclass(frozen=True, slots=True)
-class Walk:
-    """How fast an offset walks.
-
-    >>> print(Walk.known(0.1))
-    0.10 (0.026 to 0.39) per root hour
-    """
-
-    rate: float  #: by which it moves in an hour along each axis, 1 σ, in the unit of the offset; it grows with √t
-    low: float  #: of the 95 % interval
-    high: float
-
-    @classmethod
-    def known(cls, rate: float, factor: float = KNOWN_FACTOR) -> Self:
-        """A rate that is known within a factor, 1 σ; `UsageError` for one that is not positive."""
-        if not (0.0 < rate < math.inf and factor > 1.0):
-            raise UsageError(f"walk is {rate:g}: need what the offset moves in an hour, 1 σ, a positive number")
-        wide = factor**BOUND
-        return cls(rate, rate / wide, rate * wide)
-
-    @property
-    def log_sigma(self) -> float:
-        """1 σ of the natural logarithm of the rate."""
-        return math.log(self.high / self.low) / (2.0 * BOUND)
-
-    def heading_deg(self, seconds: float, *, radius: float, dip_deg: float) -> float:
-        """Worst 1 σ of the heading of a level vehicle, in degrees, that the walk makes in a time."""
-        moved = self.rate * math.sqrt(seconds / HOUR_S)
-        return math.degrees(moved / (radius * math.cos(math.radians(dip_deg))))
-
-    def __str__(self) -> str:
-        return f"{figures(self.rate)} ({figures(self.low)} to {figures(self.high)}) per root hour"
 
 
 def walk_of(time_s: Floats, offset: Floats, sigma: Floats, moved: Flags | None = None) -> Walk | None:

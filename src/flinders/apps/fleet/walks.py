@@ -19,15 +19,16 @@ from flinders.apps.fleet.change_points import ChangePoint, Variance, change_poin
 from flinders.apps.fleet.history import OffsetSeries
 from flinders.apps.fleet.overview import UnitStep
 from flinders.comparison.pairs import offset_heading_deg
+from flinders.core.offset_walk import HOUR_S
 from flinders.errors import UsageError
 from flinders.workflows.offset_history import OffsetHistory, histories_in
-from flinders.workflows.walk import HOUR_S, walk_of
+from flinders.workflows.walk import walk_of
 
 if TYPE_CHECKING:
     import os
     from collections.abc import Callable, Mapping, Sequence
 
-    from flinders.workflows.walk import Walk
+    from flinders.core.offset_walk import Walk
 
 CHANCE: Final = 0.01
 """Probability of a false alarm in a whole fleet."""

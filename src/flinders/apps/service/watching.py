@@ -41,12 +41,12 @@ if TYPE_CHECKING:
     from flinders.apps.service.reports import Kind
     from flinders.apps.service.sources import Source
     from flinders.arrays import Floats
+    from flinders.core.offset_walk import Walk
     from flinders.core.samples import Samples
     from flinders.core.units import Unit
     from flinders.errors import OutputError
     from flinders.fitting.result import Fit
     from flinders.workflows.online_events import OnlineEvent, OnlineState
-    from flinders.workflows.walk import Walk
 
 WAIT_S: Final = 0.1  # Longest wait for readings: how soon the end is noticed
 EVERY_S: Final = 60.0

@@ -11,6 +11,7 @@ READERS = {
 TARGETS = {
     "ardupilot": "targets.ardupilot",
     "betaflight": "targets.betaflight",
+    "betaflight_model": "targets.betaflight_model",
     "inav": "targets.inav",
     "paparazzi": "targets.paparazzi",
     "px4": "targets.px4",

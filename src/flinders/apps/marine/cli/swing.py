@@ -109,7 +109,7 @@ def _table(path: str, options: SwingOptions) -> tuple[SwingTable, SiteField | No
         raise UsageError(f"{path} holds true headings: say where with --at LAT,LON and when with --date")
     if not table.is_true and place.place is not None:
         raise UsageError(f"{path} holds no true headings: leave --at out, or call its column 'true'")
-    return table, None if place.place is None else site_of(place.place, place.date)
+    return table, None if place.place is None else site_of(place.place, place.date, model=place.model)
 
 
 def _boat(path: str, options: SwingOptions) -> tuple[CompassLog, dict[str, Any]]:
@@ -126,7 +126,7 @@ def _boat(path: str, options: SwingOptions) -> tuple[CompassLog, dict[str, Any]]
     if where is None or day is None:
         missing = "position" if where is None else "date"
         raise UsageError(f"{log.source} has no {missing}: say where with --at LAT,LON and when with --date")
-    return log, {"site": site_of(where, day), "stationary_s": options.known.typed_stationary_s}
+    return log, {"site": site_of(where, day, model=place.model), "stationary_s": options.known.typed_stationary_s}
 
 
 def _recording(calibration: str | None, path: str, options: SwingOptions) -> tuple[SwingRecording, dict[str, Any]]:

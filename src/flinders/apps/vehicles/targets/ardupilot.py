@@ -39,6 +39,7 @@ from typing import TYPE_CHECKING, ClassVar, Final, Self
 
 import numpy as np
 
+from flinders.apps.vehicles.targets import inertial
 from flinders.apps.vehicles.targets.autopilot import (
     ROTATIONS,
     CompassParameters,
@@ -50,6 +51,7 @@ from flinders.apps.vehicles.targets.autopilot import (
     of_six,
     refuse_values,
 )
+from flinders.apps.vehicles.targets.estimators import EKF3, estimator_values
 from flinders.apps.vehicles.targets.remounting import left_out, remounting
 from flinders.arrays import Floats, floats, vectors
 from flinders.core.units import PER_UNIT
@@ -473,6 +475,8 @@ def write(calibration: Calibration, asked: ExportOptions) -> Written:
     turn = None if new is None else new.turn
     parameters = ArduPilotParameters.of(in_place, compass=compass, mounting=turn).as_float32()
     values = dict([*(() if new is None else mounting_rows(new.mounting, compass)), *parameters.rows()])
+    of_estimator, its_notes = estimator_values(EKF3, calibration, asked)
+    values |= of_estimator
     body = [f"{name},{value:.9g}" for name, value in values.items()]
     has_motor = parameters.has_disturbances
 
@@ -482,6 +486,7 @@ def write(calibration: Calibration, asked: ExportOptions) -> Written:
     notes = [
         *(left_out(in_place) if new is None else [new.words("COMPASS_ORIENT"), EXTERNAL_ONLY]),
         COMPENSATED if has_motor else NOT_WRITTEN,
+        *its_notes,
     ]
     return Written(apply, body, values, notes, compensated=apply if has_motor else None, turn=turn)
 
@@ -500,9 +505,11 @@ TARGETS: Final = (
         source="AP_Compass_Backend::correct_field, CompassCalibrator",
         acts="mapped",
         follows="motors",
+        estimator="EKF3",
         compasses=range(1, 4),
         mountings=MOUNTINGS,
         limits=LIMITS,
+        inertial=inertial.ARDUPILOT,
         write=write,
         # pins that Betaflight calls so are none
         reader=TargetReader(

@@ -26,6 +26,7 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
+from flinders.apps.vehicles.targets import inertial
 from flinders.apps.vehicles.targets.remounting import ALIGNMENTS, DECIDEGREE, left_out, remounting
 from flinders.arrays import floats
 from flinders.core.units import COUNTS
@@ -118,6 +119,7 @@ TARGETS: Final = (
         acts="mapped",
         lengths="as long as the sensor makes them",
         mountings=MOUNTINGS,
+        inertial=inertial.BETAFLIGHT,
         write=write,
         reader=TargetReader(rb"(?i)\bset\s+mag_calibration\b", read, "a dump of Betaflight"),
     ),

@@ -32,6 +32,7 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
+from flinders.apps.vehicles.targets import inertial
 from flinders.apps.vehicles.targets.remounting import ALIGNMENTS, DECIDEGREE, left_out, remounting
 from flinders.arrays import Floats, floats
 from flinders.core.units import COUNTS
@@ -118,6 +119,7 @@ TARGETS: Final = (
         source="sensors/compass.c at 005b1ee7",
         lengths="1024 long",
         mountings=MOUNTINGS,
+        inertial=inertial.INAV,
         write=write,
         reader=TargetReader(rb"(?i)\bset\s+mag(?:zero|gain)_[xyz]\b", read, "a dump of INAV"),
     ),

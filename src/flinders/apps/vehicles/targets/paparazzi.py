@@ -23,6 +23,7 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
+from flinders.apps.vehicles.targets import inertial
 from flinders.arrays import floats
 from flinders.core.units import COUNTS
 from flinders.errors import DocumentError, NotExportable
@@ -116,6 +117,7 @@ TARGETS: Final = (
         lengths="2048 long",
         unverified=("that it acts in the axes of the IMU_MAG_RAW messages, before the mounting",),
         comment=MARKUP,
+        inertial=inertial.PAPARAZZI,
         write=write,
         reader=TargetReader(rb"(?s)\A(?=.*<define).*MAG_[XYZ]_(?:NEUTRAL|SENS)", read, "an airframe of Paparazzi"),
     ),

@@ -40,6 +40,7 @@ from typing import TYPE_CHECKING, ClassVar, Final, Self
 
 import numpy as np
 
+from flinders.apps.vehicles.targets import inertial
 from flinders.apps.vehicles.targets.autopilot import (
     ROTATIONS,
     CompassParameters,
@@ -50,6 +51,7 @@ from flinders.apps.vehicles.targets.autopilot import (
     mountings,
     refuse_values,
 )
+from flinders.apps.vehicles.targets.estimators import EKF2, estimator_values
 from flinders.apps.vehicles.targets.remounting import left_out, remounting
 from flinders.arrays import Floats, floats, vectors
 from flinders.core.units import PER_UNIT
@@ -340,7 +342,7 @@ def of_device(values: Mapping[str, float], device_id: int) -> Px4Parameters | No
 
 FLOAT, WHOLE = 9, 6
 """MAV_PARAM_TYPE_REAL32 and INT32, the last column of QGroundControl's file."""
-WHOLES: Final = ("COMP_TYP", "_ROT")
+WHOLES: Final = ("COMP_TYP", "_ROT", "_CHECK")
 """How names of whole numbers end."""
 COMPENSATED: Final = (
     "COMP is in G per kA (CAL_MAG_COMP_TYP 2, current of the first battery) or at full throttle (1), added to a "
@@ -377,6 +379,8 @@ def _written(calibration: Calibration, line: Callable[[str, str], str], asked: E
     if motor is not None:
         values["CAL_MAG_COMP_TYP"] = MOTORS[motor.name]
     size = 1.0 if motor is None else DRIVE_UNITS[motor.name]
+    of_estimator, its_notes = estimator_values(EKF2, calibration, asked)
+    values |= of_estimator
 
     def apply(raw: Floats, value: float = 0.0) -> Floats:
         """The formula with a value in amperes or as a share, which COMP_TYP has in its own unit."""
@@ -387,6 +391,7 @@ def _written(calibration: Calibration, line: Callable[[str, str], str], asked: E
         *(left_out(calibration) if new is None else [new.words(f"CAL_MAG{compass}_ROT"), EXTERNAL_ONLY]),
         f"CAL_MAG{compass}_ID must already be the device_id of this sensor{its_mounting}; {RESTART}",
         *[COMPENSATED] * (motor is not None),
+        *its_notes,
     ]
     body = [line(name, f"{value:.9g}") for name, value in values.items()]
     compensated = None if motor is None else apply
@@ -409,16 +414,25 @@ PX4: Final = Target(
     storage="float32; SCALE 0.1 to 3",
     source="Magnetometer.hpp and .cpp, sensors/module.yaml",
     follows="motors",
+    estimator="EKF2",
     compasses=range(4),
     mountings=TABLE,
     limits=tuple(
         Limit(f"CAL_MAG0_{axis}SCALE", "matrix", (at,), LEAST_SCALE, MOST_SCALE)
         for axis, at in zip("XYZ", (0, 4, 8), strict=True)
     ),
+    inertial=inertial.PX4,
     write=write,
     reader=TargetReader(rb"CAL_MAG", FILE.read, "parameters of PX4", FILE.which),
 )
 TARGETS: Final = (
     PX4,
-    replace(PX4, name="px4-shell", use="PX4, lines for its shell", suffix=".txt", write=write_shell),
+    replace(
+        PX4,
+        name="px4-shell",
+        use="PX4, lines for its shell",
+        suffix=".txt",
+        write=write_shell,
+        inertial=inertial.PX4_SHELL,
+    ),
 )

@@ -1,4 +1,4 @@
-"""Parameters of two ROS packages in tesla: ``m − b`` of imu_filter_madgwick, ``S (m − b)`` of magnetometer_pipeline.
+"""Parameters of ROS packages in tesla: ``m − b`` of imu_filter_madgwick, ``S (m − b)`` of others, and their noise.
 
 >>> from flinders.targets import find
 >>> from flinders.core.calibration import Calibration
@@ -13,34 +13,54 @@
 >>> read(find("ros-pipeline").render(calibration).text.encode(), "params.yaml").isclose(calibration)
 True
 
+What is known of the noise goes with it. ``orientation_stddev`` of imu_filter_madgwick is squared into the covariance
+of the orientation that it publishes, which robot_localization takes for white noise of a yaw, besides a process noise
+of 0.06 rad²/s and at 30 updates a second, as it is delivered: the value is the noise at which its yaw is stated as well
+as it is (`ROBOT_LOCALIZATION`). ``magnetometer.noise_rad`` of FusionCore is the noise of a heading in a filter with a
+gyro and its bias (`FUSIONCORE`). The driver's ``magnetic_field_stddev`` (REP 145) becomes the covariance of the field
+in T², and stands in a comment, since it is set where the field is published.
+
 Numbers are written with a point and a sign of the exponent, or YAML 1.1 would take 1e-05 for text.
 
 Sources: CCNY imu_tools, ``ImuFilterMadgwick.cfg`` (mag_bias, −10 to 10); ctu-vras magnetometer_pipeline,
-``bias_remover.cpp``: the code reads initial_mag_scaling_matrix, its README says initial_scaling_matrix, and is wrong.
+``bias_remover.cpp``: the code reads initial_mag_scaling_matrix, its README says initial_scaling_matrix, and is wrong;
+cra-ros-pkg robot_localization, ``filter_base.cpp`` (process noise of the yaw); manankharwar/fusioncore,
+``sensors/magnetometer.hpp`` (``soft_iron (m − hard_iron)``, ENU, field_tolerance a share of field_strength) and
+``fusioncore.yaml`` (ukf.q_gyro_bias 1e-5 at each of 100 steps a second, imu.gyro_noise 0.005 rad/s); ROS REP 145.
 """
 
 from __future__ import annotations
 
 import re
-from typing import TYPE_CHECKING, Final
+from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
 from flinders.errors import DocumentError, NotExportable
+from flinders.targets._measurement_noise import YawFilter
 from flinders.targets._numbers import Affine, decoded, keyed, numbers
 from flinders.targets._target import ExportOptions, Target, TargetReader, Written
 
 if TYPE_CHECKING:
     from flinders.arrays import Floats
     from flinders.core.calibration import Calibration
+    from flinders.targets._measurement_noise import MeasurementNoise
 
+ROBOT_LOCALIZATION: Final = YawFilter(rate_hz=30.0, drift=0.06, is_of_gyro=False)
+"""Its yaw, beside a process noise that is delivered with it."""
+FUSIONCORE: Final = YawFilter(rate_hz=50.0, drift=0.005**2 * 0.01, bias_drift=1e-5 * 100.0)
+"""Its yaw and the bias of its gyro, with a magnetometer at 50 Hz."""
+BODY_AXES: Final = (
+    "the readings must be in the axes of the body, x forward, y left and z up, and magnetometer.declination_rad that "
+    "of the place"
+)
 LARGEST_T: Final = 10.0
 BIAS: Final = ("mag_bias_x", "mag_bias_y", "mag_bias_z")
 INITIAL_BIAS: Final = tuple(f"initial_{name}" for name in BIAS)
 INITIAL_MATRIX: Final = "initial_mag_scaling_matrix"
 
 
-def write_madgwick(calibration: Calibration, _asked: ExportOptions) -> Written:
+def write_madgwick(calibration: Calibration, asked: ExportOptions) -> Written:
     """Write a file of parameters for ROS 2, for a node of any name: it subtracts a bias, and knows no soft iron.
 
     Raises `UnitError` for a calibration in counts; `NotExportable` for more than 10 T, and where the soft iron left
@@ -49,12 +69,52 @@ def write_madgwick(calibration: Calibration, _asked: ExportOptions) -> Written:
     bias = _ten_digits(Affine.of(calibration, "T", who="imu_filter_madgwick").offset)
     if not np.all(np.abs(bias) <= LARGEST_T):
         raise NotExportable("mag_bias would be beyond 10 T: check the unit of the recording", beyond=BIAS)
-    values = dict(zip(BIAS, bias, strict=True))
+    values: dict[str, float] = dict(zip(BIAS, bias.tolist(), strict=True))
+    notes: list[str] = []
+    if (noise := asked.noise) is not None:
+        sigma = ROBOT_LOCALIZATION.measurement_sigma(noise.heading_calibration_deg, 0.0)
+        values["orientation_stddev"] = float(f"{sigma:.3e}")
+        who = "robot_localization (as delivered; it has only this number for roll and pitch, too)"
+        notes = [ROBOT_LOCALIZATION.words("orientation_stddev (rad)", sigma, noise, who=who), field_words(noise)]
     named = [f"    {name}: {_yaml(value)}" for name, value in values.items()]
-    return Written(lambda raw: raw - bias, ["/**:", "  ros__parameters:", "    use_mag: true", *named], values)
+    body = ["/**:", "  ros__parameters:", "    use_mag: true", *named]
+    return Written(lambda raw: raw - bias, body, values, notes)
 
 
-def write_pipeline(calibration: Calibration, _asked: ExportOptions) -> Written:
+def write_fusioncore(calibration: Calibration, asked: ExportOptions) -> Written:
+    """Write the parameters of FusionCore's magnetometer; a calibration in counts raises `UnitError`.
+
+    Axes must be those of the body: x forward, y left, z up.
+    """
+    exact = Affine.of(calibration, "T", who="FusionCore")
+    affine = Affine(_ten_digits(exact.matrix), _ten_digits(exact.offset), exact.strength)
+    values: dict[str, Any] = {"hard_iron": affine.offset, "soft_iron": affine.matrix.ravel()}
+    notes = [BODY_AXES]
+    if (noise := asked.noise) is not None:
+        sigma = FUSIONCORE.measurement_sigma(noise.heading_calibration_deg, noise.heading_reading_deg)
+        values["noise_rad"] = float(f"{sigma:.3e}")
+        who = f"FusionCore (as delivered, {FUSIONCORE.rate_hz:.0f} readings a second)"
+        notes += [FUSIONCORE.words("noise_rad", sigma, noise, who=who), field_words(noise)]
+    if (gates := asked.gates) is not None:
+        values |= {
+            "field_strength": affine.strength,
+            "field_tolerance": gates.strength_limit / calibration.field_strength,
+        }
+    named = [f"    magnetometer.{name}: {_yaml_of(value)}" for name, value in values.items()]
+    body = ["/**:", "  ros__parameters:", "    magnetometer.enabled: true", *named]
+    return Written(affine.apply, body, values, notes)
+
+
+def field_words(noise: MeasurementNoise) -> str:
+    """The noise of a corrected reading for a driver after REP 145, whose fit is in µT."""
+    return (
+        f"magnetic_field_stddev (REP 145) of corrected readings is {noise.axis * 1e-6:.3g} T, its square the "
+        f"covariance of an axis in T²: {noise.reading * 1e-6:.3g} T of white noise, and {noise.calibration * 1e-6:.3g} "
+        "T that the calibration leaves in every reading of an attitude"
+    )
+
+
+def write_pipeline(calibration: Calibration, asked: ExportOptions) -> Written:
     """Write the parameters of bias_remover, for rosparam; a calibration in counts raises `UnitError`."""
     exact = Affine.of(calibration, "T", who="magnetometer_pipeline")
     affine = Affine(_ten_digits(exact.matrix), _ten_digits(exact.offset), exact.strength)
@@ -62,6 +122,7 @@ def write_pipeline(calibration: Calibration, _asked: ExportOptions) -> Written:
     rows = [f"  {', '.join(map(_yaml, row))}" for row in affine.matrix]
     values = {"initial_mag_bias": affine.offset, INITIAL_MATRIX: affine.matrix}
     notes = ["the name of the matrix is that of the code; the package's README has another"]
+    notes += [] if asked.noise is None else [field_words(asked.noise)]
     return Written(affine.apply, [*named, f"{INITIAL_MATRIX}: [", ",\n".join(rows), "  ]"], values, notes)
 
 
@@ -88,6 +149,11 @@ def read(content: bytes, source: str, *, strength: float | None = None) -> Calib
 def _ten_digits(values: Floats) -> Floats:
     """Round to the digits that are written."""
     return np.array([float(f"{value:.9e}") for value in values.ravel()]).reshape(values.shape)
+
+
+def _yaml_of(value: float | Floats) -> str:
+    """A number, or a list of numbers, as `_yaml` writes them."""
+    return _yaml(value) if isinstance(value, float) else f"[{', '.join(map(_yaml, value))}]"
 
 
 def _yaml(value: float) -> str:
@@ -123,5 +189,18 @@ TARGETS: Final = (
         source="ctu-vras magnetometer_pipeline, bias_remover.cpp",
         write=write_pipeline,
         reader=TargetReader(INITIAL_BIAS[0].encode(), read, "parameters of magnetometer_pipeline"),
+    ),
+    Target(
+        name="fusioncore",
+        use="ROS 2 FusionCore",
+        suffix=".yaml",
+        title="FusionCore",
+        formula="soft_iron (m - hard_iron)",
+        unit="T",
+        keeps="all",
+        storage="double",
+        acts="mapped",
+        source="fusioncore, sensors/magnetometer.hpp",
+        write=write_fusioncore,
     ),
 )

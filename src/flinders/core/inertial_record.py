@@ -1,0 +1,78 @@
+"""The file of an accelerometer's calibration, and of a gyro's: JSON beside that of a magnetometer.
+
+>>> raw = TriadRecord(matrix=((9.8, 0.0, 0.0), (0.0, 9.7, 0.0), (0.0, 0.0, 9.9)), offset=(0.02, 0.0, -0.01), unit="g")
+>>> document = InertialDocument(accelerometer=raw)
+>>> loads(dumps(document)) == document
+True
+>>> loads('{"flinders": "calibration", "schema": 1}')
+Traceback (most recent call last):
+flinders.errors.DocumentError: inertial: is JSON, but not a file of an accelerometer: lacks "flinders": "inertial"
+"""
+
+from __future__ import annotations
+
+import os
+from typing import Annotated, Final, Literal, TypeAlias
+
+import msgspec
+from msgspec import Meta, Struct
+
+from flinders.core.calibration_file import NotNegative, Positive, ProvenanceRecord, Triple, gaps, lay_out, understood
+from flinders.core.files import read_bytes
+from flinders.errors import DocumentError
+
+LARGEST: Final = 2**20
+"""Bytes; such a file has some hundred."""
+WHAT: Final = "a file of an accelerometer"
+
+Rows: TypeAlias = tuple[Triple, Triple, Triple]
+InertialUnit: TypeAlias = Literal["m/s2", "g", "mg", "rad/s", "counts"]
+
+
+class TriadRecord(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """corrected = matrix (raw - offset) of an accelerometer, in m/s², or a gyro, in rad/s."""
+
+    matrix: Rows  #: (3, 3): rows; m/s² or rad/s in one of `unit`
+    matrix_sigma: Rows | None = None  #: (3, 3): 1 σ of each entry
+    offset: Triple  #: (3,), in `unit`
+    offset_sigma: Triple | None = None  #: (3,), in `unit`: 1 σ
+    unit: InertialUnit  #: of raw readings
+
+
+class TiltErrorRecord(Struct, frozen=True, forbid_unknown_fields=True):
+    """Error of the vertical that the accelerometer shows at rest, in degrees."""
+
+    rms: NotNegative  #: degrees: 1 σ over all attitudes
+    worst: NotNegative  #: degrees: 1 σ at the worst one
+    bound_95: NotNegative  #: degrees: that all stay within with a probability of 95 %
+
+
+class InertialDocument(
+    Struct, frozen=True, kw_only=True, forbid_unknown_fields=True, tag_field="flinders", tag="inertial"
+):
+    """A calibration of an accelerometer, a gyro, or both."""
+
+    schema: Literal[1] = 1  #: version of this layout
+    accelerometer: TriadRecord | None = None  #: null where it is not calibrated
+    gyro: TriadRecord | None = None  #: null where it is not calibrated
+    tilt_error_deg: TiltErrorRecord | None = None  #: of the accelerometer, within its own axes
+    gravity: Annotated[Positive, Meta(le=10)] = 9.80665  #: m/s²: length of corrected accelerations at rest
+    provenance: ProvenanceRecord | None = None  #: which release made it, when, and from what
+
+
+def read(path: str | os.PathLike[str]) -> InertialDocument:
+    """Read such a file; `DocumentError` for one that cannot be opened or understood."""
+    return loads(read_bytes(path, largest=LARGEST, what=WHAT, refused=DocumentError), source=os.fspath(path))
+
+
+def loads(text: str | bytes, *, source: str = "inertial") -> InertialDocument:
+    """Understand the text of such a file; `source` names it in a `DocumentError`."""
+    return understood(text, InertialDocument, source, what=WHAT, refused=DocumentError)
+
+
+def dumps(document: InertialDocument) -> str:
+    """Lay a document out as text; `DocumentError` for numbers that are not finite."""
+    content = msgspec.to_builtins(document)
+    for place in gaps(content):
+        raise DocumentError(f"inertial: {place} is not finite: such a file holds finite numbers only")
+    return lay_out(content) + "\n"

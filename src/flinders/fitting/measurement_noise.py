@@ -1,0 +1,117 @@
+"""What a filter, or firmware, has to know of the corrected readings of a fit: their noise, and limits of clean ones.
+
+A reading x of the field's direction q has the error S⁻¹(δb + δS q + n) of the corrected direction: of the parameters,
+by their covariance C, and of noise n with the standard deviation σ on each axis,
+
+    M(q) = G C Gᵀ + σ² S⁻¹S⁻ᵀ
+
+The first part is the same in every reading of a direction, the second is white: `noise_of` keeps them apart. Firmware
+tells a disturbed reading by limits (`gates_of`): the length is off by F √(qᵀ M q), the direction by at most the root of
+the largest eigenvalue of M. The limits are those of the worst direction, so that a clean reading is beyond them no more
+often than is said.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING, Final
+
+import numpy as np
+
+from flinders.geometry.ellipsoid import gathered
+from flinders.geometry.plane import down_of
+from flinders.geometry.sphere import fibonacci
+from flinders.heading.error_propagation import level_fields
+from flinders.targets._measurement_noise import MeasurementNoise
+from flinders.targets._target import SIGMAS, TILT_DEG, Gates
+
+if TYPE_CHECKING:
+    from flinders.arrays import Floats
+    from flinders.fitting.aiding import Aiding
+    from flinders.fitting.result import Fit
+
+DIRECTIONS: Final = fibonacci(400)
+"""(N, 3) in which the error of a reading is looked at, for the limits of a disturbed one."""
+
+
+def noise_of(fit: Fit) -> MeasurementNoise | None:
+    """Noise and remaining error of corrected readings; None where the fit states no noise or no uncertainty.
+
+    >>> from flinders import fit, simulate
+    >>> noise = noise_of(fit(simulate.tumble(seed=1).samples))
+    >>> round(noise.reading, 2), round(noise.calibration, 3)
+    (0.53, 0.026)
+    >>> round(noise.heading_reading_deg, 2), round(noise.heading_calibration_deg, 2)
+    (1.24, 0.06)
+    """
+    if not _is_stated(fit) or math.isnan(fit.heading_error_deg.rms):
+        return None
+    claim, strength = fit.claim, fit.calibration.field_strength
+    dip_deg, turn, down = claim.known_dip_deg, fit.calibration.rotation_matrix, down_of(claim.plane)
+    across, directions = level_fields(dip_deg, down)
+    kept, white = _errors(fit, (turn.T @ directions).T, claim.claimed_covariance)
+    kept, white = (turn @ part @ turn.T for part in (kept.mean(axis=0), white))
+    of_reading = float(np.sqrt(np.einsum("in,ij,jn->n", across, white, across).mean()))
+    return MeasurementNoise(
+        reading=strength * _horizontal_sigma(white, down),
+        calibration=strength * _horizontal_sigma(kept, down),
+        heading_reading_deg=math.degrees(of_reading),
+        heading_calibration_deg=math.hypot(fit.heading_error_deg.rms, claim.alignment_error_deg or 0.0),
+        horizontal=strength * math.cos(math.radians(dip_deg)),
+        dip_deg=dip_deg,
+        dip_assumed=claim.dip_assumed,
+        covariance=claim.claimed_covariance,
+        field_covariance=strength**2 * (kept + white),
+    )
+
+
+def _horizontal_sigma(covariance: Floats, down: Floats | None) -> float:
+    """Standard deviation along one horizontal axis of a (3, 3) covariance, both alike."""
+    vertical = np.array([0.0, 0.0, 1.0]) if down is None else down / np.linalg.norm(down)
+    return math.sqrt(max(float(np.trace(covariance) - vertical @ covariance @ vertical), 0.0) / 2.0)
+
+
+def gates_of(fit: Fit) -> Gates | None:
+    """The limits of a fit; None where its noise or uncertainty is not known, or nothing would be beyond them.
+
+    Dip has a limit where the fit saw how the sensor is turned against an accelerometer or attitude, and the dip there.
+
+    >>> from flinders import fit, simulate
+    >>> gates = gates_of(fit(simulate.tumble(seed=1).samples))
+    >>> round(gates.strength_limit, 1), gates.has_dip
+    (2.4, False)
+    """
+    if not _is_stated(fit):
+        return None
+    kept, white = _errors(fit, DIRECTIONS, fit.claim.covariance)
+    errors = kept + white
+    along = np.einsum("ni,nij,nj->n", DIRECTIONS, errors, DIRECTIONS)
+    strength = SIGMAS * fit.calibration.field_strength * float(np.sqrt(along.max()))
+    if not strength < fit.calibration.field_strength:
+        return None
+    aiding = fit.evidence.aiding
+    if fit.calibration.rotation != "estimated" or aiding is None or aiding.dip_deg is None:
+        return Gates(strength)
+    across = float(np.linalg.eigvalsh(errors)[:, -1].max()) + _mounting(aiding)
+    limit = SIGMAS * math.hypot(math.degrees(math.sqrt(across)), aiding.dip_sigma_deg or 0.0, TILT_DEG)
+    return Gates(strength, aiding.dip_deg, limit)
+
+
+def _is_stated(fit: Fit) -> bool:
+    """Whether the fit states its noise and its uncertainty."""
+    return math.isfinite(fit.evidence.noise) and fit.claim.states_uncertainty
+
+
+def _errors(fit: Fit, directions: Floats, covariance: Floats) -> tuple[Floats, Floats]:
+    """(N, 3, 3) G C Gᵀ in (N, 3) directions, and (3, 3) σ² S⁻¹S⁻ᵀ: squares of parts of the field strength."""
+    inverse = np.linalg.inv(fit.calibration.ellipsoid.shape)
+    rows = np.stack([gathered(np.tile(row, (len(directions), 1)).T, directions.T) for row in inverse], axis=1)
+    carried: Floats = rows @ np.asarray(covariance) @ np.swapaxes(rows, 1, 2)
+    carried = (carried + np.swapaxes(carried, 1, 2)) / 2.0
+    return carried, fit.evidence.noise**2 * inverse @ inverse.T
+
+
+def _mounting(aiding: Aiding) -> float:
+    """rad²: variance of the rotation against the body, about its least certain axis."""
+    covariance = aiding.rotation_covariance
+    return 0.0 if covariance is None else float(np.linalg.eigvalsh(covariance)[-1])

@@ -1,0 +1,68 @@
+"""Error of the vertical that an accelerometer shows at rest, from the covariance of its calibration.
+
+With (1 + Γ)(f/g − β) along the true vertical u, errors δβ and δΓ turn what comes out by
+
+    δu = (1 − u uᵀ) (δΓ w − (1 + Γ) δβ),    w = (1 + Γ)⁻¹ u
+
+to first order. Of a level vehicle a tilt about the horizontal field moves the heading by tan I times as much.
+
+>>> known = np.diag([1e-3**2] * 3 + [0.0] * 6)              # each offset to 1 mg: 0.057°
+>>> error = tilt_error(np.zeros(9), known)
+>>> round(error.rms, 3), round(error.worst, 3), round(error.bound_95, 2)
+(0.081, 0.081, 0.16)
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Final
+
+import numpy as np
+
+from flinders.core.inertial import TiltError
+from flinders.geometry.ellipsoid import symmetric
+from flinders.geometry.rotation import across
+from flinders.geometry.sphere import fibonacci
+from flinders.likelihood.dip import by_symmetric
+
+if TYPE_CHECKING:
+    from flinders.arrays import Floats
+
+ATTITUDES: Final = 200
+"""Directions of gravity, evenly over the sphere."""
+DRAWS: Final = 4000
+"""Of the errors, for the bound: it is good to 1 %."""
+PROBABILITY: Final = 0.95
+
+
+def tilt_error(errors: Floats, covariance: Floats) -> TiltError:
+    """Propagate a covariance to tilts.
+
+    Parameters
+    ----------
+    errors : (9,) float
+        β in parts of gravity, and the upper triangle of Γ, as in `flinders.likelihood.dip.AccelerometerPrior`.
+    covariance : (9, 9) float
+        Of these.
+    """
+    moved = turns(errors, fibonacci(ATTITUDES))
+    variances = np.einsum("nki,ij,nkj->n", moved, covariance, moved)
+    draws = _root(covariance) @ np.random.default_rng(0).standard_normal((9, DRAWS))
+    largest = np.sqrt(np.max(np.sum((moved @ draws) ** 2, axis=1), axis=0))
+    worst, rms = float(np.sqrt(variances.max())), float(np.sqrt(variances.mean()))
+    return TiltError(*np.rad2deg([rms, worst, np.quantile(largest, PROBABILITY)]).tolist())
+
+
+def turns(errors: Floats, attitudes: Floats) -> Floats:
+    """(N, 2, 9) rad: how two components across the vertical move with the errors, in (N, 3) `attitudes`."""
+    whole = np.eye(3) + symmetric(errors[3:])
+    aside = np.swapaxes(across(attitudes), 1, 2)
+    felt = np.linalg.solve(whole, attitudes.T).T
+    of_matrix = by_symmetric(aside, np.repeat(felt[:, np.newaxis], 2, axis=1))
+    return np.concatenate([-aside @ whole, of_matrix], axis=2)
+
+
+def _root(covariance: Floats) -> Floats:
+    """(9, 9) a root of a covariance, which may be singular."""
+    values, vectors = np.linalg.eigh(covariance)
+    root: Floats = vectors * np.sqrt(np.maximum(values, 0.0))
+    return root

@@ -1,0 +1,87 @@
+"""The calibration of an accelerometer, as a page for the terminal."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from flinders.errors import counted, figures
+from flinders.report.terminal import lines, notes, page, verdict
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+    from rich.console import RenderableType
+
+    from flinders.core.inertial import Triad
+    from flinders.workflows.accelerometer import AccelerometerFit
+
+DIP_DEG = 60.0
+"""Of the field for which the heading error is stated."""
+UNITS = {"m/s2": "m/s²"}
+"""What people write."""
+
+
+def of_accelerometer(fit: AccelerometerFit) -> RenderableType:
+    """Lay out the numbers, the claim, and what limits it."""
+    error, triad = fit.tilt_error, fit.inertial.accelerometer
+    what = counted(fit.poses, "still pose" if fit.is_still else "reading")
+    claim = (
+        f"vertical good to {figures(error.rms)}° (1 σ, all attitudes; 95 % within {figures(error.bound_95)}°)",
+        (
+            f"headings with it to {figures(error.heading_error_deg(DIP_DEG))}° (1 σ, dip {DIP_DEG:.0f}°), "
+            f"beside the error of the compass; {what}"
+        ),
+    )
+    rows = [] if triad is None else list(_rows("offset", triad, fit.inertial.gravity))
+    gyro = fit.inertial.gyro
+    if gyro is not None and gyro.offset_sigma is not None:
+        rows.append(("gyro offset", _pairs(gyro.offset, gyro.offset_sigma), "rad/s"))
+    return page(verdict("CALIBRATED", "good", *claim), lines(rows), notes(list(_limits(fit))))
+
+
+def _rows(name: str, triad: Triad, gravity: float) -> Iterator[tuple[str, str, str]]:
+    """Offsets, gains and the misalignment with 1 σ of each."""
+    unit = UNITS.get(triad.unit, triad.unit)
+    size = float(np.trace(triad.matrix)) / 3.0
+    matrix, sigma, offset_sigma = triad.matrix / size, triad.matrix_sigma, triad.offset_sigma
+    if sigma is None or offset_sigma is None:
+        return
+    yield name, _pairs(triad.offset, offset_sigma), unit
+    yield "gravity", figures(gravity / size, 5), f"{unit} long"
+    yield "gains", _pairs(np.diag(matrix), np.diag(sigma) / size), ""
+    beside = np.triu_indices(3, 1)
+    yield "misalignment", _pairs(np.rad2deg(matrix[beside]), np.rad2deg(sigma[beside] / size)), "° (xy, xz, yz)"
+
+
+def _pairs(values: np.ndarray, sigmas: np.ndarray) -> str:
+    """Numbers with their uncertainty, to its second digit."""
+    places = [max(1 - int(np.floor(np.log10(sigma))), 0) if sigma > 0 else 6 for sigma in sigmas]
+    return "   ".join(
+        f"{value + 0.0:.{place}f} ± {sigma:.{place}f}"
+        for value, sigma, place in zip(values, sigmas, places, strict=True)
+    )
+
+
+def _limits(fit: AccelerometerFit) -> Iterator[tuple[str, ...]]:
+    """What the claim rests on."""
+    if not fit.sees_misalignment:
+        yield (
+            "limits",
+            (
+                "the poses do not tell how square the axes are: the claim takes each pair as off 90° by 1.1° (1 σ); "
+                "six more poses, each on another edge, tell it"
+            ),
+        )
+    if fit.excess > 1.0:
+        yield (
+            "limits",
+            (
+                f"lengths of the poses differ {figures(fit.excess)} times as much as their noise explains: "
+                "uncertainties are that much wider"
+            ),
+        )
+    if not fit.is_still:
+        yield "note", "no still pose: each reading counts as one, and its movement as noise"
+    yield "note", "how the accelerometer sits in the device is not seen: it is a tilt of its own"

@@ -1,0 +1,194 @@
+"""Calibrations of accelerometers and gyros for targets that hold them: the same numbers in each target's own form.
+
+Ours is ``corrected = matrix (raw − offset)``. Each form says which part of the matrix it has room for; the numbers that
+are written are run through the target's own formula on gravity in all directions, and the tilt that it costs is told.
+
+>>> sensor = Inertial(Triad(np.diag([0.995, 1.005, 1.0]), [0.2, -0.1, 0.3], "m/s2"))
+>>> def halves(triad, asked):
+...     return Numbers(lambda raw: raw - triad.offset, {"zero": triad.offset.tolist()})
+>>> form = InertialForm(formula="c = m - zero", source="nobody", accelerometer=halves, holds="offset")
+>>> written(form, sensor, who="a toy").checked
+'checked: its own formula at rest in 400 attitudes, at most 0.29° of tilt and 0.50 % of length off'
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, Final, Literal, NamedTuple, TypeAlias
+
+import numpy as np
+
+from flinders.core.inertial import STANDARD_GRAVITY, Inertial, Triad
+from flinders.errors import NotExportable, figures
+from flinders.geometry.sphere import fibonacci
+from flinders.targets._numbers import single
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator, Mapping, Sequence
+
+    from flinders.arrays import Floats
+    from flinders.core.inertial_record import InertialUnit
+
+Holds: TypeAlias = Literal["all", "gains", "offset"]
+"""What a form has room for: offset and matrix, offset and three gains, or an offset alone."""
+
+ATTITUDES: Final = fibonacci(400)
+"""(400, 3) ways in which gravity points."""
+LOSS_DEG: Final = 0.5
+"""Tilt that a form may cost without being asked."""
+LITTLE_DEG, LITTLE_SHARE = 1e-4, 1e-5
+
+
+class Asked(NamedTuple):
+    """What is asked for besides the numbers."""
+
+    imu: int | None = None  # which one, as the target counts; its first where it is not given
+    name: str | None = None  # what names in generated code begin with
+
+
+FIRST: Final = Asked()
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Numbers:
+    """A correction in the numbers of a target."""
+
+    apply: Callable[[Floats], Floats]  # the target's formula with the numbers as it holds them
+    values: Mapping[str, Any]  # by the names of the target
+    body: Sequence[str] = ()  # lines; of a form in JSON there are none
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class InertialForm:
+    """How a target holds an accelerometer and a gyro."""
+
+    formula: str  # by which it uses the numbers
+    source: str  # where that stands
+    accelerometer: Callable[[Triad, Asked], Numbers] | None = None
+    gyro: Callable[[Triad, Asked], Numbers] | None = None
+    unit: InertialUnit | None = "m/s2"  # of accelerations that go in; None for any
+    gives: float | None = 1.0  # m/s² in one unit of what comes out; None where its length says nothing
+    holds: Holds = "all"  # of the accelerometer
+    holds_rates: Holds = "all"  # of the gyro
+    is_json: bool = False  # names and values are members of the one object in the file
+    is_alone: bool = True  # they make a file without a magnetometer's calibration
+    notes: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True, slots=True)
+class InertialWritten:
+    """What is written of an accelerometer and a gyro."""
+
+    body: tuple[str, ...]
+    values: dict[str, Any]
+    notes: tuple[str, ...]
+    checked: str  # how far its formula is off, in words; empty without an accelerometer
+    figures: dict[str, float]  # the same for programs
+    warnings: tuple[str, ...]
+
+
+def written(
+    form: InertialForm, inertial: Inertial, *, who: str, asked: Asked = FIRST, lossy: bool = False
+) -> InertialWritten:
+    """Put an accelerometer and a gyro in the numbers of a target, and try its own formula on them.
+
+    Parameters
+    ----------
+    who : str
+        The target, for messages.
+    asked : Asked
+        Which IMU of several, and what names in code begin with.
+
+    Raises
+    ------
+    UnitError
+        Where counts would have to become a unit, or the other way round.
+    NotExportable
+        For numbers that the target cannot hold, and for what costs more than 0.5° of tilt, unless `lossy`.
+    """
+    body: list[str] = []
+    values: dict[str, Any] = {}
+    warnings, checked, told = list[str](), "", dict[str, float]()
+    if inertial.accelerometer is not None and form.accelerometer is not None:
+        triad = _in_unit(inertial.accelerometer, form, who)
+        numbers = form.accelerometer(triad, asked)
+        told = _deviation(triad, numbers.apply, form.gives)
+        _refuse_lost(told["tilt_deg"], form, who, lossy=lossy)
+        checked = _words(told)
+        body += numbers.body
+        values |= numbers.values
+        warnings += _claims(inertial, told["tilt_deg"])
+    if inertial.gyro is not None and form.gyro is not None:
+        numbers = form.gyro(inertial.gyro, asked)
+        body += numbers.body
+        values |= numbers.values
+        warnings += _rates(inertial.gyro, form)
+    return InertialWritten(
+        tuple(body), values, (f"inertial: {form.formula}", *form.notes), checked, told, tuple(warnings)
+    )
+
+
+def _in_unit(triad: Triad, form: InertialForm, who: str) -> Triad:
+    """The accelerometer for readings in the unit of the target."""
+    return triad if form.unit is None else triad.in_unit(form.unit, who=who)
+
+
+def _deviation(triad: Triad, apply: Callable[[Floats], Floats], gives: float | None) -> dict[str, float]:
+    """Largest tilt, in degrees, and largest share of the length, that a formula is off at rest."""
+    force = STANDARD_GRAVITY * ATTITUDES
+    raw = np.linalg.solve(triad.matrix, force.T).T + triad.offset
+    corrected = apply(raw)
+    length = np.linalg.norm(corrected, axis=1)
+    sine = np.linalg.norm(np.cross(corrected, ATTITUDES), axis=1) / length
+    tilt = float(np.rad2deg(np.arcsin(np.clip(sine, 0.0, 1.0))).max())
+    share = 0.0 if gives is None else float(np.abs(length * gives / STANDARD_GRAVITY - 1.0).max())
+    return {"attitudes": float(len(ATTITUDES)), "tilt_deg": tilt, "length_share": share}
+
+
+def _words(told: Mapping[str, float]) -> str:
+    """How far a formula is off."""
+    tilt, share = told["tilt_deg"], told["length_share"]
+    is_small = tilt < LITTLE_DEG and share < LITTLE_SHARE
+    how = "less than" if is_small else "at most"
+    off = f"{how} {figures(max(tilt, LITTLE_DEG))}° of tilt and {figures(100.0 * max(share, LITTLE_SHARE))} %"
+    return f"checked: its own formula at rest in {len(ATTITUDES)} attitudes, {off} of length off"
+
+
+def _refuse_lost(tilt_deg: float, form: InertialForm, who: str, *, lossy: bool) -> None:
+    """Raise `NotExportable` for what costs too much."""
+    room = {"all": "an offset and a matrix", "gains": "an offset and three gains", "offset": "an offset alone"}
+    if tilt_deg > LOSS_DEG and not lossy:
+        raise NotExportable(
+            f"{who} holds {room[form.holds]} of an accelerometer: what is left out tilts the vertical by up to "
+            f"{figures(tilt_deg)}°",
+            beyond=("accelerometer",),
+            hint={"lossy": True},
+            tilt_deg=tilt_deg,
+        )
+
+
+def _claims(inertial: Inertial, lost_deg: float) -> Iterator[str]:
+    """What the vertical is good to with what is written."""
+    if inertial.tilt_error is not None:
+        error, bound = inertial.tilt_error, inertial.tilt_error.bound_95 + lost_deg
+        yield f"the vertical at rest is good to {figures(error.rms)}° (1 σ; 95 % within {figures(bound)}°)"
+
+
+def _rates(gyro: Triad, form: InertialForm) -> Iterator[str]:
+    """What is left out of a gyro."""
+    left = np.abs(gyro.matrix - _kept(gyro.matrix, form.holds_rates)).max()
+    if left > 1e-6:
+        yield f"gains or misalignment of the gyro are left out, up to {figures(100.0 * float(left))} % of a rate"
+
+
+def _kept(matrix: Floats, holds: Holds) -> Floats:
+    """(3, 3) the part of a matrix that a form has room for."""
+    if holds == "all":
+        return matrix
+    kept: Floats = np.diag(np.diag(matrix)) if holds == "gains" else np.eye(3)
+    return kept
+
+
+def offset_and_gains(triad: Triad) -> tuple[Floats, Floats]:
+    """(3,) offset and (3,) gains of an accelerometer for forms without misalignment, in single precision."""
+    return single(triad.offset), single(np.diag(triad.matrix))
