@@ -177,8 +177,8 @@ def test_no_module_hides_a_public_name(app: str) -> None:
 
 OWN: Final[dict[str, Collection[str]]] = {
     "PUBLIC": flinders._HOMES, "COMMANDS": ROWS, "SIMULATIONS": ("three-axis",), "READERS": modules(readers),
-    "TARGETS": modules(targets), "METHODS": modules(estimators), "FEEDS": (), "COURSES": (), "KNOWN_TEXTS": (),
-    "REMARKS": (), "CONTENTS": (),
+    "TARGETS": modules(targets), "METHODS": modules(estimators), "FEEDS": (), "PUBLISHERS": (), "COURSES": (),
+    "KNOWN_TEXTS": (), "REMARKS": (), "CONTENTS": (),
 }  # fmt: skip
 """Tables that packages add rows to, and keys of the library's own rows."""
 

@@ -29,7 +29,7 @@ BLOCK: Final = re.compile(r"^ *```sh\n(.*?)^ *```$", re.MULTILINE | re.DOTALL)
 SHOWN: Final = re.compile(r"^\s*(?:\$ )?(?:uv run )?(flinders .*)$", re.MULTILINE)
 NEXT: Final = re.compile(r"^(?:next: |   )(flinders .*)$", re.MULTILINE)
 ENDS: Final = frozenset({"|", "&&", "&", ";"})
-WAITING: Final = frozenset({"--serial", "--udp", "--tcp", "--mavlink", "--port", "--scheduler"})
+WAITING: Final = frozenset({"--serial", "--udp", "--tcp", "--mavlink", "--ros2", "--port", "--scheduler"})
 
 
 def shown() -> dict[str, str]:
@@ -107,7 +107,7 @@ def test_every_command_that_is_shown_runs_and_what_it_says_comes_next(
 ) -> None:
     monkeypatch.chdir(tmp_path)
     if "/" in line:
-        for folder in ("run/compass", "var/lib/node_exporter", "home/Arduino/libraries"):
+        for folder in ("run/compass", "var/lib/node_exporter", "home/Arduino/libraries", "home/ros2_ws/src"):
             (tmp_path / folder).mkdir(parents=True)
     said = run(line)
     for following in NEXT.findall(said):

@@ -16,12 +16,19 @@ struct SerialPort {
   void begin(long) {}
   int available() {
     struct pollfd input = {0, POLLIN, 0};
-    return poll(&input, 1, 0) > 0 && (input.revents & POLLIN);
+    return poll(&input, 1, 0) > 0 && (input.revents & (POLLIN | POLLHUP));
   }
   int read() {
     unsigned char byte;
     if (::read(0, &byte, 1) != 1) exit(0);
     return byte;
+  }
+  float parseFloat() {
+    char word[32] = {0};
+    int at = 0;
+    for (int byte = read(); at < 31 && (at == 0 || !strchr(" \n", byte)); byte = read())
+      if (!strchr(" \n", byte)) word[at++] = (char)byte;
+    return strtof(word, nullptr);
   }
   void print(const char *words) { fputs(words, stdout); }
   void print(double number, int places) { printf("%.*f", places, number); }

@@ -103,7 +103,7 @@ def built(folder: Path, source: str, compiler: tuple[str, ...], readings: Floats
             pytest.fail(message)
         pytest.skip(message)
     (folder / "code.c").write_text(source, encoding="ascii")
-    command = [*compiler, str(folder / "code.c"), "-o", str(folder / "code")]
+    command = [*compiler, str(folder / "code.c"), "-o", str(folder / "code"), "-lm"]
     compiled = subprocess.run(command, capture_output=True, text=True, check=False)
     assert compiled.returncode == 0, compiled.stderr
     lines = "\n".join(" ".join(f"{value:.17g}" for value in row) for row in readings)
@@ -410,21 +410,26 @@ def no_node(why: str) -> NoReturn:
     pytest.skip(why)
 
 
+def micropython(folder: Path) -> list[str]:
+    """The command that runs a file under MicroPython: itself where it is installed, else its build for node."""
+    if shutil.which("micropython"):
+        return ["micropython"]
+    if not shutil.which("node"):
+        no_node("there is neither micropython nor node")
+    (folder / "npm").mkdir()
+    found = package("@micropython/micropython-webassembly-pyscript", folder / "npm", no_node)
+    (folder / "run.mjs").write_text(RUNNER, encoding="ascii")
+    return ["node", str(folder / "run.mjs"), str(found / "micropython.mjs")]
+
+
 def test_the_module_runs_under_micropython(tmp_path: Path) -> None:
-    """1,000 readings; micropython itself where it is installed, else its build for node."""
+    """1,000 readings."""
     calibration = given()
     recorded = as_recorded(calibration)
     lines = [f"print(*correct({tuple(row)}))" for row in recorded.tolist()]
-    module, interpreter = tmp_path / "module.py", ["micropython"]
+    module = tmp_path / "module.py"
     module.write_text("\n".join(["import sys", text("micropython", calibration), *lines]), encoding="ascii")
-    if not shutil.which("micropython"):
-        if not shutil.which("node"):
-            no_node("there is neither micropython nor node")
-        (tmp_path / "npm").mkdir()
-        found = package("@micropython/micropython-webassembly-pyscript", tmp_path / "npm", no_node)
-        (tmp_path / "run.mjs").write_text(RUNNER, encoding="ascii")
-        interpreter = ["node", str(tmp_path / "run.mjs"), str(found / "micropython.mjs")]
-    ran = subprocess.run([*interpreter, str(module)], capture_output=True, text=True, check=True)
+    ran = subprocess.run([*micropython(tmp_path), str(module)], capture_output=True, text=True, check=True)
     out = np.array([[float(word) for word in line.split()] for line in ran.stdout.splitlines()])
     npt.assert_allclose(out, expected(calibration, recorded), atol=1e-4)
 

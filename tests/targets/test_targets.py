@@ -23,11 +23,11 @@ from flinders.core.calibration import Calibration
 from flinders.core.units import PER_UNIT, Unit
 from flinders.errors import DocumentError, InputError, NotExportable, UnitError, UsageError
 from flinders.targets import ExportOptions, find, motioncal, read_back, registry, vectornav
+from flinders.targets._code_text import digits
 from flinders.targets._comments import BLOCK, HASH, MARKUP, plain_ascii
 from flinders.targets._mounting import euler
 from flinders.targets._numbers import nearest_diagonal
 from flinders.targets._target import HOLDS, MOUNTINGS, WHERE
-from flinders.targets.code import digits
 from flinders.targets.motioncal import symmetric_root
 
 if TYPE_CHECKING:

@@ -141,6 +141,16 @@ def tcp() -> Field:
     return member("--tcp", metavar="HOST:PORT", help="Connect to a program that sends lines.")
 
 
+def ros2() -> Field:
+    """``--ros2``."""
+    return member("--ros2", metavar="TOPIC", help="A topic of ROS 2 with sensor_msgs/MagneticField: /imu/mag.")
+
+
+def imu_topic() -> Field:
+    """``--imu-topic``."""
+    return member("--imu-topic", metavar="TOPIC", help="With --ros2: the sensor_msgs/Imu beside it.")
+
+
 def fixed() -> Field:
     """``--fix``."""
     return member(

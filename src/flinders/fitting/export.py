@@ -17,6 +17,7 @@ from flinders.errors import NotExportable, UsageError, figures
 from flinders.estimators import METHODS
 from flinders.findings.words import ANY_ANGLE_DEG
 from flinders.fitting.good_until import good_until
+from flinders.fitting.heading_model import heading_model_of
 from flinders.fitting.measurement_noise import gates_of, noise_of
 from flinders.fitting.verdict import headline_of
 from flinders.geometry.plane import down_of
@@ -83,6 +84,7 @@ def export_fit(
         rotation_covariance=_in_the_body(fit, turn),
         gates=gates_of(fit),
         noise=noise_of(fit),
+        heading=heading_model_of(fit),
         estimator=noise,
         fitting=fitting_command(fit, target),
     )

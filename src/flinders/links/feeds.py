@@ -23,7 +23,7 @@ from collections import deque
 from concurrent.futures import Future
 from dataclasses import dataclass, replace
 from importlib import import_module
-from typing import TYPE_CHECKING, Final, Literal, Protocol, TypeAlias, TypeVar
+from typing import TYPE_CHECKING, Any, Final, Literal, Protocol, TypeAlias, TypeVar
 
 import numpy as np
 
@@ -36,7 +36,6 @@ if TYPE_CHECKING:
 
     from flinders.arrays import Floats
     from flinders.core.samples import Recording
-    from flinders.links.transports import ByteSource
 
 AT_ONCE: Final = 500  # Readings handed on together at most
 ASSUMED_HZ: Final = 50.0  # Readings a second of a recording without times
@@ -334,13 +333,28 @@ def _size(received: Samples | FeedEvent) -> int:
     return 1 if isinstance(received, FeedEvent) else len(received)
 
 
-def feed_kind(name: str) -> Callable[[ByteSource, int], Feed]:
-    """Look up by its name what makes a feed of bytes that are no lines, and of the number of a magnetometer.
+def feed_kind(name: str) -> Callable[..., Feed]:
+    """Look up by its name what makes a feed of something that sends no lines: ``opened`` of its module.
 
-    Raises `UsageError` where no package of `flinders.apps` reads such bytes.
+    ``mavlink`` takes a `ByteSource` and the number of a magnetometer, ``ros2`` the names of topics and a unit.
+    Raises `UsageError` where no package of `flinders.apps` reads that.
     """
-    module = app_modules("FEEDS").get(name)
+    opened: Callable[..., Feed] = _opened("FEEDS", name)
+    return opened
+
+
+def publisher_kind(name: str) -> Callable[..., Any]:
+    """Look up by its name what publishes beside a feed of that name: ``opened`` of its module, of the feed and a topic.
+
+    Raises `UsageError` where no package of `flinders.apps` does.
+    """
+    return _opened("PUBLISHERS", name)
+
+
+def _opened(table: str, name: str) -> Callable[..., Any]:
+    """``opened`` of the module that a table names."""
+    module = app_modules(table).get(name)
     if module is None:
-        raise UsageError(f"this installation reads no {name}: install flinders anew")
-    opened: Callable[[ByteSource, int], Feed] = import_module(module).opened
+        raise UsageError(f"this installation knows no {name}: install flinders anew")
+    opened: Callable[..., Any] = import_module(module).opened
     return opened

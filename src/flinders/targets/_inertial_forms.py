@@ -19,7 +19,7 @@ from typing import TYPE_CHECKING, Any, Final
 import numpy as np
 
 from flinders.core.inertial import STANDARD_GRAVITY, Triad
-from flinders.targets._guard import guarded
+from flinders.targets._code_text import guarded
 from flinders.targets._inertial import InertialForm, Numbers
 from flinders.targets._numbers import single, yaml_text
 

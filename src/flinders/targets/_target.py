@@ -48,6 +48,7 @@ if TYPE_CHECKING:
     from flinders.arrays import Floats
     from flinders.core.calibration import Calibration
     from flinders.core.disturbance import Disturbance
+    from flinders.targets._heading_model import HeadingModel
     from flinders.targets._inertial import InertialForm
     from flinders.targets._measurement_noise import MeasurementNoise
     from flinders.targets._mounting import MountingTable
@@ -108,6 +109,7 @@ class ExportOptions:
     rotation_covariance: Floats | None = None  # (3, 3) rad², in the body's axes: of how the sensor sits
     gates: Gates | None = None  # limits by which generated code tells a disturbed reading
     noise: MeasurementNoise | None = None  # what a filter has to assume of corrected readings
+    heading: HeadingModel | None = None  # by which generated code states the error of each heading
     estimator: bool = False  # write that also as parameters of the vehicle's estimator
     # of the sensor: names in generated code begin with it, so that code for two sensors goes into one program
     name: str | None = None

@@ -21,8 +21,6 @@ array([400.,   0.,   0.])
 from __future__ import annotations
 
 import math
-import re
-import unicodedata
 from dataclasses import dataclass, replace
 from functools import partial
 from typing import TYPE_CHECKING, Final, Self
@@ -32,7 +30,7 @@ import numpy as np
 from flinders.arrays import Floats, floats, vectors
 from flinders.core.linearization import Linearization
 from flinders.core.units import label
-from flinders.errors import NotExportable, UsageError, figures
+from flinders.errors import NotExportable, figures
 from flinders.targets._code_templates import (
     C_CURVE,
     C_DIP,
@@ -50,14 +48,15 @@ from flinders.targets._code_templates import (
     SKETCH_DIP,
     SKETCH_STRENGTH,
 )
+from flinders.targets._code_text import begun, digits, float32s, guarded
 from flinders.targets._comments import BLOCK, HASH
-from flinders.targets._guard import guarded
+from flinders.targets._heading_code import IN_C, IN_PYTHON, IN_SKETCH
 from flinders.targets._inertial_forms import code_form
 from flinders.targets._numbers import OWN, RECORDED, Affine, shift_in_recorded_axes, single, unmapped, whole
 from flinders.targets._target import CHANCE, TILT_DEG, ExportOptions, Gates, Target, Written
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Iterator
+    from collections.abc import Iterator
 
     from numpy.typing import ArrayLike
 
@@ -131,11 +130,12 @@ def single_precision(calibration: Calibration) -> Affine:
 
 
 def write_header(calibration: Calibration, asked: ExportOptions) -> Written:
-    """Write a header in single precision, which includes nothing: ``flinders_correct(raw, corrected)``."""
+    """Write a header in single precision: ``flinders_correct(raw, corrected)``; it includes ``math.h`` for headings."""
     name = begun(USUAL, asked.name)
     reading = Reading("raw[{0}] - " + name + "_offset[{0}]", name + "_linear", C_CURVE)
     code = _filled(FLOAT, calibration, reading, name=name, constant=name.upper())
     code = _gated(code, calibration, asked, (C_STRENGTH, C_DIP), name=name, constant=name.upper())
+    code = IN_C.added(code, calibration.unit, asked, name=name, constant=name.upper())
     return replace(code, body=guarded(name, [*code.body, *_driven(calibration, name)]))
 
 
@@ -146,14 +146,16 @@ def write_sketch(calibration: Calibration, asked: ExportOptions) -> Written:
     prefix = f"{name}_" if name else ""
     reading = Reading("{1} - " + constant + "_OFFSET[{0}]", prefix + "linearField", SKETCH_CURVE)
     code = _filled(SKETCH, calibration, reading, constant=constant, function=function, prefix=prefix)
-    return _gated(code, calibration, asked, (SKETCH_STRENGTH, SKETCH_DIP), constant=constant, prefix=prefix)
+    code = _gated(code, calibration, asked, (SKETCH_STRENGTH, SKETCH_DIP), constant=constant, prefix=prefix)
+    return IN_SKETCH.added(code, calibration.unit, asked, constant=constant, prefix=prefix)
 
 
 def write_micropython(calibration: Calibration, asked: ExportOptions) -> Written:
-    """Write a module that imports nothing, for MicroPython and CircuitPython: ``correct((x, y, z))``."""
+    """Write a module for MicroPython and CircuitPython, ``correct((x, y, z))``; it imports `math` for headings."""
     reading = Reading("raw[{0}] - OFFSET[{0}]", "linear", MODULE_CURVE)
     code = _filled(MODULE, calibration, reading, suffix="", row="    ({}),")
-    return _gated(code, calibration, asked, (MODULE_STRENGTH, MODULE_DIP), suffix="")
+    code = _gated(code, calibration, asked, (MODULE_STRENGTH, MODULE_DIP), suffix="")
+    return IN_PYTHON.added(code, calibration.unit, asked)
 
 
 @dataclass(frozen=True, slots=True)
@@ -332,53 +334,6 @@ def _fixed(calibration: Calibration, form: FixedPointFormat, whole: str, asked: 
     values = {"entries": code.entries, "shift": code.shift, "offset": code.offset, "fraction": form.fraction}
     notes = [f"readings and results are whole numbers of {unit}"]
     return Written(code.apply, guarded(name, text.splitlines()), values, notes)
-
-
-# names and numbers in code
-
-LONGEST: Final = 31
-"""Letters of a name that all compilers tell apart."""
-
-
-def digits(value: float, suffix: str = "") -> str:
-    """Write a number of single precision so that it is read back the same, with a point.
-
-    >>> digits(0.1), digits(-3.0, "f"), digits(1e-12)
-    ('0.100000001', '-3.0f', '9.99999996e-13')
-    """
-    text = f"{np.float32(value) + np.float32(0):.9g}"
-    return f"{text if any(sign in text for sign in '.en') else f'{text}.0'}{suffix}"
-
-
-def float32s(values: Iterable[float], suffix: str = "") -> str:
-    """Write numbers of single precision, with commas between them.
-
-    >>> float32s([0.1, -3.0], "f")
-    '0.100000001f, -3.0f'
-    """
-    return ", ".join(digits(value, suffix) for value in values)
-
-
-def begun(usual: str, name: str | None) -> str:
-    """What names in generated code begin with: `usual`, or letters and digits of the `name` that was asked for.
-
-    What is between them becomes ``_``. A name of which nothing is left, or too much, raises `UsageError`.
-
-    >>> begun("flinders", None), begun("flinders", "Mast, top"), begun("flinders", "2nd compass")
-    ('flinders', 'Mast_top', 'mag_2nd_compass')
-    """
-    if name is None:
-        return usual
-    plain = unicodedata.normalize("NFKD", name).encode("ascii", "ignore").decode()
-    word = re.sub(r"[^0-9A-Za-z]+", "_", plain).strip("_")
-    word = f"mag_{word}" if word[:1].isdigit() else word
-    if not 0 < len(word) <= LONGEST:
-        raise UsageError(
-            f"{name[:LONGEST]!r} leaves {len(word)} letters and digits of ASCII to begin names in code with: "
-            f"need 1 to {LONGEST}",
-            hint={"name": "mast"},
-        )
-    return word
 
 
 HEADER: Final = Target(

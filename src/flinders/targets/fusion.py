@@ -23,11 +23,11 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
+from flinders.targets._code_text import float32s
 from flinders.targets._comments import BLOCK, HASH
 from flinders.targets._inertial_forms import FUSION_C, FUSION_PYTHON
 from flinders.targets._numbers import OWN, Affine, single
 from flinders.targets._target import ExportOptions, Target, Written
-from flinders.targets.code import float32s
 
 if TYPE_CHECKING:
     from flinders.arrays import Floats

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Final
 
+from flinders.targets._code_text import begun
 from flinders.targets._comments import PERCENT
 from flinders.targets._numbers import RECORDED, Affine
 from flinders.targets._target import ExportOptions, Target, Written
-from flinders.targets.code import begun
 
 if TYPE_CHECKING:
     from flinders.core.calibration import Calibration

@@ -32,12 +32,12 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 
 from flinders.errors import DocumentError
+from flinders.targets._code_text import begun, float32s
 from flinders.targets._comments import BLOCK
 from flinders.targets._mounting import MOST_TURN_DEG, apart_deg
 from flinders.targets._numbers import OWN, decoded, numbers, single
 from flinders.targets._placement import BODY, Placement, to_calibration
 from flinders.targets._target import ExportOptions, Target, TargetReader, Written
-from flinders.targets.code import begun, float32s
 
 if TYPE_CHECKING:
     from collections.abc import Iterable

@@ -4,5 +4,6 @@ For whoever puts the calibration into a device: a folder that Arduino, PlatformI
 
 - `package`: writes the folder; `poses`: the attitudes that advice is given in, as a table of C
 - ``board``: C files and examples that stand on top of the engine's (`flinders.native`)
-- ``cli``: the command
+- `component`: writes a calibration that was made elsewhere as a component of firmware; ``components``: its files
+- ``cli``: the commands
 """

@@ -33,7 +33,7 @@ from flinders.likelihood.site_field import Site
 if TYPE_CHECKING:
     from flinders.arrays import Floats
 
-Kind = Literal["serial", "udp", "tcp", "mavlink", "replay", "simulated", "phone", "file"]
+Kind = Literal["serial", "udp", "tcp", "mavlink", "ros2", "replay", "simulated", "phone", "file"]
 Link = Literal["connected", "waiting", "gone", "ended"]
 Goal = Literal["heading", "attitude"]
 Span = tuple[float, float]

@@ -64,13 +64,17 @@ class Source:
         What the feed counts of lines.
     rests : bool
         Wait for more where little came, as a live sensor allows.
+
+    Attributes
+    ----------
+    feed : Feed
     """
 
     def __init__(
         self, feed: Feed, clock: Clock, *, statistics: RecordingStatistics | None = None, rests: bool = False
     ) -> None:
         self.name, self.statistics = feed.name, statistics
-        self._feed, self._clock, self._rests = feed, clock, rests
+        self.feed, self._clock, self._rests = feed, clock, rests
 
     @property
     def now(self) -> float | None:
@@ -80,7 +84,7 @@ class Source:
     @property
     def recipient(self) -> Recipient | None:
         """What takes a calibration of the readings; None where nothing does."""
-        return self._feed if isinstance(self._feed, Recipient) else None
+        return self.feed if isinstance(self.feed, Recipient) else None
 
     @property
     def not_understood(self) -> int:
@@ -89,7 +93,7 @@ class Source:
 
     def next(self, timeout: float) -> Received:
         """As `Feed.next`; times are those of the clock."""
-        received = self._feed.next(timeout)
+        received = self.feed.next(timeout)
         if received is None or isinstance(received, FeedEvent):
             return received
         if self._rests and len(received) < LITTLE:
@@ -102,7 +106,7 @@ class Source:
 
     def close(self) -> None:
         """Let go of the source."""
-        self._feed.close()
+        self.feed.close()
 
     def _timed(self, samples: Samples) -> Samples | None:
         if samples.time is None:
@@ -121,9 +125,9 @@ def of_wire(wire: ByteSource, since: float | None, **reading: Any) -> Source:
     return Source(recorder, MachineClock(since), statistics=recorder.statistics, rests=True)
 
 
-def of_feed(feed: Feed, since: float | None) -> Source:
+def of_feed(feed: Feed, since: float | None, *, rests: bool = True) -> Source:
     """A feed of a live sensor, such as a vehicle, on the time of this machine."""
-    return Source(feed, MachineClock(since), rests=True)
+    return Source(feed, MachineClock(since), rests=rests)
 
 
 def of_pipe(pipe: StandardInput, since: float | None, **reading: Any) -> Source:

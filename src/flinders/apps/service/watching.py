@@ -38,6 +38,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable
 
     from flinders.apps.service.handover import Handover
+    from flinders.apps.service.publishing import Publisher
     from flinders.apps.service.reports import Kind
     from flinders.apps.service.sources import Source
     from flinders.arrays import Floats
@@ -114,8 +115,8 @@ class Watch:
         Of the readings' time, after which files are written and the state is told.
     is_locked : bool
         The calibration in force stays.
-    handover : Handover, optional
-        Sends calibrations that come into force.
+    handover, publisher : Handover and Publisher, optional
+        Send calibrations that come into force; and publish corrected readings.
     tell : callable
         Told what happens, and the state at times.
     say : callable
@@ -135,6 +136,7 @@ class Watch:
         every: float = EVERY_S,
         is_locked: bool = False,
         handover: Handover | None = None,
+        publisher: Publisher | None = None,
         tell: Callable[[Report], object] = lambda _: None,
         say: Callable[[str], object] = lambda _: None,
         stopped: Callable[[], bool] = lambda: False,
@@ -158,7 +160,7 @@ class Watch:
         self._is_connected, self._is_over, self._is_quiet = True, False, False
         self._advised: set[str] = set()
         self._adopted: tuple[Fit, float] | None = None
-        self._handover = handover
+        self._handover, self._publisher = handover, publisher
         self._told: deque[Report] = deque(maxlen=TOLD)
         self._page_at, self._is_page_due = -math.inf, True
         written = self._files
@@ -182,6 +184,8 @@ class Watch:
                 self._note(self._online.history[-1:])
             while not self._is_over and not self._stopped():
                 self._take(self._source.next(WAIT_S))
+                if self._publisher is not None:
+                    self._publisher.publish(self._online, self._now())
                 self._hand_over()
                 self._show()
             self._flush()

@@ -5,6 +5,7 @@ For whoever flies, drives or sails with ArduPilot, PX4, Betaflight, INAV, Papara
 - ``readers``: logs of ArduPilot, PX4 and MAVLink, bags of ROS, each with the calibration that was in force
 - ``targets``: parameters of each autopilot, with the mounting of the compass as its number
 - `mavlink`, `mavlink_parameters`, `telemetry`: a vehicle on a link, its parameters, its compass as a feed
+- ``ros2``: topics of ROS 2 over DDS, read and published, and a node for ROS
 - `sending`: what a calibration changes in a board or vehicle; ``cli``: the command that sends it
 """
 

@@ -1,7 +1,13 @@
 """What this package adds to tables of the library, by names of its modules; nothing is imported before it is used."""
 
-COMMANDS = {"send": ("Vehicles, boats and surveys", "cli.send", "Send a calibration to a board or vehicle.")}
-FEEDS = {"mavlink": "telemetry"}
+GROUP = "Vehicles, boats and surveys"
+
+COMMANDS = {
+    "ros-package": (GROUP, "cli.ros_package", "Write a ROS 2 package with a node that calibrates."),
+    "send": (GROUP, "cli.send", "Send a calibration to a board or vehicle."),
+}
+FEEDS = {"mavlink": "telemetry", "ros2": "ros2.feed"}
+PUBLISHERS = {"ros2": "ros2.publisher"}
 READERS = {
     "dataflash": "readers.dataflash",
     "ros": "readers.ros",

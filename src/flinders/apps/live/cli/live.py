@@ -58,6 +58,8 @@ class LiveSource(program.Group):
     compass: int = program.member(
         "--compass", type=click.IntRange(1, 3), default=1, show_default=True, help="Which of the vehicle's."
     )
+    ros2: str | None = option.ros2()
+    imu_topic: str | None = option.imu_topic()
     replay: str | None = program.member(
         "--replay", metavar="LOG", help="Play a recording back, any that flinders reads."
     )
@@ -74,7 +76,7 @@ class LiveSource(program.Group):
         """
         sources = {
             "--serial": self.port, "--udp": self.udp, "--tcp": self.tcp, "--mavlink": self.mavlink,
-            "--replay": self.replay, "--simulate": self.simulate,
+            "--ros2": self.ros2, "--replay": self.replay, "--simulate": self.simulate,
         }  # fmt: skip
         named = [name for name, value in sources.items() if value not in (None, False)]
         if len(named) > 1:
@@ -83,14 +85,22 @@ class LiveSource(program.Group):
             raise UsageError("--speed goes with --replay and --simulate: leave it out")
         if self.compass != 1 and self.mavlink is None:
             raise UsageError("--compass goes with --mavlink: leave it out")
+        if self.imu_topic is not None and self.ros2 is None:
+            raise UsageError("--imu-topic goes with --ros2: leave it out")
         if self.port == ANY_PORT:
             board_port()  # where there is none, that is said at once, before anything is loaded
-        if (self.mavlink is not None or self.simulate) and (wrong := self.lines.typed()):
-            raise UsageError(f"{', '.join(wrong)} goes with lines and recordings: {named[0]} knows its unit")
+        self._check_reading(named)
         if self.lines.unit:
             from flinders.core.units import Unit
 
             Unit.of(self.lines.unit, self.lines.scale)
+
+    def _check_reading(self, named: list[str]) -> None:
+        """See that how lines are read is not said of what sends none; a topic's unit may be another than its type's."""
+        if self.mavlink is None and self.ros2 is None and not self.simulate:
+            return
+        if wrong := [name for name in self.lines.typed() if self.ros2 is None or name != "--unit"]:
+            raise UsageError(f"{', '.join(wrong)} goes with lines and recordings: {named[0]} knows its unit")
 
     def opened(
         self,
@@ -121,6 +131,9 @@ class LiveSource(program.Group):
             link = stack.enter_context(contextlib.closing(opened_link(self.mavlink, self.baud, what="--mavlink")))
             vehicle = feed_of(link, self.compass)
             return Source("mavlink", partial(RecordedFeed, vehicle), target=getattr(vehicle, "target", FIRST_TARGET))
+        if self.ros2 is not None:
+            topic = feed_kind("ros2")(self.ros2, self.imu_topic, self.lines.unit)
+            return Source("ros2", partial(RecordedFeed, topic), target=getattr(topic, "target", FIRST_TARGET))
         kind, port = self._lines(is_resumed=resume is not None)
         if kind == "file":
             return Source(kind, lambda _sink, resumed: NoSensor(str(resume)))  # noqa: ARG005 - as a source has it
@@ -237,9 +250,9 @@ class Live(program.Group):
 @program.command_of(
     "live",
     Live,
-    common=("port", "udp", "tcp", "mavlink", "replay", "simulate", "unit", "output"),
+    common=("port", "udp", "tcp", "mavlink", "ros2", "replay", "simulate", "output"),
     headings={
-        "Source": ("baud", "compass", "speed"),
+        "Source": ("baud", "compass", "imu_topic", "speed"),
         "Session": ("previous", "refresh", "resume"),
         "Page": ("host", "web_port", "opens"),
     },
@@ -248,6 +261,7 @@ Example:
   flinders live --serial
   flinders live --udp 50100 --unit mG
   flinders live --mavlink udp:0.0.0.0:14550
+  flinders live --ros2 /imu/mag --imu-topic /imu/data
   flinders live --replay tumble.csv --speed 5
   flinders live --simulate
 """,

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import contextlib
-from typing import TYPE_CHECKING
+from functools import partial
+from typing import TYPE_CHECKING, Any
 
 import click
 
@@ -14,9 +15,11 @@ from flinders.cli._signals import stopping
 from flinders.errors import FlindersError, UsageError, counted
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
+    from collections.abc import Callable, Iterator
 
+    from flinders.links.recorder import Sink
     from flinders.links.transcript import RecordingStatistics
+    from flinders.links.transports import ByteSource
 
 
 class Wire(program.Group):
@@ -28,10 +31,30 @@ class Wire(program.Group):
     tcp: str | None = option.tcp()
 
 
+class Topic(program.Group):
+    """A topic of ROS 2, which sends no lines."""
+
+    ros2: str | None = option.ros2()
+    imu_topic: str | None = option.imu_topic()
+    unit: str | None = program.member(
+        "--unit", metavar="UNIT", help="With --ros2: what its driver writes in place of tesla."
+    )
+
+    def check(self) -> None:
+        """See that what is said of a topic goes with one; raises `UsageError`."""
+        if self.ros2 is None and (wrong := self.typed()):
+            raise UsageError(f"{', '.join(wrong)} goes with --ros2: leave it out")
+        if self.unit is not None:
+            from flinders.core.units import Unit
+
+            Unit.of(self.unit)
+
+
 class Record(program.Group):
     """A sensor, and the file that it is recorded into."""
 
     wire: Wire = program.group(Wire)
+    topic: Topic = program.group(Topic)
     output: str | None = option.output(
         "the recording", "Where to write; - for standard output.", heading=program.OUTPUT
     )
@@ -50,15 +73,22 @@ class Record(program.Group):
 
     def check(self) -> None:
         """See that one sender and a file are named."""
-        senders = sum(one is not None for one in (self.wire.port, self.wire.udp, self.wire.tcp))
+        self.topic.check()
+        wire = {"--serial": self.wire.port, "--udp": self.wire.udp, "--tcp": self.wire.tcp, "--ros2": self.topic.ros2}
+        senders = sum(one is not None for one in wire.values())
         if senders > 1:
-            raise UsageError("--serial, --udp and --tcp name several sensors: record each with a command of its own")
+            *names, last = wire
+            words = f"{', '.join(names)} and {last}"
+            raise UsageError(f"{words} name several sensors: record each with a command of its own")
         if senders == 0:
             from flinders.links.serial_ports import ports_in_words
 
             raise UsageError(
-                f"nothing to record: name a --serial port ({ports_in_words()}), or --udp PORT, --tcp HOST:PORT"
+                f"nothing to record: name a --serial port ({ports_in_words()}), or --udp PORT, --tcp HOST:PORT, "
+                "--ros2 TOPIC"
             )
+        if self.pattern is not None and self.topic.ros2 is not None:
+            raise UsageError("--pattern describes lines, and --ros2 sends none: leave it out")
         if self.pattern is not None:
             from flinders.readers.dialects.pattern import Pattern
 
@@ -70,15 +100,37 @@ class Record(program.Group):
                 f"--resume goes on with a file: leave {'--force out' if self.force else 'it out with -o -'}"
             )
 
+    def opened(self, stack: contextlib.ExitStack) -> tuple[str, Callable[..., RecordingStatistics]]:
+        """Open what is named: its name, and what records it, which takes a sink and parameters as `Recorder`."""
+        if self.topic.ros2 is None:
+            from flinders.links.transports import opened_lines
+
+            source = stack.enter_context(contextlib.closing(opened_lines(**self.wire.as_dict())))
+            return source.name, partial(_recorded, source, self.pattern)
+        from flinders.links.feed_recording import record_feed
+        from flinders.links.feeds import feed_kind
+
+        feed = feed_kind("ros2")(self.topic.ros2, self.topic.imu_topic, self.topic.unit)
+        return feed.name, partial(record_feed, feed)
+
+
+def _recorded(source: ByteSource, pattern: str | None, sink: Sink, **how: Any) -> RecordingStatistics:
+    """Record lines."""
+    from flinders.links.recorder import Recorder
+
+    return Recorder(source, sink, pattern=pattern, **how).run()
+
 
 @program.command_of(
     "record",
     Record,
-    common=("port", "udp", "tcp", "output", "seconds"),
+    common=("port", "udp", "tcp", "ros2", "output", "seconds"),
+    headings={"Source": ("baud", "imu_topic", "unit")},
     epilog="""\b
 Example:
   flinders record --serial /dev/ttyACM0 -o tumble.csv
   flinders record --udp 50100 --seconds 60 -o tumble.csv
+  flinders record --ros2 /imu/mag --seconds 60 -o tumble.csv
   flinders record --serial /dev/ttyACM0 --seconds 60 -o - | flinders calibrate -
   flinders record --serial /dev/ttyACM0 --resume -o tumble.csv
 
@@ -97,15 +149,14 @@ def command(options: Record) -> None:
     describes any other. A line that is not understood is kept as a comment. A crash loses at most a second; a
     port that goes away is waited for.
     """
-    from flinders.links.recorder import Recorder, Resumed, ToFile, ToStandardOutput
-    from flinders.links.transports import opened_lines
+    from flinders.links.recorder import Resumed, ToFile, ToStandardOutput
 
     options.check()
     path, is_resumed = str(options.output), options.resume
     Outputs.of(("the recording", path), force=options.force or is_resumed, as_json=options.as_json).check()
     resumed = Resumed.of(path) if is_resumed else None
     with contextlib.ExitStack() as stack:
-        source = stack.enter_context(contextlib.closing(opened_lines(**options.wire.as_dict())))
+        name, run = options.opened(stack)
         sink = (
             ToStandardOutput()
             if path == "-"
@@ -113,18 +164,16 @@ def command(options: Record) -> None:
         )
         stopped = stack.enter_context(stopping(patient=False))
         status = stack.enter_context(working())
-        say(f"recording {source.name}{'' if options.seconds or options.readings else '; Ctrl-C ends it'}")
-        statistics = Recorder(
-            source,
+        say(f"recording {name}{'' if options.seconds or options.readings else '; Ctrl-C ends it'}")
+        statistics = run(
             sink,
             seconds=options.seconds,
             readings=options.readings,
-            pattern=options.pattern,
             resumed=resumed,
             stopped=stopped,
             say=say,
             watch=None if status is None else lambda statistics: status(statistics.brief),
-        ).run()
+        )
     say(str(statistics))
     for line in _remarks(statistics, path):
         say(line)

@@ -50,7 +50,10 @@ class StationOptions(program.Group):
     "station",
     StationOptions,
     common=("port", "udp", "tcp", "simulate", "folder", "operator", "name", "targets"),
-    headings={"Source": ("baud", "mavlink", "compass", "replay", "speed"), "Page": ("host", "web_port", "opens")},
+    headings={
+        "Source": ("baud", "mavlink", "compass", "ros2", "imu_topic", "replay", "speed"),
+        "Page": ("host", "web_port", "opens"),
+    },
     epilog="""\b
 Example:
   flinders station line-3.toml --serial /dev/ttyACM0 -o line-3

@@ -15,7 +15,7 @@ export interface Limits {
 /** Where readings come from, and whether they do. */
 export interface SourceState {
   name: string;
-  kind: "serial" | "udp" | "tcp" | "mavlink" | "replay" | "simulated" | "phone" | "file";
+  kind: "serial" | "udp" | "tcp" | "mavlink" | "ros2" | "replay" | "simulated" | "phone" | "file";
   link: "connected" | "waiting" | "gone" | "ended";
   words: string;
 }

@@ -23,6 +23,7 @@ if TYPE_CHECKING:
     from datetime import datetime
 
     from flinders.apps.service.handover import Handover
+    from flinders.apps.service.publishing import Publisher
     from flinders.apps.service.reports import Report
     from flinders.apps.service.sources import Source
     from flinders.apps.service.watching import Begun, Files
@@ -51,6 +52,7 @@ class WatchedSource(program.Group):
     compass: int = program.member(
         "--compass", type=click.IntRange(1, 3), default=1, show_default=True, help="Which of the vehicle's."
     )
+    ros2: str | None = option.ros2()
     replay: str | None = program.member(
         "--replay", metavar="LOG", help="Recordings, as fast as they are read; several after one another."
     )
@@ -63,7 +65,7 @@ class WatchedSource(program.Group):
         """
         sources = {
             "--serial": self.port, "--udp": self.udp, "--tcp": self.tcp, "--mavlink": self.mavlink,
-            "--replay": self.replay,
+            "--ros2": self.ros2, "--replay": self.replay,
         }  # fmt: skip
         named = [name for name, value in sources.items() if value is not None]
         if len(named) > 1:
@@ -80,19 +82,30 @@ class WatchedSource(program.Group):
 
             raise UsageError(
                 f"nothing to watch: name a --serial port ({ports_in_words()}), --udp PORT, --tcp HOST:PORT, "
-                "--mavlink LINK, --replay LOG, or - for standard input"
+                "--mavlink LINK, --ros2 TOPIC, --replay LOG, or - for standard input"
             )
         if self.compass != 1 and self.mavlink is None:
             raise UsageError("--compass goes with --mavlink: leave it out")
-        if self.mavlink is not None and (wrong := self.lines.typed()):
-            raise UsageError(f"{', '.join(wrong)} goes with lines and recordings: --mavlink knows its unit")
+        self._check_reading(named)
         if self.lines.unit:
             from flinders.core.units import Unit
 
             Unit.of(self.lines.unit)
 
-    def opened(self, stack: contextlib.ExitStack, calibration: OnlineCalibration | Begun) -> Source:
-        """Open what is named; readings that name no unit are in that of the calibration."""
+    def _check_reading(self, named: list[str]) -> None:
+        """See that how lines are read is not said of what sends none; a topic's unit may be another than its type's."""
+        if self.mavlink is None and self.ros2 is None:
+            return
+        if wrong := [name for name in self.lines.typed() if self.ros2 is None or name != "--unit"]:
+            raise UsageError(f"{', '.join(wrong)} goes with lines and recordings: {named[0]} knows its unit")
+
+    def opened(
+        self, stack: contextlib.ExitStack, calibration: OnlineCalibration | Begun, *, is_published: bool = False
+    ) -> Source:
+        """Open what is named; readings that name no unit are in that of the calibration.
+
+        Where they are published again, each is handed on as it comes.
+        """
         from flinders.apps.service import sources
         from flinders.apps.service.watching import frame_in, since_of, unit_of
         from flinders.core.units import Unit
@@ -111,6 +124,9 @@ class WatchedSource(program.Group):
             feed_of = feed_kind("mavlink")
             link = stack.enter_context(contextlib.closing(opened_link(self.mavlink, self.baud, what="--mavlink")))
             return sources.of_feed(feed_of(link, self.compass), since)
+        if self.ros2 is not None:
+            topic = feed_kind("ros2")(self.ros2, None, self.lines.unit)
+            return sources.of_feed(topic, since, rests=not is_published)
         wire = opened_lines(port=self.port, baud=self.baud, udp=self.udp, tcp=self.tcp)
         stack.enter_context(contextlib.closing(wire))
         return sources.of_wire(wire, since, **reading)
@@ -182,6 +198,10 @@ class Watch(program.Group):
         "--send-interval", type=program.positive, default=3600.0, show_default=True, metavar="S",
         help="From one sending to the next, at the least.", heading=program.OUTPUT,
     )  # fmt: skip
+    publish: str | None = program.member(
+        "--publish", is_flag=False, flag_value="", metavar="[TOPIC]", heading=program.OUTPUT,
+        help="With --ros2: publish corrected readings [default: /imu/mag_corrected], diagnostics, and the calibration.",
+    )  # fmt: skip
     as_json: bool = program.flag(
         "--json", "Print each event, and the state at times, as a line of JSON.", heading=program.OUTPUT
     )
@@ -196,6 +216,8 @@ class Watch(program.Group):
 
         self.source.check()
         self._check_sending()
+        if self.publish is not None and self.source.ros2 is None:
+            raise UsageError("--publish goes with --ros2: leave it out; --adopted and --json serve other programs")
         if self.walk is not None and self.history is not None:
             raise UsageError("--walk and --history say the same: leave one of them out")
         read = [*self.source.files, *filter(None, (self.source.replay, self.calibration, self.history))]
@@ -236,6 +258,15 @@ class Watch(program.Group):
         from flinders.apps.service.handover import Handover
 
         return Handover(source.recipient, self.send, interval_s=self.send_interval_s, stopped=stopped, say=say)
+
+    def publisher(self, source: Source) -> Publisher | None:
+        """What publishes beside the source; None where that is not asked for."""
+        if self.publish is None:
+            return None
+        from flinders.links.feeds import publisher_kind
+
+        opened: Callable[..., Publisher] = publisher_kind("ros2")
+        return opened(source.feed, *([self.publish] if self.publish else []))
 
     def began(self) -> OnlineCalibration | Begun:
         """The calibration of the state file where that is there, else how it begins."""
@@ -300,13 +331,14 @@ class Watch(program.Group):
 @program.command_of(
     "watch",
     Watch,
-    common=("port", "udp", "tcp", "mavlink", "replay", "state", "as_json"),
+    common=("port", "udp", "tcp", "mavlink", "ros2", "replay", "state", "as_json"),
     headings={"Source": ("baud", "compass"), "Begin": ("calibration", "walk", "history")},
     epilog="""\b
 Example:
   flinders watch --serial /dev/ttyACM0 --state compass.state
   flinders watch --udp 50100 --unit mG --state compass.state --prometheus compass.prom --page compass.html
   flinders watch --mavlink udp:0.0.0.0:14550 --adopted calibration.json
+  flinders watch --ros2 /imu/mag --publish /imu/mag_corrected --state compass.state
   flinders watch --replay monday.csv tuesday.csv --json
 
 \b
@@ -331,7 +363,7 @@ def command(options: Watch) -> None:
         if options.state is not None:
             stack.enter_context(exclusive(options.state))
         calibration = options.began()
-        source = options.source.opened(stack, calibration)
+        source = options.source.opened(stack, calibration, is_published=options.publish is not None)
         stopped = stack.enter_context(stopping(patient=False))
         say(f"watching {source.name}{'' if options.source.replay else '; Ctrl-C ends it'}")
         watching = Watching(
@@ -341,6 +373,7 @@ def command(options: Watch) -> None:
             every=options.every,
             is_locked=options.lock,
             handover=options.handover(source, stopped),
+            publisher=options.publisher(source),
             tell=_json if options.as_json else _told(),
             say=say,
             stopped=stopped,

@@ -327,23 +327,24 @@ class _Topic:
         return np.asarray(self.values, np.float64).reshape(len(self.stamps), -1)
 
 
-def _three(vector: Any) -> tuple[float, float, float]:  # noqa: ANN401
+def vector_of(vector: Any) -> tuple[float, float, float]:  # noqa: ANN401
+    """(3,) of a vector of a message."""
     return vector.x, vector.y, vector.z
 
 
-def _motion(message: Any) -> tuple[float, ...]:  # noqa: ANN401
+def motion_of(message: Any) -> tuple[float, ...]:  # noqa: ANN401
     """Acceleration, then rate; a covariance that starts with −1 says that there is none of it (``Imu.msg``)."""
     none = (np.nan,) * 3
     return (
-        *(none if message.linear_acceleration_covariance[0] == -1 else _three(message.linear_acceleration)),
-        *(none if message.angular_velocity_covariance[0] == -1 else _three(message.angular_velocity)),
+        *(none if message.linear_acceleration_covariance[0] == -1 else vector_of(message.linear_acceleration)),
+        *(none if message.angular_velocity_covariance[0] == -1 else vector_of(message.angular_velocity)),
     )
 
 
 _NUMBERS: Final[dict[str, Callable[[Any], tuple[float, ...]]]] = {
-    FIELD: lambda message: _three(message.magnetic_field),
-    VECTOR: lambda message: _three(message.vector),
-    IMU: _motion,
+    FIELD: lambda message: vector_of(message.magnetic_field),
+    VECTOR: lambda message: vector_of(message.vector),
+    IMU: motion_of,
     TEMPERATURE: lambda message: (message.temperature,),
     PLACE: lambda message: (message.latitude, message.longitude, message.altitude, message.status.status),
     TWIST: lambda message: (message.twist.linear.y, message.twist.linear.x),

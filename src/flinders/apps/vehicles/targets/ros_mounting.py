@@ -34,12 +34,12 @@ import numpy as np
 
 from flinders.errors import DocumentError
 from flinders.geometry.quaternions import of_matrix
+from flinders.targets._code_text import begun
 from flinders.targets._comments import HASH, MARKUP
 from flinders.targets._mounting import angles, euler
 from flinders.targets._numbers import OWN, decoded, numbers
 from flinders.targets._placement import BODY, Placement, to_calibration
 from flinders.targets._target import ExportOptions, Target, TargetReader, Written
-from flinders.targets.code import begun
 from flinders.targets.system_mounting import plain
 
 if TYPE_CHECKING:

@@ -1,0 +1,58 @@
+"""``flinders component``: a calibration as a component of firmware."""
+
+from __future__ import annotations
+
+import click
+
+from flinders.cli import _options as option
+from flinders.cli import _program as program
+from flinders.cli._inputs import load
+from flinders.cli._output import print_json, say
+
+
+class ComponentCommand(program.Group):
+    """A calibration, and where its component goes."""
+
+    calibration: str = program.argument("CALIBRATION")
+    kind: str = program.member(
+        "--for", type=click.Choice(("arduino", "esphome", "micropython", "zephyr")), required=True,
+        help="What takes the component.",
+    )  # fmt: skip
+    folder: str = program.member(
+        "-o", "--output", required=True, metavar="DIR", help="Folder of the component; it is made."
+    )
+    force: bool = option.force()
+    as_json: bool = option.as_json()
+
+
+@program.command_of(
+    "component",
+    ComponentCommand,
+    common=("kind", "folder", "force", "as_json"),
+    epilog="""\b
+Example:
+  flinders component --for esphome calibration.json -o compass
+  flinders component --for arduino calibration.json -o ~/Arduino/libraries/FlindersCompass
+
+\b
+Exit codes:
+  4  refused: the calibration does not state its noise and its uncertainty
+""",
+)
+def command(options: ComponentCommand) -> None:
+    """Write CALIBRATION as a component: a folder that a framework of firmware takes as it is.
+
+    A library for Arduino and PlatformIO, an external component of ESPHome, a module of Zephyr, or a package for
+    MicroPython and CircuitPython. Each gives the heading with its standard deviation at this attitude, and whether
+    something disturbs the field.
+    """
+    from flinders.apps.board.component import COMPONENTS, write
+
+    component = COMPONENTS[options.kind]
+    fit = load("component --for FRAMEWORK", options.calibration)
+    files = write(component, fit, options.folder, force=options.force)
+    if options.as_json:
+        print_json({"component": component.name, "folder": options.folder, "files": list(map(str, files))})
+        return
+    say(f"{len(files)} files in {options.folder}")
+    say(component.next_step.replace("`", ""))

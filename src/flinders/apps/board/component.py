@@ -1,0 +1,244 @@
+"""Writes a calibration as a component: a folder for ESPHome, Zephyr, Arduino and PlatformIO, or MicroPython.
+
+The numbers are those of the targets `c` and `micropython`, with their limits of a disturbed reading and the standard
+deviation of each heading; the files around them, in `components/`, are what each framework asks for.
+
+>>> from flinders import fit, simulate
+>>> files = contents(COMPONENTS["zephyr"], fit(simulate.tumble(seed=1).samples))
+>>> sorted(files)[:4]
+['CMakeLists.txt', 'Kconfig', 'LICENSE', 'README.md']
+>>> "flinders_correct" in files["include/flinders_compass_calibration.h"]
+True
+"""
+
+from __future__ import annotations
+
+import json
+from dataclasses import dataclass
+from importlib.metadata import version
+from pathlib import Path
+from string import Template
+from typing import TYPE_CHECKING, Final
+
+from flinders.core.files import licence, make_folder, write_text
+from flinders.errors import NotExportable, OutputExists
+from flinders.fitting.export import export_fit, refuse_unfit
+from flinders.fitting.heading_model import heading_model_of
+from flinders.fitting.measurement_noise import gates_of, noise_of
+from flinders.fitting.verdict import headline_of
+from flinders.geometry.plane import order_of
+from flinders.targets import find
+from flinders.targets._code_text import digits
+from flinders.targets._numbers import RECORDED, per_unit
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Mapping
+
+    from flinders.core.calibration import Calibration
+    from flinders.fitting.result import Fit
+
+FILES: Final = Path(__file__).parent / "components"
+TEMPLATE: Final = ".in"
+"""Ending of a file with places for values, or of one in Python that is none of this package."""
+VERSION: Final = version("flinders")
+AUTHORS: Final = "The Flinders developers"
+SENTENCE: Final = "Heading of a magnetometer with its calibration by Flinders."
+PARAGRAPH: Final = "Each heading comes with its standard deviation at this attitude, and disturbed fields are noticed."
+KEYWORDS: Final = ("magnetometer", "compass", "calibration", "heading")
+
+
+@dataclass(frozen=True, slots=True)
+class Component:
+    """One row of the table of components."""
+
+    name: str  #: what ``flinders component`` calls it
+    use: str  #: what takes it, for people
+    place: str  #: of the calibration in its folder
+    unit: str  #: of the readings that it takes: ``uT``, ``G``, or that of the recording
+    manifests: Callable[[], Mapping[str, str]]  #: files that say what it is, by their names
+    next_step: str  #: what to do with the folder
+
+    @property
+    def is_python(self) -> bool:
+        """Its calibration is a module, not a header."""
+        return self.place.endswith(".py")
+
+
+def write(component: Component, fit: Fit, directory: str | Path, *, force: bool = False) -> list[Path]:
+    """Write a fit as a component.
+
+    Parameters
+    ----------
+    component : Component
+        One of `COMPONENTS`.
+    fit : Fit
+        It knows its noise and its uncertainty.
+    directory : str or Path
+        The folder, which is made.
+    force : bool
+        Replace files that are there.
+
+    Returns
+    -------
+    list of Path
+        The files, in order of name.
+
+    Raises
+    ------
+    NotExportable
+        For a fit that was refused, or that does not know its noise or its uncertainty.
+    UnitError
+        For counts of unknown scale where the component takes readings in µT or gauss.
+    OutputExists
+        Where a file is there and `force` is not given; nothing was written then.
+    OutputError
+        Where a file cannot be written.
+    """
+    files = {Path(directory, name): text for name, text in sorted(contents(component, fit).items())}
+    for path in files:
+        if path.exists() and not force:
+            raise OutputExists(path)
+    for path, text in files.items():
+        make_folder(path.parent)
+        write_text(text, path, force=force)
+    return list(files)
+
+
+def contents(component: Component, fit: Fit) -> dict[str, str]:
+    """Every file of a component by its name; raises as `write`."""
+    refuse_unfit(fit)
+    _refuse_unstated(fit)
+    folder, values = FILES / component.name, _values(component, fit)
+    files = {path.relative_to(folder).as_posix(): path for path in folder.rglob("*") if path.is_file()}
+    made = {name.removesuffix(TEMPLATE): _filled(path, values) for name, path in files.items()}
+    place = Path(component.place)
+    export, _ = export_fit(fit, find("micropython" if component.is_python else "c"))
+    made[component.place] = export.text
+    if not component.is_python:
+        made[(place.parent / "flinders_compass.h").as_posix()] = _filled(FILES / "flinders_compass.h.in", values)
+    return {**made, **component.manifests(), "README.md": _readme(component, fit), "LICENSE": licence()}
+
+
+def _refuse_unstated(fit: Fit) -> None:
+    """Refuse a fit without standard deviations; raises NotExportable."""
+    if heading_model_of(fit) is None:
+        raise NotExportable(
+            f"{fit.provenance.name} does not state its noise and its uncertainty, and a component gives each heading "
+            "with its error. Calibrate a recording, or export the code alone (flinders export --for c)",
+            beyond=(),
+        )
+
+
+def _filled(path: Path, values: Mapping[str, str]) -> str:
+    """The text of a file, with the values in their places where it has some."""
+    text = path.read_text(encoding="utf-8")
+    return Template(text).substitute(values) if path.suffix == TEMPLATE else text
+
+
+def _values(component: Component, fit: Fit) -> dict[str, str]:
+    """What stands in the places of a template."""
+    calibration, gates, plane = fit.calibration, gates_of(fit), fit.claim.plane
+    given = calibration.raw.name if component.unit == RECORDED else component.unit
+    off = "flinders_dip_is_off(compass.field, acceleration)"
+    dip = f"\n        compass.disturbed = compass.disturbed || {off};" if gates is not None and gates.has_dip else ""
+    level = (
+        "static const float upright[3] = {0.0f, 0.0f, -1.0f};\n"
+        "        compass.heading = flinders_heading(compass.field, upright, &compass.sigma);"
+        if plane is None
+        else "compass.heading = flinders_level_heading(compass.field, &compass.sigma);"
+    )
+    return {
+        "version": VERSION,
+        "result": calibration.unit,
+        "given": given,
+        "factor": digits(_factor(component, calibration), "f"),
+        "down": "xyz"[order_of(plane or "xy")[2]],
+        "level": level,
+        "strength": "flinders_strength_is_off(compass.field)" if gates is not None else "false",
+        "dip": dip,
+    }
+
+
+def _factor(component: Component, calibration: Calibration) -> float:
+    """Units of the recording in one unit of the readings that a component takes; raises UnitError for counts."""
+    if component.unit == RECORDED:
+        return 1.0
+    return per_unit(calibration, component.unit, who=component.use) / calibration.raw.scale
+
+
+def _readme(component: Component, fit: Fit) -> str:
+    """What the folder is, how good its headings are, and what to do with it."""
+    noise = noise_of(fit)
+    good = [f"From {fit.provenance.name}: the calibration is {fit.verdict}. {headline_of(fit)[0]}"]
+    if noise is not None:
+        good.append(
+            f"1 sigma of a level heading: {noise.heading_reading_deg:.2f}° of one reading, which averaging makes "
+            f"smaller, and {noise.heading_calibration_deg:.2f}° of the calibration, which it does not."
+        )
+    if gates_of(fit) is None:
+        good.append("It has no limits by which a disturbed field is noticed.")
+    parts = [f"# Flinders compass for {component.use}", f"{SENTENCE} {PARAGRAPH}", "\n".join(good), component.next_step]
+    return "\n\n".join(parts) + "\n"
+
+
+def _no_manifests() -> dict[str, str]:
+    """The files of the folder say all."""
+    return {}
+
+
+def _arduino() -> dict[str, str]:
+    """`library.properties` of Arduino's library specification 1.5, rev. 2.2, and `library.json` of PlatformIO."""
+    properties = {
+        "name": "FlindersCompass", "version": VERSION, "author": AUTHORS, "maintainer": AUTHORS, "sentence": SENTENCE,
+        "paragraph": PARAGRAPH, "category": "Sensors",
+        "url": "",  # the project has none, and the field has to be there
+        "architectures": "*", "includes": "FlindersCompass.h",
+    }  # fmt: skip
+    manifest = {
+        "name": "FlindersCompass", "version": VERSION, "description": f"{SENTENCE} {PARAGRAPH}",
+        "keywords": list(KEYWORDS), "authors": [{"name": AUTHORS, "maintainer": True}], "license": "BSD-3-Clause",
+        "headers": "FlindersCompass.h", "frameworks": "*", "platforms": "*",
+        "examples": [{"name": "Heading", "base": "examples/Heading", "files": ["Heading.ino"]}],
+    }  # fmt: skip
+    lines = "".join(f"{name}={value}\n" for name, value in properties.items())
+    return {"library.properties": lines, "library.json": json.dumps(manifest, indent=2) + "\n"}
+
+
+def _micropython() -> dict[str, str]:
+    """`package.json` of mip, and `pyproject.toml` with `requirements.txt` as bundles of CircuitPython have them."""
+    names = [f"flinders_compass/{name}.py" for name in ("__init__", "calibration")]
+    package = {"urls": [[name, name] for name in names], "deps": [], "version": VERSION}
+    keywords = ", ".join(f'"{word}"' for word in (*KEYWORDS, "micropython", "circuitpython"))
+    project = (
+        '[build-system]\nrequires = ["setuptools", "wheel"]\n\n'
+        f'[project]\nname = "circuitpython-flinders-compass"\nversion = "{VERSION}"\ndescription = "{SENTENCE}"\n'
+        f'readme = "README.md"\nauthors = [{{name = "{AUTHORS}"}}]\nlicense = {{text = "BSD-3-Clause"}}\n'
+        f'keywords = [{keywords}]\ndynamic = ["dependencies"]\n\n'
+        '[tool.setuptools]\npackages = ["flinders_compass"]\n\n'
+        '[tool.setuptools.dynamic]\ndependencies = {file = ["requirements.txt"]}\n'
+    )
+    return {"package.json": json.dumps(package, indent=2) + "\n", "pyproject.toml": project, "requirements.txt": ""}
+
+
+COMPONENTS: Final = {
+    row.name: row
+    for row in (
+        Component(
+            "arduino", "Arduino and PlatformIO", "src/flinders_compass_calibration.h", RECORDED, _arduino,
+            "Put the folder where libraries are (PlatformIO: `lib/` of the project), and open its example Heading.",
+        ),
+        Component(
+            "esphome", "ESPHome", "components/flinders_compass/flinders_compass_calibration.h", "uT", _no_manifests,
+            "Put `components` beside the configuration of the device, and into that what `example.yaml` has.",
+        ),
+        Component(
+            "micropython", "MicroPython and CircuitPython", "flinders_compass/calibration.py", RECORDED, _micropython,
+            "Copy `flinders_compass` to `/lib` of the board, or host the folder and let `mip` install it.",
+        ),
+        Component(
+            "zephyr", "Zephyr", "include/flinders_compass_calibration.h", "G", _no_manifests,
+            "Name the folder in `ZEPHYR_EXTRA_MODULES` (or in `west.yml`), and set `CONFIG_FLINDERS_COMPASS=y`.",
+        ),
+    )
+}  # fmt: skip
+"""What a calibration can be written as, by name."""

@@ -1,0 +1,191 @@
+"""What a calibration in force makes of readings, for messages of ROS: corrected fields in tesla, and a diagnosis.
+
+A corrected reading of direction q has the covariance F² M(q), where F is the field strength and
+
+    M(q) = G(q) C G(q)ᵀ + σ² S⁻¹S⁻ᵀ
+
+is that of its direction and relative length: of offset b and shape S by their covariance C, with G δ(b, S) =
+S⁻¹(δb + δS q), and of the noise of a reading, σ on each axis (`flinders.fitting.export`).
+
+>>> from flinders import fit, simulate
+>>> tumble = simulate.tumble(seed=1).samples
+>>> corrected = corrected_field(fit(tumble), tumble.field[:1])
+>>> round(1e6 * float(np.linalg.norm(corrected.field)), 1), corrected.covariance.shape
+(48.6, (1, 3, 3))
+>>> bool(np.sqrt(corrected.covariance[0].diagonal()).max() < 1e-6)
+True
+"""
+
+from __future__ import annotations
+
+import json
+import math
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, Final
+
+import numpy as np
+
+from flinders.core.units import MICROTESLA, PER_UNIT
+from flinders.errors import UnitError
+from flinders.geometry.ellipsoid import gathered
+
+if TYPE_CHECKING:
+    from flinders.arrays import Floats
+    from flinders.fitting.result import Fit
+    from flinders.verdicts import Verdict
+    from flinders.workflows.online import OnlineCalibration
+
+TESLA: Final = 1.0 / PER_UNIT["T"]
+"""Of a microtesla."""
+LEVELS: Final[dict[Verdict, int]] = {"good": 0, "limited": 1, "refused": 2}
+"""``OK``, ``WARN`` and ``ERROR`` of ``diagnostic_msgs/DiagnosticStatus``."""
+STATUS: Final = "flinders: magnetometer calibration"
+CORRECTED: Final = "/imu/mag_corrected"
+"""Topic of corrected readings, where none is named."""
+DIAGNOSTICS: Final = "/diagnostics"
+CALIBRATION: Final = "/calibration"
+"""What the topic of the calibration is called, behind that of the corrected readings."""
+EVERY_S: Final = 1.0
+"""Seconds between two diagnoses, and between two claims for the covariance."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class CorrectedField:
+    """Corrected readings as ``sensor_msgs/MagneticField`` has them."""
+
+    field: Floats  #: (N, 3) T, in the axes of the readings
+    covariance: Floats  #: (N, 3, 3) T², about the same axes; zero where it is not known, as the message says
+
+
+@dataclass(frozen=True, slots=True)
+class Diagnosis:
+    """What is known of a calibration as ``diagnostic_msgs/DiagnosticStatus`` has it."""
+
+    level: int  #: as `LEVELS`
+    message: str
+    values: dict[str, str]
+
+
+def corrected_field(fit: Fit, readings: Floats) -> CorrectedField:
+    """Correct readings by a fit, with their covariance.
+
+    Parameters
+    ----------
+    fit : Fit
+    readings : (N, 3) µT
+        In the axes as recorded: those of the fit are applied, and taken back of what is corrected.
+
+    Raises
+    ------
+    UnitError
+        For a calibration in counts.
+    """
+    calibration = fit.calibration
+    if calibration.unit != MICROTESLA:
+        raise UnitError("the calibration is in counts, and a MagneticField in tesla: calibrate from the topic itself")
+    mapping = calibration.axes.apply(np.eye(3)).T  # (3, 3) of recorded axes to those of the calibration
+    fields = calibration.apply(readings @ mapping.T)
+    return CorrectedField(
+        TESLA * fields @ mapping,
+        TESLA**2 * mapping.T @ covariance_of(fit, fields) @ mapping,
+    )
+
+
+def covariance_of(fit: Fit, fields: Floats) -> Floats:
+    """(N, 3, 3) covariance of corrected fields, in the square of their unit; zero where it is not known.
+
+    `fields` is (N, 3): corrected readings in the axes of the calibration.
+    """
+    calibration = fit.calibration
+    turned, strength = calibration.rotation_matrix, calibration.field_strength
+    inverse = np.linalg.inv(calibration.ellipsoid.shape)
+    directions = fields @ turned / np.linalg.norm(fields, axis=1, keepdims=True)
+    rows = np.stack([gathered(np.tile(row, (len(fields), 1)).T, directions.T) for row in inverse], axis=1)
+    errors = rows @ np.asarray(fit.claim.covariance) @ np.swapaxes(rows, 1, 2)
+    errors = errors + fit.evidence.noise**2 * inverse @ inverse.T
+    covariance: Floats = strength**2 * turned @ errors @ turned.T
+    return covariance if np.isfinite(covariance).all() else np.zeros_like(covariance)
+
+
+def diagnosis_of(online: OnlineCalibration, now: float) -> Diagnosis:
+    """What is known of a calibration that goes on, at a time of its readings."""
+    state = online.at(now)
+    if state.doing == "learning":
+        words = "no calibration yet: turn the sensor through all directions, or a level vehicle all the way round"
+    elif state.doing == "disturbed":
+        words = "readings contradict the calibration: something passes, or the offset has moved"
+    elif state.verdict == "good":
+        words = f"headings are good to {state.heading_error_deg:.2g}° (1 σ)"
+    else:
+        words = (
+            f"heading error {state.heading_error_deg:.2g}° (1 σ) is beyond the target of {state.target_deg:g}°: turn "
+            "the sensor, all the way round if it is level"
+        )
+    values = {
+        "verdict": state.verdict,
+        "doing": state.doing,
+        "heading_error_deg": state.heading_error_deg,
+        "bound_deg": state.bound_deg,
+        "target_deg": state.target_deg,
+        "age_s": state.age_s,
+        "good_until_s": online.good_until_s,
+        "walk_uT": state.walk,
+        **{f"offset_{axis}_uT": value for axis, value in zip("xyz", state.offset, strict=True)},
+        **{f"offset_sigma_{axis}_uT": value for axis, value in zip("xyz", state.offset_sigma, strict=True)},
+    }
+    return Diagnosis(LEVELS[state.verdict], words, {name: _text(value) for name, value in values.items()})
+
+
+def _text(value: Any) -> str:  # noqa: ANN401 - a word or a number
+    """A word or a number as JSON has it; unknown numbers are null."""
+    if isinstance(value, str):
+        return value
+    return json.dumps(float(value)) if math.isfinite(value) else "null"
+
+
+class CalibrationNews:
+    """What is new of a calibration that goes on: its fit, asked for once a second, and when its file has to be sent.
+
+    Parameters
+    ----------
+    online : OnlineCalibration
+    """
+
+    def __init__(self, online: OnlineCalibration) -> None:
+        self._online = online
+        self._asked, self._diagnosed = -math.inf, -math.inf
+        self._fit: Fit | None = None
+        self._told: bytes = b""
+
+    def fit(self) -> Fit | None:
+        """The fit in force, no more than a second old; None without one."""
+        now = self._online.time_s
+        if not abs(now - self._asked) < EVERY_S:
+            self._asked, self._fit = now, self._online.fit
+        return self._fit
+
+    def diagnosis(self, now: float) -> Diagnosis | None:
+        """What is known at a time; None within a second of the last, and before anything was read."""
+        if math.isnan(self._online.time_s) or not abs(now - self._diagnosed) >= EVERY_S:
+            return None
+        self._diagnosed = now
+        return diagnosis_of(self._online, now)
+
+    def file(self) -> str | None:
+        """The calibration file of the fit in force where that is another calibration than the last; None else."""
+        fit = self.fit()
+        if fit is None:
+            return None
+        key = fit.calibration.matrix.tobytes() + fit.calibration.offset.tobytes()
+        if key == self._told:
+            return None
+        self._told = key
+        return file_text(fit)
+
+
+def file_text(fit: Fit) -> str:
+    """A calibration file as text, as `Fit.save` writes it."""
+    from flinders.core.calibration_file import dumps
+    from flinders.fitting.result import document_of
+
+    return dumps(document_of(fit))

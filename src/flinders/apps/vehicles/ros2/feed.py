@@ -1,0 +1,274 @@
+"""A topic of ``sensor_msgs/MagneticField`` as a feed of readings, with the `Imu` beside it where that is named.
+
+Readings are in **tesla**, as the message says, in the axes of the frame that its header names; times are those of the
+headers, from the first one on, or those of the publishers where a header has none. Acceleration and rate are those of
+the nearest `Imu` of the same frame.
+"""
+
+from __future__ import annotations
+
+import time
+from bisect import bisect
+from collections import deque
+from typing import TYPE_CHECKING, Any, Final, NamedTuple
+
+import numpy as np
+
+from flinders.apps.vehicles.readers.ros import motion_of, vector_of
+from flinders.apps.vehicles.ros2.names import IMU, MAGNETIC_FIELD, domain_id, full_name
+from flinders.apps.vehicles.ros2.participant import MAX_TAKEN, Participant
+from flinders.core.samples import Samples
+from flinders.core.units import EARTH_WITH_ROOM_UT, Unit
+from flinders.errors import counted, figures
+from flinders.links.feeds import FeedEvent
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+    from flinders.arrays import Floats
+    from flinders.links.feeds import Kind, Received
+
+UNIT: Final = "T"
+SECOND_NS: Final = 1_000_000_000
+TOGETHER_S: Final = 0.03  # Seconds of readings that are handed on together
+SILENT_S: Final = 3.0  # Seconds without a reading after which advice is given
+STILL: Final = 100
+"""Readings in a row that are the same, after which advice is given."""
+STILL_S: Final = 3.0  # Seconds that they last, at the least
+UNLIKELY: Final = 20
+"""Readings at the beginning whose length is looked at."""
+MAX_MOTIONS: Final = 2000
+"""Messages of an `Imu` that are kept."""
+MAX_APART_NS: Final = SECOND_NS // 10
+"""Between a reading and the `Imu` beside it."""
+
+
+class Reading(NamedTuple):
+    """A message of the field, and when it was."""
+
+    at_ns: int  # from 1970, or the clock of the headers
+    message: Any
+
+
+class TopicFeed:
+    """A topic of the field: a `Feed`.
+
+    Parameters
+    ----------
+    participant : Participant
+    topic : str
+        Somebody publishes it.
+    imu_topic : str, optional
+        Of ``sensor_msgs/Imu`` in the same frame.
+    unit : str, optional
+        What the driver writes in place of tesla.
+
+    Attributes
+    ----------
+    newest : list of Reading
+        Those of the `Samples` that were handed on last.
+    """
+
+    def __init__(
+        self, participant: Participant, topic: str, imu_topic: str | None = None, unit: str | None = None
+    ) -> None:
+        from flinders.apps.vehicles.ros2.messages import Imu_, MagneticField_
+
+        self.participant, self.topic = participant, full_name(topic)
+        self.name = f"{self.topic} of ROS 2"
+        self.target = "ros-pipeline"
+        self.newest: list[Reading] = []
+        self.unit = Unit.of(unit or UNIT)
+        self._reader: Any = participant.reader(self.topic, MagneticField_)
+        self._imu: Any = None if imu_topic is None else participant.reader(imu_topic, Imu_)
+        self._waiting_for: Any = participant.waitset(self._reader)
+        self._motions = _Motions()
+        self._start = self._heard = time.monotonic()
+        self._since_ns: int | None = None
+        self._same, self._same_since, self._last = 0, 0.0, (np.nan,) * 3
+        self._readings, self._unreported, self._lost = 0, 0, 0
+        self._advised: set[str] = set()
+        self._is_gone = self._is_over = self._was_matched = False
+        beside = "" if imu_topic is None else f", with acceleration and rate of {full_name(imu_topic)}"
+        words = f"{self.name} in domain {participant.domain}, in {self.unit.name}{beside}"
+        self._waiting: deque[FeedEvent] = deque([FeedEvent("connected", 0.0, words)])
+
+    def next(self, timeout: float) -> Received:
+        """As `Feed.next`."""
+        if self._waiting:
+            return self._waiting.popleft()
+        if self._is_over:
+            time.sleep(timeout)
+            return None
+        self._waiting_for.wait(int(min(timeout, TOGETHER_S) * SECOND_NS))
+        readings = [self._reading(message) for message in self._reader.take(MAX_TAKEN) if hasattr(message, "header")]
+        if self._imu is not None and readings:
+            self._motions.frame = str(readings[-1].message.header.frame_id)
+            self._motions.add(self._imu.take(MAX_TAKEN))
+        self._waiting.extend(self._events(readings))
+        self.newest = [reading for reading in readings if np.isfinite(vector_of(reading.message.magnetic_field)).all()]
+        return self._samples() if self.newest else None
+
+    def close(self) -> None:
+        """As `Feed.close`."""
+        self._is_over = True
+        self._waiting_for = self._reader = self._imu = None
+
+    def _now(self) -> float:
+        return time.monotonic() - self._start
+
+    def _reading(self, message: Any) -> Reading:  # noqa: ANN401 - a message of Cyclone DDS
+        return Reading(_stamp(message), message)
+
+    def _samples(self) -> Samples:
+        """The newest readings."""
+        times = [reading.at_ns for reading in self.newest]
+        self._since_ns = times[0] if self._since_ns is None else self._since_ns
+        field = np.array([vector_of(reading.message.magnetic_field) for reading in self.newest])
+        motions = None
+        if self._imu is not None:
+            motions = np.array([self._motions.near(at) for at in times])
+        return Samples.of(
+            field,
+            unit=self.unit.name,
+            time=(np.array(times, np.int64) - self._since_ns) * 1e-9,
+            acceleration=None if motions is None else motions[:, :3],
+            rate=None if motions is None else motions[:, 3:],
+            source=self.name,
+        )
+
+    def _events(self, readings: list[Reading]) -> Iterator[FeedEvent]:
+        """What has happened to the topic, and to its readings."""
+        if readings:
+            self._heard = time.monotonic()
+            self._readings += len(readings)
+            self._advised.discard("nothing")
+        yield from self._connection(is_heard=bool(readings))
+        values = np.array([vector_of(reading.message.magnetic_field) for reading in readings]).reshape(-1, 3)
+        yield from self._of_values(values)
+        if self._imu is not None and readings:
+            yield from self._of_frames()
+
+    def _connection(self, *, is_heard: bool) -> Iterator[FeedEvent]:
+        """Whether a publisher is there, sends, and all of it arrives."""
+        is_matched = is_heard or self._reader.get_subscription_matched_status().current_count > 0
+        self._was_matched = self._was_matched or is_matched
+        if self._was_matched and is_matched == self._is_gone:
+            self._is_gone = not is_matched
+            if self._is_gone:
+                words = f"nobody publishes {self.topic} any more: see that its driver still runs"
+                yield FeedEvent("gone", self._now(), words)
+            else:
+                yield FeedEvent("back", self._now(), f"{self.topic} is published again")
+        if not self._is_gone and time.monotonic() - self._heard > SILENT_S:
+            yield from self._advise(
+                "nothing",
+                f"a publisher of {self.topic} is there, and no reading comes: see that the driver hears its sensor"
+                if self._was_matched
+                else f"a publisher of {self.topic} is there, and does not match: it writes another representation than "
+                "ROS 2 does (XCDR2), or into a partition of DDS",
+            )
+        lost = self._reader.get_sample_lost_status().total_count
+        if lost > self._lost:
+            new, self._lost = lost - self._lost, lost
+            words = f"{counted(new, 'reading')} of {self.topic} did not arrive: the network or this machine is too busy"
+            yield FeedEvent("lost", self._now(), words)
+
+    def _of_values(self, values: Floats) -> Iterator[FeedEvent]:
+        """What is wrong with values: axes that are not reported, one value again and again, another unit."""
+        self._unreported += int((~np.isfinite(values)).any(axis=1).sum())
+        if self._unreported >= UNLIKELY:
+            yield from self._advise(
+                "no-answer",
+                f"{counted(self._unreported, 'reading')} of {self.topic} have an axis without a value (NaN), and are "
+                "left out: a magnetometer with three axes is needed",
+            )
+        for row in map(tuple, values.tolist()):
+            self._same = self._same + 1 if row == self._last else 1
+            self._same_since = self._now() if self._same == 1 else self._same_since
+            self._last = row
+        if self._same >= STILL and self._now() - self._same_since >= STILL_S:
+            yield from self._advise(
+                "no-answer",
+                f"the last {self._same} readings of {self.topic} are the same: turn the sensor; if they stay so, its "
+                "driver repeats an old reading: restart it",
+                about="still",
+            )
+        elif self._same < STILL:
+            self._advised.discard("still")
+        if len(values) and self._readings >= UNLIKELY:
+            yield from self._of_strength(float(np.linalg.norm(values, axis=1).mean()) * self.unit.scale)
+
+    def _of_strength(self, strength: float) -> Iterator[FeedEvent]:
+        """Say once that readings are in another unit."""
+        low, high = EARTH_WITH_ROOM_UT
+        if not np.isfinite(strength) or low / 4 < strength < 4 * high or self.unit.name != UNIT:
+            return
+        yield from self._advise(
+            "unclear",
+            f"readings of {self.topic} are about {figures(1e-6 * strength, 2)} T long, and the earth's field is 2e-05 "
+            "to 7e-05 T: the driver writes another unit, which --unit names, or normalises them",
+        )
+
+    def _of_frames(self) -> Iterator[FeedEvent]:
+        """Say once that the `Imu` beside is in another frame, and is left out."""
+        if self._motions.others:
+            other, frame = min(self._motions.others), self._motions.frame
+            yield from self._advise(
+                "garbage",
+                f"the Imu is in the frame {other!r}, and {self.topic} in {frame!r}: acceleration and rate are left out",
+            )
+
+    def _advise(self, kind: Kind, words: str, *, about: str = "") -> Iterator[FeedEvent]:
+        """Say something once; until it is so no more, where it is discarded."""
+        if (about or kind) not in self._advised:
+            self._advised.add(about or kind)
+            yield FeedEvent(kind, self._now(), words)
+
+
+class _Motions:
+    """Messages of an `Imu`, by their times."""
+
+    def __init__(self) -> None:
+        self.frame: str | None = None
+        self.others: set[str] = set()
+        self._times: deque[int] = deque(maxlen=MAX_MOTIONS)
+        self._rows: deque[tuple[float, ...]] = deque(maxlen=MAX_MOTIONS)
+
+    def add(self, messages: list[Any]) -> None:
+        """Take messages of the frame."""
+        for message in messages:
+            if not hasattr(message, "header"):
+                continue
+            if self.frame is not None and message.header.frame_id != self.frame:
+                self.others.add(str(message.header.frame_id))
+            elif not self._times or _stamp(message) > self._times[-1]:
+                self._times.append(_stamp(message))
+                self._rows.append(motion_of(message))
+
+    def near(self, at_ns: int) -> tuple[float, ...]:
+        """(6,) acceleration and rate nearest to a time; NaN where none is near."""
+        place = bisect(self._times, at_ns)
+        around = [index for index in (place - 1, place) if 0 <= index < len(self._times)]
+        nearest = min(around, key=lambda index: abs(self._times[index] - at_ns), default=None)
+        if nearest is None or abs(self._times[nearest] - at_ns) > MAX_APART_NS:
+            return (np.nan,) * 6
+        return self._rows[nearest]
+
+
+def _stamp(message: Any) -> int:  # noqa: ANN401 - a message of Cyclone DDS
+    """Time of a message in ns: that of its header, else when it was published."""
+    stamp = message.header.stamp
+    return int(stamp.sec * SECOND_NS + stamp.nanosec or message.sample_info.source_timestamp)
+
+
+def opened(topic: str, imu_topic: str | None = None, unit: str | None = None) -> TopicFeed:
+    """Find a topic in the domain of ``ROS_DOMAIN_ID``, and listen to it.
+
+    Raises as `domain_id`, `full_name`, `Participant` and `Participant.find`.
+    """
+    names = {full_name(topic): MAGNETIC_FIELD} | ({} if imu_topic is None else {full_name(imu_topic): IMU})
+    participant = Participant(domain_id())
+    for name, kind in names.items():
+        participant.find(name, kind)
+    return TopicFeed(participant, topic, imu_topic, unit)

@@ -1,0 +1,1 @@
+"""A node that calibrates the magnetometer of a robot while it works."""

@@ -1,0 +1,78 @@
+"""Names of ROS 2 on the wire: a topic ``/imu/mag`` is ``rt/imu/mag``, its type ``sensor_msgs::msg::dds_::…_``.
+
+>>> dds_topic("imu/mag"), ros_topic("rt/imu/mag"), ros_topic("DCPSTopic")
+('rt/imu/mag', '/imu/mag', None)
+>>> dds_type("sensor_msgs/msg/Imu"), ros_type("sensor_msgs::msg::dds_::Imu_")
+('sensor_msgs::msg::dds_::Imu_', 'sensor_msgs/msg/Imu')
+
+Sources: ros2/rmw_cyclonedds, ``namespace_prefix.hpp`` (rt), ``make_fqtopic`` of ``rmw_node.cpp``, ``type_name.cpp``.
+"""
+
+from __future__ import annotations
+
+import os
+import re
+from typing import TYPE_CHECKING, Final
+
+from flinders.errors import UsageError
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+PREFIX: Final = "rt"
+DOMAIN: Final = "ROS_DOMAIN_ID"
+MAX_DOMAIN: Final = 232
+"""Beyond it ports of DDS are above 65535: 7400 + 250 · domain."""
+TOPIC: Final = re.compile(r"(?:/[A-Za-z_][A-Za-z0-9_]*)+")
+TYPE: Final = re.compile(r"(\w+)::(\w+)::dds_::(\w+)_")
+MAGNETIC_FIELD: Final = "sensor_msgs/msg/MagneticField"
+IMU: Final = "sensor_msgs/msg/Imu"
+
+
+def full_name(topic: str) -> str:
+    """Name of a topic from the root; `UsageError` for what no topic of ROS 2 is called.
+
+    >>> full_name("imu/mag")
+    '/imu/mag'
+    """
+    name = topic if topic.startswith("/") else f"/{topic}"
+    if not TOPIC.fullmatch(name):
+        raise UsageError(
+            f"{topic!r} is no name of a ROS 2 topic: letters, digits and _ between slashes, as in /imu/mag, and no "
+            "part begins with a digit"
+        )
+    return name
+
+
+def dds_topic(topic: str) -> str:
+    """Name on the wire of a topic; raises as `full_name`."""
+    return PREFIX + full_name(topic)
+
+
+def ros_topic(name: str) -> str | None:
+    """The topic of ROS 2 that has a name on the wire; None where it is none."""
+    return name.removeprefix(PREFIX) if name.startswith(f"{PREFIX}/") else None
+
+
+def dds_type(kind: str) -> str:
+    """Name on the wire of a type ``package/msg/Name``."""
+    package, group, name = kind.split("/")
+    return f"{package}::{group}::dds_::{name}_"
+
+
+def ros_type(name: str) -> str:
+    """The type of ROS 2 that has a name on the wire; the name itself where it is none."""
+    match = TYPE.fullmatch(name)
+    return "/".join(match.groups()) if match else name
+
+
+def domain_id(environment: Mapping[str, str] = os.environ) -> int:
+    """Domain that ``ROS_DOMAIN_ID`` names, 0 without it; `UsageError` where it is no number from 0 to 232.
+
+    >>> domain_id({"ROS_DOMAIN_ID": "7"}), domain_id({})
+    (7, 0)
+    """
+    text = environment.get(DOMAIN, "").strip() or "0"
+    if not (text.isascii() and text.isdigit() and int(text) <= MAX_DOMAIN):
+        raise UsageError(f"{DOMAIN} is {text!r}: need a number from 0 to {MAX_DOMAIN}, that of the publisher")
+    return int(text)

@@ -1,0 +1,338 @@
+"""Code that gives a heading with its standard deviation: constants, and functions in C, for a sketch and in Python.
+
+The texts have places for the numbers of a `HeadingModel` and of a `MeasurementNoise`; the functions compute
+gᵀ C g + σ² |v|² of `flinders.targets._heading_model`, in degrees.
+"""
+
+from __future__ import annotations
+
+import math
+import textwrap
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Any, Final
+
+import numpy as np
+
+from flinders.geometry.plane import order_of
+from flinders.targets._code_text import digits, float32s
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable
+
+    from flinders.targets._heading_model import HeadingModel
+    from flinders.targets._measurement_noise import MeasurementNoise
+    from flinders.targets._target import ExportOptions, Written
+
+STEEPEST_DEG: Final = 89.0
+"""Dip beyond which a field has no heading."""
+
+
+@dataclass(frozen=True, slots=True)
+class HeadingCode:
+    """The texts of one language."""
+
+    imports: str  #: before all code
+    constants: str  #: standard deviations of field and heading, and numbers of the functions
+    function: str  #: of a heading at any attitude
+    level: str  #: of a level heading, from the field alone
+    row: str  #: of numbers
+    suffix: str  #: of a number in single precision
+
+    def added(self, code: Written, unit: str, asked: ExportOptions, **names: str) -> Written:
+        """The code with them, where the fit knows its noise; `unit` is that of corrected readings."""
+        noise, model = asked.noise, asked.heading
+        if noise is None or model is None:
+            return code
+        texts = [self.constants, self.function, *([] if model.plane is None else [self.level])]
+        places = {**self._sigmas(noise), **self._numbers(model), **_axes(model), **names}
+        body = "\n".join(texts).format(result=unit, **places).splitlines()
+        return replace(
+            code, body=[*self.imports.splitlines(), *code.body, *body], values={**code.values, **sigmas_of(noise)}
+        )
+
+    def _sigmas(self, noise: MeasurementNoise) -> dict[str, str]:
+        return {name: digits(value, self.suffix) for name, value in sigmas_of(noise).items()}
+
+    def _numbers(self, model: HeadingModel) -> dict[str, str]:
+        level, down = model.level_field
+        return {
+            "shape": "\n".join(self.row.format(float32s(row, self.suffix)) for row in model.matrix),
+            "mean": self._wrapped(np.rad2deg(model.mean)),
+            "factor": self._wrapped(model.factor[np.triu_indices(9)]),
+            "variance": digits(model.noise**2, self.suffix),
+            "alignment": digits(model.alignment_deg**2, self.suffix),
+            "steepest": digits(math.cos(math.radians(STEEPEST_DEG)) ** 2, self.suffix),
+            "per_level": digits(math.degrees(1.0 / level), self.suffix),
+            "opposite": "<" if down < 0.0 else ">",
+            "level_field": digits(level, self.suffix),
+            "down_field": digits(down, self.suffix),
+        }
+
+    def _wrapped(self, numbers: Iterable[float]) -> str:
+        """Numbers in lines."""
+        return textwrap.fill(float32s(numbers, self.suffix), 110, initial_indent="    ", subsequent_indent="    ")
+
+
+def sigmas_of(noise: MeasurementNoise) -> dict[str, float]:
+    """The standard deviations by which a filter weighs readings."""
+    return {
+        "field_sigma_reading": noise.reading,
+        "field_sigma_calibration": noise.calibration,
+        "heading_sigma_reading_deg": noise.heading_reading_deg,
+        "heading_sigma_calibration_deg": noise.heading_calibration_deg,
+    }
+
+
+def _axes(model: HeadingModel) -> dict[str, Any]:
+    """Places and names of the axes of a level vehicle, the first one of the plane forward and the third one down."""
+    places = order_of(model.plane or "xy")
+    names = dict(zip(("first", "second", "third"), ("xyz"[place] for place in places), strict=True))
+    return {**dict(zip(("forward", "right", "down"), places, strict=True)), **names}
+
+
+IN_C: Final = HeadingCode(
+    imports="#include <math.h>\n\n",
+    constants="""
+/* 1 sigma of corrected readings and of level headings, in two parts. That of a READING is white noise, new in each
+ * reading: averaging makes it smaller. That of the CALIBRATION is the same in all readings of an attitude: no filter
+ * may average it away, and what it gives is never better than this. */
+#define {constant}_FIELD_SIGMA_READING {field_sigma_reading} /* {result}, of a horizontal axis: white */
+#define {constant}_FIELD_SIGMA_CALIBRATION {field_sigma_calibration} /* {result}, of a horizontal axis: not white */
+#define {constant}_HEADING_SIGMA_READING {heading_sigma_reading_deg} /* degrees: white */
+#define {constant}_HEADING_SIGMA_CALIBRATION {heading_sigma_calibration_deg} /* degrees: not white */
+
+/* Factor of the covariance of offset and shape, row by row; and the part of their gradient that all headings share. */
+static const float {name}_heading_factor[45] = {{
+{factor}
+}};
+static const float {name}_heading_mean[9] = {{
+{mean}
+}};
+static const float {name}_heading_matrix[3][3] = {{
+{shape}
+}};
+
+/* Of a field, and of the gradient of the heading by it, in degrees: the unit vector across the horizontal field over
+ * its length. */
+static inline float {name}_heading_sigma(const float field[3], const float across[3])
+{{
+    const float *entry = {name}_heading_factor;
+    float v[3], gradient[9], variance = {alignment}, sum;
+    int row, column;
+    for (row = 0; row < 3; row++) {{
+        const float *w = {name}_heading_matrix[row];
+        v[row] = w[0] * across[0] + w[1] * across[1] + w[2] * across[2];
+        variance += {variance} * v[row] * v[row];
+        gradient[row] = v[row];
+        gradient[row + 3] = v[row] * field[row];
+    }}
+    gradient[6] = v[0] * field[1] + v[1] * field[0];
+    gradient[7] = v[0] * field[2] + v[2] * field[0];
+    gradient[8] = v[1] * field[2] + v[2] * field[1];
+    for (row = 0; row < 9; row++) {{
+        sum = 0.0f;
+        for (column = row; column < 9; column++) {{
+            sum += *entry++ * (gradient[column] - {name}_heading_mean[column]);
+        }}
+        variance += sum * sum;
+    }}
+    return sqrtf(variance);
+}}""",
+    function="""
+/* Degrees clockwise from magnetic north, of the x axis, with 1 sigma of both parts at this attitude. Acceleration is
+ * what an accelerometer in the same axes reads at rest, in any unit (with z down, it is negative when level); its own
+ * error is not in sigma. Both are NaN where the field is within a degree of the vertical. */
+static inline float {name}_heading(const float corrected[3], const float acceleration[3], float *sigma)
+{{
+    const float *m = corrected, *a = acceleration;
+    const float east[3] = {{m[1] * a[2] - m[2] * a[1], m[2] * a[0] - m[0] * a[2], m[0] * a[1] - m[1] * a[0]}};
+    const float level = east[0] * east[0] + east[1] * east[1] + east[2] * east[2];
+    const float field = m[0] * m[0] + m[1] * m[1] + m[2] * m[2], weight = a[0] * a[0] + a[1] * a[1] + a[2] * a[2];
+    const float north = a[1] * east[2] - a[2] * east[1], length = sqrtf(weight);
+    const float upwards = m[0] * a[0] + m[1] * a[1] + m[2] * a[2]; /* z is down while level, or up */
+    const float scale = (upwards {opposite} 0.0f ? -57.2957795f : 57.2957795f) * length / level;
+    const float across[3] = {{scale * east[0], scale * east[1], scale * east[2]}};
+    float heading;
+    if (!(level > {steepest} * field * weight)) {{
+        *sigma = NAN;
+        return NAN;
+    }}
+    *sigma = {name}_heading_sigma(m, across);
+    heading = 57.2957795f * atan2f(east[0] * length, north);
+    return heading < 0.0f ? heading + 360.0f : heading;
+}}""",
+    level="""
+/* The same of the {first} axis of a level vehicle, with {third} down: from {first} and {second} alone. */
+static inline float {name}_level_heading(const float corrected[3], float *sigma)
+{{
+    const float x = corrected[{forward}], y = corrected[{right}], level = sqrtf(x * x + y * y);
+    float field[3], across[3], heading;
+    field[{forward}] = {level_field} * x / level;
+    field[{right}] = {level_field} * y / level;
+    field[{down}] = {down_field};
+    across[{forward}] = -{per_level} * y / level;
+    across[{right}] = {per_level} * x / level;
+    across[{down}] = 0.0f;
+    *sigma = {name}_heading_sigma(field, across);
+    heading = 57.2957795f * atan2f(-y, x);
+    return heading < 0.0f ? heading + 360.0f : heading;
+}}""",
+    row="    {{{}}},",
+    suffix="f",
+)
+
+IN_SKETCH: Final = HeadingCode(
+    imports="",
+    constants="""
+// 1 sigma of corrected readings and of level headings, in two parts. That of a READING is white noise, new in each
+// reading: averaging makes it smaller. That of the CALIBRATION is the same in all readings of an attitude: no filter
+// may average it away, and what it gives is never better than this.
+const float {constant}_FIELD_SIGMA_READING = {field_sigma_reading}; // {result}, of a horizontal axis: white
+const float {constant}_FIELD_SIGMA_CALIBRATION = {field_sigma_calibration}; // {result}, of a horizontal axis: not white
+const float {constant}_HEADING_SIGMA_READING = {heading_sigma_reading_deg}; // degrees: white
+const float {constant}_HEADING_SIGMA_CALIBRATION = {heading_sigma_calibration_deg}; // degrees: not white
+
+// Factor of the covariance of offset and shape, row by row; and the part of their gradient that all headings share.
+const float {constant}_HEADING_FACTOR[45] = {{
+{factor}
+}};
+const float {constant}_HEADING_MEAN[9] = {{
+{mean}
+}};
+const float {constant}_HEADING_MATRIX[3][3] = {{
+{shape}
+}};
+
+// Of a field, and of the gradient of the heading by it, in degrees: the unit vector across the horizontal field over
+// its length.
+float {prefix}headingSigma(const float m[3], const float across[3]) {{
+  const float *entry = {constant}_HEADING_FACTOR;
+  float v[3], variance = {alignment};
+  for (int row = 0; row < 3; row++) {{
+    const float *w = {constant}_HEADING_MATRIX[row];
+    v[row] = w[0] * across[0] + w[1] * across[1] + w[2] * across[2];
+    variance += {variance} * v[row] * v[row];
+  }}
+  const float gradient[9] = {{
+    v[0], v[1], v[2], v[0] * m[0], v[1] * m[1], v[2] * m[2],
+    v[0] * m[1] + v[1] * m[0], v[0] * m[2] + v[2] * m[0], v[1] * m[2] + v[2] * m[1]
+  }};
+  for (int row = 0; row < 9; row++) {{
+    float sum = 0.0f;
+    for (int column = row; column < 9; column++) {{
+      sum += *entry++ * (gradient[column] - {constant}_HEADING_MEAN[column]);
+    }}
+    variance += sum * sum;
+  }}
+  return sqrtf(variance);
+}}""",
+    function="""
+// Degrees clockwise from magnetic north, of the x axis, with 1 sigma of both parts at this attitude. ax, ay, az is what
+// an accelerometer in the same axes reads at rest, in any unit (with z down, az is negative when level); its own error
+// is not in sigma. Both are NaN where the field is within a degree of the vertical.
+float {prefix}magneticHeading(float x, float y, float z, float ax, float ay, float az, float &sigma) {{
+  const float east[3] = {{y * az - z * ay, z * ax - x * az, x * ay - y * ax}}, m[3] = {{x, y, z}};
+  const float level = east[0] * east[0] + east[1] * east[1] + east[2] * east[2];
+  const float field = x * x + y * y + z * z, weight = ax * ax + ay * ay + az * az;
+  const float north = ay * east[2] - az * east[1], length = sqrtf(weight);
+  const float upwards = x * ax + y * ay + z * az; // z is down while level, or up
+  const float scale = (upwards {opposite} 0.0f ? -57.2957795f : 57.2957795f) * length / level;
+  const float across[3] = {{scale * east[0], scale * east[1], scale * east[2]}};
+  if (!(level > {steepest} * field * weight)) {{
+    sigma = NAN;
+    return NAN;
+  }}
+  sigma = {prefix}headingSigma(m, across);
+  const float angle = 57.2957795f * atan2f(east[0] * length, north);
+  return angle < 0.0f ? angle + 360.0f : angle;
+}}""",
+    level="""
+// The same of the {first} axis of a level vehicle, with {third} down: from {first} and {second} alone.
+float {prefix}levelHeading(float x, float y, float z, float &sigma) {{
+  const float read[3] = {{x, y, z}}, ahead = read[{forward}], right = read[{right}];
+  const float level = sqrtf(ahead * ahead + right * right);
+  float m[3], across[3];
+  m[{forward}] = {level_field} * ahead / level;
+  m[{right}] = {level_field} * right / level;
+  m[{down}] = {down_field};
+  across[{forward}] = -{per_level} * right / level;
+  across[{right}] = {per_level} * ahead / level;
+  across[{down}] = 0.0f;
+  sigma = {prefix}headingSigma(m, across);
+  const float angle = 57.2957795f * atan2f(-right, ahead);
+  return angle < 0.0f ? angle + 360.0f : angle;
+}}""",
+    row="  {{{}}},",
+    suffix="f",
+)
+IN_PYTHON: Final = HeadingCode(
+    imports="from math import atan2, degrees, sqrt\n\n",
+    constants="""
+
+# 1 sigma of corrected readings and of level headings, in two parts. That of a READING is white noise, new in each
+# reading: averaging makes it smaller. That of the CALIBRATION is the same in all readings of an attitude: no filter may
+# average it away, and what it gives is never better than this.
+FIELD_SIGMA_READING = {field_sigma_reading}  # {result}, of a horizontal axis: white
+FIELD_SIGMA_CALIBRATION = {field_sigma_calibration}  # {result}, of a horizontal axis: not white
+HEADING_SIGMA_READING = {heading_sigma_reading_deg}  # degrees: white
+HEADING_SIGMA_CALIBRATION = {heading_sigma_calibration_deg}  # degrees: not white
+
+# Factor of the covariance of offset and shape, row by row; and the part of their gradient that all headings share.
+HEADING_FACTOR = (
+{factor},
+)
+HEADING_MEAN = (
+{mean},
+)
+HEADING_MATRIX = (
+{shape}
+)
+
+
+def heading_sigma(field, across):
+    \"""Of a field, and of the gradient of the heading by it: the unit vector across the horizontal field by length.\"""
+    x, y, z = field
+    u, v, w = (a * across[0] + b * across[1] + c * across[2] for a, b, c in HEADING_MATRIX)
+    gradient = (u, v, w, u * x, v * y, w * z, u * y + v * x, u * z + w * x, v * z + w * y)
+    part = [g - mean for g, mean in zip(gradient, HEADING_MEAN)]
+    variance, entry = {alignment} + {variance} * (u * u + v * v + w * w), 0
+    for row in range(9):
+        total = 0.0
+        for column in range(row, 9):
+            total += HEADING_FACTOR[entry] * part[column]
+            entry += 1
+        variance += total * total
+    return sqrt(variance)""",
+    function="""
+
+def heading(corrected, acceleration):
+    \"""Degrees clockwise from magnetic north, of the x axis, and 1 sigma of both parts at this attitude.
+
+    Acceleration is what an accelerometer in the same axes reads at rest, in any unit (with z down, it is negative when
+    level); its own error is not in sigma. Both are NaN where the field is within a degree of the vertical.
+    \"""
+    x, y, z = corrected
+    ax, ay, az = acceleration
+    east = (y * az - z * ay, z * ax - x * az, x * ay - y * ax)
+    level, weight = sum(e * e for e in east), ax * ax + ay * ay + az * az
+    if not level > {steepest} * (x * x + y * y + z * z) * weight:
+        return float("nan"), float("nan")
+    length = sqrt(weight)
+    scale = degrees(length / level)
+    if x * ax + y * ay + z * az {opposite} 0.0:  # z is up while level
+        scale = -scale
+    sigma = heading_sigma(corrected, [scale * e for e in east])
+    return degrees(atan2(east[0] * length, ay * east[2] - az * east[1])) % 360.0, sigma""",
+    level="""
+
+def level_heading(corrected):
+    \"""The same of the {first} axis of a level vehicle, with {third} down: from {first} and {second} alone.\"""
+    x, y = corrected[{forward}], corrected[{right}]
+    level = sqrt(x * x + y * y)
+    field, across = [{down_field}] * 3, [0.0] * 3
+    field[{forward}], field[{right}] = {level_field} * x / level, {level_field} * y / level
+    across[{forward}], across[{right}] = -{per_level} * y / level, {per_level} * x / level
+    return degrees(atan2(-y, x)) % 360.0, heading_sigma(field, across)""",
+    row="    ({}),",
+    suffix="",
+)
