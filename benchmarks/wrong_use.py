@@ -39,6 +39,7 @@ if TYPE_CHECKING:
 
     from flinders.arrays import Floats
     from flinders.core.samples import Samples
+    from flinders.diagnostics.instruments import Mistake
     from flinders.simulate import Simulated
 
 SEED: Final = 20261121
@@ -132,6 +133,17 @@ def mirrored(motion: str, seed: int, strength: float) -> Attack:
     return Attack(replace(samples, **wrong), ("rate", "dip"), "swapped-axes")
 
 
+def left_handed(motion: str, seed: int, strength: float) -> Attack:
+    """The magnetometer on the body by any of 24 right angles, and one of its axes mirrored: x, y, z; 3 is none."""
+    _, samples, rng = recorded(motion, seed)
+    turn = TURNS[rng.integers(len(TURNS))]
+    mounted = turn.turned_over("xyz"[int(strength)]) if strength < 3 else turn
+    home = Site.of(site_field(*HOME, year=YEAR))
+    code = f"mirrored-axis {mounted}" if strength < 3 else ""
+    field = samples.field @ mounted.matrix
+    return Attack(replace(samples, field=field), ("rate", "dip"), code, home)
+
+
 def site(motion: str, seed: int, strength: float) -> Attack:
     """A site so many km to the north, or to the south where that is negative."""
     _, samples, _ = recorded(motion, seed)
@@ -201,6 +213,7 @@ CASES: Final[Mapping[str, tuple[Callable[[str, int, float], Attack], tuple[float
     "gyro": (gyro, (180.0 / np.pi, np.pi / 180.0, 1e3, -1.0)),
     "axes": (axes, (0, 1, 2)),
     "mirrored": (mirrored, (0, 1, 2)),
+    "left-handed": (left_handed, (0, 1, 2, 3)),
     "site": (site, (-3000.0, -1000.0, -500.0, 500.0, 1000.0, 3000.0)),
     "leaning": (leaning, (0.0, 0.5)),
     "compass": (compass, (2.0, 5.0, 10.0, 20.0, 40.0)),
@@ -226,7 +239,14 @@ def codes_of(attack: Attack) -> tuple[str, ...]:
         _, aiding = aided_by(attack.samples, attack.aiding, site=attack.site)
     except FitError as refusal:
         return (f"refused: {type(refusal).__name__}",)
-    return tuple(mistake.code for mistake in aiding.mistakes)
+    return tuple(_named(mistake) for mistake in aiding.mistakes)
+
+
+def _named(mistake: Mistake) -> str:
+    """Its code, and of a mirrored axis the mapping that mends it."""
+    if mistake.code != "mirrored-axis":
+        return mistake.code
+    return f"{mistake.code} {mistake.finding.values['axes']}"
 
 
 def tried(case: str, strength: float, motion: str, seed: int) -> tuple[str, tuple[str, ...]]:
@@ -246,7 +266,7 @@ def table(pool: ProcessPoolExecutor, cases: Sequence[str], motions: Sequence[str
                 named = sum(code in codes for code, codes in found)
                 others = Counter(other for code, codes in found for other in codes if other != code)
                 told = ", ".join(f"{code} {count}" for code, count in others.most_common()) or "–"
-                share = "–" if case == "good" else f"{named} of {seeds}"
+                share = "–" if not any(code for code, _ in found) else f"{named} of {seeds}"
                 yield f"| {case} | {strength:g} | {motion} | {share} | {told} |"
 
 

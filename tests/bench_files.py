@@ -33,6 +33,8 @@ from tests.worlds import table_text
 
 from flinders import simulate
 from flinders.apps.survey.simulate_shots import survey_shots
+from flinders.core.calibration import Calibration
+from flinders.targets._mounting import euler
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
@@ -380,6 +382,8 @@ FILES: Final[dict[str, Maker]] = {
     "print.txt": printed,
     "north.csv": heading_of(0.0),
     "south.csv": heading_of(180.0),
+    "mounted.json": lambda path: Calibration(euler(0, 0, 88), np.ones(3), 50.0, rotation="estimated").save(path),
+    "magnetometer.dtsi": of_commands("export --for iio-mount-matrix mounted.json -o {}"),
     "calibration.json": of_commands("calibrate tumble.csv --unit uT -o {}"),
     "monday.json": of_commands("calibrate monday.csv --unit uT -o {}"),
     "tuesday.json": of_commands("calibrate tuesday.csv --unit uT -o {}"),

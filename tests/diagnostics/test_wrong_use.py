@@ -16,7 +16,7 @@ from tests.trials import daily, nightly
 import flinders
 from flinders import simulate
 from flinders.cli._calibrate_options import recorded
-from flinders.core.axes import TURNS
+from flinders.core.axes import TURNS, Axes
 from flinders.diagnostics.instruments import circular, of_instruments, one_axis, wrong_dip
 from flinders.errors import UsageError
 from flinders.estimators.aiding import solve
@@ -73,6 +73,33 @@ def test_how_the_magnetometer_sits_is_found_whichever_way_it_is(turn: flinders.A
     turned = replace(true.samples, rate=rate, acceleration=acceleration)
     about = Ellipsoid(true.sensor.offset, true.field_strength * np.asarray(true.sensor.matrix))
     assert by_rate(turned, about).axes == by_vertical(turned, about).axes == turn
+
+
+@pytest.mark.parametrize("axis", daily([0, 1, 2]))
+@pytest.mark.parametrize("motion", daily(["swayed", "hand"]))
+def test_a_mirrored_axis_is_named_with_the_axes_that_mend_it(motion: str, axis: int) -> None:
+    """With the sensor at a right angle on the body, give or take five degrees, and the place known."""
+    attack = CASES["left-handed"][0](motion, 2, axis)
+    code, axes = attack.code.split()
+    assert code == "mirrored-axis"
+    assert codes_of(attack) == (attack.code,)
+    mended = replace(attack, samples=attack.samples.turned(Axes.of(axes)))
+    assert codes_of(mended) == ()
+
+
+def test_without_the_place_half_a_turn_and_a_mirrored_axis_are_both_said() -> None:
+    true = simulate.tumble(seed=2, motion="swayed", n=1000)
+    mirrored = replace(true.samples, field=true.samples.field * [1.0, -1.0, 1.0])
+    about = Ellipsoid(true.sensor.offset * [1.0, -1.0, 1.0], true.field_strength * np.eye(3))
+    for is_signed, seat in ((False, "half-turned"), (True, "clear")):
+        axes, mistakes = of_instruments(mirrored, about, ("rate", "dip"), is_signed=is_signed)
+        assert str(axes) == "-x,y,-z"
+        assert {one.finding.values["seat"] for one in mistakes} == {seat}
+
+
+@pytest.mark.parametrize("motion", daily(["swayed", "hand"]))
+def test_a_right_handed_sensor_at_right_angles_is_not_called_mirrored(motion: str) -> None:
+    assert not any(code.startswith("mirrored") for code in codes_of(CASES["left-handed"][0](motion, 2, 3)))
 
 
 @pytest.mark.parametrize("motion", daily(["swayed", "hand", "rocked"]))

@@ -211,7 +211,7 @@ def test_each_target_follows_or_says_what_is_lost(name: str) -> None:
     row = find(name)
     found = replace(given(), raw=Unit.of("counts", 0.1) if row.unit == "counts" else Unit.of("mG"))
     found = replace(found, axes=Axes(), matrix=np.eye(3), frame="vehicle" if row.acts == "mapped" else "sensor")
-    export = row.render(found, asked=ExportOptions(lossy=True))
+    export = row.render(found, asked=ExportOptions(lossy=True, mounting=np.eye(3)))
     told = " ".join(export.warnings)
     follows = row.follows
     assert ("current" in told) == (follows == "")

@@ -349,7 +349,7 @@ ELSEWHERE: Final = {
     ),
     "test_aided.py": ("circular-attitude", "gyro-unit", "swapped-axes", "one-axis", "site-differs"),
     "test_mounted.py": ("aid-astray", "rotation-uncertain", "tilt-error", "leans-in-turns"),
-    "test_wrong_use.py": ("gyro-differs", "aid-empty", "aid-diverged"),
+    "test_wrong_use.py": ("gyro-differs", "aid-empty", "aid-diverged", "mirrored-axis"),
     "test_gyro_at_fault.py": ("gyro-clipped", "gyro-scales", "gyro-gaps", "aids-disagree"),
     "test_together.py": (
         "sensor-deviates", "sensor-deviates-throughout", "disagree", "copied-sensor", "mirrored-sensor", "turned-to",

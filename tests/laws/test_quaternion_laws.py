@@ -101,14 +101,17 @@ def test_the_simulator_and_an_attitude_mean_the_same_turn() -> None:
 
 
 @pytest.mark.parametrize("axes", MAPPINGS, ids=str)
-def test_mapped_axes_keep_the_field_of_the_site_and_a_mirror_image_has_no_attitude(axes: Axes) -> None:
+def test_mapped_axes_keep_the_field_of_the_site_and_a_mirror_image_maps_the_field_alone(axes: Axes) -> None:
     recorded = vehicle()
     for mapped in (
         recorded.turned(axes),
         Samples.of(recorded.field, unit="uT", axes=axes, attitude=recorded.attitude),
     ):
         if axes.is_mirror:
-            assert mapped.attitude is None
+            assert mapped.attitude is not None
+            assert recorded.attitude is not None
+            npt.assert_allclose(mapped.attitude, recorded.attitude, atol=1e-12)
+            npt.assert_allclose(mapped.field, axes.apply(recorded.field))
         else:
             npt.assert_allclose(in_ned(mapped), np.tile(EARTH, (200, 1)), atol=1e-9)
     if not axes.is_identity:

@@ -27,7 +27,7 @@ from flinders.targets._code_text import digits
 from flinders.targets._comments import BLOCK, HASH, MARKUP, plain_ascii
 from flinders.targets._mounting import euler
 from flinders.targets._numbers import nearest_diagonal
-from flinders.targets._target import HOLDS, WHERE
+from flinders.targets._target import HOLDS, MOUNTINGS, WHERE
 from flinders.targets.motioncal import symmetric_root
 
 if TYPE_CHECKING:
@@ -37,6 +37,9 @@ if TYPE_CHECKING:
 
 ROWS = [row for row in registry().values() if not row.name.startswith("adis")]
 """The registers of the ADIS have tests of their own."""
+
+UPRIGHT = ExportOptions(mounting=np.eye(3))
+"""The sensor sits as the vehicle does, which a target of mountings has to be told."""
 
 COUNT_UT = 0.15
 """µT in one count of the sensors below."""
@@ -287,7 +290,7 @@ def test_whole_numbers_of_too_large_a_unit_are_refused() -> None:
 def test_units_that_cannot_be_had_are_told_with_what_to_do(row: Target) -> None:
     in_counts = Calibration(np.eye(3), np.array([10.0, 20, 30]), 400.0)
     if row.unit in {"own", "recorded", "counts"}:
-        assert row.render(in_counts).target == row.name
+        assert row.render(in_counts, asked=UPRIGHT).target == row.name
     else:
         with pytest.raises(UnitError, match="scale="):
             row.render(in_counts)
@@ -317,10 +320,10 @@ def test_comments_say_what_it_is_and_cannot_be_ended_from_outside(row: Target) -
     keeps = row.keeps if row.keeps in {"diagonal", "offset"} else "all"
     given = sensor(0, "counts" if row.unit == "counts" else "mG", keeps=keeps)
     evil = "x */ int main; /* --> <evil/> \n set evil = 1\u2028evil: 1\x85evil\r\nevil\x1b[2J ??/ é"
-    export = row.render(given, about=[f"from {evil}"])
+    export = row.render(given, about=[f"from {evil}"], asked=UPRIGHT)
     assert export.text.isascii()
     assert "\x1b" not in export.text
-    clean = row.render(given, about=["from x"])
+    clean = row.render(given, about=["from x"], asked=UPRIGHT)
     if export.has_comments:
         assert "checked: its own formula" in export.text
         assert row.formula.split()[0] in export.text
@@ -362,7 +365,7 @@ def test_the_table_is_complete() -> None:
 # there and back
 
 
-READABLE = [row.name for row in registry().values() if row.reader]
+READABLE = [row.name for row in registry().values() if row.reader and row.keeps not in MOUNTINGS]
 
 
 IN_COUNTS = [name for name in READABLE if find(name).unit == "counts"]

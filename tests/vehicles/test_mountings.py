@@ -263,5 +263,5 @@ def test_what_is_no_mounting_is_refused_with_what_is(words: str) -> None:
 
 
 def test_targets_without_mountings_take_none() -> None:
-    with pytest.raises(UsageError, match=r"a mounting goes with ardupilot, px4, px4-shell, betaflight, .*: c has no"):
+    with pytest.raises(UsageError, match=r"a mounting goes with ardupilot, px4, .*: c has no"):
         flinders.export(recorded("px4", np.eye(3)), "c", mounting="0")

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 import pytest
-from tests.golden.sessions import session
+from tests.golden.sessions import assert_sessions_are_real, session
 
 from flinders.core.calibration import Calibration
 from flinders.core.units import Unit
@@ -34,6 +34,19 @@ def test_a_rotation_becomes_the_mounting(golden: Golden) -> None:
     found = Calibration(turned, np.array([-69.8, 68.9, -5.6]), 49.4, rotation="estimated", raw=Unit.of("G"))
     found.save("turned.json")
     golden("cli/mounting.txt", session("flinders export --for px4-shell --mounting YAW_270 turned.json"))
+
+
+def test_a_rotation_in_the_settings_of_systems(golden: Golden) -> None:
+    turned = euler(3.0, -8.0, 40.0) @ np.array([[0.91, 0.05, 0.1], [0.05, 1.19, -0.1], [0.1, -0.1, 0.94]])
+    found = Calibration(turned, np.array([-69.8, 68.9, -5.6]), 49.4, rotation="estimated", raw=Unit.of("mG"))
+    found.save("turned.json")
+    golden("cli/mounting-iio.txt", session("flinders export --for iio-mount-matrix turned.json"))
+    golden("cli/mounting-transform.txt", session("flinders export --for static-transform turned.json"))
+    golden("cli/mounting-refused.txt", session("flinders export --for zephyr-axis-align turned.json", code=4))
+
+
+def test_the_sessions_about_mountings_are_real(request: pytest.FixtureRequest) -> None:
+    assert_sessions_are_real("vehicles/mounting.md", request, least=4)
 
 
 def test_there_and_back(golden: Golden) -> None:

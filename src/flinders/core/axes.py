@@ -58,6 +58,43 @@ class Axes:
         parity = (second - first) * (third - first) * (third - second)  # 2 or −2
         return parity * math.prod(self.signs) < 0
 
+    @property
+    def mirrored_axis(self) -> str:
+        """The recorded axis whose sign makes it a mirror image, by its name; empty where it is none.
+
+        Any of the three would do: it is the one that, turned over, leaves the smallest rotation.
+
+        >>> Axes.of("x,-y,z").mirrored_axis, Axes.of("-y,-x,z").mirrored_axis, Axes.of("y,-x,z").mirrored_axis
+        ('y', 'x', '')
+        """
+        return max(NAMES, key=lambda axis: self.turned_over(axis).trace) if self.is_mirror else ""
+
+    @property
+    def matrix(self) -> Floats:
+        """(3, 3) from the recorded axes to the new ones: in each row and column one 1 or −1, else 0."""
+        return self.apply(np.eye(3)).T + 0.0
+
+    @property
+    def opposite(self) -> Axes:
+        """The mapping with all its signs changed: a mirror image of a rotation, and the reverse."""
+        x, y, z = (-sign for sign in self.signs)
+        return Axes(self.order, (x, y, z))
+
+    @property
+    def trace(self) -> int:
+        """Of the mapping as a matrix: 1 + 2 cos of its angle where it is a rotation."""
+        return sum(self.signs[place] for place, index in enumerate(self.order) if index == place)
+
+    def turned_over(self, axis: str) -> Axes:
+        """The same mapping of readings of which one axis had its sign changed before.
+
+        >>> str(Axes.of("y,x,-z").turned_over("x"))
+        'y,-x,-z'
+        """
+        over = NAMES.index(axis)
+        x, y, z = (-sign if index == over else sign for index, sign in zip(self.order, self.signs, strict=True))
+        return Axes(self.order, (x, y, z))
+
     def apply(self, vector: ArrayLike) -> Floats:
         """Map (..., 3) vectors from the recorded axes; values that are not finite pass through."""
         recorded = vectors(vector, finite=False)
@@ -91,3 +128,18 @@ EXCHANGES: Final = tuple(
 
 TURNS: Final = tuple(axes for axes in EXCHANGES if not axes.is_mirror)
 """The 24 ways to exchange axes and stay right-handed, the one that changes nothing first."""
+
+
+def of_the_hand_of(rotation: Floats) -> tuple[Axes, ...]:
+    """The 24 ways of the hand of (3, 3) `rotation`: those that stay right-handed, or the mirror images."""
+    is_mirror = float(np.linalg.det(rotation)) < 0.0
+    return tuple(axes for axes in EXCHANGES if axes.is_mirror == is_mirror)
+
+
+def nearest_to(rotation: Floats) -> Axes:
+    """The way to exchange axes, of the same hand, that is nearest to (3, 3) `rotation`.
+
+    >>> str(nearest_to(np.array([[0.1, -0.995, 0.0], [0.995, 0.1, 0.0], [0.0, 0.0, 1.0]])))
+    '-y,x,z'
+    """
+    return max(of_the_hand_of(rotation), key=lambda axes: float(np.sum(axes.matrix * rotation)))

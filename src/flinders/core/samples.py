@@ -139,7 +139,8 @@ class Samples:
     field: Floats  #: (N, 3), in `unit.inside`: raw readings, in `axes`
     #: what the recording was written in, and what `field` is in now
     unit: Unit = dataclasses.field(default_factory=Unit.of)
-    #: how the recorded axes were turned before they became `field`; acceleration, rate and attitude alike
+    #: how the recorded axes were turned before they became `field`; acceleration, rate and attitude alike, but for a
+    #: mirror image, which is that of the magnetometer alone
     axes: Axes = dataclasses.field(default_factory=Axes)
     time: Floats | None = None  #: (N,), s: ascending where the recording is sound
     #: (N, 3): specific force in any unit: a level sensor at rest with z down reads −g on z
@@ -309,28 +310,31 @@ class Samples:
     def turned(self, axes: Axes) -> Samples:
         """Map samples that are as recorded to other axes: field, acceleration, rate and attitude with them.
 
-        The attitude is then that of the new axes. Where those are a mirror image of the recorded ones no rotation
-        leads from them to north, east, down, and there is none. Samples that were mapped before raise `AxesError`.
+        The attitude is then that of the new axes. A mirror image maps the field alone: it mends a left-handed
+        magnetometer, and what is beside it stays in its axes, which are right-handed. Samples that were mapped before
+        raise `AxesError`.
 
         >>> level = Samples.of([[20.0, 0.0, 45.0]], unit="uT", attitude=[[1.0, 0.0, 0.0, 0.0]])
         >>> over = level.turned(Axes.of("x,-y,-z"))
         >>> over.field, over.attitude
         (array([[ 20.,  -0., -45.]]), array([[0., 1., 0., 0.]]))
-        >>> level.turned(Axes.of("x,-y,z")).attitude is None
-        True
+        >>> mended = level.turned(Axes.of("x,y,-z"))
+        >>> mended.field, mended.attitude
+        (array([[ 20.,   0., -45.]]), array([[1., 0., 0., 0.]]))
         """
         if axes == self.axes:
             return self
         if not self.axes.is_identity:
             raise AxesError(f"{self.source} is in axes {self.axes} already: map it from the recorded axes at once")
+        onboard = None if self.onboard is None else self.onboard.turned(axes)
+        mapped = replace(self, field=axes.apply(self.field), onboard=onboard, axes=axes)
+        if axes.is_mirror:
+            return mapped
         return replace(
-            self,
-            field=axes.apply(self.field),
+            mapped,
             acceleration=None if self.acceleration is None else axes.apply(self.acceleration),
             rate=None if self.rate is None else axes.apply(self.rate),
             attitude=None if self.attitude is None else _of_axes(self.attitude, axes),
-            onboard=None if self.onboard is None else self.onboard.turned(axes),
-            axes=axes,
         )
 
     def as_columns(self) -> dict[str, Floats]:
@@ -466,11 +470,9 @@ def _share(array: Floats) -> Floats:
     return array
 
 
-def _of_axes(attitude: Floats, axes: Axes) -> Floats | None:
-    """(N, 4) attitude of mapped axes from that of the recorded ones; None for a mirror image, which has none."""
-    if axes.is_identity:
-        return attitude
-    return None if axes.is_mirror else product(attitude, of_matrix(axes.apply(np.eye(3))))
+def _of_axes(attitude: Floats, axes: Axes) -> Floats:
+    """(N, 4) attitude of mapped axes, right-handed ones, from that of the recorded ones."""
+    return attitude if axes.is_identity else product(attitude, of_matrix(axes.apply(np.eye(3))))
 
 
 def _attitude(values: ArrayLike, rows: int) -> Floats:

@@ -128,13 +128,16 @@ def _certain(code: str, aid: str, values: dict[str, Any], *, drops: bool = True)
     return Mistake(aid, certain({**values, "aid": aid}, code), drops)
 
 
-def of_instruments(samples: Samples, alone: Ellipsoid, wanted: Sequence[str]) -> tuple[Axes | None, list[Mistake]]:
+def of_instruments(
+    samples: Samples, alone: Ellipsoid, wanted: Sequence[str], *, is_signed: bool = False
+) -> tuple[Axes | None, list[Mistake]]:
     """Look for mistakes in the unit and the axes of gyro and accelerometer.
 
     An instrument is left out where it cannot be told how it sits, and where the two do not sit alike: then the one
     that sits as the magnetometer is right.
 
-    `alone`: what the magnetometer finds by itself, well or badly; `wanted`: ``rate`` and ``dip`` are looked at.
+    `alone`: what the magnetometer finds by itself, well or badly; `wanted`: ``rate`` and ``dip`` are looked at;
+    `is_signed`: the sign of the dip is known, by which a mirrored axis is told from half a turn afterwards.
 
     Returns
     -------
@@ -150,10 +153,12 @@ def of_instruments(samples: Samples, alone: Ellipsoid, wanted: Sequence[str]) ->
     if turned.left > EXPLAINED:
         turned, mistakes = Mounted(), [_strange(turned)]
     if not turned.is_as_recorded:
-        mistakes.append(_misread("rate", turned, contradicted=felt.is_as_recorded and not felt.allows(turned.axes)))
+        contradicted = felt.is_as_recorded and not felt.allows(turned.axes)
+        mistakes.append(_misread("rate", turned, contradicted=contradicted, is_signed=is_signed))
     is_used = "rate" in wanted and not any(mistake.drops for mistake in mistakes)
     if not felt.is_as_recorded:
-        mistakes.append(_misread("dip", felt, contradicted=is_used and not felt.allows(turned.axes)))
+        contradicted = is_used and not felt.allows(turned.axes)
+        mistakes.append(_misread("dip", felt, contradicted=contradicted, is_signed=is_signed))
     used = [mistake.aid for mistake in mistakes if not mistake.drops]
     return (None if not used else turned.axes if "rate" in used else felt.axes), [*empty, *mistakes]
 
@@ -391,14 +396,16 @@ def _strange(mounted: Mounted) -> Mistake:
     return _certain("gyro-differs", "rate", {"gyro_leaves": mounted.left})
 
 
-def _misread(aid: str, mounted: Mounted, *, contradicted: bool) -> Mistake:
+def _misread(aid: str, mounted: Mounted, *, contradicted: bool, is_signed: bool) -> Mistake:
     """What is wrong with an instrument, and whether it can be used all the same."""
     if mounted.unit != RAD_S or (aid == "rate" and mounted.axes == REVERSED):
         rate_unit = "" if mounted.unit == RAD_S else mounted.unit
         axes = "" if mounted.axes.is_identity else str(mounted.axes)
         return _certain("gyro-unit", aid, {"times_better": mounted.better, "rate_unit": rate_unit, "axes": axes})
     drops = contradicted or not mounted.is_clear or mounted.axes.is_mirror
-    seat = "contradicted" if contradicted else "clear" if mounted.is_clear else "unclear"
+    is_half_turn = mounted.axes.order == (0, 1, 2) and not is_signed
+    clear = "half-turned" if is_half_turn else "clear"
+    seat = "contradicted" if contradicted else clear if mounted.is_clear else "unclear"
     seat = "mirrored" if mounted.axes.is_mirror else seat
     values = {"times_better": mounted.better, "axes": str(mounted.axes), "seat": seat}
     return _certain("swapped-axes", aid, values, drops=drops)

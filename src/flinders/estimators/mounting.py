@@ -96,7 +96,7 @@ class Mounted:
 
     def allows(self, axes: Axes) -> bool:
         """Whether a way to sit fits about as well as the best; a mirror image as the same with all signs reversed."""
-        turn = _signed(axes, -1) if axes.is_mirror else axes
+        turn = axes.opposite if axes.is_mirror else axes
         return not self.misses or self.misses[TURNS.index(turn)] <= MARGIN * min(self.misses)
 
 
@@ -179,7 +179,8 @@ def _missed(first: Floats, last: Floats, rate: Floats, interval: Floats, unit: s
         targets = [axes.apply(last) - np.einsum("wij,wj->wi", back, axes.apply(first)) for axes in TURNS]
         design = (np.eye(3) - back).reshape(-1, 3)
         left = np.sqrt(3.0) * _left(design, np.stack(targets, axis=-1).reshape(len(design), -1))
-        misses |= {(unit, _signed(axes, sign)): miss for axes, miss in zip(TURNS, left.tolist(), strict=True)}
+        signed = TURNS if sign > 0 else [axes.opposite for axes in TURNS]
+        misses |= {(unit, axes): miss for axes, miss in zip(signed, left.tolist(), strict=True)}
     return misses
 
 
@@ -202,12 +203,6 @@ def _steps(unit: str, axes: Axes) -> int:
     if unit != RAD_S:
         return 1 if is_signed else 4
     return 1 if is_signed else 3 if axes.is_mirror else 2
-
-
-def _signed(axes: Axes, sign: int) -> Axes:
-    """The mapping with all its signs times one."""
-    x, y, z = (sign * one for one in axes.signs)
-    return Axes(axes.order, (x, y, z))
 
 
 def _left(design: Floats, targets: Floats) -> Floats:

@@ -204,6 +204,25 @@ ROWS: Final = (
         remedy="Also turn the vehicle about another axis, a little to either side.",
     ),
     CatalogueRow(
+        code="mirrored-axis",
+        affects="use",
+        number="−1",
+        action=(
+            "change the sign of the axis that is named, in the driver or by `--axes`, and calibrate again; the site "
+            "was not used"
+        ),
+        rule=Rule("handedness", (Grade("limits", 1.0),), comparison="<"),
+        said=(
+            "the magnetometer is left-handed: {axis} has the wrong sign. Its axes fit as {axes}, where the field dips "
+            "by {site_dip_deg:.1f}° as at the site; turned by {turned_by} they would fit as well, and it would dip by "
+            "{dip_deg:.1f}°. Correct the sign in the driver, or map the axes by {axes}, and calibrate again; headings "
+            "are wrong by 180° until then"
+        ),
+        hint={"axes": None},
+        plain="An axis of the compass has the wrong sign. Headings are wrong by 180° until it is corrected.",
+        remedy="Correct the sign of the axis that is named, and calibrate again.",
+    ),
+    CatalogueRow(
         code="site-differs",
         affects="use",
         number="degrees between the dip found and that of the site",

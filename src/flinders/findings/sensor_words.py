@@ -11,6 +11,7 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING, Any, Final
 
+from flinders.core.axes import Axes
 from flinders.core.compensation import beyond_words as beyond_range
 from flinders.core.disturbance import Disturbance, known, motor
 from flinders.errors import figures
@@ -172,7 +173,7 @@ def instrument(aid: str) -> str:
 
 
 def how_it_sits(aid: str, axes: str, seat: str) -> str:
-    """How an instrument sits against the magnetometer: ``mirrored``, ``contradicted``, ``unclear`` or ``clear``."""
+    """How an instrument sits against the magnetometer, by the name of its `seat`; any other one is ``clear``."""
     what, other = instrument(aid), instrument("dip" if aid == "rate" else "rate")
     if seat == "mirrored":
         return (
@@ -188,6 +189,13 @@ def how_it_sits(aid: str, axes: str, seat: str) -> str:
         return (
             f"with the magnetometer's axes turned, such as by {axes}, and too little turning to tell how: turn "
             f"the {what}'s columns to be as the magnetometer's; it was not used"
+        )
+    if seat == "half-turned":
+        mended = Axes.of(axes).opposite
+        return (
+            f"with the magnetometer's axes turned by {axes}, or with the sign of its {mended.mirrored_axis} changed, "
+            f"{mended}: the sign of the dip tells which, so say where it was recorded. The correction turns readings "
+            f"by {axes}"
         )
     return (
         f"with the magnetometer's axes turned by {axes}: they do not sit alike, and the correction turns "

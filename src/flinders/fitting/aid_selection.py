@@ -45,6 +45,7 @@ from flinders.diagnostics.instruments import (
     without_gaps,
     wrong_dip,
 )
+from flinders.diagnostics.mirrored_axis import is_mirrored, middle_dip_deg
 from flinders.errors import FitError, figures
 from flinders.estimators.aiding import Aided, refuse_without, solve
 from flinders.estimators.data import Readings
@@ -76,6 +77,9 @@ WORTH: Final = 0.95
 
 TURNED: Final = 16.3
 """χ² of three degrees of freedom: a rotation that chance makes once in a thousand."""
+
+MIRRORED: Final = "mirrored-axis"
+"""A finding that tells why axes seem exchanged, in place of the finding that they are."""
 
 FAR_TURN_DEG: Final = 20.0
 """From the axes as they were found: instruments on one body sit no farther apart, and what says so is no vertical."""
@@ -123,20 +127,33 @@ def aided_by(
     refuse_without(samples, wanted)
     wanted = tuple(sorted(wanted, key=lambda name: name != "rate"))  # the others are compared with it
     samples, of_gaps = without_gaps(samples, wanted)
-    axes, mistakes = of_instruments(samples, start or _alone(samples), wanted)
+    is_signed = site is not None and site.inclination_deg is not None
+    about = start or _alone(samples)
+    axes, mistakes = of_instruments(samples, about, wanted, is_signed=is_signed)
     rotation = None if axes is None else axes.apply(np.eye(3)).T
     options: dict[str, Any] = {"spread": spread, "gyro_scale": gyro_scale, "acceleration_bias": acceleration_bias}
     options |= {"acceleration_gain": acceleration_gain, "start": start, "shape": shape}
     solver: Callable[..., Aided] = partial(solve, samples, site=site, **options)
     alone = _Candidate(samples, solver(()), rotation)
+    if site is not None and axes is not None:
+        mirror = is_mirrored(middle_dip_deg(samples, about, axes), site, rotation)
+        if mirror is not None:
+            again, reported = aided_by(samples, aiding, dip_deg=dip_deg, **options)
+            return again, _in_place(reported, mirror, of_gaps)
     selection = _Selection(samples, solver, rotation, site, dip_deg, is_auto, alone, [*mistakes, *of_gaps])
     for name in wanted:
         selection.try_sensor(name)
     if site is not None and selection.is_elsewhere:  # the site would bend the fit: again, without it
         again, reported = aided_by(samples, aiding, dip_deg=dip_deg, **options)
         if (mistake := _of_site(selection.best, reported, site)) is not None:
-            return again, replace(reported, mistakes=(*of_gaps, *reported.mistakes, mistake))
+            return again, _in_place(reported, mistake, of_gaps)
     return selection.best, selection.reported()
+
+
+def _in_place(reported: Aiding, mistake: Mistake, of_gaps: Sequence[Mistake]) -> Aiding:
+    """What a fit without the site reports, with why it has none; a mirrored axis is why axes seem exchanged."""
+    others = [one for one in reported.mistakes if mistake.code != MIRRORED or one.code != "swapped-axes"]
+    return replace(reported, mistakes=(*of_gaps, *others, mistake))
 
 
 @dataclass(eq=False)
@@ -253,7 +270,9 @@ def _of_site(bent: Aided, without: Aiding, site: Site) -> Mistake | None:
     """Whether the dip is not the site's: by the fit with the site, or by what one without it sees."""
     if without.dip_deg is None:
         return wrong_dip(dip_of(bent), site) if is_at_another_site(bent, site) else None
-    return wrong_dip(without.dip_deg, site) if is_far(without.dip_deg, site, without.dip_sigma_deg or 0.0) else None
+    if not is_far(without.dip_deg, site, without.dip_sigma_deg or 0.0):
+        return None
+    return is_mirrored(without.dip_deg, site, without.rotation) or wrong_dip(without.dip_deg, site)
 
 
 def available(samples: Samples) -> tuple[str, ...]:

@@ -24,6 +24,8 @@ from flinders.geometry.plane import down_of
 from flinders.heading.error_propagation import HeadingError, level_turn, upright
 from flinders.targets import ExportOptions, mounting_table
 from flinders.targets._mounting import euler
+from flinders.targets._numbers import VEHICLE, unmapped
+from flinders.targets._target import MOUNTINGS
 
 if TYPE_CHECKING:
     from flinders.arrays import Floats
@@ -73,11 +75,13 @@ def export_fit(
     if target.compasses:
         refuse_on_top(fit, target.name)
     number, notes = _compass_of(fit, target, compass)
+    turn = mounting_of(fit, target, mounting)
     asked = ExportOptions(
         compass=number,
         lossy=lossy,
         name=name,
-        mounting=mounting_of(fit, target, mounting),
+        mounting=turn,
+        rotation_covariance=_in_the_body(fit, turn),
         gates=gates_of(fit),
         noise=noise_of(fit),
         heading=heading_model_of(fit),
@@ -152,13 +156,17 @@ def mounting_of(fit: Fit, target: Target, words: str | None) -> Floats | None:
         return np.eye(3)
     if words is not None:
         return mounting_table(target).read(words)
-    known = known_mountings(fit, target.family)
+    known = known_mountings(fit, "" if target.keeps in MOUNTINGS else target.family)
     return euler(*known.pop()) if len(known) == 1 else None
 
 
-def known_mountings(fit: Fit, autopilot: str) -> set[Angles]:
-    """Roll, pitch and yaw of the compass in each log of an autopilot that a fit was made from, where it is known."""
-    return {file.mounting for file in fit.provenance.files if file.autopilot == autopilot and file.mounting is not None}
+def known_mountings(fit: Fit, autopilot: str = "") -> set[Angles]:
+    """Roll, pitch and yaw of the compass in each log that a fit was made from, where it is known.
+
+    `autopilot`: whose logs; any by default.
+    """
+    known = {file.mounting for file in fit.provenance.files if autopilot in ("", file.autopilot)}
+    return {mounting for mounting in known if mounting is not None}
 
 
 def only_number(fit: Fit, known: set[int], what: str, keyword: str) -> int | None:
@@ -229,3 +237,19 @@ def limit_lines(fit: Fit, but: str = "") -> list[str]:
     """What the calibration is not good for, as its file says, except for the finding of one code."""
     limits = (finding for finding in fit.findings if finding.severity == "limits" and finding.code != but)
     return [f"limited: {finding.advice}" for finding in limits]
+
+
+def _in_the_body(fit: Fit, mounting: Floats | None) -> Floats | None:
+    """(3, 3) rad²: covariance of how the sensor sits, in the axes of the body; None where it is not known.
+
+    `mounting`, (3, 3): of readings in the sensor's axes, into which those of the calibration are turned afterwards; of
+    readings in the axes of the vehicle, the calibration's own mapping is undone.
+    """
+    aiding, calibration = fit.evidence.aiding, fit.calibration
+    covariance = None if aiding is None else aiding.rotation_covariance
+    if covariance is None or not np.isfinite(covariance).all():
+        return None
+    after = np.eye(3) if mounting is None else mounting
+    turn = unmapped(calibration) if calibration.frame == VEHICLE else after
+    turned: Floats = turn @ covariance @ turn.T
+    return turned

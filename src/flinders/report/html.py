@@ -65,6 +65,7 @@ from flinders.report.modules import joined
 from flinders.report.onboard_pages import onboard_words
 from flinders.report.view import matrix_sigma, tiles_view
 from flinders.targets import registry
+from flinders.targets._target import MOUNTINGS
 from flinders.verdicts import MEANINGS
 from flinders.workflows.log_headings import heading_history
 
@@ -185,11 +186,13 @@ def _over_time(history: HeadingHistory | None, fit: Fit | None) -> dict[str, str
 
 
 def listings_of(fit: Fit) -> list[Listing]:
-    """The calibration for each target that can hold it and whose file is text, code first."""
+    """The calibration for each target that can hold it and whose file is text, code first; no mountings."""
     if fit.verdict == "refused":
         return []
     listings = []
     for name, target in sorted(registry().items(), key=lambda row: row[0] != OPEN_TARGET):
+        if target.keeps in MOUNTINGS:
+            continue
         try:
             export, _ = export_fit(fit, target)
         except FlindersError:

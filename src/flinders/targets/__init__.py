@@ -46,7 +46,8 @@ __all__ = [
 
 FIRST: Final = (
     "ardupilot", "px4", "motioncal", "adafruit", "fusion", "rtimulib", "betaflight", "betaflight_model", "inav",
-    "paparazzi", "vectornav", "adis16480", "ros", "esphome", "zscilib", "matlab", "code", "plain",
+    "paparazzi", "vectornav", "adis16480", "ros", "esphome", "zscilib", "matlab", "code", "plain", "system_mounting",
+    "ros_mounting",
 )  # fmt: skip
 """Modules in the order in which their targets are listed; all others come after them, by name."""
 

@@ -53,13 +53,17 @@ if TYPE_CHECKING:
     from flinders.targets._measurement_noise import MeasurementNoise
     from flinders.targets._mounting import MountingTable
 
-Keeps: TypeAlias = Literal["all", "symmetric", "diagonal", "offset"]
+Keeps: TypeAlias = Literal["all", "symmetric", "diagonal", "offset", "rotation", "axes"]
 HOLDS: Final[Mapping[Keeps, str]] = {
     "all": "an offset and a whole matrix",
     "symmetric": "an offset and a symmetric matrix",
     "diagonal": "an offset and a diagonal, no soft iron beside it",
     "offset": "an offset and no soft iron",
+    "rotation": "a mounting and no calibration",
+    "axes": "a mounting by right angles and no calibration",
 }
+MOUNTINGS: Final = ("rotation", "axes")
+"""Kinds that hold how the sensor sits, and leave the correction to the program before them."""
 WHERE: Final[Mapping[Acts, str]] = {
     "recorded": "the sensor's own, before its mounting",
     "mapped": "those of the vehicle or board, after the mounting",
@@ -102,6 +106,7 @@ class ExportOptions:
     lossy: bool = False  # write also what leaves out more than 0.5° of heading
     # (3, 3): how the compass was mounted when it was recorded, vehicle = R sensor; None where that is not known
     mounting: Floats | None = None
+    rotation_covariance: Floats | None = None  # (3, 3) rad², in the body's axes: of how the sensor sits
     gates: Gates | None = None  # limits by which generated code tells a disturbed reading
     noise: MeasurementNoise | None = None  # what a filter has to assume of corrected readings
     heading: HeadingModel | None = None  # by which generated code states the error of each heading
@@ -125,6 +130,9 @@ class Written:
     # (3, 3): rotation of the calibration that is in the mounting which is written, in the recorded axes
     turn: Floats | None = None
     formula: str = ""  # by which the numbers are used, where that is not the target's usual one
+    # what the numbers stand for, where the mounting that was found is taken for one by right angles
+    meant: Calibration | None = None
+    is_partial: bool = False  # a mounting that is not by right angles was written as the nearest that is
 
 
 @dataclass(frozen=True, slots=True, repr=False)
@@ -229,8 +237,8 @@ class Target:
 
     @property
     def refuses_mounted(self) -> bool:
-        """Whether it refuses readings in the axes of the vehicle: it acts before the mounting, on what it reads."""
-        return self.acts == "recorded" and not self.fed
+        """Whether it needs the sensor's own axes: it acts before the mounting, on what it reads, or is the mounting."""
+        return (self.acts == "recorded" and not self.fed) or self.keeps in MOUNTINGS
 
     def as_dict(self) -> dict[str, Any]:
         """JSON-ready."""
@@ -275,7 +283,8 @@ class Target:
             )
         written = self.write(calibration, asked)
         plain, motor = followed(calibration) if self.follows == "motors" else (calibration.at(), None)
-        lacks = f"{self.title} holds {self.holds}" if self._loses(plain, written.turn) else ""
+        plain = written.meant or plain
+        lacks = f"{self.title} holds {self.holds}" if self._loses(plain, written) else ""
         deviation = self._tried(plain, written.apply, lacks=lacks, asked=asked)
         if motor is not None and (compensated := written.compensated) is not None:
             end = motor.farthest
@@ -307,7 +316,7 @@ class Target:
         """Run the target's formula in its units, and refuse what costs too much."""
         deviation = Difference.of(calibration, self.corrected(calibration, apply, DIRECTIONS))
         if lacks:
-            takes_turn = self.mountings is not None and calibration.rotation != "symmetric"
+            takes_turn = calibration.rotation != "symmetric" and self.keeps not in MOUNTINGS
             mountings = self.mountings if takes_turn else None
             deviation.refuse_lost(lacks, lossy=asked.lossy, mountings=mountings, fitting=asked.fitting)
         else:
@@ -329,8 +338,11 @@ class Target:
                     f"headings are off by up to {figures(cost)}° (at any attitude, dip {DIP_DEG:.0f}°)"
                 )
 
-    def _loses(self, calibration: Calibration, turn: Floats | None) -> bool:
+    def _loses(self, calibration: Calibration, written: Written) -> bool:
         """Whether the matrix has more to it than the target holds beside a rotation in its mounting."""
+        if self.keeps in MOUNTINGS:
+            return written.is_partial
+        turn = written.turn
         matrix = calibration.matrix if acting(self.acts, calibration) == "mapped" else in_recorded_axes(calibration)[0]
         if turn is not None:
             matrix = turn.T @ matrix
@@ -384,6 +396,8 @@ class Target:
 
     def notes(self, calibration: Calibration) -> Iterable[str]:
         """For which readings the numbers are right, and what comes out."""
+        if self.keeps in MOUNTINGS:
+            return
         if self.lengths:
             yield f"corrected readings are {self.lengths}"
         else:

@@ -163,7 +163,7 @@ class ReadingBuffer:
 
 
 def rows_of(samples: Samples, axes: Axes | None = None) -> Floats:
-    """(N, 7) samples as rows of a buffer, turned to other axes; without times, a reading counts a second.
+    """(N, 7) samples as rows of a buffer, turned as `Samples.turned` does; without times, a reading counts a second.
 
     >>> from flinders.core.axes import Axes
     >>> from flinders.core.samples import Samples
@@ -176,5 +176,6 @@ def rows_of(samples: Samples, axes: Axes | None = None) -> Floats:
     if samples.acceleration is not None:
         rows[:, 4:] = samples.acceleration
     if axes is not None and not axes.is_identity:
-        rows[:, 1:4], rows[:, 4:] = axes.apply(rows[:, 1:4]), axes.apply(rows[:, 4:])
+        rows[:, 1:4] = axes.apply(rows[:, 1:4])
+        rows[:, 4:] = rows[:, 4:] if axes.is_mirror else axes.apply(rows[:, 4:])
     return rows

@@ -22,4 +22,5 @@ TARGETS = {
     "paparazzi": "targets.paparazzi",
     "px4": "targets.px4",
     "ros": "targets.ros",
+    "ros_mounting": "targets.ros_mounting",
 }

@@ -38,7 +38,7 @@ import numpy as np
 
 from flinders.errors import DocumentError, NotExportable
 from flinders.targets._measurement_noise import YawFilter
-from flinders.targets._numbers import Affine, decoded, keyed, numbers
+from flinders.targets._numbers import Affine, acting, decoded, keyed, numbers
 from flinders.targets._target import ExportOptions, Target, TargetReader, Written
 
 if TYPE_CHECKING:
@@ -86,7 +86,7 @@ def write_fusioncore(calibration: Calibration, asked: ExportOptions) -> Written:
 
     Axes must be those of the body: x forward, y left, z up.
     """
-    exact = Affine.of(calibration, "T", who="FusionCore")
+    exact = Affine.of(calibration, "T", who="FusionCore", acts=acting("mapped", calibration))
     affine = Affine(_ten_digits(exact.matrix), _ten_digits(exact.offset), exact.strength)
     values: dict[str, Any] = {"hard_iron": affine.offset, "soft_iron": affine.matrix.ravel()}
     notes = [BODY_AXES]
