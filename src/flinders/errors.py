@@ -354,6 +354,22 @@ class NotTurned(FitError):
         )
 
 
+class FollowsAttitude(FitError):
+    """A column follows the direction of the field (`share` of it), and cannot be told from soft iron."""
+
+    code = "follows-attitude"
+
+    def __init__(self, column: str, share: float) -> None:
+        self.column, self.share = column, share
+        super().__init__(
+            f"column {column} follows the attitude ({share:.0%} of it is a function of the direction of the field): "
+            "what it does cannot be told from soft iron. Change it in each attitude, not in step with the turning, and "
+            "record again; or leave the column out",
+            column=column,
+            share=share,
+        )
+
+
 class OutOfScale(FitError):
     """Readings as large or as small (`size`) as no magnetometer gives them."""
 

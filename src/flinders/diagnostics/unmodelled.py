@@ -62,7 +62,7 @@ def unmodelled_of(
     limit : float
         Distance from the ellipsoid beyond which readings are outliers.
     """
-    tests = (_by(samples, name, ellipsoid, dip_deg, time, limit) for name in samples.disturbances)
+    tests = (_by(samples, name, ellipsoid, dip_deg, time, limit) for name in samples.disturbances if not is_column(name))
     return max((one for one in tests if one is not None), key=lambda one: one.chi_square, default=None)
 
 

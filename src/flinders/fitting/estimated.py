@@ -53,6 +53,8 @@ class Estimated(NamedTuple):
         The shape is that of an earlier calibration.
     linearized : AxisTerms, optional
         What was taken off the readings, of axes that are not linear.
+    unused : tuple of DisturbanceEstimate
+        Columns that were tried, and left out as they explain nothing.
     """
 
     estimate: Estimate
@@ -65,6 +67,7 @@ class Estimated(NamedTuple):
     is_joint: bool = False
     refreshed: Refreshed | None = None
     linearized: AxisTerms | None = None
+    unused: tuple[DisturbanceEstimate, ...] = ()
 
     @classmethod
     def of(cls, estimate: Estimate, readings: Readings, aiding: Aiding | None = None) -> Self:

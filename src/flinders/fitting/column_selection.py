@@ -1,0 +1,110 @@
+"""Which columns of a log a calibration follows, of those that were named: those that explain readings left out.
+
+Each is tried with those that were kept before it, by the hold-out of `flinders.fitting.disturbance_selection`. One that
+explains nothing is left out, and the fit says so; one that follows the direction of the field is refused, as it cannot
+be told from soft iron. Currents, throttles and temperatures that are named are always followed.
+
+>>> from flinders import simulate
+>>> wheel = simulate.NamedColumn("wheel_rpm", [0.002, 0.0, -0.001], highest=3000.0)
+>>> noise = {"humidity": np.random.default_rng(1).normal(size=1200)}
+>>> drive = replace(*[simulate.tumble(seed=1, n=1200, disturbances=[wheel]).samples])
+>>> drive = replace(drive, auxiliary={**drive.auxiliary, **noise})
+>>> found = selected(drive, ("wheel_rpm", "humidity"))
+>>> found.names, [one.name for one in found.unused]
+(('wheel_rpm',), ['humidity'])
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import TYPE_CHECKING, Final, NamedTuple
+
+import numpy as np
+
+from flinders.core.disturbance import is_column
+from flinders.core.joining import in_memory, joined, singles
+from flinders.errors import FollowsAttitude
+from flinders.estimators.columns import following, in_numbers, states_in
+from flinders.estimators.disturbance import fit_disturbances
+from flinders.estimators.regressors import DisturbanceEstimate, Logged
+from flinders.estimators.static_bench import still
+from flinders.fitting.disturbance_selection import WORTH, hold_out_residuals
+from flinders.likelihood import prior
+from flinders.summary.coverage import directions_of
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping, Sequence
+
+    from flinders.core.samples import Recording, Samples
+
+MAX_FOLLOWING: Final = 0.75
+"""Share of a column that directions of the field predict, beyond which it is refused."""
+
+
+MAX_COLLINEARITY: Final = 0.95
+"""Share of what tells about a column that offset and soft iron could explain as well, beyond which it is refused."""
+
+
+class Selected(NamedTuple):
+    """Recordings with columns of numbers, the disturbances to follow, and columns that explain nothing."""
+
+    recording: Recording
+    names: tuple[str, ...]
+    unused: tuple[DisturbanceEstimate, ...] = ()
+    states: Mapping[str, tuple[str, ...]] = {}
+
+
+def selected(source: Recording, names: Sequence[str], *, spread: float | None = prior.SPREAD) -> Selected:
+    """Choose among columns that were named.
+
+    Raises `FollowsAttitude` for a column that is a function of the direction of the field; `InputError` for one that is
+    not there, or has words and not two of them; `UsageError` and `TooFewSamples` as
+    `flinders.estimators.disturbance.fit_disturbances`.
+
+    Parameters
+    ----------
+    source : Recording
+        One, or several of one sensor.
+    names : sequence of str
+        As for `fit_disturbances`.
+    spread : float, optional
+        Of the prior on the shape.
+    """
+    parts = [samples for part in singles(source) if len(samples := in_memory(part))]
+    states = states_in(parts, names)
+    parts = [in_numbers(part, states) for part in parts]
+    whole = joined(parts) if parts else source
+    moving, _ = Logged.of(parts, tuple(names)).split()
+    columns = [name for name in dict.fromkeys(names) if is_column(name) and name in moving]
+    if not columns or still(parts, names) is not None:
+        return Selected(whole, tuple(names), states=states)
+    refuse_attitude(parts, names, columns, spread)
+    accepted = tuple(name for name in dict.fromkeys(names) if name not in columns)
+    unused = []
+    for name in columns:
+        before, after = hold_out_residuals(parts, accepted, (*accepted, name), spread)
+        if after > WORTH * before:
+            unused.append(DisturbanceEstimate(name, scatter_ratio=after / before))
+        else:
+            accepted = (*accepted, name)
+    return Selected(whole, accepted, tuple(unused), states)
+
+
+def refuse_attitude(
+    parts: Sequence[Samples], names: Sequence[str], columns: Sequence[str], spread: float | None
+) -> None:
+    """Raise `FollowsAttitude` for the first of some columns that is a function of the direction of the field."""
+    found = fit_disturbances(parts, names, spread=spread)
+    logged = Logged.of(parts, tuple(names))
+    values = {one.name: logged.departures((one.name,), {})[:, 0] for one in found.disturbances}
+    readings = logged.field - sum(
+        (np.outer(values[one.name], one.per_unit) for one in found.disturbances), np.zeros_like(logged.field)
+    )
+    directions = directions_of(readings, found.ellipsoid)
+    linear = {one.name: one.attitude_collinearity for one in found.estimates}
+    for name in columns:
+        share = following(values[name], directions)
+        if share > MAX_FOLLOWING:
+            raise FollowsAttitude(name, share)
+        if linear[name] > MAX_COLLINEARITY:
+            raise FollowsAttitude(name, linear[name])
