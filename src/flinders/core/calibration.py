@@ -87,8 +87,8 @@ class Calibration(Value):
     #: what the recorded axes are: ``sensor``, its own; or ``vehicle``, which readings were turned into, by how the
     #: sensor is mounted, before they were logged. `axes` comes after either.
     frame: str = "sensor"
-    #: what the offset follows: a current, a throttle, a temperature, any column of a log. With any, ``corrected = matrix @ (raw - offset - Σ
-    #: P (c - reference)) / (1 + a (T - reference))``.
+    #: what the offset follows: a current, a throttle, a temperature, any column of a log. With any of them
+    #: ``corrected = matrix @ (raw - offset - Σ P (c - reference)) / (1 + a (T - reference))``.
     disturbances: tuple[Disturbance, ...] = ()
     #: of axes that are not linear: with it ``raw - offset`` becomes ``linearization.apply(raw - offset)``
     linearization: Linearization | None = None

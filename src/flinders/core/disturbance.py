@@ -31,7 +31,7 @@ charger: 4, 0, -1.5 while charging, none while idle
 from __future__ import annotations
 
 import re
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache
 from itertools import pairwise
 from typing import TYPE_CHECKING, Final, NamedTuple
@@ -128,6 +128,10 @@ class Disturbance(Value):
     def numbers(self, values: ArrayLike) -> Floats:
         """(...) values as numbers: 0 and 1 in the place of states; NaN where one is not known."""
         return coded(values, self.states, self.name)
+
+    def with_states(self, states: Sequence[str]) -> Disturbance:
+        """The same with the words that 0 and 1 stand for; as it is where there are none."""
+        return replace(self, states=tuple(states)) if states else self
 
     @property
     def has_range(self) -> bool:
@@ -274,7 +278,7 @@ def checked(disturbances: Iterable[Disturbance]) -> tuple[Disturbance, ...]:
     return tuple(listed)
 
 
-def named(followed: Sequence[Disturbance] = (), **columns: ArrayLike | None) -> dict[str, ArrayLike]:
+def named(followed: Sequence[Disturbance] = (), /, **columns: ArrayLike | None) -> dict[str, ArrayLike]:
     """Name columns by their disturbances; ``currents`` and ``throttles`` have each motor's along the last axis.
 
     Raises

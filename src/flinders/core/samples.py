@@ -349,7 +349,7 @@ class Samples:
         >>> list(Samples.of([[20.0, 0.0, 45.0]], unit="uT", time=[0.0], throttles=[[0.2, 0.3]]).as_columns())
         ['time_s', 'mag_x_uT', 'mag_y_uT', 'mag_z_uT', 'throttle1_share', 'throttle2_share']
         """
-        unit, columns = self.unit.inside, dict[str, NDArray[Any]]()
+        unit, columns = self.unit.inside, dict[str, "NDArray[Any]"]()
         for kind, (name, axes) in NAMES.items():
             values: Floats | None = getattr(self, kind)
             if values is None:

@@ -107,17 +107,10 @@ class DisturbanceFit:
 
     def with_states(self, states: Mapping[str, tuple[str, ...]]) -> DisturbanceFit:
         """The same with the words of columns of states, by name."""
-
-        def worded(one: Disturbance) -> Disturbance:
-            return replace(one, states=states[one.name]) if one.name in states else one
-
-        disturbances = tuple(map(worded, self.disturbances))
+        disturbances = tuple(one.with_states(states.get(one.name, ())) for one in self.disturbances)
         estimates = zip(self.estimates, disturbances, strict=True)
-        return replace(
-            self,
-            disturbances=disturbances,
-            estimates=tuple(replace(estimate, disturbance=one) for estimate, one in estimates),
-        )
+        worded = tuple(replace(estimate, disturbance=one) for estimate, one in estimates)
+        return replace(self, disturbances=disturbances, estimates=worded)
 
     def widened(self, covariance: Floats) -> Floats:
         """(9, 9) covariance of offset and shape at the references, from that which takes the disturbances as known."""
@@ -194,9 +187,7 @@ def _identified(
         solved.at.ellipsoid,
         solved.noise,
         _noise_on(without, solved.used),
-        tuple(
-            _estimate(problem, solved, (inverse, covariance), each, lags.get(each.name)) for each in disturbances
-        ),
+        tuple(_estimate(problem, solved, (inverse, covariance), each, lags.get(each.name)) for each in disturbances),
         constant,
         _along(problem),
         _leaning(solved, matrix),
@@ -233,7 +224,7 @@ def _metered(problem: DisturbanceProblem, solved: Solved, covariance: Floats, in
     noises = _noises(problem, solved)
     meters, pulled = [], np.zeros_like(inverse)
     for place, name in enumerate(problem.names):
-        rounded, setting = rounding(problem.logged.values[name])
+        rounded, setting = rounding(problem.logged.values[name], name)
         root = np.zeros((len(inverse), 3))
         root[9 + 3 * place : 12 + 3 * place] = per_variance
         meters.append(RegressorError(noises[name], rounded, root))

@@ -93,7 +93,7 @@ FEWEST: Final = 30
 class DisturbanceEstimate:
     """What is known of something that the offset follows."""
 
-    #: ``current``, ``throttle`` or ``temperature``; of one motor ``current1`` or ``throttle1``; or of a column of the log
+    #: ``current``, ``throttle`` or ``temperature``; of one motor ``current1`` or ``throttle1``; that of a column
     name: str
     disturbance: Disturbance | None = None  #: None where it hardly changed, and nothing was found
     #: heading error that following it takes away, at the far end of its recorded range, at the worst attitude

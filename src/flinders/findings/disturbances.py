@@ -72,8 +72,8 @@ ROWS: Final = (
         action="nothing; name a column that moves the readings, or leave this one out",
         rule=Rule("is_unused", (Grade("note", 0.0),), number="scatter_ratio", limit=Limit(0.98)),
         said=(
-            "{name} explains nothing: where readings were left out of the fit, their strength scatters {scatter_ratio:.3f} "
-            "times as much with it as without; the calibration does not follow it"
+            "{name} explains nothing: where readings were left out of the fit, their strength scatters "
+            "{scatter_ratio:.3f} times as much with it as without; the calibration does not follow it"
         ),
         plain="One of the columns that the compass was to follow does not move it, and was left out.",
         remedy="Leave that column out.",
@@ -81,8 +81,8 @@ ROWS: Final = (
     CatalogueRow(
         code="disturbance",
         number=(
-            "heading error that [following](disturbances.md) a current, a throttle, a temperature or a column takes away "
-            "at the far end of its recorded range, degrees, at the worst attitude"
+            "heading error that [following](disturbances.md) a current, a throttle, a temperature or a column takes "
+            "away at the far end of its recorded range, degrees, at the worst attitude"
         ),
         action="nothing; log that column wherever the calibration is used",
         rule=Rule("removed_deg", (Grade("note", -1.0),), limit=Limit(0.0)),

@@ -317,7 +317,18 @@ SENSOR_WORDS: Final[dict[str, Callable[..., str]]] = {
     word.__name__: word
     for word in (
         *(alike, noisy, noisy_what, noisy_share, noisy_remedy, range_unit, disturbance, at_end, highest_amount),
-        *(reference_amount, running, explains, without, other_column, out_of_range, beyond_words, as_what, amount, why_disagree),
+        *(
+            reference_amount,
+            running,
+            explains,
+            without,
+            other_column,
+            out_of_range,
+            beyond_words,
+            as_what,
+            amount,
+            why_disagree,
+        ),
         *(why_astray, what_is_empty, instrument, how_it_sits, site_check, when, why_deviates, does_not_rest),
         *(disagreement, each_alone, who_is_mirrored, in_the_vehicle, behind, why_alone, shots),
     )

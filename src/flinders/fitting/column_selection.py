@@ -16,10 +16,7 @@ be told from soft iron. Currents, throttles and temperatures that are named are 
 
 from __future__ import annotations
 
-from dataclasses import replace
 from typing import TYPE_CHECKING, Final, NamedTuple
-
-import numpy as np
 
 from flinders.core.disturbance import is_column
 from flinders.core.joining import in_memory, joined, singles
@@ -35,7 +32,9 @@ from flinders.summary.coverage import directions_of
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
+    from flinders.arrays import Floats
     from flinders.core.samples import Recording, Samples
+    from flinders.estimators.disturbance import DisturbanceFit
 
 MAX_FOLLOWING: Final = 0.75
 """Share of a column that directions of the field predict, beyond which it is refused."""
@@ -43,6 +42,10 @@ MAX_FOLLOWING: Final = 0.75
 
 MAX_COLLINEARITY: Final = 0.95
 """Share of what tells about a column that offset and soft iron could explain as well, beyond which it is refused."""
+
+
+MAX_EXPLAINED: Final = 0.3
+"""Of the strength of the field, rms: a column that explains more may have taken the field itself."""
 
 
 class Selected(NamedTuple):
@@ -93,18 +96,31 @@ def selected(source: Recording, names: Sequence[str], *, spread: float | None = 
 def refuse_attitude(
     parts: Sequence[Samples], names: Sequence[str], columns: Sequence[str], spread: float | None
 ) -> None:
-    """Raise `FollowsAttitude` for the first of some columns that is a function of the direction of the field."""
+    """Raise `FollowsAttitude` for the first of some columns that is a function of the direction of the field.
+
+    Directions are those of a fit that follows all columns. Where a column takes most of the field itself, as a linear
+    function of the direction can, they are those of a fit that follows none.
+    """
     found = fit_disturbances(parts, names, spread=spread)
     logged = Logged.of(parts, tuple(names))
-    values = {one.name: logged.departures((one.name,), {})[:, 0] for one in found.disturbances}
-    readings = logged.field - sum(
-        (np.outer(values[one.name], one.per_unit) for one in found.disturbances), np.zeros_like(logged.field)
-    )
-    directions = directions_of(readings, found.ellipsoid)
-    linear = {one.name: one.attitude_collinearity for one in found.estimates}
-    for name in columns:
-        share = following(values[name], directions)
-        if share > MAX_FOLLOWING:
-            raise FollowsAttitude(name, share)
-        if linear[name] > MAX_COLLINEARITY:
-            raise FollowsAttitude(name, linear[name])
+    values = {name: logged.lagged(name, 0.0) for name in columns}
+    followed, plain = _directions(logged, found), None
+    for one in found.estimates:
+        if one.name not in values:
+            continue
+        directions = followed
+        if one.explained > MAX_EXPLAINED * found.ellipsoid.radius:
+            others = [name for name in dict.fromkeys(names) if name not in values]
+            plain = _directions(logged, fit_disturbances(parts, others, spread=spread)) if plain is None else plain
+            directions = plain
+        share, linear = following(values[one.name], directions), one.attitude_collinearity
+        if share > MAX_FOLLOWING or linear > MAX_COLLINEARITY:
+            raise FollowsAttitude(one.name, max(share, linear))
+
+
+def _directions(logged: Logged, found: DisturbanceFit) -> Floats:
+    """(N, 3) directions of the field in readings less what disturbances add."""
+    readings = logged.field
+    for one in found.disturbances:
+        readings = readings - one.shift(logged.lagged(one.name, one.lag_s))
+    return directions_of(readings, found.ellipsoid)

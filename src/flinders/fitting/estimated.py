@@ -28,6 +28,7 @@ if TYPE_CHECKING:
     from flinders.diagnostics.soft_iron import Refreshed
     from flinders.estimators import Estimate, Estimator, Readings
     from flinders.estimators.disturbance import DisturbanceFit
+    from flinders.estimators.regressors import DisturbanceEstimate
     from flinders.fitting.aiding import Aiding
     from flinders.fitting.linearization import AxisTerms
     from flinders.native.layouts import Records

@@ -39,3 +39,18 @@ def lacks(source: str, name: str, there: Sequence[str]) -> InputError:
     """The error for a column that a recording lacks; `there`: names of those that it has."""
     has = f"its columns are {listed(list(there))}" if there else "its columns have no names: give them a header"
     return InputError(f"{source} has no column {name!r}{did_you_mean(name, there)}: {has}; give a name as it is there")
+
+
+def places_in(source: str, header: Sequence[str], names: Sequence[str], *, are_needed: bool) -> dict[str, int]:
+    """Places of columns of these names in a header.
+
+    Raises `InputError` for a name that is not there, where they are needed; else it is left out.
+
+    >>> places_in("drive.csv", ["t", "mx", "wheel_rpm "], ["wheel_rpm"], are_needed=True)
+    {'wheel_rpm': 2}
+    """
+    there = [name.strip() for name in header]
+    for name in names:
+        if are_needed and name not in there:
+            raise lacks(source, name, list(filter(None, there)))
+    return {name: there.index(name) for name in names if name in there}

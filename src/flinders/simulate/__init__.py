@@ -88,8 +88,8 @@ from flinders.simulate.recording import RATE_NOISE, Imu, Simulated, angle_error_
 from flinders.simulate.sensor import Sensor, soft_iron
 
 __all__ = [
-    "MOTIONS", "RATE_HZ", "RATE_NOISE", "FieldStep", "GaussMarkov", "Imu", "MotorCurrent", "Motors",
-    "NamedColumn", "PassingMagnet", "Perturbation", "Sensor", "Simulated", "Step", "ThermalDrift", "Trajectory", "angle_error_deg",
+    "MOTIONS", "RATE_HZ", "RATE_NOISE", "FieldStep", "GaussMarkov", "Imu", "MotorCurrent", "Motors", "NamedColumn",
+    "PassingMagnet", "Perturbation", "Sensor", "Simulated", "Step", "ThermalDrift", "Trajectory", "angle_error_deg",
     "clump", "clumped", "drive", "fibonacci", "figure_eight", "flight", "hand_tumble", "hemisphere", "level_turn",
     "north_and_down", "planar_sweeps", "posed", "rocked", "rotation_vectors", "seen_from", "soft_iron",
     "specific_force", "stray_fields", "swayed", "tilted", "truth", "tumble", "turns", "uniform", "write_csv",
