@@ -23,6 +23,7 @@
     │   ├── TooFewSamples            too-few-samples   4
     │   ├── StuckAxis                stuck-axis        4    an axis that never changes
     │   ├── NotTurned                not-turned        4    a still sensor, and readings that follow a disturbance
+    │   ├── FollowsAttitude          follows-attitude  4    a column that is a function of the direction of the field
     │   ├── Unmoved                  unmoved           4    a sensor that was hardly turned
     │   ├── OutOfScale               out-of-scale      4    numbers that no magnetometer reads
     │   ├── NotAnEllipsoid           not-an-ellipsoid  4    the quadric through the readings is open

@@ -25,9 +25,8 @@ from flinders.errors import DocumentError, InputError, NotExportable, UnitError,
 from flinders.targets import ExportOptions, find, motioncal, read_back, registry, vectornav
 from flinders.targets._comments import BLOCK, HASH, MARKUP, plain_ascii
 from flinders.targets._mounting import euler
-from flinders.targets._numbers import nearest_diagonal
+from flinders.targets._numbers import digits, nearest_diagonal
 from flinders.targets._target import HOLDS, WHERE
-from flinders.targets.code import digits
 from flinders.targets.motioncal import symmetric_root
 
 if TYPE_CHECKING:

@@ -334,7 +334,7 @@ def effect(disturbances: Sequence[Disturbance], values: Mapping[str, ArrayLike |
 
 def at_reference(disturbances: Iterable[Disturbance]) -> Hint:
     """Hint that takes a calibration at the reference values of disturbances."""
-    return {"at": {disturbance.name: disturbance.reference for disturbance in disturbances}}
+    return {"at": {one.name: one.states[0] if one.states else one.reference for one in disturbances}}
 
 
 def lagged(values: Floats, time: Floats | None, lag_s: float) -> Floats:

@@ -95,12 +95,12 @@ def explains(
     """What a column of the log explains of the readings, with its uncertainty; nothing of other disturbances.
 
     >>> explains("wheel_rpm", "µT", 2.14, 0.012, 0.934, 0.0052)
-    '; it explains 93.40 ± 0.52% of their scatter, 2.140 ± 0.012 µT rms'
+    '; it explains 93.40 ± 0.52% of the scatter without it, 2.140 ± 0.012 µT rms'
     """
     if not is_column(name) or math.isnan(explained):
         return ""
     share = uncertain(100.0 * explained_share, 100.0 * explained_share_sigma)
-    return f"; it explains {share}% of their scatter, {uncertain(explained, explained_sigma)} {unit} rms"
+    return f"; it explains {share}% of the scatter without it, {uncertain(explained, explained_sigma)} {unit} rms"
 
 
 def uncertain(value: float, sigma: float) -> str:

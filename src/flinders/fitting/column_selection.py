@@ -1,13 +1,16 @@
 """Which columns of a log a calibration follows, of those that were named: those that explain readings left out.
 
-Each is tried with those that were kept before it, by the hold-out of `flinders.fitting.disturbance_selection`. One that
-explains nothing is left out, and the fit says so; one that follows the direction of the field is refused, as it cannot
-be told from soft iron. Currents, throttles and temperatures that are named are always followed.
+Each is tried beside all others, by the hold-out of `flinders.fitting.disturbance_selection`. The one that explains
+least is left out if that is nothing, and the fit says so; then the rest is tried again. One that follows the direction
+of the field is refused, as it cannot be told from soft iron. Currents, throttles and temperatures that are named are
+always followed.
 
+>>> from dataclasses import replace
+>>> import numpy as np
 >>> from flinders import simulate
 >>> wheel = simulate.NamedColumn("wheel_rpm", [0.002, 0.0, -0.001], highest=3000.0)
 >>> noise = {"humidity": np.random.default_rng(1).normal(size=1200)}
->>> drive = replace(*[simulate.tumble(seed=1, n=1200, disturbances=[wheel]).samples])
+>>> drive = simulate.tumble(seed=1, n=1200, disturbances=[wheel]).samples
 >>> drive = replace(drive, auxiliary={**drive.auxiliary, **noise})
 >>> found = selected(drive, ("wheel_rpm", "humidity"))
 >>> found.names, [one.name for one in found.unused]
@@ -82,15 +85,23 @@ def selected(source: Recording, names: Sequence[str], *, spread: float | None = 
     if not columns or still(parts, names) is not None:
         return Selected(whole, tuple(names), states=states)
     refuse_attitude(parts, names, columns, spread)
-    accepted = tuple(name for name in dict.fromkeys(names) if name not in columns)
-    unused = []
-    for name in columns:
-        before, after = hold_out_residuals(parts, accepted, (*accepted, name), spread)
-        if after > WORTH * before:
-            unused.append(DisturbanceEstimate(name, scatter_ratio=after / before))
-        else:
-            accepted = (*accepted, name)
-    return Selected(whole, accepted, tuple(unused), states)
+    kept, unused = tuple(dict.fromkeys(names)), list[DisturbanceEstimate]()
+    while columns:
+        ratios = {name: _scatter_ratio(parts, kept, name, spread) for name in columns}
+        worst = max(columns, key=lambda name: ratios[name])
+        if ratios[worst] <= WORTH:
+            break
+        unused.append(DisturbanceEstimate(worst, scatter_ratio=ratios[worst]))
+        columns.remove(worst)
+        kept = tuple(name for name in kept if name != worst)
+    return Selected(whole, kept, tuple(unused), states)
+
+
+def _scatter_ratio(parts: Sequence[Samples], names: tuple[str, ...], column: str, spread: float | None) -> float:
+    """Scatter of the field's strength in stretches left out, with one of the disturbances over without it."""
+    others = tuple(name for name in names if name != column)
+    before, after = hold_out_residuals(parts, others, names, spread)
+    return after / before
 
 
 def refuse_attitude(

@@ -26,7 +26,7 @@ from flinders.core.units import COUNTS, PER_UNIT, Unit
 from flinders.errors import DocumentError, NotExportable, UnitError
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
+    from collections.abc import Iterable, Mapping, Sequence
 
     from numpy.typing import ArrayLike
 
@@ -254,6 +254,25 @@ def single(values: ArrayLike) -> Floats:
     """
     with np.errstate(over="ignore", under="ignore"):
         return np.asarray(values, np.float32).astype(np.float64)
+
+
+def digits(value: float, suffix: str = "") -> str:
+    """Write a number of single precision so that it is read back the same, with a point.
+
+    >>> digits(0.1), digits(-3.0, "f"), digits(1e-12)
+    ('0.100000001', '-3.0f', '9.99999996e-13')
+    """
+    text = f"{np.float32(value) + np.float32(0):.9g}"
+    return f"{text if any(sign in text for sign in '.en') else f'{text}.0'}{suffix}"
+
+
+def float32s(values: Iterable[float], suffix: str = "") -> str:
+    """Write numbers of single precision, with commas between them.
+
+    >>> float32s([0.1, -3.0], "f")
+    '0.100000001f, -3.0f'
+    """
+    return ", ".join(digits(value, suffix) for value in values)
 
 
 # written

@@ -38,10 +38,8 @@ from flinders.targets._code_templates import (
     C_CURVE,
     C_DIP,
     C_STRENGTH,
-    DRIVEN,
     FIXED,
     FLOAT,
-    GROWN,
     MODULE,
     MODULE_CURVE,
     MODULE_DIP,
@@ -52,11 +50,12 @@ from flinders.targets._code_templates import (
     SKETCH_STRENGTH,
 )
 from flinders.targets._comments import BLOCK, HASH
-from flinders.targets._numbers import OWN, RECORDED, Affine, shift_in_recorded_axes, single, unmapped, whole
+from flinders.targets._following import in_c, in_module, in_sketch
+from flinders.targets._numbers import OWN, RECORDED, Affine, digits, float32s, single, unmapped, whole
 from flinders.targets._target import CHANCE, TILT_DEG, ExportOptions, Gates, Target, Written
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Iterator, Sequence
+    from collections.abc import Sequence
 
     from numpy.typing import ArrayLike
 
@@ -135,7 +134,7 @@ def write_header(calibration: Calibration, asked: ExportOptions) -> Written:
     reading = Reading("raw[{0}] - " + name + "_offset[{0}]", name + "_linear", C_CURVE)
     code = _filled(FLOAT, calibration, reading, name=name, constant=name.upper())
     code = _gated(code, calibration, asked, (C_STRENGTH, C_DIP), name=name, constant=name.upper())
-    return replace(code, body=guarded(name, [*code.body, *_driven(calibration, name)]))
+    return replace(code, body=guarded(name, [*code.body, *in_c(calibration, name)]))
 
 
 def write_sketch(calibration: Calibration, asked: ExportOptions) -> Written:
@@ -145,6 +144,7 @@ def write_sketch(calibration: Calibration, asked: ExportOptions) -> Written:
     prefix = f"{name}_" if name else ""
     reading = Reading("{1} - " + constant + "_OFFSET[{0}]", prefix + "linearField", SKETCH_CURVE)
     code = _filled(SKETCH, calibration, reading, constant=constant, function=function, prefix=prefix)
+    code = replace(code, body=[*code.body, *in_sketch(calibration, constant, function)])
     return _gated(code, calibration, asked, (SKETCH_STRENGTH, SKETCH_DIP), constant=constant, prefix=prefix)
 
 
@@ -152,6 +152,7 @@ def write_micropython(calibration: Calibration, asked: ExportOptions) -> Written
     """Write a module that imports nothing, for MicroPython and CircuitPython: ``correct((x, y, z))``."""
     reading = Reading("raw[{0}] - OFFSET[{0}]", "linear", MODULE_CURVE)
     code = _filled(MODULE, calibration, reading, suffix="", row="    ({}),")
+    code = replace(code, body=[*code.body, *in_module(calibration)])
     return _gated(code, calibration, asked, (MODULE_STRENGTH, MODULE_DIP), suffix="")
 
 
@@ -278,28 +279,6 @@ recording
     return words
 
 
-def _driven(calibration: Calibration, name: str) -> Iterator[str]:
-    """A second function, for a calibration that follows something: the first holds at the references."""
-    if not calibration.disturbances:
-        return
-    disturbances = {disturbance.kind.key: disturbance for disturbance in calibration.disturbances}
-    for key, disturbance in disturbances.items():
-        per_unit = single(shift_in_recorded_axes(calibration, disturbance) / calibration.raw.scale)
-        yield ""
-        yield f"/* {disturbance} */".replace("°", "deg ").replace("−", "-")
-        declared = f"static const float {name}_{key.lower()}[3]"
-        yield f"{declared} = {{{float32s(per_unit, 'f')}}}; /* {calibration.raw.name} per unit of {key} */"
-    references = {key: digits(disturbance.reference, "f") for key, disturbance in disturbances.items()}
-    terms = "".join(f" - {name}_{key.lower()}[axis] * ({key} - {zero})" for key, zero in references.items())
-    arguments = ", ".join(f"float {key}" for key in disturbances)
-    yield from DRIVEN.format(name=name, known=" and ".join(disturbances), arguments=arguments, terms=terms).splitlines()
-    for key, disturbance in disturbances.items():
-        if disturbance.gain_per_unit:
-            gain = digits(disturbance.gain_per_unit, "f")
-            yield from GROWN.format(gain=gain, key=key, reference=references[key]).splitlines()
-    yield "}"
-
-
 def write_q15(calibration: Calibration, asked: ExportOptions) -> Written:
     """Write a header for whole readings of 16 bits; numbers that they cannot hold raise `NotExportable`."""
     return _fixed(calibration, Q15, "int16_t", asked)
@@ -337,25 +316,6 @@ def _fixed(calibration: Calibration, form: FixedPointFormat, whole: str, asked: 
 
 LONGEST: Final = 31
 """Letters of a name that all compilers tell apart."""
-
-
-def digits(value: float, suffix: str = "") -> str:
-    """Write a number of single precision so that it is read back the same, with a point.
-
-    >>> digits(0.1), digits(-3.0, "f"), digits(1e-12)
-    ('0.100000001', '-3.0f', '9.99999996e-13')
-    """
-    text = f"{np.float32(value) + np.float32(0):.9g}"
-    return f"{text if any(sign in text for sign in '.en') else f'{text}.0'}{suffix}"
-
-
-def float32s(values: Iterable[float], suffix: str = "") -> str:
-    """Write numbers of single precision, with commas between them.
-
-    >>> float32s([0.1, -3.0], "f")
-    '0.100000001f, -3.0f'
-    """
-    return ", ".join(digits(value, suffix) for value in values)
 
 
 def begun(usual: str, name: str | None) -> str:
@@ -447,7 +407,7 @@ LONG: Final = replace(
     write=write_q31,
 )
 ARDUINO: Final = replace(
-    HEADER, name="arduino", use="Arduino sketch", suffix=".ino", title="Arduino sketch", follows="", write=write_sketch
+    HEADER, name="arduino", use="Arduino sketch", suffix=".ino", title="Arduino sketch", write=write_sketch
 )
 MICROPYTHON: Final = replace(
     ARDUINO,

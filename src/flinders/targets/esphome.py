@@ -4,9 +4,8 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Final
 
-from flinders.targets._numbers import Affine
+from flinders.targets._numbers import Affine, digits
 from flinders.targets._target import ExportOptions, Target, Written
-from flinders.targets.code import digits
 
 if TYPE_CHECKING:
     from flinders.core.calibration import Calibration

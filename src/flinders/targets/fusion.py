@@ -24,9 +24,8 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 
 from flinders.targets._comments import BLOCK, HASH
-from flinders.targets._numbers import OWN, Affine, single
+from flinders.targets._numbers import OWN, Affine, float32s, single
 from flinders.targets._target import ExportOptions, Target, Written
-from flinders.targets.code import float32s
 
 if TYPE_CHECKING:
     from flinders.arrays import Floats

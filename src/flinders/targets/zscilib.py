@@ -14,9 +14,8 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 
 from flinders.targets._comments import BLOCK
-from flinders.targets._numbers import OWN, Affine
+from flinders.targets._numbers import OWN, Affine, float32s
 from flinders.targets._target import ExportOptions, Target, Written
-from flinders.targets.code import float32s
 
 if TYPE_CHECKING:
     from flinders.core.calibration import Calibration

@@ -29,8 +29,8 @@ from flinders.errors import FlindersError, figures
 from flinders.targets import motioncal, registry
 from flinders.targets._comments import ASCII
 from flinders.targets._difference import COARSEST_DEG, DIRECTIONS
+from flinders.targets._numbers import digits
 from flinders.targets._target import NEXT_TO_NOTHING
-from flinders.targets.code import digits
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
