@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from rosbags.rosbag2 import Writer
-    from rosbags.typesys.msg import Msg
+    from rosbags.typesys.store import Msg
 
     from flinders.core.samples import Samples
 

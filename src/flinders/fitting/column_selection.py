@@ -23,8 +23,9 @@ from typing import TYPE_CHECKING, Final, NamedTuple
 
 from flinders.core.disturbance import is_column
 from flinders.core.joining import in_memory, joined, singles
+from flinders.diagnostics.attitude_following import following
 from flinders.errors import FollowsAttitude
-from flinders.estimators.columns import following, in_numbers, states_in
+from flinders.estimators.columns import in_numbers, states_in
 from flinders.estimators.disturbance import fit_disturbances
 from flinders.estimators.regressors import DisturbanceEstimate, Logged
 from flinders.estimators.static_bench import still
