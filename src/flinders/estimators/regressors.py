@@ -110,7 +110,7 @@ class DisturbanceEstimate:
     #: how far what it makes is off a straight line, as a share of what it makes; 0 where that may be chance
     curvature: float = 0.0
     collinearity: float = 0.0  #: share of its course that the other disturbances explain, 0 to 1
-    explained_share: float = np.nan  #: share of the scatter of the readings that it alone explains, 0 to 1
+    explained_share: float = np.nan  #: share of the scatter without it that it explains, 0 to 1
     explained_share_sigma: float = np.nan  #: 1 σ of that
     explained: float = np.nan  #: rms of what it moves the readings by, in their unit
     explained_sigma: float = np.nan  #: 1 σ of that
