@@ -143,6 +143,14 @@ def motors(path: Path) -> None:
     path.write_text(table_text(header, np.column_stack(columns)), encoding="utf-8")
 
 
+def rover(path: Path) -> None:
+    """A tumble while a wheel turns and a charger is switched on and off."""
+    wheel = simulate.NamedColumn("wheel_speed_rpm", [0.002, 0.0, -0.003], highest=3000.0, hold=2.0)
+    charger = simulate.NamedColumn("charger", [4.0, 0.0, -1.5], states=("idle", "charging"), hold=2.0)
+    tumble = simulate.tumble(seed=5, n=1500, sensor=SENSOR, disturbances=[wheel, charger])
+    simulate.write_csv(tumble.samples, path)
+
+
 def bench(path: Path) -> None:
     """A sensor that is held still while a motor runs up and down."""
     times = np.arange(0.0, 60.0, 0.1)
@@ -369,6 +377,7 @@ FILES: Final[dict[str, Maker]] = {
     "flight-2.bin": lambda path: path.write_bytes(b"".join(dataflash(week=2401))),
     "flight.csv": motors,
     "--with flight.bin": motors,
+    "rover.csv": rover,
     "bench.csv": bench,
     "flight.tlog": sample("tlog"),
     "walk.bag": sample("ros"),

@@ -41,6 +41,7 @@ PAGE: Final[Mapping[str, Mapping[str, str]]] = {
         "top level": "core.calibration_file:Document",
         "`calibration`": "core.calibration_file:Correction",
         "`calibration.disturbances`, by name": "core.calibration_file:DisturbanceRecord",
+        "`calibration.columns`, by name": "core.calibration_file:ColumnRecord",
         "`calibration.linearization`": "core.calibration_file:LinearizationRecord",
         "`raw`": "core.calibration_file:Recorded",
         "`fit`": "core.calibration_file:Fitted",

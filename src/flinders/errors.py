@@ -23,6 +23,7 @@
     │   ├── TooFewSamples            too-few-samples   4
     │   ├── StuckAxis                stuck-axis        4    an axis that never changes
     │   ├── NotTurned                not-turned        4    a still sensor, and readings that follow a disturbance
+    │   ├── FollowsAttitude          follows-attitude  4    a column that is a function of the direction of the field
     │   ├── Unmoved                  unmoved           4    a sensor that was hardly turned
     │   ├── OutOfScale               out-of-scale      4    numbers that no magnetometer reads
     │   ├── NotAnEllipsoid           not-an-ellipsoid  4    the quadric through the readings is open
@@ -352,6 +353,22 @@ class NotTurned(FitError):
             hint={"previous": None},
             left=left,
             disturbances=disturbances,
+        )
+
+
+class FollowsAttitude(FitError):
+    """A column follows the direction of the field (`share` of it), and cannot be told from soft iron."""
+
+    code = "follows-attitude"
+
+    def __init__(self, column: str, share: float) -> None:
+        self.column, self.share = column, share
+        super().__init__(
+            f"column {column} follows the attitude ({share:.0%} of it is a function of the direction of the field): "
+            "what it does cannot be told from soft iron. Change it in each attitude, not in step with the turning, and "
+            "record again; or leave the column out",
+            column=column,
+            share=share,
         )
 
 

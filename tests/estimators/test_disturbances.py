@@ -24,7 +24,7 @@ from flinders.core.compensation import Compensator
 from flinders.core.disturbance import Disturbance
 from flinders.core.samples import Samples
 from flinders.core.units import Unit
-from flinders.errors import InputError, NotTurned, UsageError
+from flinders.errors import InputError, NotTurned
 from flinders.estimators.disturbance import fit_disturbances
 from flinders.estimators.static_bench import still
 from flinders.fitting.disturbance_selection import earned
@@ -164,7 +164,7 @@ def test_a_recording_without_the_column_or_readings_alone_are_refused() -> None:
     samples = simulate.tumble(seed=1, n=200).samples
     with pytest.raises(InputError, match="has no current"):
         flinders.fit(samples, disturbances=("current",))
-    with pytest.raises(UsageError, match="voltage"):
+    with pytest.raises(InputError, match="voltage"):
         flinders.fit(samples, disturbances=("voltage",))
     with pytest.raises(InputError, match="array has no current"):
         flinders.fit(samples.field, disturbances=("current",))
@@ -278,7 +278,7 @@ def test_commands_settle_what_they_read(tmp_path: Path, monkeypatch: pytest.Monk
     assert "drift: the offset stayed where it was" in harder
     assert "current goes" in run("heading", "c.json", "harder.csv", "-o", "h.csv")
     assert "takes away" not in run("check", "c.json", "calm.csv", "--fix", "current=0")
-    run("calibrate", "flight.csv", "--with", "voltage", code=2)
+    run("calibrate", "flight.csv", "--with", "voltage", code=5)
     run("apply", "c.json", "calm.csv", "--fix", "voltage=3", code=2)
     run("merge", "c.json", "c.json", code=2)
 

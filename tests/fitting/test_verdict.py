@@ -342,6 +342,7 @@ ELSEWHERE: Final = {
         "disturbance", "disturbance-unmodelled", "disturbance-constant", "disturbance-collinear-attitude",
         "disturbances-collinear", "disturbance-uncertain",
     ),
+    "test_named_columns.py": ("column-unused",),
     "test_disturbance_findings.py": (
         "disturbance-monotone", "disturbance-noisy", "disturbance-lag", "disturbance-range", "disturbance-beyond",
         "bench-moved", "bench-tilted",

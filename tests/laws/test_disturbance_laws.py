@@ -17,7 +17,7 @@ from flinders.core.axes import Axes
 from flinders.core.calibration import Calibration
 from flinders.core.calibration_file import dumps, loads
 from flinders.core.compensation import Compensator, compensated
-from flinders.core.disturbance import KINDS, Disturbance, lagged, motors
+from flinders.core.disturbance import KINDS, Disturbance, is_column, lagged, motors
 from flinders.core.joining import Joined
 from flinders.core.samples import Samples
 from flinders.core.units import Unit
@@ -35,7 +35,12 @@ triples = st.tuples(numbers, numbers, numbers)
 def driven(draw: st.DrawFn) -> Calibration:
     """A calibration that follows one to three things."""
     names = draw(
-        st.lists(st.sampled_from([*KINDS, "current1", "current12", "throttle2"]), min_size=1, max_size=3, unique=True)
+        st.lists(
+            st.sampled_from([*KINDS, "current1", "current12", "throttle2", "wheel_rpm", "BAT.Curr"]),
+            min_size=1,
+            max_size=3,
+            unique=True,
+        )
     )
     disturbances = tuple(
         Disturbance(
@@ -128,6 +133,7 @@ def test_settled_blocks_are_the_settled_whole(calibration: Calibration, rows: in
         throttle=values.get("throttle"),
         currents=np.stack([values.get(name, nothing) for name in motors("current", 12)], axis=1),
         throttles=np.stack([values.get(name, nothing) for name in motors("throttle", 2)], axis=1),
+        auxiliary={name: column for name, column in values.items() if is_column(name)},
     )
     whole = Compensator(calibration)(samples).field
     settle = Compensator(calibration)
@@ -162,7 +168,7 @@ def test_what_only_a_fixed_calibration_can_is_refused(calibration: Calibration) 
 @pytest.mark.parametrize(
     ("arguments", "error"),
     [
-        ({"name": "voltage", "per_unit": [0, 0, 0]}, UsageError),
+        ({"name": "heading", "per_unit": [0, 0, 0]}, UsageError),
         ({"name": "current", "per_unit": [0, 0]}, ArrayError),
         ({"name": "current", "per_unit": [0, 0, 0], "lag_s": np.nan}, ArrayError),
         ({"name": "current", "per_unit": [0, 0, 0], "lowest": 2.0, "highest": 1.0}, UsageError),

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import base64
 import json
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
@@ -13,6 +14,8 @@ from tests.program import flinders_
 
 from flinders import Calibration, Fit, simulate
 from flinders.apps.live.standalone import targets
+from flinders.core.calibration_file import dumps
+from flinders.core.disturbance import Disturbance
 from flinders.core.units import Unit
 from flinders.errors import FlindersError
 from flinders.fitting import calibrate
@@ -135,6 +138,17 @@ def test_a_file_of_the_library_is_read_by_the_page(tmp_path: Path) -> None:
     del own["about"]
     assert {name: found[name] for name in own} == own
     assert found["fit"]["heading_error_deg"]["worst"] == fit.heading_error_deg.worst
+
+
+def test_a_calibration_that_follows_columns_is_named_by_them_on_the_page() -> None:
+    """As one that follows a current, it is not gone on from there (`unfit` of session.js)."""
+    wheel, current = (Disturbance(name, np.array([0.1, 0.0, 0.0]), highest=9.0) for name in ("/joint.wheel", "current"))
+    calibration = replace(Calibration.identity(field_strength=50.0), disturbances=(wheel, current))
+    found = run(
+        'return (await load("targets.js")).readCalibration(given.text, given);',
+        {"targets": targets.data(), "text": dumps(calibration.to_document())},
+    )
+    assert found["disturbances"] == ["current", "/joint.wheel"]
 
 
 UNIT: Final = {"matrix": np.eye(3).tolist(), "offset": [0, 0, 0], "field_strength": 50, "unit": "uT"}

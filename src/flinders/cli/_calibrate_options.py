@@ -264,7 +264,8 @@ class AidingOptions(program.Group, heading=program.AIDING):
     names: tuple[str, ...] = program.member(
         "--with", multiple=True, metavar="NAME,…", keywords=("aiding", "disturbances"),
         help="What else was recorded and shall count: current, throttle, temperature, which the offset then follows "
-        "(currents, throttles: of each motor; current2: of one); rate, dip, tilt, attitude, or auto.",
+        "(currents, throttles: of each motor; current2: of one), or any other column by its name in the log, as "
+        "wheel_speed_rpm or BAT.Curr; rate, dip, tilt, attitude, or auto.",
     )  # fmt: skip
     gyro_scale_sigma: float | None = program.member(
         "--gyro-scale", metavar="SHARE",
@@ -300,7 +301,8 @@ class AidingOptions(program.Group, heading=program.AIDING):
                 )
         if self.previous is not None and not disturbances:
             raise UsageError(
-                "--previous goes with --with current, currents, throttle, throttles or temperature: say which to find"
+                "--previous goes with --with current, currents, throttle, throttles, temperature or another column: "
+                "say which to find"
             )
         instruments = self._instruments(aiding) if aiding else ()
         options = {"aiding": instruments, "disturbances": disturbances}
@@ -318,13 +320,15 @@ class AidingOptions(program.Group, heading=program.AIDING):
 def recorded(words: Iterable[str]) -> tuple[tuple[str, ...], tuple[str, ...]]:
     """Split what stands after ``--with`` into aiding sensors and disturbances.
 
-    >>> recorded(["rate,dip", "current"])
-    (('rate', 'dip'), ('current',))
+    Names of aiding sensors and of known disturbances come before those of columns that are called the same.
+
+    >>> recorded(["rate,dip", "current", "wheel_rpm"])
+    (('rate', 'dip'), ('current', 'wheel_rpm'))
     """
     words = list(words)
     if not words:
         return (), ()
-    from flinders.core.disturbance import BY_KEY, KINDS, MOTORS
+    from flinders.core.disturbance import MOTORS, known
     from flinders.estimators.aiding import AIDS
     from flinders.fitting.aiding import AUTO
 
@@ -334,14 +338,11 @@ def recorded(words: Iterable[str]) -> tuple[tuple[str, ...], tuple[str, ...]]:
     sensors = tuple(name for name in names if name in (AUTO, *AIDS))
     if AUTO in sensors and len(sensors) > 1:
         raise UsageError(f"--with {','.join(sensors)}: auto takes what the recording contains, name nothing beside it")
-    known = {*BY_KEY.values(), *MOTORS.values()}
-    for name in names:
-        if name not in sensors and name not in known:
-            raise UsageError(
-                f"--with {name}: need one of {', '.join((AUTO, *AIDS, *KINDS, *MOTORS.values()))} (rate is that of a "
-                "gyro; currents and throttles are those of each motor, and current2 that of one)"
-            )
-    return sensors, tuple(name for name in names if name in known)
+    disturbances = tuple(name for name in names if name not in sensors)
+    for name in disturbances:
+        if name not in MOTORS.values():
+            known(name)
+    return sensors, disturbances
 
 
 class Calibrate(program.Group):

@@ -10,7 +10,7 @@ from flinders.cli._output import refuse_twice, say
 from flinders.errors import DocumentError, FlindersError, TooFewSamples, UsageError, counted, figures
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Iterator, Sequence
+    from collections.abc import Iterable, Iterator, Mapping, Sequence
     from datetime import datetime
 
     from flinders.core.calibration import Calibration
@@ -152,7 +152,8 @@ def at_fixed(fit: Fit, fixed: Iterable[str]) -> Fit:
     """A fit whose disturbances are taken at the values that ``--fix`` gives."""
     from flinders.fitting.result import with_calibration
 
-    return with_calibration(fit, _at_fixed(fit.calibration, fixed_values(fixed)))
+    states = {one.name: one.states for one in fit.calibration.disturbances}
+    return with_calibration(fit, _at_fixed(fit.calibration, fixed_values(fixed, states)))
 
 
 def _at_fixed(calibration: Calibration, values: dict[str, float]) -> Calibration:
@@ -170,24 +171,33 @@ def _at_fixed(calibration: Calibration, values: dict[str, float]) -> Calibration
     return calibration.holding(**values)
 
 
-def fixed_values(fixed: Iterable[str]) -> dict[str, float]:
-    """Read ``--fix``.
+def fixed_values(fixed: Iterable[str], states: Mapping[str, tuple[str, ...]] | None = None) -> dict[str, float]:
+    """Read ``--fix``; `states` are the words of columns that have such, by name.
 
-    >>> fixed_values(["current=12.5", "throttle1=0"])
-    {'current': 12.5, 'throttle1': 0.0}
+    >>> fixed_values(["current=12.5", "throttle1=0", "charger=idle"], {"charger": ("idle", "charging")})
+    {'current': 12.5, 'throttle1': 0.0, 'charger': 0.0}
     """
-    from flinders.core.disturbance import BY_KEY, KINDS
+    from flinders.core.disturbance import KINDS
 
     values: dict[str, float] = {}
     for text in fixed:
-        name, separator, number = (part.strip() for part in text.partition("="))
-        if name not in BY_KEY.values() or not separator:
-            raise UsageError(f"--fix {text!r}: need {', '.join(KINDS)} with a value, such as current=0")
+        name, separator, number = (part.strip() for part in text.rpartition("="))
+        if not (name and separator):
+            raise UsageError(f"--fix {text!r}: need {', '.join(KINDS)} or a column with a value, such as current=0")
+        words = (states or {}).get(name, ())
         try:
-            values[name] = float(number)
+            values[name] = float(words.index(number) if number in words else number)
         except ValueError:
-            raise UsageError(f"--fix {text!r}: {number!r} is no number") from None
+            need = f"need {' or '.join(words)}" if words else f"{number!r} is no number"
+            raise UsageError(f"--fix {text!r}: {need}") from None
     return values
+
+
+def columns_in(names: Sequence[str]) -> tuple[str, ...]:
+    """Names of columns of a log among those of disturbances."""
+    from flinders.core.disturbance import is_column
+
+    return tuple(filter(is_column, names))
 
 
 def open_all_with(

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final, cast
 
-from flinders.cli._inputs import provenance, say_read, saying_what_was_read
+from flinders.cli._inputs import columns_in, provenance, say_read, saying_what_was_read
 from flinders.cli._output import Outputs, error_words, print_result, progress, say
 from flinders.cli._program import EXITS
 from flinders.cli._spelling import in_options
@@ -58,7 +58,8 @@ class MultiSensor:
         with progress("reading") as watch:
             log = open_log(self.path, progress=watch, **reading)
             _refuse_chosen(log, reading)
-            parts = {instrument.name: CountedRecording(instrument) for instrument in log.instruments}
+            columns = columns_in(options.get("disturbances", ()))
+            parts = {each.name: CountedRecording(each.with_auxiliary(columns)) for each in log.instruments}
             paths = [named_for(self.output, number) for number in range(1, len(parts) + 1)]
             Outputs.of(*(("the calibration", each) for each in paths), force=self.force).check([self.path])
             if (site := self.told_by(log)) is not None:

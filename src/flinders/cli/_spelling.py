@@ -62,7 +62,8 @@ def _spelled(option: click.Option, value: object) -> str:
     if value is None or option.is_flag:
         return name
     if isinstance(value, Mapping):
-        return " ".join(_with_value(name, f"{key}={entry:g}") for key, entry in value.items())
+        written = {key: entry if isinstance(entry, str) else f"{entry:g}" for key, entry in value.items()}
+        return " ".join(_with_value(name, f"{key}={entry}") for key, entry in written.items())
     return " ".join(_with_value(name, entry) for entry in (value if isinstance(value, list) else [value]))
 
 

@@ -11,7 +11,15 @@ import click
 
 from flinders.cli import _program as program
 from flinders.cli._calibrate_options import TRACES, Calibrate
-from flinders.cli._inputs import likely_target, opened, provenance, refuse_others, saying_what_was_read, walk_in
+from flinders.cli._inputs import (
+    columns_in,
+    likely_target,
+    opened,
+    provenance,
+    refuse_others,
+    saying_what_was_read,
+    walk_in,
+)
 from flinders.cli._output import plot_fit, print_fit, print_json, progress, refuse_report, say, show
 from flinders.cli._program import GOOD, LIMITED, print_error
 from flinders.cli._spelling import in_options
@@ -63,7 +71,11 @@ def command(options: Calibrate) -> int:
     outputs = options.files.checked_outputs(*recordings)
     with progress("reading") as watch:
         recording, asked["sensor"] = opened(
-            recordings, options.sensors.sensor, progress=watch, **options.reading.as_dict()
+            recordings,
+            options.sensors.sensor,
+            progress=watch,
+            auxiliary=columns_in(asked.get("disturbances", ())),
+            **options.reading.as_dict(),
         )
         if (site := options.site.told_by(recording)) is not None:
             asked["site"] = options.site_with(site)

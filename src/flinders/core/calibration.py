@@ -34,7 +34,7 @@ from flinders.core.calibration_file import (
     read,
     write,
 )
-from flinders.core.calibration_parts import fields_in, record_of, refuse_disturbances, refuse_linearization
+from flinders.core.calibration_parts import fields_in, records_of, refuse_disturbances, refuse_linearization
 from flinders.core.disturbance import Disturbance, checked, disturbed_alike, effect, known, named
 from flinders.core.frames import is_frame
 from flinders.core.linearization import bend_alike
@@ -87,8 +87,8 @@ class Calibration(Value):
     #: what the recorded axes are: ``sensor``, its own; or ``vehicle``, which readings were turned into, by how the
     #: sensor is mounted, before they were logged. `axes` comes after either.
     frame: str = "sensor"
-    #: what the offset follows: a current, a throttle, a temperature. With any, ``corrected = matrix @ (raw - offset - Σ
-    #: P (c - reference)) / (1 + a (T - reference))``.
+    #: what the offset follows: a current, a throttle, a temperature, any column of a log. With any of them
+    #: ``corrected = matrix @ (raw - offset - Σ P (c - reference)) / (1 + a (T - reference))``.
     disturbances: tuple[Disturbance, ...] = ()
     #: of axes that are not linear: with it ``raw - offset`` becomes ``linearization.apply(raw - offset)``
     linearization: Linearization | None = None
@@ -248,7 +248,7 @@ class Calibration(Value):
         columns: str | Sequence[str | int] | None = None,
         heading: bool = False,
         level: bool = False,
-        **motors: ArrayLike | None,
+        **others: ArrayLike | None,
     ) -> Any:
         """Correct readings, or the magnetometer's columns of a data frame.
 
@@ -263,9 +263,10 @@ class Calibration(Value):
         current, throttle, temperature : (...), A, 0 to 1 and °C, optional
             Values of the `disturbances`; of one with a lag those of so much before the reading. What the calibration
             does not ask for is left alone.
-        **motors : (...) or (..., M)
+        **others : (...) or (..., M)
             The same of each motor, where each has an offset of its own: ``current1``, …, or all of M motors together as
-            ``currents`` or ``throttles``.
+            ``currents`` or ``throttles``; and of other columns by their names in the log, ``**{"BAT.Curr": values}``,
+            the words of states among them.
 
         columns : str or sequence of str or int, optional
             The magnetometer's columns of a frame, ``["mx", "my", "mz"]``, where their names do not say so.
@@ -289,7 +290,7 @@ class Calibration(Value):
         >>> flown.apply([15, 20, 80], current=10.0)                 # motors that add half a microtesla for each ampere
         array([ 0.,  0., 50.])
         """
-        given = {"current": current, "throttle": throttle, "temperature": temperature, **motors}
+        given = {"current": current, "throttle": throttle, "temperature": temperature, **others}
         if is_frame(raw):
             return ABOVE["correct_frame"](self, raw, columns=columns, heading=heading, level=level, given=given)
         if columns is not None or heading or level:
@@ -311,14 +312,14 @@ class Calibration(Value):
         current: ArrayLike | None = None,
         throttle: ArrayLike | None = None,
         temperature: ArrayLike | None = None,
-        **motors: ArrayLike | None,
+        **others: ArrayLike | None,
     ) -> Floats:
         """Predict what the sensor reads in a field, (..., 3) in `unit`, with the disturbances of `apply`.
 
         >>> Calibration(np.diag([2.0, 1.0, 0.5]), [10, 20, 30], 50.0).unapply([0, 0, 50])
         array([ 10.,  20., 130.])
         """
-        shift, gain = self._effect(current=current, throttle=throttle, temperature=temperature, **motors)
+        shift, gain = self._effect(current=current, throttle=throttle, temperature=temperature, **others)
         with np.errstate(invalid="ignore", over="ignore"):
             field = vectors(corrected, "corrected", finite=False) @ np.linalg.inv(self.matrix).T
             if self.is_affine:
@@ -332,9 +333,9 @@ class Calibration(Value):
         """What disturbances of these values add to readings, and what they multiply the field by."""
         if not self.disturbances and all(values is None for values in given.values()):
             return np.zeros(3), np.ones(())
-        return effect(self.disturbances, named(**given))
+        return effect(self.disturbances, named(self.disturbances, **given))
 
-    def at(self, **values: float) -> Calibration:
+    def at(self, **values: float | str) -> Calibration:
         """The plain calibration at fixed values of its disturbances, of each that is not given at its reference.
 
         A value of what is none of its disturbances raises `UsageError`.
@@ -345,7 +346,7 @@ class Calibration(Value):
         """
         return replace(self.holding(**values), disturbances=()) if self.disturbances or values else self
 
-    def holding(self, **values: float) -> Calibration:
+    def holding(self, **values: float | str) -> Calibration:
         """The calibration at fixed values of some of its disturbances; it goes on following the others.
 
         A value of what is none of its disturbances, or is no number, raises `UsageError`.
@@ -355,10 +356,10 @@ class Calibration(Value):
             known(name)
             if name not in ours:
                 raise UsageError(f"the calibration does not follow {name}: it follows {', '.join(ours) or 'nothing'}")
-            if not np.isfinite(value):
-                raise UsageError(f"{name} is {value:g}: need a number")
+            if not np.isfinite(ours[name].numbers(value)):
+                raise UsageError(f"{name} is {value}: need a number")
         fixed = [ours[name] for name in values]
-        shift, gain = effect(fixed, {name: np.asarray(value, float) for name, value in values.items()})
+        shift, gain = effect(fixed, {name: ours[name].numbers(value) for name, value in values.items()})
         left = tuple(disturbance for disturbance in self.disturbances if disturbance.name not in values)
         return replace(self, offset=self.offset + shift, matrix=self.matrix / float(gain), disturbances=left)
 
@@ -471,8 +472,7 @@ class Calibration(Value):
         """Make the content of a calibration file, with how it was found where that is known."""
         rows, offset = map(tuple, self.matrix.tolist()), self.offset.tolist()
         content: dict[str, Any] = {**self.as_dict(), "matrix": tuple(rows), "offset": tuple(offset)}
-        if content.pop("disturbances", None):
-            content["disturbances"] = {one.kind.key: record_of(one) for one in self.disturbances}
+        content |= {kind: group for kind, group in records_of(self.disturbances).items() if content.pop(kind, None)}
         if terms := content.pop("linearization", None):
             content["linearization"] = LinearizationRecord(**{name: tuple(term) for name, term in terms.items()})
         unit: Any = self.raw.name  # whatever the schema does not allow is refused when the document is written
@@ -485,7 +485,7 @@ class Calibration(Value):
         >>> Calibration.identity(field_strength=48).as_dict()["offset"]
         [0.0, 0.0, 0.0]
         """
-        follows = {one.kind.key: to_builtins(record_of(one)) for one in self.disturbances}
+        follows = {kind: to_builtins(group) for kind, group in records_of(self.disturbances).items() if group}
         terms = {} if self.linearization is None else self.linearization.as_dict()
         return {
             "offset": self.offset.tolist(),
@@ -494,7 +494,7 @@ class Calibration(Value):
             "field_strength_known": self.field_strength_known,
             "unit": self.unit,
             "rotation": self.rotation,
-            **({"disturbances": follows} if follows else {}),
+            **follows,
             **({"linearization": terms} if terms else {}),
         }
 

@@ -74,6 +74,7 @@ Triple: TypeAlias = tuple[float, float, float]
 DisturbanceKey: TypeAlias = Annotated[
     str, Meta(pattern="^(current([1-9][0-9]?)?_A|throttle([1-9][0-9]?)?|temperature_C)$")
 ]
+ColumnName: TypeAlias = Annotated[str, Meta(min_length=1)]
 Rotation: TypeAlias = Literal["symmetric", "estimated", "composed"]
 Positive: TypeAlias = Annotated[float, Meta(gt=0)]
 NotNegative: TypeAlias = Annotated[float, Meta(ge=0)]
@@ -88,6 +89,17 @@ class DisturbanceRecord(Struct, frozen=True, kw_only=True, forbid_unknown_fields
     recorded_range: tuple[float, float]  #: (2,): lowest and highest value that it was found at
     lag_s: float = 0.0  #: s: readings follow so much later
     scale_per_unit: float = 0.0  #: by which share the earth's part of a reading grows with each °C
+
+
+class ColumnRecord(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """A column of the log that an offset follows: ``offset + offset_per_unit (value - reference)``."""
+
+    offset_per_unit: Triple  #: (3,) in the calibration's unit: for each unit of the column, or in the second state
+    reference: float = 0.0  #: where the calibration's offset holds
+    recorded_range: tuple[float, float]  #: (2,): lowest and highest value that it was found at
+    lag_s: float = 0.0  #: s: readings follow so much later
+    #: words in the column that stand for 0 and 1; a column of numbers has none
+    states: tuple[str, str] | UnsetType = UNSET
 
 
 class LinearizationRecord(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
@@ -113,6 +125,8 @@ class Correction(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     #: name to DisturbanceRecord: what the offset follows: ``current_A``, ``throttle`` (0 to 1), ``temperature_C``; of
     #: motor 1 by itself ``current1_A``, ``throttle1``
     disturbances: dict[DisturbanceKey, DisturbanceRecord] | UnsetType = UNSET
+    #: name to ColumnRecord: columns that the offset follows, by their names in the log, such as ``wheel_speed_rpm``
+    columns: dict[ColumnName, ColumnRecord] | UnsetType = UNSET
     linearization: LinearizationRecord | UnsetType = UNSET  #: where axes are linearized before the matrix
 
 

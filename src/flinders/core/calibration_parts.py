@@ -8,20 +8,52 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from msgspec import UNSET
 
 from flinders.core.axes import Axes
-from flinders.core.calibration_file import Correction, DisturbanceRecord, Recorded
-from flinders.core.disturbance import BY_KEY, Disturbance, at_reference
+from flinders.core.calibration_file import ColumnRecord, Correction, DisturbanceRecord, Recorded
+from flinders.core.disturbance import BY_KEY, Disturbance, at_reference, is_column
 from flinders.core.linearization import Linearization
 from flinders.core.units import COUNTS, MICROTESLA, Unit
 from flinders.errors import UnitError, UsageError
 
+if TYPE_CHECKING:
+    from collections.abc import Iterable
 
-def record_of(disturbance: Disturbance) -> DisturbanceRecord:
-    """A disturbance as it stands in a file."""
+
+def records_of(disturbances: Iterable[Disturbance]) -> dict[str, dict[str, DisturbanceRecord | ColumnRecord]]:
+    """Disturbances as they stand in a file: ``disturbances`` by their keys, ``columns`` by their names in the log.
+
+    >>> records = records_of([Disturbance("current", [1, 0, 0]), Disturbance("current_A", [0, 1, 0])])
+    >>> {kind: list(group) for kind, group in records.items()}
+    {'disturbances': ['current_A'], 'columns': ['current_A']}
+    """
+    records: dict[str, dict[str, DisturbanceRecord | ColumnRecord]] = {"disturbances": {}, "columns": {}}
+    for one in disturbances:
+        if is_column(one.name):
+            records["columns"][one.name] = _of_column(one)
+        else:
+            records["disturbances"][one.kind.key] = _of_disturbance(one)
+    return records
+
+
+def _of_column(disturbance: Disturbance) -> ColumnRecord:
+    """A column of a log as it stands in a file."""
+    x, y, z = disturbance.per_unit.tolist()
+    return ColumnRecord(
+        offset_per_unit=(x, y, z),
+        reference=disturbance.reference,
+        recorded_range=(disturbance.lowest, disturbance.highest),
+        lag_s=disturbance.lag_s,
+        states=(disturbance.states[0], disturbance.states[1]) if disturbance.states else UNSET,
+    )
+
+
+def _of_disturbance(disturbance: Disturbance) -> DisturbanceRecord:
+    """A current, a throttle or a temperature as it stands in a file."""
     x, y, z = disturbance.per_unit.tolist()
     return DisturbanceRecord(
         offset_per_unit=(x, y, z),
@@ -33,8 +65,8 @@ def record_of(disturbance: Disturbance) -> DisturbanceRecord:
 
 
 def disturbances_in(correction: Correction) -> tuple[Disturbance, ...]:
-    """The disturbances that stand in a file."""
-    return tuple(
+    """The disturbances that stand in a file; `UsageError` for a column of a name that none can have."""
+    of_kinds = (
         Disturbance(
             BY_KEY[key],
             np.array(one.offset_per_unit),
@@ -45,6 +77,17 @@ def disturbances_in(correction: Correction) -> tuple[Disturbance, ...]:
         )
         for key, one in (correction.disturbances or {}).items()
     )
+    columns = (correction.columns or {}).items()
+    for name, _ in columns:
+        if not is_column(name):
+            raise UsageError(f"columns has {name!r}, which is a kind of disturbance and no name of a column: rename it")
+    of_columns = (
+        Disturbance(
+            name, np.array(one.offset_per_unit), one.reference, *one.recorded_range, one.lag_s, states=one.states or ()
+        )
+        for name, one in columns
+    )
+    return (*of_kinds, *of_columns)
 
 
 def linearization_in(correction: Correction) -> Linearization | None:

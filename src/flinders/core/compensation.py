@@ -72,7 +72,7 @@ class Compensator:
 
     def _values(self, disturbance: Disturbance, samples: Samples) -> Floats:
         """(N,) what drives each reading: as much before it as the lag says, also where a block before has it."""
-        column = cast("Floats", samples.driving(disturbance.name))
+        column = disturbance.numbers(cast("Floats", samples.driving(disturbance.name)))
         self.beyond[disturbance.name] = max(self.beyond.get(disturbance.name, 0.0), disturbance.beyond(column))
         if samples.time is None:
             return lagged(column, None, 0.0)
@@ -115,7 +115,7 @@ def compensated(recording: Recording, calibration: Calibration) -> Recording:
 def _is_recorded(samples: Samples, disturbance: Disturbance) -> bool:
     """Whether a disturbance was recorded beside readings."""
     column = samples.driving(disturbance.name)
-    return column is not None and bool(np.isfinite(column).any())
+    return column is not None and bool(np.isfinite(disturbance.numbers(column)).any())
 
 
 def lacking_words(calibration: Calibration, lacking: Sequence[Disturbance], source: str) -> str:

@@ -9,7 +9,8 @@ The reference is where the offset b of the calibration holds: no current, no thr
 of the recording. A lag says how much later the readings follow: c is what was logged so many seconds before.
 
 The current and the throttle of each motor may be followed by themselves: ``current1``, ``current2``, …, each with an
-offset of its own.
+offset of its own. Any other name is that of a column of the log (`flinders.core.named_columns`): of numbers, or of two
+words, which are states.
 
 Sources: the offset of motors as in ArduPilot's CompassMot and PX4's CAL_MAG_COMP; the temperature as in the HMC5883L's
 data sheet, p. 20, and Springmann, Cutler (2012) for currents.
@@ -20,12 +21,17 @@ array([[ 0.,  0., -0.],
        [ 4.,  0., -2.]])
 >>> print(motors)
 current: 0.4, 0, -0.2 per A, from 0 A, recorded 0.5 to 27 A
+>>> charger = Disturbance("charger", [4.0, 0.0, -1.5], highest=1.0, states=("idle", "charging"))
+>>> charger.shift(["idle", "charging"])[:, 0]
+array([0., 4.])
+>>> print(charger)
+charger: 4, 0, -1.5 while charging, none while idle
 """
 
 from __future__ import annotations
 
 import re
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache
 from itertools import pairwise
 from typing import TYPE_CHECKING, Final, NamedTuple
@@ -33,7 +39,8 @@ from typing import TYPE_CHECKING, Final, NamedTuple
 import numpy as np
 
 from flinders.arrays import Floats, Value, floats, frozen, vectors
-from flinders.errors import ArrayError, UsageError
+from flinders.core.named_columns import RESERVED, coded, unit_in
+from flinders.errors import ArrayError, UsageError, did_you_mean
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping, Sequence
@@ -82,9 +89,10 @@ class Disturbance(Value):
     """
 
     #: ``current``, ``throttle`` or ``temperature``: the column of `Samples` that it is multiplied by; of a motor by
-    #: itself ``current1``, ``throttle1`` and so on
+    #: itself ``current1``, ``throttle1`` and so on; else the name of a column in the log
     name: str
-    #: (3,): by how much readings are off, in their unit, for each A, at full throttle, or for each °C; read-only
+    #: (3,): by how much readings are off, in their unit, for each A, at full throttle, for each °C, for each unit of a
+    #: column, or in the second of two states; read-only
     per_unit: Floats
     reference: float = 0.0  #: where the offset of the calibration holds
     lowest: float = 0.0  #: least of it that was seen; the same as `highest` where nobody knows
@@ -92,6 +100,7 @@ class Disturbance(Value):
     lag_s: float = 0.0  #: s: readings follow so much later
     #: by which share what the earth's field makes of a reading grows with each °C; 0 for motors
     gain_per_unit: float = 0.0
+    states: tuple[str, ...] = ()  #: words of a column that stand for 0 and 1; none of a column of numbers
 
     def __post_init__(self) -> None:
         """Check the numbers and keep a read-only copy of the offset."""
@@ -107,11 +116,22 @@ class Disturbance(Value):
             raise UsageError(f"{self.name} was recorded from {self.lowest:g} to {self.highest:g}: the range is empty")
         if self.gain_per_unit and self.name != "temperature":
             raise UsageError(f"{self.name} has a gain of {self.gain_per_unit:g}: only temperature changes the scale")
+        object.__setattr__(self, "states", tuple(self.states))
+        if self.states and (len(set(self.states)) != 2 or not is_column(self.name)):
+            raise UsageError(f"{self.name} has states {', '.join(self.states)}: need two words, of a column of the log")
 
     @property
     def kind(self) -> Kind:
         """What there is to know of all of its name."""
         return known(self.name)
+
+    def numbers(self, values: ArrayLike) -> Floats:
+        """(...) values as numbers: 0 and 1 in the place of states; NaN where one is not known."""
+        return coded(values, self.states, self.name)
+
+    def with_states(self, states: Sequence[str]) -> Disturbance:
+        """The same with the words that 0 and 1 stand for; as it is where there are none."""
+        return replace(self, states=tuple(states)) if states else self
 
     @property
     def has_range(self) -> bool:
@@ -127,13 +147,13 @@ class Disturbance(Value):
 
     def shift(self, values: ArrayLike) -> Floats:
         """(..., 3) by how much readings are off at (...) values; a value that is not known makes NaN."""
-        away = floats(values, self.name) - self.reference
+        away = self.numbers(values) - self.reference
         shifted: Floats = away[..., np.newaxis] * self.per_unit
         return shifted
 
     def gain(self, values: ArrayLike) -> Floats:
         """(...) what the earth's field is multiplied by at (...) values."""
-        return 1.0 + self.gain_per_unit * (floats(values, self.name) - self.reference)
+        return 1.0 + self.gain_per_unit * (self.numbers(values) - self.reference)
 
     def beyond(self, values: ArrayLike) -> float:
         """How far values lie outside the recorded range, as a share of it; 0 inside, or where the range is unknown.
@@ -141,7 +161,7 @@ class Disturbance(Value):
         >>> Disturbance("current", [1, 0, 0], lowest=0.0, highest=20.0).beyond([5.0, 25.0, np.nan])
         0.25
         """
-        seen = floats(values, self.name)
+        seen = self.numbers(values)
         seen = seen[np.isfinite(seen)]
         if not len(seen) or not self.has_range:
             return 0.0
@@ -154,12 +174,16 @@ class Disturbance(Value):
         >>> Disturbance("temperature", [0, 0, 0]).amount(21.54)
         '21.5 °C'
         """
+        if self.states and value in (0.0, 1.0):
+            return self.states[int(value)]
         return f"{value:.3g}{self.kind.unit}"
 
     def __str__(self) -> str:
         numbers = ", ".join(f"{value:.3g}" for value in self.per_unit + 0.0)
         lag = f", lag {self.lag_s:.2g} s" if self.lag_s else ""
         gain = f", scale {self.gain_per_unit:+.2%} per °C" if self.gain_per_unit else ""
+        if self.states:
+            return f"{self.name}: {numbers} while {self.states[1]}{lag}, none while {self.states[0]}"
         span = f"recorded {self.lowest:.3g} to {self.amount(self.highest)}" if self.has_range else "range unknown"
         return f"{self.name}: {numbers} per {self.kind.per}{gain}{lag}, from {self.amount(self.reference)}, {span}"
 
@@ -171,20 +195,36 @@ def known(name: str) -> Kind:
     Raises
     ------
     UsageError
-        For a name that is none; names those there are.
+        For a name that no column that is followed can have.
 
     Examples
     --------
     >>> known("current"), known("throttle2").key
     (Kind(key='current_A', unit=' A', per='A', least=0.1, plausible=(-1000.0, 1000.0)), 'throttle2')
+    >>> known("wheel_rpm").per, known("BAT.Curr").per
+    ('rpm', 'unit of BAT.Curr')
     """
     if name in KINDS:
         return KINDS[name]
     kind, number = motor(name)
-    if not number:
-        each = ", ".join(f"{one}1, {one}2 …" for one in MOTORS)
-        raise UsageError(f"nothing is known of {name!r}: need {', '.join(KINDS)}, or of each motor {each}")
-    return KINDS[kind]._replace(key=KINDS[kind].key.replace(kind, name))
+    if number:
+        return KINDS[kind]._replace(key=KINDS[kind].key.replace(kind, name))
+    if not name.strip() or name in RESERVED or name in MOTORS.values():
+        raise UsageError(
+            f"{name!r} cannot be followed by this name: need {', '.join(KINDS)}, current1, throttle1 … of each motor, "
+            "or the name of another column; rename the column where it is recorded"
+        )
+    unit = unit_in(name)
+    return Kind(name, f" {unit}" if unit else "", unit or f"unit of {name}", 0.0, (-np.inf, np.inf))
+
+
+def is_column(name: str) -> bool:
+    """Whether a disturbance goes by the name of its column in the log: it is no known kind, and of no motor.
+
+    >>> is_column("wheel_rpm"), is_column("current"), is_column("throttle3"), is_column("currents")
+    (True, False, False, False)
+    """
+    return not (name in KINDS or name in MOTORS.values() or motor(name)[1])
 
 
 def motor(name: str) -> tuple[str, int]:
@@ -212,15 +252,15 @@ BY_KEY: Final[Mapping[str, str]] = {
 """Names of all disturbances by what they are called in files."""
 
 
-def place_of(name: str) -> tuple[int, int]:
-    """Where a disturbance stands among others: in the order of `KINDS`, a total before each motor.
+def place_of(name: str) -> tuple[int, int, str]:
+    """Where a disturbance stands among others: in the order of `KINDS`, a total before each motor; columns are last.
 
-    >>> sorted(["temperature", "throttle", "current10", "current2", "current"], key=place_of)
-    ['current', 'current2', 'current10', 'throttle', 'temperature']
+    >>> sorted(["wheel", "temperature", "throttle", "current10", "current2", "current"], key=place_of)
+    ['current', 'current2', 'current10', 'throttle', 'temperature', 'wheel']
     """
     known(name)
     kind, number = motor(name)
-    return list(KINDS).index(kind), number
+    return (len(KINDS), 0, name) if is_column(name) else (list(KINDS).index(kind), number, "")
 
 
 def checked(disturbances: Iterable[Disturbance]) -> tuple[Disturbance, ...]:
@@ -238,13 +278,13 @@ def checked(disturbances: Iterable[Disturbance]) -> tuple[Disturbance, ...]:
     return tuple(listed)
 
 
-def named(**columns: ArrayLike | None) -> dict[str, ArrayLike]:
+def named(followed: Sequence[Disturbance] = (), /, **columns: ArrayLike | None) -> dict[str, ArrayLike]:
     """Name columns by their disturbances; ``currents`` and ``throttles`` have each motor's along the last axis.
 
     Raises
     ------
     UsageError
-        For a name that is not known.
+        For a name that is no known kind, and none of the columns that are `followed`.
 
     >>> named(current=None, throttle=0.5, currents=[1.0, 2.0])
     {'throttle': 0.5, 'current1': array(1.), 'current2': array(2.)}
@@ -254,8 +294,12 @@ def named(**columns: ArrayLike | None) -> dict[str, ArrayLike]:
         if many in given:
             table = np.atleast_1d(floats(given.pop(many), many))
             given |= {name: table[..., place] for place, name in enumerate(motors(kind, table.shape[-1]))}
+    ours = {one.name for one in followed}
     for name in given:
-        known(name)
+        if is_column(name) and name not in ours:
+            each = ", ".join((*KINDS, "current1 …", "throttle1 …"))
+            does = f"it follows {', '.join(ours)}" if ours else "it follows nothing"
+            raise UsageError(f"the calibration does not follow {name!r}{did_you_mean(name, ours)}: {does}; need {each}")
     return given
 
 
@@ -290,7 +334,7 @@ def effect(disturbances: Sequence[Disturbance], values: Mapping[str, ArrayLike |
 
 def at_reference(disturbances: Iterable[Disturbance]) -> Hint:
     """Hint that takes a calibration at the reference values of disturbances."""
-    return {"at": {disturbance.name: disturbance.reference for disturbance in disturbances}}
+    return {"at": {one.name: one.states[0] if one.states else one.reference for one in disturbances}}
 
 
 def lagged(values: Floats, time: Floats | None, lag_s: float) -> Floats:

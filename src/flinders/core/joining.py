@@ -13,11 +13,14 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from flinders.core.named_columns import are_words
 from flinders.core.samples import COLUMNS, Recording, Samples, added, frame_of, onboard_of
 from flinders.errors import AxesError, UnitError
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator, Sequence
+    from collections.abc import Iterator, Mapping, Sequence
+
+    from numpy.typing import NDArray
 
     from flinders.arrays import Floats
     from flinders.core.axes import Axes
@@ -121,8 +124,16 @@ def concatenated(blocks: Sequence[Samples], recording: Recording) -> Samples:
         skipped=reduce(added, (block.skipped for block in blocks), ()),
         nameless=next((block.nameless for block in filled if block.nameless), ""),
         onboard=onboard_of(recording),
+        auxiliary=_joined_auxiliary([block.auxiliary for block in filled]),
         **others,
     )
+
+
+def _joined_auxiliary(blocks: Sequence[Mapping[str, NDArray[Any]]]) -> dict[str, NDArray[Any]]:
+    """Put the named columns of several blocks together, those that all have as numbers, or as words."""
+    first = blocks[0] if blocks else {}
+    alike = [name for name in first if len({are_words(block[name]) for block in blocks if name in block}) == 1]
+    return {name: np.concatenate([b[name] for b in blocks]) for name in alike if all(name in b for b in blocks)}
 
 
 def _joined_column(columns: Sequence[Floats | None]) -> Floats | None:

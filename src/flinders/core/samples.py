@@ -31,7 +31,7 @@ from flinders.foreign_errors import needs
 from flinders.geometry.quaternions import attitudes, of_matrix, product
 
 if TYPE_CHECKING:
-    from collections.abc import Hashable, Iterator, Sequence
+    from collections.abc import Hashable, Iterator, Mapping, Sequence
 
     from numpy.typing import ArrayLike, NDArray
 
@@ -160,6 +160,8 @@ class Samples:
     attitude: Floats | None = None
     currents: Floats | None = None  #: (N, M): current of each of M motors by itself, the first motor first
     throttles: Floats | None = None  #: (N, M): throttle of each
+    #: (N,) of numbers or of words: columns that were asked for, by the names they have in the log
+    auxiliary: Mapping[str, NDArray[Any]] = dataclasses.field(default_factory=dict)
     source: str = "array"  #: where it came from, for messages
     #: what the recorded axes are: ``sensor``, or ``vehicle`` where they were turned into those before
     frame: str = "sensor"
@@ -189,6 +191,7 @@ class Samples:
         attitude: ArrayLike | None = None,
         currents: ArrayLike | None = None,
         throttles: ArrayLike | None = None,
+        auxiliary: Mapping[str, ArrayLike] | None = None,
         source: str = "array",
     ) -> Samples:
         """Take columns in, in the recording's own unit and axes; leave out rows whose field is not finite.
@@ -208,6 +211,8 @@ class Samples:
             Where each new axis comes from, such as ``"x,-y,-z"``.
         time, acceleration, rate, temperature, current, strength, throttle, attitude, currents, throttles : optional
             As the attributes of the same names; vectors and attitude in the recorded axes, strength in `unit`.
+        auxiliary : mapping of str to (N,) array-like, optional
+            Other columns of numbers or of words, which a calibration may follow by their names.
         """
         unit = unit if isinstance(unit, Unit) else Unit.of(unit, scale)
         axes = axes if isinstance(axes, Axes) else Axes.of(axes)
@@ -227,6 +232,7 @@ class Samples:
             attitude=None if attitude is None else _attitude(attitude, rows),
             currents=None if currents is None else _of_motors(currents, rows, "currents"),
             throttles=None if throttles is None else _share(_of_motors(throttles, rows, "throttles")),
+            auxiliary={name: _auxiliary(values, rows, name) for name, values in (auxiliary or {}).items()},
             source=source,
         )
 
@@ -241,6 +247,7 @@ class Samples:
         source: str = "array",
         frame: str = "sensor",
         nameless: str = "",
+        auxiliary: Mapping[str, NDArray[Any]] | None = None,
         **others: Floats | None,
     ) -> Samples:
         """Take float64 columns of equal length, as a reader made them, without the checks of `of`."""
@@ -258,6 +265,7 @@ class Samples:
             frame=frame,
             skipped=noted,
             nameless=nameless,
+            auxiliary=auxiliary or {},
             **others,  # type: ignore[arg-type]
         )
         return read.turned(axes)._without(is_silent)
@@ -275,7 +283,7 @@ class Samples:
     def __repr__(self) -> str:
         first, last = self.span
         over = f" over {last - first:,.4g} s" if last > first else ""
-        others = ", ".join(name for name in COLUMNS[1:] if getattr(self, name) is not None)
+        others = ", ".join([*(name for name in COLUMNS[1:] if getattr(self, name) is not None), *self.auxiliary])
         axes = "" if self.axes.is_identity else f", axes {self.axes}"
         more = f"{f', with {others}' * bool(others)}{', some left out' * bool(self.skipped)}"
         return f"Samples({self.source}: {counted(len(self), 'reading')}{over} in {self.unit.inside}{axes}{more})"
@@ -283,10 +291,12 @@ class Samples:
     def __getitem__(self, rows: slice | NDArray[np.bool_] | Sequence[int]) -> Samples:
         """Take some rows: a slice is a view, an index or mask a copy."""
         columns = {name: getattr(self, name) for name in COLUMNS}
-        return replace(self, **{name: values[rows] for name, values in columns.items() if values is not None})
+        auxiliary = {name: values[rows] for name, values in self.auxiliary.items()}
+        taken = {name: values[rows] for name, values in columns.items() if values is not None}
+        return replace(self, auxiliary=auxiliary, **taken)
 
-    def driving(self, name: str) -> Floats | None:
-        """(N,) values of a recorded disturbance; None where the recording lacks it.
+    def driving(self, name: str) -> NDArray[Any] | None:
+        """(N,) values of a recorded disturbance, of a column of states its words; None where the recording lacks it.
 
         >>> flown = Samples.of([[1, 2, 3]], current=[9.0], currents=[[4.0, 5.0]])
         >>> flown.driving("current"), flown.driving("current2"), flown.driving("current3")
@@ -294,7 +304,7 @@ class Samples:
         """
         kind, number = motor(name)
         if not number:
-            whole: Floats | None = getattr(self, name) if name in KINDS else None
+            whole: NDArray[Any] | None = getattr(self, name) if name in KINDS else self.auxiliary.get(name)
             return whole
         each: Floats | None = getattr(self, MOTORS[kind])
         return None if each is None or number > each.shape[1] else each[:, number - 1]
@@ -305,7 +315,7 @@ class Samples:
         each = {kind: getattr(self, many) for kind, many in MOTORS.items()}
         numbered = [name for kind, table in each.items() if table is not None for name in motors(kind, table.shape[1])]
         there = [name for name in KINDS if getattr(self, name) is not None]
-        return tuple(sorted([*there, *numbered], key=place_of))
+        return tuple(sorted([*there, *numbered, *self.auxiliary], key=place_of))
 
     def turned(self, axes: Axes) -> Samples:
         """Map samples that are as recorded to other axes: field, acceleration, rate and attitude with them.
@@ -337,20 +347,20 @@ class Samples:
             attitude=None if self.attitude is None else _of_axes(self.attitude, axes),
         )
 
-    def as_columns(self) -> dict[str, Floats]:
+    def as_columns(self) -> dict[str, NDArray[Any]]:
         """Give each column, (N,), under a name that says its unit and that `flinders.read` understands.
 
         >>> list(Samples.of([[20.0, 0.0, 45.0]], unit="uT", time=[0.0], throttles=[[0.2, 0.3]]).as_columns())
         ['time_s', 'mag_x_uT', 'mag_y_uT', 'mag_z_uT', 'throttle1_share', 'throttle2_share']
         """
-        unit, columns = self.unit.inside, dict[str, Floats]()
+        unit, columns = self.unit.inside, dict[str, "NDArray[Any]"]()
         for kind, (name, axes) in NAMES.items():
             values: Floats | None = getattr(self, kind)
             if values is None:
                 continue
             for place, values_of_one in enumerate(np.atleast_2d(values.T)):
                 columns[name.format(axes[place] if axes else place + 1, unit=unit)] = values_of_one
-        return columns
+        return {**columns, **{name: values for name, values in self.auxiliary.items() if name not in columns}}
 
     def to_arrow(self) -> Any:  # noqa: ANN401 - pyarrow ships no types
         """As a table of Arrow, with the columns of `as_columns`; ``to_pandas()`` of it gives a frame of pandas.
@@ -456,6 +466,14 @@ def _of_motors(values: ArrayLike, rows: int, name: str) -> Floats:
         raise ArrayError(f"{name} has shape {array.shape}: need ({rows}, M), a column for each of up to {MOST} motors")
     column(array[:, 0], rows, name)
     return array
+
+
+def _auxiliary(values: ArrayLike, rows: int, name: str) -> NDArray[Any]:
+    """Let through an (N,) column of numbers or of words."""
+    array = np.asarray(values)
+    if array.dtype.kind in "USO" and array.shape == (rows,) and any(isinstance(value, str) for value in array.tolist()):
+        return np.array(["" if value is None else str(value) for value in array.tolist()])
+    return column(values, rows, name)
 
 
 def _share(array: Floats) -> Floats:

@@ -23,7 +23,7 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
-from flinders.core.disturbance import known
+from flinders.core.disturbance import is_column, known
 from flinders.native.engine import engine
 
 if TYPE_CHECKING:
@@ -62,7 +62,8 @@ def unmodelled_of(
     limit : float
         Distance from the ellipsoid beyond which readings are outliers.
     """
-    tests = (_by(samples, name, ellipsoid, dip_deg, time, limit) for name in samples.disturbances)
+    kinds = (name for name in samples.disturbances if not is_column(name))
+    tests = (_by(samples, name, ellipsoid, dip_deg, time, limit) for name in kinds)
     return max((one for one in tests if one is not None), key=lambda one: one.chi_square, default=None)
 
 

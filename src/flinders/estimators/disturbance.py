@@ -60,7 +60,7 @@ from flinders.likelihood import prior
 from flinders.likelihood.equations import NormalEquations
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Mapping, Sequence
 
     from numpy.typing import NDArray
 
@@ -105,6 +105,13 @@ class DisturbanceFit:
             Calibration.from_ellipsoid(self.ellipsoid.centre, self.ellipsoid.shape), disturbances=self.disturbances
         )
 
+    def with_states(self, states: Mapping[str, tuple[str, ...]]) -> DisturbanceFit:
+        """The same with the words of columns of states, by name."""
+        disturbances = tuple(one.with_states(states.get(one.name, ())) for one in self.disturbances)
+        estimates = zip(self.estimates, disturbances, strict=True)
+        worded = tuple(replace(estimate, disturbance=one) for estimate, one in estimates)
+        return replace(self, disturbances=disturbances, estimates=worded)
+
     def widened(self, covariance: Floats) -> Floats:
         """(9, 9) covariance of offset and shape at the references, from that which takes the disturbances as known."""
         wider: Floats = covariance + self.leaning + self.carried @ self.covariance @ self.carried.T
@@ -145,7 +152,7 @@ def fit_disturbances(
         Of one sensor; a lag does not reach from one into the next.
     names : sequence of str
         ``current``, ``throttle``, ``temperature``; of one motor ``current1`` or ``throttle1``, of all ``currents`` or
-        ``throttles``.
+        ``throttles``; another column of numbers by its name in the log.
     spread : float, optional
         As for `flinders.likelihood.prior`, on the shape; None for the default, as a solver needs a hold.
     """
@@ -180,7 +187,7 @@ def _identified(
         solved.at.ellipsoid,
         solved.noise,
         _noise_on(without, solved.used),
-        tuple(_estimate(problem, solved, inverse, each, lags.get(each.name)) for each in disturbances),
+        tuple(_estimate(problem, solved, (inverse, covariance), each, lags.get(each.name)) for each in disturbances),
         constant,
         _along(problem),
         _leaning(solved, matrix),
@@ -217,7 +224,7 @@ def _metered(problem: DisturbanceProblem, solved: Solved, covariance: Floats, in
     noises = _noises(problem, solved)
     meters, pulled = [], np.zeros_like(inverse)
     for place, name in enumerate(problem.names):
-        rounded, setting = rounding(problem.logged.values[name])
+        rounded, setting = rounding(problem.logged.values[name], name)
         root = np.zeros((len(inverse), 3))
         root[9 + 3 * place : 12 + 3 * place] = per_variance
         meters.append(RegressorError(noises[name], rounded, root))
@@ -267,14 +274,19 @@ def _disturbances(problem: DisturbanceProblem, solved: Solved) -> tuple[Disturba
 
 
 def _estimate(
-    problem: DisturbanceProblem, solved: Solved, inverse: Floats, found: Disturbance, lag: Lag | None
+    problem: DisturbanceProblem, solved: Solved, covariances: tuple[Floats, Floats], found: Disturbance, lag: Lag | None
 ) -> DisturbanceEstimate:
-    """What is known of one disturbance."""
+    """What is known of one disturbance; `covariances` (9 + K, 9 + K) by white noise, and as claimed."""
+    inverse, claimed = covariances
     place, used = problem.names.index(found.name), solved.used
     rows = slice(9 + 3 * place, 12 + 3 * place)
     values = problem.departures[used, place]
     normals = solved.jacobian[used, :3]
     coefficients = normals * (values - values.mean())[:, np.newaxis]
+    chi_square = float(found.per_unit @ np.linalg.solve(inverse[rows, rows], found.per_unit))
+    share, size = chi_square / (chi_square + len(values)), float(np.linalg.norm(found.per_unit))
+    along = found.per_unit / max(size, np.finfo(float).tiny)
+    sigma = float(np.sqrt(along @ claimed[rows, rows] @ along))
     return DisturbanceEstimate(
         found.name,
         found,
@@ -282,10 +294,14 @@ def _estimate(
         monotonicity=monotonicity(values),
         attenuation=attenuation(values, solved.distances[used], normals @ found.per_unit),
         lag_sigma_s=np.nan if lag is None else lag.used_sigma_s,
-        chi_square=float(found.per_unit @ np.linalg.solve(inverse[rows, rows], found.per_unit)),
+        chi_square=chi_square,
         is_lag_at_limit=lag is not None and lag.is_beyond,
         curvature=curvature(values, residuals_of(solved), normals, found.per_unit),
         collinearity=collinearity(values, np.delete(problem.departures[used], place, axis=1)),
+        explained_share=share,
+        explained_share_sigma=2.0 * share * (1.0 - share) * sigma / max(size, np.finfo(float).tiny),
+        explained=size * float(np.std(values)),
+        explained_sigma=sigma * float(np.std(values)),
     )
 
 

@@ -71,6 +71,7 @@ from typing import TYPE_CHECKING, Final, NamedTuple
 
 import numpy as np
 
+from flinders.core.disturbance import is_column
 from flinders.estimators.covariance import Residuals
 from flinders.likelihood.robust import robust_sigma
 
@@ -211,16 +212,18 @@ def _white(values: Floats) -> float:
     return robust_sigma(bends) ** 2 / 6.0 if len(bends) else 0.0
 
 
-def rounding(values: Floats) -> tuple[float, NDArray[np.intp]]:
+def rounding(values: Floats, name: str = "") -> tuple[float, NDArray[np.intp]]:
     """Variance of what was rounded off (N,) values of a disturbance, and (N,) the number of the setting of each.
 
-    The step is the smallest between two of them. What was rounded off is about the same for as long as one holds.
+    The step is the smallest between two of them. What was rounded off is about the same for as long as one holds. Of a
+    column of two values, by its `name`, they are states, and exact.
 
     >>> rounding(np.array([1.0, 3.0, 3.0, 4.0, 9.0]))
     (0.08333333333333333, array([0, 1, 1, 2, 3]))
     """
     steps = np.diff(np.unique(values[np.isfinite(values)]))
-    step = float(steps.min()) if len(steps) else 0.0
+    is_exact = len(steps) == 1 and bool(name) and is_column(name)
+    step = float(steps.min()) if len(steps) and not is_exact else 0.0
     return step**2 / 12.0, np.append(0, np.cumsum(np.diff(values) != 0.0))
 
 

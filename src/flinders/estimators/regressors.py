@@ -36,7 +36,7 @@ from typing import TYPE_CHECKING, Any, Final, Self
 
 import numpy as np
 
-from flinders.core.disturbance import MOTORS, Disturbance, known, lagged, place_of
+from flinders.core.disturbance import MOTORS, Disturbance, is_column, known, lagged, place_of
 from flinders.errors import InputError, TooFewSamples
 
 if TYPE_CHECKING:
@@ -79,6 +79,9 @@ class Track:
         return interpolated
 
 
+FAR_REFERENCE: Final = 0.25
+"""Of the range of a column: how far 0 may lie outside to be its reference, as of `disturbance-reference`."""
+
 MOST: Final = 20_000
 """Readings of a longer recording that are looked at, spread evenly over it."""
 
@@ -90,7 +93,8 @@ FEWEST: Final = 30
 class DisturbanceEstimate:
     """What is known of something that the offset follows."""
 
-    name: str  #: ``current``, ``throttle`` or ``temperature``; of one motor ``current1`` or ``throttle1``
+    #: ``current``, ``throttle`` or ``temperature``; of one motor ``current1`` or ``throttle1``; that of a column
+    name: str
     disturbance: Disturbance | None = None  #: None where it hardly changed, and nothing was found
     #: heading error that following it takes away, at the far end of its recorded range, at the worst attitude
     removed_deg: float = 0.0
@@ -106,6 +110,17 @@ class DisturbanceEstimate:
     #: how far what it makes is off a straight line, as a share of what it makes; 0 where that may be chance
     curvature: float = 0.0
     collinearity: float = 0.0  #: share of its course that the other disturbances explain, 0 to 1
+    explained_share: float = np.nan  #: share of the scatter without it that it explains, 0 to 1
+    explained_share_sigma: float = np.nan  #: 1 σ of that
+    explained: float = np.nan  #: rms of what it moves the readings by, in their unit
+    explained_sigma: float = np.nan  #: 1 σ of that
+    #: scatter of readings that were left out of the fit, with it over without; NaN where it was not tried
+    scatter_ratio: float = np.nan
+
+    @property
+    def is_unused(self) -> bool:
+        """It was tried, and left out as it explains nothing."""
+        return self.disturbance is None and bool(np.isfinite(self.scatter_ratio))
 
     def as_dict(self) -> dict[str, Any]:
         """JSON-ready."""
@@ -170,8 +185,15 @@ class Logged:
         return moving, tuple(name for name in self.values if name not in moving)
 
     def reference(self, name: str) -> float:
-        """Where the offset holds: no current, no throttle, the middle of the temperatures."""
-        return round(float(np.median(self.values[name])), 1) if name == "temperature" else 0.0
+        """Where the offset holds: no current, no throttle, the middle of the temperatures.
+
+        Of another column at 0 where it was recorded at or near it, else in the middle.
+        """
+        if name == "temperature":
+            return round(float(np.median(self.values[name])), 1)
+        low, high = self.range(name)
+        is_far = is_column(name) and max(low, -high) > FAR_REFERENCE * (high - low)
+        return float(f"{np.nanmedian(self.values[name]):.3g}") if is_far else 0.0
 
     def range(self, name: str) -> tuple[float, float]:
         """Lowest and highest value of a disturbance."""
@@ -217,7 +239,7 @@ class RecordedColumns:
 def spelled_out(recordings: Sequence[Recording], names: Sequence[str]) -> tuple[str, ...]:
     """Names of disturbances, each once; for ``currents`` and ``throttles`` those of each motor that was recorded.
 
-    Raises `UsageError` for a name that is not known; `InputError` for those of motors where none was recorded.
+    Raises `UsageError` for a name that no column can have; `InputError` for those of motors where none was recorded.
 
     Examples
     --------

@@ -105,7 +105,7 @@ class Rests:
             return samples[self.begins]
         there = {name: values for name in COLUMNS if (values := getattr(samples, name)) is not None}
         columns: dict[str, Any] = {name: self._averaged(name, values) for name, values in there.items()}
-        return replace(samples, **columns)
+        return replace(samples, auxiliary={}, **columns)
 
     def _averaged(self, name: str, values: Floats) -> Floats:
         """One column: means of those values that are there."""

@@ -49,7 +49,7 @@ from flinders.findings import Finding, found_in
 from flinders.likelihood.equations import NormalEquations
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Mapping, Sequence
 
     from flinders.arrays import Floats
     from flinders.core.calibration import Calibration
@@ -86,6 +86,13 @@ class Still:
     #: by how much the vertical turns over the range of a disturbance, as an accelerometer shows; 0 where there is none,
     #: or where it may be its noise
     tilted_deg: float = 0.0
+
+    def with_states(self, states: Mapping[str, tuple[str, ...]]) -> Still:
+        """The same with the words of columns of states, by name."""
+        disturbances = tuple(one.with_states(states.get(one.name, ())) for one in self.disturbances)
+        estimates = zip(self.estimates, disturbances, strict=True)
+        worded = tuple(replace(estimate, disturbance=one) for estimate, one in estimates)
+        return replace(self, disturbances=disturbances, estimates=worded)
 
     def onto(self, calibration: Calibration) -> Calibration:
         """A calibration of the same sensor, made without these disturbances, that follows them; others it keeps."""
@@ -205,7 +212,7 @@ def _metered(
     meters = [
         RegressorError(
             noise_of(departures[:, place], *_along(disturbance, left)),
-            rounding(logged.values[disturbance.name])[0],
+            rounding(logged.values[disturbance.name], disturbance.name)[0],
             np.sqrt(len(left)) * np.eye(3 * len(disturbances))[:, 3 * place : 3 * place + 3],
         )
         for place, disturbance in enumerate(disturbances)

@@ -64,16 +64,31 @@ ROWS: Final = (
         remedy="Record again, and change it over its whole range while turning.",
     ),
     CatalogueRow(
+        code="column-unused",
+        number=(
+            "scatter of the field's strength in stretches that were left out of the fit, with a "
+            "[named column](disturbances.md#any-column) followed over without"
+        ),
+        action="nothing; name a column that moves the readings, or leave this one out",
+        rule=Rule("is_unused", (Grade("note", 0.0),), number="scatter_ratio", limit=Limit(0.98)),
+        said=(
+            "{name} explains nothing: where readings were left out of the fit, their strength scatters "
+            "{scatter_ratio:.3f} times as much with it as without; the calibration does not follow it"
+        ),
+        plain="One of the columns that the compass was to follow does not move it, and was left out.",
+        remedy="Leave that column out.",
+    ),
+    CatalogueRow(
         code="disturbance",
         number=(
-            "heading error that [following](disturbances.md) a current, a throttle or a temperature takes away at the "
-            "far end of its recorded range, degrees, at the worst attitude"
+            "heading error that [following](disturbances.md) a current, a throttle, a temperature or a column takes "
+            "away at the far end of its recorded range, degrees, at the worst attitude"
         ),
         action="nothing; log that column wherever the calibration is used",
         rule=Rule("removed_deg", (Grade("note", -1.0),), limit=Limit(0.0)),
         said=(
             "the offset follows {disturbance} ({unit}): that takes away up to {removed_deg}° of heading {at_end}, "
-            "{remaining_deg}° of it left (1 σ{running}){without}"
+            "{remaining_deg}° of it left (1 σ{running}){explains}{without}"
         ),
         plain="The compass was made to follow what disturbs it. Without that, headings would be off by up to {angle}.",
         remedy="Use the correction only where what it follows is measured as in the recording.",

@@ -41,6 +41,11 @@ REFUSALS: Final[dict[str, Refusal]] = {
         "The sensor was held still while what disturbs it changed.",
         "Give the calibration that this belongs to, or turn the sensor while recording.",
     ),
+    "follows-attitude": Refusal(
+        "change what the column measures in each attitude, or leave the column out",
+        "One of the columns that the compass was to follow only changes with the way it is turned.",
+        "Change it in each position, not in step with the turning, or leave that column out.",
+    ),
     "out-of-scale": Refusal(
         "check the unit and the columns",
         "The readings are larger or smaller than those of any magnetometer.",

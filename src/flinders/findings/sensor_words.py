@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any, Final
 
 from flinders.core.axes import Axes
 from flinders.core.compensation import beyond_words as beyond_range
-from flinders.core.disturbance import Disturbance, known, motor
+from flinders.core.disturbance import Disturbance, is_column, known, motor
 from flinders.errors import figures
 from flinders.findings.words import spans
 
@@ -67,20 +67,51 @@ def disturbance(
     highest: float,
     lag_s: float,
     gain_per_unit: float,
+    states: Sequence[str],
 ) -> str:
     """An offset that follows something, with its numbers."""
-    return str(Disturbance(name, per_unit, reference, lowest, highest, lag_s, gain_per_unit))  # type: ignore[arg-type]
+    numbers = (reference, lowest, highest, lag_s, gain_per_unit)
+    return str(Disturbance(name, per_unit, *numbers, tuple(states)))  # type: ignore[arg-type]
 
 
-def _ranged(name: str, reference: float, lowest: float, highest: float) -> Disturbance:
+def _ranged(name: str, reference: float, lowest: float, highest: float, states: Sequence[str] = ()) -> Disturbance:
     """A disturbance of which the range matters alone."""
-    return Disturbance(name, (0.0, 0.0, 0.0), reference, lowest, highest)  # type: ignore[arg-type]
+    return Disturbance(name, (0.0, 0.0, 0.0), reference, lowest, highest, states=tuple(states))  # type: ignore[arg-type]
 
 
-def at_end(name: str, reference: float, lowest: float, highest: float) -> str:
-    """At the far end of the recorded range."""
-    ranged = _ranged(name, reference, lowest, highest)
-    return f"at {ranged.amount(ranged.farthest)}"
+def at_end(name: str, reference: float, lowest: float, highest: float, states: Sequence[str]) -> str:
+    """At the far end of the recorded range, or in the second state."""
+    ranged = _ranged(name, reference, lowest, highest, states)
+    return f"{'while' if states else 'at'} {ranged.amount(ranged.farthest)}"
+
+
+def explains(
+    name: str,
+    unit: str,
+    explained: float,
+    explained_sigma: float,
+    explained_share: float,
+    explained_share_sigma: float,
+) -> str:
+    """What a column of the log explains of the readings, with its uncertainty; nothing of other disturbances.
+
+    >>> explains("wheel_rpm", "µT", 2.14, 0.012, 0.934, 0.0052)
+    '; it explains 93.40 ± 0.52% of the scatter without it, 2.140 ± 0.012 µT rms'
+    """
+    if not is_column(name) or math.isnan(explained):
+        return ""
+    share = uncertain(100.0 * explained_share, 100.0 * explained_share_sigma)
+    return f"; it explains {share}% of the scatter without it, {uncertain(explained, explained_sigma)} {unit} rms"
+
+
+def uncertain(value: float, sigma: float) -> str:
+    """A number and its standard deviation, both to the second digit of that.
+
+    >>> uncertain(2.1437, 0.0123), uncertain(63.2, 4.1), uncertain(63.2, 14.0)
+    ('2.144 ± 0.012', '63.2 ± 4.1', '63 ± 14')
+    """
+    places = max(1 - math.floor(math.log10(sigma)), 0) if sigma > 0.0 else 3
+    return f"{value:.{places}f} ± {sigma:.{places}f}"
 
 
 def highest_amount(name: str, highest: float) -> str:
@@ -294,7 +325,18 @@ SENSOR_WORDS: Final[dict[str, Callable[..., str]]] = {
     word.__name__: word
     for word in (
         *(alike, noisy, noisy_what, noisy_share, noisy_remedy, range_unit, disturbance, at_end, highest_amount),
-        *(reference_amount, running, without, other_column, out_of_range, beyond_words, as_what, amount, why_disagree),
+        *(
+            reference_amount,
+            running,
+            explains,
+            without,
+            other_column,
+            out_of_range,
+            beyond_words,
+            as_what,
+            amount,
+            why_disagree,
+        ),
         *(why_astray, what_is_empty, instrument, how_it_sits, site_check, when, why_deviates, does_not_rest),
         *(disagreement, each_alone, who_is_mirrored, in_the_vehicle, behind, why_alone, shots),
     )

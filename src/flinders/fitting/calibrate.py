@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Final, NamedTuple, Self, TypeAlias, cast
 
 from flinders.core.axes import Axes
 from flinders.core.calibration import AS_RECORDED, UNSTATED, Calibration
+from flinders.core.disturbance import is_column
 from flinders.core.keywords import spell_checked
 from flinders.core.samples import Samples, frame_of
 from flinders.core.units import Unit
@@ -32,10 +33,11 @@ from flinders.fitting.result import of_recording
 from flinders.fitting.widening import claimed
 from flinders.likelihood.prior import SPREAD
 from flinders.native.engine import engine
+from flinders.readers._auxiliary import with_auxiliary
 from flinders.summary.summary import Summary
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Mapping, Sequence
 
     from numpy.typing import ArrayLike
 
@@ -43,6 +45,7 @@ if TYPE_CHECKING:
     from flinders.diagnostics.soft_iron import Refreshed
     from flinders.estimators import Estimate, Estimator
     from flinders.estimators.disturbance import DisturbanceFit
+    from flinders.estimators.regressors import DisturbanceEstimate
     from flinders.fitting.aiding import AnyAiding
     from flinders.fitting.result import Fit
     from flinders.fitting.widening import Widened
@@ -134,7 +137,9 @@ def fit(
         Name or serial number, kept with the calibration; of a log, which magnetometer, by number or name.
     disturbances : sequence of str
         What the offset shall follow: ``current``, ``throttle``, ``temperature``, of columns that the recording has;
-        ``currents`` and ``throttles`` of each motor by itself, or one by one, as ``current1``.
+        ``currents`` and ``throttles`` of each motor by itself, or one by one, as ``current1``. Any other name is that
+        of a column in the log or table, as ``wheel_speed_rpm`` or ``BAT.Curr``: of numbers, or of the two words of a
+        state. One that explains nothing is left out, and a finding says so.
     aiding : str, sequence of str or Instruments
         What else was recorded and shall count: ``rate``, ``dip``, ``tilt``, ``attitude``; or ``auto`` for what earns
         its place, disturbances included. `Instruments` says what their errors may be. What makes the claim larger is
@@ -159,6 +164,8 @@ def fit(
         For readings of a sensor that was hardly turned, see `flinders.diagnostics.unmoved`.
     NotTurned, InputError
         For `disturbances` of a sensor that was not turned, or that were not recorded.
+    FollowsAttitude
+        For a column that is a function of the direction of the field.
     """
     request = Request.of(site, target_deg=target_deg, instruments=Instruments.of(aiding) if aiding else None)
     estimator = estimator_of(method, request)
@@ -168,9 +175,9 @@ def fit(
     axes = Axes.of(axes) if isinstance(axes, str) else axes
     source, name = recording_of(source, unit, axes, sensor, columns)
     given = None if isinstance(source, Summary) else source
-    source, disturbed, tried = _compensated(source, disturbances, request)
+    source, disturbed, tried, unused = _compensated(source, disturbances, request)
     frame = _Frame.of(source, unit, axes)
-    found = _estimated(Readings.of(source), estimator, request, frame.unit)
+    found = _estimated(Readings.of(source), estimator, request, frame.unit)._replace(unused=unused)
     if disturbed is not None:
         found = found._replace(disturbed=disturbed)
     if linearize:
@@ -210,7 +217,7 @@ def _unaided(
         alone = _estimated(Readings.of(source), estimator, replace(request, instruments=None), unit)
     except FitError:
         return None
-    return alone._replace(disturbed=aided.disturbed)
+    return alone._replace(disturbed=aided.disturbed, unused=aided.unused)
 
 
 def _left_out(aided: Fit, alone: Fit, aiding: Aiding | None) -> Aiding | None:
@@ -228,11 +235,12 @@ def _left_out(aided: Fit, alone: Fit, aiding: Aiding | None) -> Aiding | None:
 
 
 class _Compensated(NamedTuple):
-    """Readings less their disturbances, those disturbances, and what there is to say of each column."""
+    """Readings less their disturbances, those disturbances, and what there is to say of columns that were tried."""
 
     source: Recording | Summary
     disturbed: DisturbanceFit | None = None
     tried: tuple[AidingSensor, ...] = ()
+    unused: tuple[DisturbanceEstimate, ...] = ()
 
 
 def _compensated(source: Recording | Summary, disturbances: Sequence[str], request: Request) -> _Compensated:
@@ -247,12 +255,20 @@ def _compensated(source: Recording | Summary, disturbances: Sequence[str], reque
         from flinders.fitting.disturbance_selection import earned
 
         disturbances, tried = earned(source, spread=request.prior, dip_deg=request.dip_deg)
+    states: Mapping[str, tuple[str, ...]] = {}
+    unused: tuple[DisturbanceEstimate, ...] = ()
+    if any(map(is_column, disturbances)) and not isinstance(source, Summary):
+        from flinders.fitting.column_selection import selected
+
+        source, disturbances, unused, states = selected(
+            with_auxiliary(source, disturbances), disturbances, spread=request.prior
+        )
     if not disturbances:
-        return _Compensated(source, tried=tried)
+        return _Compensated(source, None, tried, unused)
     from flinders.estimators.disturbance import with_disturbances
 
     disturbed, recording = with_disturbances(source, disturbances, spread=request.prior)
-    return _Compensated(recording, disturbed, tried)
+    return _Compensated(recording, disturbed.with_states(states), tried, unused)
 
 
 def _estimated(readings: Readings, estimator: Estimator, request: Request, unit: Unit | None) -> Estimated:

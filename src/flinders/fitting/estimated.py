@@ -28,6 +28,7 @@ if TYPE_CHECKING:
     from flinders.diagnostics.soft_iron import Refreshed
     from flinders.estimators import Estimate, Estimator, Readings
     from flinders.estimators.disturbance import DisturbanceFit
+    from flinders.estimators.regressors import DisturbanceEstimate
     from flinders.fitting.aiding import Aiding
     from flinders.fitting.linearization import AxisTerms
     from flinders.native.layouts import Records
@@ -53,6 +54,8 @@ class Estimated(NamedTuple):
         The shape is that of an earlier calibration.
     linearized : AxisTerms, optional
         What was taken off the readings, of axes that are not linear.
+    unused : tuple of DisturbanceEstimate
+        Columns that were tried, and left out as they explain nothing.
     """
 
     estimate: Estimate
@@ -65,6 +68,7 @@ class Estimated(NamedTuple):
     is_joint: bool = False
     refreshed: Refreshed | None = None
     linearized: AxisTerms | None = None
+    unused: tuple[DisturbanceEstimate, ...] = ()
 
     @classmethod
     def of(cls, estimate: Estimate, readings: Readings, aiding: Aiding | None = None) -> Self:

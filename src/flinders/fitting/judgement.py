@@ -29,6 +29,7 @@ if TYPE_CHECKING:
     from flinders.core.calibration import Calibration
     from flinders.estimators import Estimate
     from flinders.estimators.disturbance import DisturbanceFit
+    from flinders.estimators.regressors import DisturbanceEstimate
     from flinders.fitting.estimated import Estimated
     from flinders.fitting.request import Request
     from flinders.fitting.widening import Widened
@@ -84,7 +85,7 @@ def judged(widened: Widened, found: Estimated, calibration: Calibration, request
         unobserved=estimate.unobserved,
         z_down=estimate.z_down,
         diagnosis=diagnosis,
-        disturbances=_disturbances(claim, found.disturbed),
+        disturbances=_disturbances(claim, found.disturbed, found.unused),
         aiding=found.aiding,
     )
     return with_findings(Fit(calibration, evidence, claim, Judgement()), judgement, found.statistics)
@@ -150,10 +151,12 @@ def _judgement(
     return closer, engine().judge(record, asked)
 
 
-def _disturbances(claim: Claim, disturbed: DisturbanceFit | None) -> Disturbances:
+def _disturbances(
+    claim: Claim, disturbed: DisturbanceFit | None, unused: tuple[DisturbanceEstimate, ...]
+) -> Disturbances:
     """What is known of the disturbances of a calibration, by readings that were compensated for them."""
     if disturbed is None:
-        return Disturbances()
+        return Disturbances(unused)
     from flinders.estimators.regressors import DisturbanceEstimate
 
     dip, down, ellipsoid = claim.heading_error_deg.dip_deg, down_of(claim.plane), claim.ellipsoid
@@ -166,4 +169,4 @@ def _disturbances(claim: Claim, disturbed: DisturbanceFit | None) -> Disturbance
         for place, (disturbance, estimate) in enumerate(zip(disturbed.disturbances, disturbed.estimates, strict=True))
     ]
     constant = [DisturbanceEstimate(name) for name in disturbed.constant]
-    return Disturbances((*estimates, *constant), disturbed.joint(claim.covariance), disturbed.noise_without)
+    return Disturbances((*estimates, *constant, *unused), disturbed.joint(claim.covariance), disturbed.noise_without)

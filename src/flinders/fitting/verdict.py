@@ -329,7 +329,7 @@ def of_disturbances(fit: Fit) -> Iterator[Finding]:
     motors = [estimate.name for estimate in estimates if estimate.disturbance is not None and motor(estimate.name)[1]]
     for estimate in estimates:
         if estimate.disturbance is None:
-            yield from found_in(_constant_record(estimate), "disturbance-constant")
+            yield from found_in(_unfollowed_record(estimate), "disturbance-constant", "column-unused")
             continue
         record = {
             **_disturbance_record(estimate, estimate.disturbance, UNSAID * fit.claim.target_deg),
@@ -337,6 +337,10 @@ def of_disturbances(fit: Fit) -> Iterator[Finding]:
             "left_at_most_deg": min(estimate.remaining_deg, 180.0),
             "unit": label(fit.calibration.unit),
             "runs_along": bool(motors[1:]) and estimate.name in motors,
+            "explained": estimate.explained,
+            "explained_sigma": estimate.explained_sigma,
+            "explained_share": estimate.explained_share,
+            "explained_share_sigma": estimate.explained_share_sigma,
             "noise_uncompensated": fit.evidence.disturbances.noise_uncompensated,
             "noise": fit.evidence.noise,
         }
@@ -348,8 +352,16 @@ OF_A_COLUMN: Final = tuple(f"disturbance-{fault}" for fault in ("monotone", "lag
 """Findings of what was logged of a disturbance, turned or on a bench."""
 
 
-def _constant_record(estimate: DisturbanceEstimate) -> dict[str, Any]:
-    return {"is_constant": 1.0, "nothing": 0.0, "least_range": known(estimate.name).least, "name": estimate.name}
+def _unfollowed_record(estimate: DisturbanceEstimate) -> dict[str, Any]:
+    """What the findings of something that is not followed compare and state."""
+    return {
+        "is_constant": float(not estimate.is_unused),
+        "nothing": 0.0,
+        "least_range": known(estimate.name).least,
+        "name": estimate.name,
+        "is_unused": float(estimate.is_unused),
+        "scatter_ratio": estimate.scatter_ratio,
+    }
 
 
 def _disturbance_record(
@@ -381,6 +393,7 @@ def _numbers(disturbance: Disturbance) -> dict[str, Any]:
         "highest": disturbance.highest,
         "lag_s": disturbance.lag_s,
         "gain_per_unit": disturbance.gain_per_unit,
+        "states": list(disturbance.states),
     }
 
 

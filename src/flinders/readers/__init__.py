@@ -43,6 +43,7 @@ from flinders.core.samples import Recording, Samples, added, frame_of
 from flinders.core.time_span import TimeSpan
 from flinders.errors import FlindersError, NoMagnetometer, UnitError, UnreadableInput, UsageError
 from flinders.foreign_errors import reading
+from flinders.readers._auxiliary import with_auxiliary
 from flinders.readers._choice import FIRST, Choice
 from flinders.readers._foreign_files import foreign_kind
 from flinders.readers._frame import open_frame
@@ -113,6 +114,7 @@ def open_recording(
     start: float | None = None,
     end: float | None = None,
     flat: str | None = None,
+    auxiliary: Sequence[str] = (),
     once: bool = False,
     progress: Progress | None = None,
 ) -> Recording:
@@ -146,6 +148,9 @@ def open_recording(
         Only what lies between these times, in seconds from the beginning of the recording, or of the log.
     flat : str, optional
         Columns may be two, those of a level turn in this plane: ``xy``, ``yz`` or ``zx``; the third axis reads 0.
+    auxiliary : sequence of str
+        Other columns to read, by the names they have there: ``["wheel_speed_rpm"]``, of a flight log ``BAT.Curr``, of
+        a bag ``/battery.current``; into `Samples.auxiliary`.
     once : bool
         It will be gone through once. Standard input or a pipe is then not copied to a temporary file, may be
         endless, and gives its readings as they arrive; a second pass raises `UsageError`.
@@ -156,7 +161,7 @@ def open_recording(
     ------
     InputError
         `UnreadableInput` for what is not there or not a recording, `NoMagnetometer` where it is not clear
-        which columns are the magnetometer.
+        which columns are the magnetometer; for an auxiliary column that is not there.
     UsageError
         For columns or a magnetometer that there are not; its `UnitError` and `AxesError` for a unit or mapping that
         cannot be used.
@@ -178,7 +183,7 @@ def open_recording(
         flat=flat,
         progress=progress,
     )
-    return _of_one_sensor([_opened(each, options, once=once) for each in paths])
+    return with_auxiliary(_of_one_sensor([_opened(each, options, once=once) for each in paths]), auxiliary)
 
 
 def _of_one_sensor(recordings: Sequence[FileRecording]) -> Recording:
@@ -285,6 +290,7 @@ def read(
     as_logged: bool = False,
     start: float | None = None,
     end: float | None = None,
+    auxiliary: Sequence[str] = (),
     progress: Progress | None = None,
 ) -> Samples:
     """Read a whole recording into memory; parameters and errors as `open_recording`.
@@ -303,6 +309,7 @@ def read(
         as_logged=as_logged,
         start=start,
         end=end,
+        auxiliary=auxiliary,
         progress=progress,
     )
     samples = in_memory(recording)

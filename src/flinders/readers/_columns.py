@@ -19,11 +19,22 @@ from flinders.core.units import COUNTS, Unit
 from flinders.errors import UnitError, figures
 from flinders.geometry import quaternions
 from flinders.readers._choice import Form, numbered
-from flinders.readers._names import ATTITUDE, CURRENTS, FIELD, STRENGTH, THROTTLE, THROTTLES, TIME, kind_of_chip, label
+from flinders.readers._names import (
+    ATTITUDE,
+    AUXILIARY,
+    CURRENTS,
+    FIELD,
+    STRENGTH,
+    THROTTLE,
+    THROTTLES,
+    TIME,
+    kind_of_chip,
+    label,
+)
 from flinders.readers._resample import shares
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Iterable, Mapping, Sequence
 
     from numpy.typing import NDArray
 
@@ -101,6 +112,12 @@ class Columns:
         columns = (self.field, *self.auxiliary, *filter(None, [self.reset]))
         return tuple(sorted({cell for column in columns for cell in column.cells}))
 
+    def with_auxiliary(self, names: Iterable[str], places: Iterable[int]) -> Columns:
+        """The same with columns that are asked for, by their names and places; of each magnetometer, too."""
+        asked = tuple(Column(AUXILIARY, (place,), (name,)) for name, place in zip(names, places, strict=True))
+        several = tuple(replace(each, auxiliary=(*each.auxiliary, *asked)) for each in self.magnetometers)
+        return replace(self, auxiliary=(*self.auxiliary, *asked), magnetometers=several)
+
     @property
     def needed(self) -> frozenset[int]:
         """Those without which a line cannot be used: the field, in both polarities where there are two."""
@@ -162,12 +179,34 @@ class Columns:
         parts += [f"also there: {numbered(self.others)} (choose with --sensor)"] * bool(self.others)
         return parts + [f"passed over: {numbered(self.passed_over)}"] * bool(self.passed_over)
 
-    def samples(self, values: Values, *, unit: Unit, axes: Axes, source: str, frame: str = "sensor") -> Samples:
-        """Make samples of values of `cells`: the field, and its auxiliary columns in the units of `Samples`."""
+    def samples(
+        self,
+        values: Values,
+        *,
+        unit: Unit,
+        axes: Axes,
+        source: str,
+        frame: str = "sensor",
+        words: Mapping[str, NDArray[np.str_]] | None = None,
+    ) -> Samples:
+        """Make samples of values of `cells`: the field, and its auxiliary columns in the units of `Samples`.
+
+        `words`: (N,) columns of words that were asked for, by name.
+        """
         field = self.readings(values)
+        asked = {each.names[0]: self._values_of(values, each) for each in self.auxiliary if each.kind == AUXILIARY}
         others = {each.kind: self._values_of(values, each) for each in self.auxiliary if each.kind in IN_SAMPLES}
         nameless = ",".join(self.field.names) * self.is_assumed
-        return Samples.recorded(field, unit=unit, axes=axes, source=source, frame=frame, nameless=nameless, **others)
+        return Samples.recorded(
+            field,
+            unit=unit,
+            axes=axes,
+            source=source,
+            frame=frame,
+            nameless=nameless,
+            auxiliary={**asked, **(words or {})},
+            **others,
+        )
 
     def _values_of(self, values: Values, column: Column) -> Floats:
         """Take a column in the unit of `Samples`; NaN where a value is not valid."""

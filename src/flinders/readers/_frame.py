@@ -61,7 +61,9 @@ def _of_columns(columns: dict[str, Any], source: str) -> Table:
     arrays = {name: _numbers(column) for name, column in columns.items()}
     labels = {name: Labels() for name, array in arrays.items() if array is None and tells_rows_apart(name)}
     arrays |= {name: known.numbers(words_of(columns[name])) for name, known in labels.items()}
-    return Table.of_arrays(source, KIND, {name: array for name, array in arrays.items() if array is not None}, labels)
+    words = {name: words_of(columns[name]) for name, array in arrays.items() if array is None}
+    numbers = {name: array for name, array in arrays.items() if array is not None}
+    return Table.of_arrays(source, KIND, numbers, labels, {name: list(each) for name, each in words.items()})
 
 
 def _numbers(column: Any) -> NDArray[Any] | None:  # noqa: ANN401

@@ -26,11 +26,12 @@ from flinders.core.geomag import recorded_field
 from flinders.core.time_span import TimeSpan
 from flinders.core.units import MICROTESLA
 from flinders.errors import UnreadableInput
+from flinders.readers._auxiliary import lacks
 from flinders.readers._choice import Choice, numbered
 from flinders.readers._source import sound
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator
+    from collections.abc import Callable, Iterator, Mapping, Sequence
     from datetime import datetime
 
     from numpy.typing import NDArray
@@ -122,6 +123,21 @@ class Instrument:
     temporary_files: tuple[Source, ...] = ()  #: temporary files that it needs
     #: called once a block with the bytes read so far, by the share of `readings`, and those there are
     progress: Progress | None = None
+    #: finds columns by their names in the log: series by the clock of `columns`, without those that are not there, and
+    #: names of some that are
+    look_up: Callable[[Sequence[str]], tuple[Mapping[str, TimeSeries], Sequence[str]]] | None = None
+    auxiliary: Mapping[str, TimeSeries] = field(default_factory=dict)  #: those that are read, by name
+
+    def with_auxiliary(self, names: Sequence[str], *, are_needed: bool = True) -> Instrument:
+        """Read columns of these names as well, at the times of the readings.
+
+        Raises `InputError` for one that is not there, where they are needed; else it is left out.
+        """
+        found, there = ({}, ()) if self.look_up is None else self.look_up(names)
+        for name in names:
+            if are_needed and name not in found:
+                raise lacks(self.source, name, there)
+        return replace(self, auxiliary={**self.auxiliary, **found})
 
     @property
     def frame(self) -> str:
@@ -158,13 +174,19 @@ class Instrument:
             if within.any():
                 given += 1
                 turned = replace(clock.selected(block, within), source=self.source, frame=self.frame).turned(self.axes)
-                yield replace(turned, onboard=onboard)
+                yield replace(turned, onboard=onboard, auxiliary=self._auxiliary_at(turned.time))
         clock.judge()
         if not given:
             raise UnreadableInput(
                 f"no usable reading of {self.name} in {self.source}: need finite x, y and z: check the sensor, and "
                 "whether it was being logged"
             )
+
+    def _auxiliary_at(self, time: Floats | None) -> dict[str, Floats]:
+        """(N,) values of the auxiliary columns at times of readings; none where these have no times."""
+        if time is None:
+            return {}
+        return {name: series.at(time)[:, 0] for name, series in self.auxiliary.items()}
 
     def describe(self) -> str:
         """Say in one line what is used, and what was un-applied."""

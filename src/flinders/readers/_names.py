@@ -31,6 +31,7 @@ THROTTLE: Final = "throttle"
 ATTITUDE: Final = "attitude"
 CURRENTS: Final = "currents"
 THROTTLES: Final = "throttles"
+AUXILIARY: Final = "auxiliary"  # of a column that is asked for by its name
 
 _DEGREES = math.pi / 180
 

@@ -29,11 +29,13 @@ from flinders.core.axes import Axes
 from flinders.core.samples import BLOCK, Skipped, added
 from flinders.core.time_span import TimeSpan
 from flinders.errors import NoMagnetometer, UnreadableInput, counted
+from flinders.readers._auxiliary import places_in
 from flinders.readers._choice import FIRST, Choice
 from flinders.readers._column_choice import choose, rising_in
 from flinders.readers._columns import Columns, ColumnsRecording, unit_of
 from flinders.readers._devices import MAX_SENSORS, Device, SensorColumn, devices_in, names_device, sensor_column
 from flinders.readers._likeness import XYZ
+from flinders.readers._names import AUXILIARY
 from flinders.readers._refusals import ranges
 from flinders.readers._resample import numbered
 from flinders.readers._source import sound
@@ -92,6 +94,8 @@ class Table:
     length: int  # rows
     rows: Callable[[Sequence[int]], Iterator[Floats]]  # (N, K) blocks of the columns at these places, in this order
     labels: Mapping[int, Labels] = field(default_factory=dict)  # of columns of words, by their places
+    #: places of other columns of words, by name, behind all others
+    text_columns: Mapping[str, int] = field(default_factory=dict)
 
     def sensors(self) -> SensorColumn | None:
         """The column of words that says which sensor a row is of; None where none does."""
@@ -122,6 +126,16 @@ class Table:
             for place, value in zip(places, row, strict=True)
         )
 
+    def words_of(self, columns: Columns, values: Floats) -> dict[str, NDArray[np.str_]]:
+        """(N,) words of the columns of words among those that are asked for, from values of their cells."""
+        asked = (each for each in columns.auxiliary if each.kind == AUXILIARY and each.cells[0] in self.labels)
+        found = {}
+        for each in asked:
+            numbers = columns.taken(values, each)[:, 0]
+            known = np.array([*self.labels[each.cells[0]].words, ""])
+            found[each.names[0]] = known[np.where(np.isnan(numbers), -1, numbers).astype(int)]
+        return found
+
     def is_of(self, device: Device, values: Floats) -> NDArray[np.bool_]:
         """(N,) which rows of the columns of a device are of it."""
         distinct, places = np.unique(values, axis=0, return_inverse=True)
@@ -130,12 +144,18 @@ class Table:
 
     @classmethod
     def of_arrays(
-        cls, source: str, kind: str, arrays: Mapping[str, NDArray[Any]], labels: Mapping[str, Labels] | None = None
+        cls,
+        source: str,
+        kind: str,
+        arrays: Mapping[str, NDArray[Any]],
+        labels: Mapping[str, Labels] | None = None,
+        words: Mapping[str, Sequence[object]] | None = None,
     ) -> Table:
         """Lay arrays side by side: those as long as most of them are, an (N, 3) one as three columns.
 
         Arrays are (N,), (N, K) or (K, N) of numbers or dates, or records of them; what is neither is left out, and
-        NoMagnetometer where nothing is left. A name may be empty.
+        NoMagnetometer where nothing is left. A name may be empty. `words` are columns that are read where they are
+        asked for.
         """
         columns = [column for name, array in arrays.items() for column in _columns_of(name, array)]
         if not columns:
@@ -149,12 +169,22 @@ class Table:
         names = tuple(name for name, _ in alike)
         values = [column for _, column in alike]
 
+        others = {name: each for name, each in (words or {}).items() if len(each) == length}
+        hidden = dict(zip(range(len(alike), len(alike) + len(others)), others, strict=True))
+        labelled = {place: labels[name] for place, name in enumerate(names) if labels and name in labels}
+        labelled |= {place: Labels() for place in hidden}
+
+        def part(cell: int, rows: slice) -> Floats:
+            if cell in hidden:
+                return labelled[cell].numbers(others[hidden[cell]][rows])
+            return _floats(values[cell][rows])
+
         def rows(cells: Sequence[int]) -> Iterator[Floats]:
             for start in range(0, length, BLOCK):
-                yield np.stack([_floats(values[cell][start : start + BLOCK]) for cell in cells], axis=1)
+                yield np.stack([part(cell, slice(start, start + BLOCK)) for cell in cells], axis=1)
 
-        labelled = {place: labels[name] for place, name in enumerate(names) if labels and name in labels}
-        return cls(kind, names if any(names) else (), len(alike), length, rows, labelled)
+        places = {name: place for place, name in hidden.items()}
+        return cls(kind, names if any(names) else (), len(alike), length, rows, labelled, places)
 
 
 @dataclass(slots=True, eq=False)
@@ -182,6 +212,19 @@ class TableRecording(ColumnsRecording):
         """How many rows there are; None where only those of one device are read."""
         return self.table.length if self.columns.device is None else None
 
+    def with_auxiliary(self, names: Sequence[str], *, are_needed: bool = True) -> TableRecording:
+        """Read columns of these names as well, numbers or words.
+
+        Raises `InputError` for one that is not there, where they are needed; else it is left out.
+        """
+        there = dict(zip((name.strip() for name in self.table.names), range(self.table.width), strict=False))
+        there |= {name: place for name, place in self.table.text_columns.items() if name not in there}
+        places = places_in(self.source, list(there), names, are_needed=are_needed)
+        columns = self.columns.with_auxiliary(places, [there[name] for name in places])
+        recording = replace(self, columns=columns)
+        recording.is_unit_given, recording.temporary_files = self.is_unit_given, self.temporary_files
+        return recording
+
     def with_columns(self, columns: Columns, unit: str | None, scale: float | None) -> TableRecording:
         """Read these columns, in the unit that their names or the user say."""
         own = unit_of(columns, self.source, unit, scale)
@@ -200,7 +243,8 @@ class TableRecording(ColumnsRecording):
         clock, done, usable, device = self.span.clock(self.source), 0, 0, self.columns.device
         for values in self.table.rows((*self.columns.cells, *(device.cells if device else ()))):
             own = values[self.table.is_of(device, values[:, -len(device.cells) :])] if device else values
-            samples = self.columns.samples(own.T, unit=self.unit, axes=self.axes, source=self.source)
+            words = self.table.words_of(self.columns, own.T)
+            samples = self.columns.samples(own.T, unit=self.unit, axes=self.axes, source=self.source, words=words)
             self.skipped = added(self.skipped, numbered(samples, done).skipped)
             done += len(values)
             usable += len(samples)
@@ -247,7 +291,11 @@ def open_table(
     if block is None:
         raise UnreadableInput(f"{file.name} tells of {counted(table.length, 'row')} and none is there: copy it again")
     if len(block) == table.length:  # all of it, which is not read again
-        table = replace(table, rows=lambda cells: iter([block[:, list(cells)]]))
+        again = table.rows
+        table = replace(
+            table,
+            rows=lambda cells: iter([block[:, list(cells)]]) if max(cells, default=0) < table.width else again(cells),
+        )
     devices = table.devices(table.sensors())
     own = block[table.is_of(devices[0], block[:, list(devices[0].cells)])] if devices else block
     first = own[:SAMPLED] if len(own) else block[:SAMPLED]

@@ -182,9 +182,12 @@ def table_of(
 ) -> Table:
     """Make a table of the columns that hold numbers or times."""
     places = places_of(schema)
+    width = len(places)
     labels = {
         place: Labels() for place, (column, _, name) in enumerate(places) if _is_of_words(schema.field(column), name)
     }
+    places += [(name, None, name) for name in _words_in(schema) if name not in {known for known, _, _ in places}]
+    labels |= {place: Labels() for place in range(width, len(places))}
 
     def rows(cells: Sequence[int]) -> Iterator[Floats]:
         wanted = [places[cell] for cell in cells]
@@ -200,7 +203,15 @@ def table_of(
             if len(block):
                 yield block
 
-    return Table(kind, tuple(name for _, _, name in places), len(places), length, rows, labels)
+    names = tuple(name for _, _, name in places)
+    words = dict(zip(names[width:], range(width, len(names)), strict=True))
+    return Table(kind, names[:width], width, length, rows, labels, words)
+
+
+def _words_in(schema: Any) -> list[str]:  # noqa: ANN401
+    """Names of the columns of words, of which only one is called so."""
+    of_words = (field for field in schema if str(field.type) in TEXTS or str(field.type).startswith("dictionary"))
+    return [field.name for field in of_words if schema.get_field_index(field.name) >= 0]
 
 
 def _is_of_words(field: Any, name: str) -> bool:  # noqa: ANN401

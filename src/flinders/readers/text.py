@@ -28,7 +28,8 @@ from flinders.core.time_span import TimeSpan
 from flinders.core.units import COUNTS, Unit
 from flinders.errors import UnreadableInput
 from flinders.readers._asked_columns import wanted_acceleration, wanted_strength
-from flinders.readers._cells import COMMENTS
+from flinders.readers._auxiliary import places_in
+from flinders.readers._cells import COMMENTS, number, split
 from flinders.readers._choice import FIRST, Choice
 from flinders.readers._clock import Midnights
 from flinders.readers._columns import ColumnsRecording, unit_of
@@ -37,7 +38,7 @@ from flinders.readers._grid import BLOCKS_AT_ONCE, LEAST_FOR_ARROW, NumberRows, 
 from flinders.readers._layout import TextLayout, sniff
 from flinders.readers._line_shapes import LineShapes
 from flinders.readers._lines import ENDS_EARLY, Lines, encoding_of
-from flinders.readers._names import CURRENT, CURRENTS, TEMPERATURE, THROTTLE, THROTTLES, TIME
+from flinders.readers._names import AUXILIARY, CURRENT, CURRENTS, TEMPERATURE, THROTTLE, THROTTLES, TIME
 from flinders.readers._reader import Reader
 from flinders.readers._recognition import recognise_layout, split_records
 from flinders.readers._rewrite import Rewriter
@@ -45,7 +46,7 @@ from flinders.readers._source import File, Progress, derived, sound
 from flinders.readers._tally import OTHER, Tally, accounted, besides
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator, Sequence
+    from collections.abc import Callable, Iterator, Mapping, Sequence
 
     from numpy.typing import NDArray
 
@@ -83,6 +84,7 @@ class TextRecording(ColumnsRecording):
     is_unit_given: bool = field(default=False, init=False)  # by whoever opened it
     skipped: tuple[Skipped, ...] = field(default=(), init=False)  # what the last pass has left out so far
     held: _Held | None = field(default=None, init=False)  # of a short one, what was read when it was opened
+    words: tuple[tuple[str, int], ...] = ()  # columns of words that are asked for: names and places
 
     def __post_init__(self) -> None:
         """Take the name of the file."""
@@ -142,6 +144,41 @@ class TextRecording(ColumnsRecording):
         known = wanted_strength(column, layout.header, layout.columns, layout.grid.width)
         self.layout = replace(layout, columns=known.with_strength_in(self.unit))
 
+    def with_auxiliary(self, names: Sequence[str], *, are_needed: bool = True) -> TextRecording:
+        """Read columns of these names as well, numbers or words.
+
+        Raises `InputError` for one that is not there, where they are needed; else it is left out.
+        """
+        places = places_in(self.source, self.layout.header, names, are_needed=are_needed)
+        texts = self._first_cells(list(places.values()))
+        words = {name: place for name, place in places.items() if texts[place]}
+        numbers = {name: place for name, place in places.items() if name not in words}
+        layout = replace(self.layout, columns=self.layout.columns.with_auxiliary(numbers, numbers.values()))
+        return replace(self, layout=layout, words=tuple(words.items()))._as(self)
+
+    def _as(self, other: TextRecording) -> TextRecording:
+        """The same with what is known of another that was opened."""
+        self.is_unit_given, self.held = other.is_unit_given, other.held
+        return self
+
+    def _first_cells(self, places: Sequence[int]) -> dict[int, bool]:
+        """Whether cells in the first rows at these places are words."""
+        opening, _ = self.file.opening(self.layout.encoding)
+        texts = (text for text in opening[self.layout.start - 1 :] if self.layout.is_reading(text))
+        rows = [split(text, self.layout.grid.delimiter) for text in texts]
+        cells = {place: [row[place] for row in rows if place < len(row)] for place in places}
+        decimal = self.layout.grid.decimal
+        return {place: any(number(cell, decimal) is None for cell in each) for place, each in cells.items()}
+
+    def _words_of(self, block: _Block, rows: NDArray[np.intp]) -> dict[str, NDArray[np.str_]]:
+        """(N,) words in the columns that are asked for, at rows of a block."""
+        if not self.words:
+            return {}
+        texts, first = block.lines.texts, block.lines.first
+        numbers = block.rows.numbers[rows].astype(int).tolist()
+        cells = [split(texts[line - first], self.layout.grid.delimiter) for line in numbers]
+        return {name: np.array([row[place].strip().strip('"') for row in cells]) for name, place in self.words}
+
     def corrected_lines(
         self, correct: Callable[..., Floats], *, add: bool = False, with_disturbances: bool = False
     ) -> Iterator[str]:
@@ -172,12 +209,14 @@ class TextRecording(ColumnsRecording):
         """
         rewriter = Rewriter(self.layout, add=add)
         yield list(rewriter.opening())
-        kinds = (TIME, CURRENT, THROTTLE, TEMPERATURE, CURRENTS, THROTTLES) if with_disturbances else ()
+        kinds = (TIME, CURRENT, THROTTLE, TEMPERATURE, CURRENTS, THROTTLES, AUXILIARY) if with_disturbances else ()
         columns = self.layout.columns.only(*kinds)
-        for lines, rows, usable, _ in self._pass(columns):  # a reading without time is corrected all the same
+        for block in self._pass(columns):  # a reading without time is corrected all the same
+            lines, rows, usable, _ = block
             corrected = np.full((len(usable), 3), np.nan)
             if usable.any():
-                samples = self._samples_of(columns, rows.values[usable])
+                words = self._words_of(block, np.flatnonzero(usable)) if with_disturbances else {}
+                samples = self._samples_of(columns, rows.values[usable], words)
                 given = samples if with_disturbances else samples.field
                 corrected[usable] = correct(given) / self.unit.scale + 0.0  # no −0
             yield list(rewriter.lines(lines, rows, corrected))
@@ -257,13 +296,16 @@ class TextRecording(ColumnsRecording):
     def _samples(self, block: _Block) -> Iterator[tuple[Floats, Samples]]:
         """Make samples of the rows that can be used, with the numbers of their lines, `BLOCK` at a time."""
         values = block.rows.values if block.usable.all() else block.rows.values[block.usable]
-        lines = block.rows.numbers[block.usable]
+        lines, places = block.rows.numbers[block.usable], np.flatnonzero(block.usable)
         for start in range(0, len(lines), BLOCK):
             rows = slice(start, start + BLOCK)
-            yield lines[rows], self._samples_of(self.layout.columns, values[rows])
+            words = self._words_of(block, places[rows])
+            yield lines[rows], self._samples_of(self.layout.columns, values[rows], words)
 
-    def _samples_of(self, columns: Columns, values: Floats) -> Samples:
-        return columns.samples(values.T, unit=self.unit, axes=self.axes, source=self.source, frame=self.frame)
+    def _samples_of(self, columns: Columns, values: Floats, words: Mapping[str, NDArray[np.str_]]) -> Samples:
+        return columns.samples(
+            values.T, unit=self.unit, axes=self.axes, source=self.source, frame=self.frame, words=words
+        )
 
 
 class Transcription:

@@ -70,7 +70,7 @@ class FigureData:
             Readings that are drawn, at most; the `View` counts them all.
         """
         recorded = in_memory(recording)
-        names = [] if fit is None else [disturbance.name for disturbance in fit.calibration.disturbances]
+        followed = {} if fit is None else {one.name: one for one in fit.calibration.disturbances}
         samples = recorded if fit is None else in_memory(compensated(recording, fit.calibration))
         seen = None if fit is None else _seen(fit, samples)
         is_used = np.ones(len(samples), bool)
@@ -83,7 +83,11 @@ class FigureData:
             samples,
             samples.field[::stride],
             recorded.field[::stride],
-            {name: column[::stride] for name in names if (column := recorded.driving(name)) is not None},
+            {
+                name: one.numbers(column[::stride])
+                for name, one in followed.items()
+                if (column := recorded.driving(name)) is not None
+            },
             when[::stride],
             clock,
             is_used[::stride],

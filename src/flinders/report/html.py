@@ -31,9 +31,10 @@ import msgspec
 import numpy as np
 
 from flinders.core.calibration_file import ProvenanceRecord
-from flinders.core.disturbance import motor
+from flinders.core.disturbance import is_column, motor
 from flinders.core.units import label
 from flinders.errors import FlindersError, counted, figures
+from flinders.findings.sensor_words import uncertain
 from flinders.findings.words import UPSIDE_DOWN, as_sentence
 from flinders.fitting.claim import dip_words
 from flinders.fitting.export import export_fit
@@ -275,8 +276,10 @@ def disturbance_rows(fit: Fit) -> list[tuple[str, str, list[tuple[str, str]], st
         removed_deg = fit.calibration.disturbance_deg(one, dip_deg=dip)
         has_others = one.name in motors and len(motors) > 1
         words = _disturbance_words(one, removed_deg, known.get(one.name), has_others=has_others)
-        unit = f"{label(fit.calibration.unit)} per {one.kind.per}"
-        rows.append((one.name.capitalize(), unit, _disturbance_offsets(fit, one, place), words))
+        per = f"while {one.states[1]}" if one.states else f"per {one.kind.per}"
+        unit = f"{label(fit.calibration.unit)} {per}"
+        title = one.name if is_column(one.name) else one.name.capitalize()
+        rows.append((title, unit, _disturbance_offsets(fit, one, place), words))
     return rows
 
 
@@ -299,10 +302,13 @@ def _disturbance_words(
     if estimate is not None:
         running = " and the other motors run along as they did then" if has_others else ""
         left = f", of which {degrees(estimate.remaining_deg)} (1 σ) is left when it is followed{running}"
-    parts = [
-        f"recorded from {disturbance.lowest:.3g} to {amount(disturbance.highest)}",
-        f"at {amount(disturbance.farthest)} it moves headings by up to {degrees(removed_deg)}{left}",
-    ]
+    states, low, end = disturbance.states, disturbance.lowest, disturbance.farthest
+    recorded = " and ".join(states) if states else f"from {low:.3g} to {amount(disturbance.highest)}"
+    where = f"{'while' if states else 'at'} {amount(end)}"
+    parts = [f"recorded {recorded}", f"{where} it moves headings by up to {degrees(removed_deg)}{left}"]
+    if estimate is not None and is_column(disturbance.name):
+        share = uncertain(100.0 * estimate.explained_share, 100.0 * estimate.explained_share_sigma)
+        parts.append(f"it explains {share} % of the scatter that readings have without it")
     if disturbance.reference:
         parts.append(f"the offset of the table below is that at {amount(disturbance.reference)}")
     if disturbance.lag_s:

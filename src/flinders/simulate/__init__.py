@@ -63,6 +63,7 @@ from flinders.simulate.disturbances import (
     GaussMarkov,
     MotorCurrent,
     Motors,
+    NamedColumn,
     PassingMagnet,
     Perturbation,
     Step,
@@ -87,7 +88,7 @@ from flinders.simulate.recording import RATE_NOISE, Imu, Simulated, angle_error_
 from flinders.simulate.sensor import Sensor, soft_iron
 
 __all__ = [
-    "MOTIONS", "RATE_HZ", "RATE_NOISE", "FieldStep", "GaussMarkov", "Imu", "MotorCurrent", "Motors",
+    "MOTIONS", "RATE_HZ", "RATE_NOISE", "FieldStep", "GaussMarkov", "Imu", "MotorCurrent", "Motors", "NamedColumn",
     "PassingMagnet", "Perturbation", "Sensor", "Simulated", "Step", "ThermalDrift", "Trajectory", "angle_error_deg",
     "clump", "clumped", "drive", "fibonacci", "figure_eight", "flight", "hand_tumble", "hemisphere", "level_turn",
     "north_and_down", "planar_sweeps", "posed", "rocked", "rotation_vectors", "seen_from", "soft_iron",

@@ -20,8 +20,8 @@ True
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
-from typing import TYPE_CHECKING, ClassVar, Protocol
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any, ClassVar, Protocol
 
 import numpy as np
 
@@ -31,6 +31,8 @@ from flinders.geometry.sphere import uniform
 from flinders.simulate._checks import not_negative, positive, share
 
 if TYPE_CHECKING:
+    from collections.abc import Mapping
+
     from numpy.random import Generator
     from numpy.typing import ArrayLike, NDArray
 
@@ -47,6 +49,8 @@ class Effect:
     outliers: NDArray[np.bool_] | None = None  #: (N,): readings that are of no use
     gain: Floats | None = None  #: (N,): what the earth's field is multiplied by
     currents: Floats | None = None  #: (N, M): what the meter of each motor says
+    #: (N,) of numbers or of words: other columns of the log, by name
+    auxiliary: Mapping[str, NDArray[Any]] = field(default_factory=dict)
 
 
 class Perturbation(Protocol):
@@ -121,6 +125,43 @@ def _set_anew(since: Floats, values: Floats) -> Floats:
     eased = np.clip((since - setting) / 0.05, 0.0, 1.0)[:, np.newaxis]
     settings: Floats = values[setting] * (1.0 - eased) + values[setting + 1] * eased
     return settings
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class NamedColumn:
+    """A column of the log that follows what makes a field: a wheel, a servo, a charger.
+
+    It is set anew every few seconds, to anything in its range or, where it has states, to one of the two.
+
+    >>> charger = NamedColumn("charger", [4.0, 0.0, 0.0], states=("idle", "charging"), hold=1.0)
+    >>> effect = charger.on(np.arange(4.0), np.random.default_rng(2))
+    >>> effect.shift[:, 0], effect.auxiliary["charger"].tolist()
+    (array([0., 4., 4., 0.]), ['idle', 'charging', 'charging', 'idle'])
+    """
+
+    kind: ClassVar[str] = "column"
+
+    name: str  #: of the column
+    per_unit: (
+        float | ArrayLike
+    )  #: µT: in sensor axes, for each unit or in the second state; one number: drawn direction
+    highest: float = 1.0  #: most of it; the least is 0
+    hold: float = 3.0  #: s: how long a setting lasts
+    noise: float = 0.0  #: of its meter, one σ
+    states: tuple[str, ...] = ()  #: the words of its two states
+
+    def on(self, time: Floats, rng: Generator) -> Effect:
+        """What it does to readings taken at (N,) times in s."""
+        direction = _vector(self.per_unit, rng, "per_unit")
+        since = (time - time[0]) / positive(self.hold, "hold")
+        settings = rng.uniform(0.0, 1.0, (int(since[-1]) + 2, 1))
+        noise = not_negative(self.noise, "noise", "of its unit") * rng.standard_normal(len(time))
+        if self.states:
+            is_second = settings[since.astype(int), 0] > 0.5
+            words = np.array(self.states)[is_second.astype(int)]
+            return Effect(np.outer(is_second, direction), auxiliary={self.name: words})
+        course = positive(self.highest, "highest") * _set_anew(since, settings)[:, 0]
+        return Effect(np.outer(course, direction), auxiliary={self.name: course + noise})
 
 
 @dataclass(frozen=True, slots=True)

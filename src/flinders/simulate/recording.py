@@ -13,13 +13,14 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING, Final, Literal
+from typing import TYPE_CHECKING, Any, Final, Literal
 
 import numpy as np
 
 from flinders.arrays import frozen, triple
 from flinders.arrays import matrix as square
 from flinders.core.files import replacing
+from flinders.core.named_columns import are_words
 from flinders.core.samples import Samples
 from flinders.core.short_repr import ShortRepr
 from flinders.errors import UsageError
@@ -281,6 +282,7 @@ def _recorded(
         temperature=_last(effects, "temperature"),
         current=_total([effect.current for effect in effects]),
         currents=_last(effects, "currents"),
+        auxiliary={name: values for effect in effects for name, values in effect.auxiliary.items()},
         source=source,
     )
 
@@ -340,8 +342,14 @@ def lines(samples: Samples, *, corrected: Floats | None = None) -> Iterator[str]
     if corrected is not None:
         columns |= {f"mag_{axis}_{samples.unit.inside}_cal": corrected[:, i] for i, axis in enumerate("xyz")}
     yield ",".join(columns)
-    for row in np.round(np.column_stack(list(columns.values())), DIGITS) + 0.0:
-        yield ",".join([f"{value:.{DIGITS}f}" for value in row])
+    yield from map(",".join, zip(*map(_cells, columns.values()), strict=True))
+
+
+def _cells(values: NDArray[Any]) -> list[str]:
+    """Write (N,) values: words as they are, numbers with `DIGITS` decimals."""
+    if are_words(values):
+        return [str(value) for value in values.tolist()]
+    return [f"{value:.{DIGITS}f}" for value in np.round(values, DIGITS) + 0.0]
 
 
 def write_csv(samples: Samples, path: str | os.PathLike[str], *, force: bool = False) -> None:

@@ -42,6 +42,23 @@ GROWN: Final = """\
     for (axis = 0; axis < 3; axis++) {{
         corrected[axis] /= (1.0f + {gain} * ({key} - {reference}));
     }}"""
+SKETCH_DRIVEN: Final = """
+// The same for values of {known}; {function}Magnetometer() takes them at their references.
+void {function}MagnetometerAt(float &x, float &y, float &z, {arguments}) {{
+{terms}
+  {function}Magnetometer(x, y, z);{grown}
+}}"""
+SKETCH_GROWN: Final = """
+  const float grown = {factors};
+  x /= grown;
+  y /= grown;
+  z /= grown;"""
+MODULE_DRIVEN: Final = """
+
+def correct_at(raw, {arguments}):
+    \"""The same for values of {known}; correct() takes them at their references.\"""
+    x, y, z = (raw[axis]{terms} for axis in range(3))
+    return {result}"""
 SKETCH: Final = """\
 const float {constant}_MATRIX[3][3] = {{
 {rows}

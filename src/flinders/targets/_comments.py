@@ -37,7 +37,7 @@ class Comment:
         wrapped: list[str] = []
         for remark in remarks:
             wrapped += textwrap.wrap(
-                self._harmless(remark),
+                self.plain(remark),
                 width=78,
                 initial_indent=self.each,
                 subsequent_indent=f"{self.each}  ",
@@ -45,7 +45,8 @@ class Comment:
             )
         return [*filter(None, [self.opening]), *wrapped, *filter(None, [self.closing])]
 
-    def _harmless(self, remark: str) -> str:
+    def plain(self, remark: str) -> str:
+        """A remark in ASCII, without what would end the comment."""
         text = plain_ascii(remark)
         for unsafe, written in self.ends:
             while unsafe in text:

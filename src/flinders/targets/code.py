@@ -35,10 +35,8 @@ from flinders.targets._code_templates import (
     C_CURVE,
     C_DIP,
     C_STRENGTH,
-    DRIVEN,
     FIXED,
     FLOAT,
-    GROWN,
     MODULE,
     MODULE_CURVE,
     MODULE_DIP,
@@ -50,14 +48,13 @@ from flinders.targets._code_templates import (
 )
 from flinders.targets._code_text import begun, digits, float32s, guarded
 from flinders.targets._comments import BLOCK, HASH
+from flinders.targets._following import in_c, in_module, in_sketch
 from flinders.targets._heading_code import IN_C, IN_PYTHON, IN_SKETCH
 from flinders.targets._inertial_forms import code_form
-from flinders.targets._numbers import OWN, RECORDED, Affine, shift_in_recorded_axes, single, unmapped, whole
+from flinders.targets._numbers import OWN, RECORDED, Affine, single, unmapped, whole
 from flinders.targets._target import CHANCE, TILT_DEG, ExportOptions, Gates, Target, Written
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
-
     from numpy.typing import ArrayLike
 
     from flinders.core.calibration import Calibration
@@ -136,7 +133,7 @@ def write_header(calibration: Calibration, asked: ExportOptions) -> Written:
     code = _filled(FLOAT, calibration, reading, name=name, constant=name.upper())
     code = _gated(code, calibration, asked, (C_STRENGTH, C_DIP), name=name, constant=name.upper())
     code = IN_C.added(code, calibration.unit, asked, name=name, constant=name.upper())
-    return replace(code, body=guarded(name, [*code.body, *_driven(calibration, name)]))
+    return replace(code, body=guarded(name, [*code.body, *in_c(calibration, name)]))
 
 
 def write_sketch(calibration: Calibration, asked: ExportOptions) -> Written:
@@ -146,6 +143,7 @@ def write_sketch(calibration: Calibration, asked: ExportOptions) -> Written:
     prefix = f"{name}_" if name else ""
     reading = Reading("{1} - " + constant + "_OFFSET[{0}]", prefix + "linearField", SKETCH_CURVE)
     code = _filled(SKETCH, calibration, reading, constant=constant, function=function, prefix=prefix)
+    code = replace(code, body=[*code.body, *in_sketch(calibration, constant, function)])
     code = _gated(code, calibration, asked, (SKETCH_STRENGTH, SKETCH_DIP), constant=constant, prefix=prefix)
     return IN_SKETCH.added(code, calibration.unit, asked, constant=constant, prefix=prefix)
 
@@ -154,6 +152,7 @@ def write_micropython(calibration: Calibration, asked: ExportOptions) -> Written
     """Write a module for MicroPython and CircuitPython, ``correct((x, y, z))``; it imports `math` for headings."""
     reading = Reading("raw[{0}] - OFFSET[{0}]", "linear", MODULE_CURVE)
     code = _filled(MODULE, calibration, reading, suffix="", row="    ({}),")
+    code = replace(code, body=[*code.body, *in_module(calibration)])
     code = _gated(code, calibration, asked, (MODULE_STRENGTH, MODULE_DIP), suffix="")
     return IN_PYTHON.added(code, calibration.unit, asked)
 
@@ -281,28 +280,6 @@ recording
     return words
 
 
-def _driven(calibration: Calibration, name: str) -> Iterator[str]:
-    """A second function, for a calibration that follows something: the first holds at the references."""
-    if not calibration.disturbances:
-        return
-    disturbances = {disturbance.kind.key: disturbance for disturbance in calibration.disturbances}
-    for key, disturbance in disturbances.items():
-        per_unit = single(shift_in_recorded_axes(calibration, disturbance) / calibration.raw.scale)
-        yield ""
-        yield f"/* {disturbance} */".replace("°", "deg ").replace("−", "-")
-        declared = f"static const float {name}_{key.lower()}[3]"
-        yield f"{declared} = {{{float32s(per_unit, 'f')}}}; /* {calibration.raw.name} per unit of {key} */"
-    references = {key: digits(disturbance.reference, "f") for key, disturbance in disturbances.items()}
-    terms = "".join(f" - {name}_{key.lower()}[axis] * ({key} - {zero})" for key, zero in references.items())
-    arguments = ", ".join(f"float {key}" for key in disturbances)
-    yield from DRIVEN.format(name=name, known=" and ".join(disturbances), arguments=arguments, terms=terms).splitlines()
-    for key, disturbance in disturbances.items():
-        if disturbance.gain_per_unit:
-            gain = digits(disturbance.gain_per_unit, "f")
-            yield from GROWN.format(gain=gain, key=key, reference=references[key]).splitlines()
-    yield "}"
-
-
 def write_q15(calibration: Calibration, asked: ExportOptions) -> Written:
     """Write a header for whole readings of 16 bits; numbers that they cannot hold raise `NotExportable`."""
     return _fixed(calibration, Q15, "int16_t", asked)
@@ -381,7 +358,6 @@ ARDUINO: Final = replace(
     use="Arduino sketch",
     suffix=".ino",
     title="Arduino sketch",
-    follows="",
     inertial=code_form("sketch"),
     write=write_sketch,
 )

@@ -12,7 +12,7 @@ import json
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any, Final
 
-from flinders.core.disturbance import BY_KEY, Disturbance
+from flinders.core.disturbance import BY_KEY, Disturbance, is_column
 from flinders.core.units import COUNTS, MICROTESLA
 from flinders.errors import DocumentError
 from flinders.targets._comments import HASH
@@ -55,16 +55,21 @@ def _values(calibration: Calibration, asked: ExportOptions) -> tuple[Affine, dic
 
 def _drivers(calibration: Calibration) -> dict[str, Any]:
     """What the offset follows, in the axes as recorded: ``offset + offset_per_unit (value - reference)``."""
+    kinds = [one for one in calibration.disturbances if not is_column(one.name)]
+    columns = {one.name: _driver(calibration, one) for one in calibration.disturbances if is_column(one.name)}
+    drivers = {one.kind.key: _driver(calibration, one) for one in kinds}
+    return {**drivers, **({"columns": columns} if columns else {})}
+
+
+def _driver(calibration: Calibration, disturbance: Disturbance) -> dict[str, Any]:
+    """One of them; of a column of states with their words."""
     return {
-        key: {
-            "offset_per_unit": shift_in_recorded_axes(calibration, disturbance).tolist(),
-            "reference": disturbance.reference,
-            "recorded": [disturbance.lowest, disturbance.highest],
-            "lag_s": disturbance.lag_s,
-            "scale_per_unit": disturbance.gain_per_unit,
-        }
-        for disturbance in calibration.disturbances
-        for key in [disturbance.kind.key]
+        "offset_per_unit": shift_in_recorded_axes(calibration, disturbance).tolist(),
+        "reference": disturbance.reference,
+        "recorded": [disturbance.lowest, disturbance.highest],
+        "lag_s": disturbance.lag_s,
+        "scale_per_unit": disturbance.gain_per_unit,
+        **({"states": list(disturbance.states)} if disturbance.states else {}),
     }
 
 
@@ -90,20 +95,22 @@ def read(content: bytes, source: str, *, strength: float | None = None) -> Calib
 
 def _read(fields: dict[str, Any], source: str) -> tuple[Disturbance, ...]:
     """What the offset follows, where the file says so."""
-    disturbances = []
-    for key, name in BY_KEY.items():
-        if key not in fields:
-            continue
-        record = fields[key]
-        if not isinstance(record, dict):
-            raise DocumentError(f"{source}: {key} needs offset_per_unit, reference, recorded and lag_s")
-        reference, lag, gain = numbers(record, ["reference", "lag_s", "scale_per_unit"], source)
-        low, high = listed(record, "recorded", 2, source)
-        per_unit = listed(record, "offset_per_unit", 3, source)
-        disturbances.append(
-            Disturbance(name, per_unit, float(reference), float(low), float(high), float(lag), float(gain))
-        )
-    return tuple(disturbances)
+    columns = fields.get("columns", {})
+    if not isinstance(columns, dict):
+        raise DocumentError(f"{source}: columns needs an entry for each name of a column")
+    kinds = {name: fields[key] for key, name in BY_KEY.items() if key in fields}
+    return tuple(_followed(name, record, source) for name, record in {**kinds, **columns}.items())
+
+
+def _followed(name: str, record: object, source: str) -> Disturbance:
+    """One disturbance of a file."""
+    if not isinstance(record, dict):
+        raise DocumentError(f"{source}: {name} needs offset_per_unit, reference, recorded and lag_s")
+    reference, lag, gain = numbers(record, ["reference", "lag_s", "scale_per_unit"], source)
+    low, high = listed(record, "recorded", 2, source)
+    per_unit = listed(record, "offset_per_unit", 3, source)
+    states = tuple(map(str, record.get("states", ())))
+    return Disturbance(name, per_unit, float(reference), float(low), float(high), float(lag), float(gain), states)
 
 
 JSON: Final = Target(

@@ -22,8 +22,10 @@ import numpy as np
 from flinders.core.geomag import ASSUMED_DIP_DEG
 from flinders.core.joining import singles
 from flinders.errors import NotTurned
+from flinders.estimators.columns import Coded, states_in
 from flinders.estimators.static_bench import still
 from flinders.fitting.verdict import of_alike, of_column, of_noisy
+from flinders.readers._auxiliary import with_auxiliary
 from flinders.workflows.recordings import fit_for, recording_for
 
 if TYPE_CHECKING:
@@ -67,7 +69,7 @@ def fit_bench(source: AnyReadings, calibration: AnyCalibration, disturbances: Se
     calibration : Fit, Calibration or path
         Made of this sensor without these disturbances; others that it follows are kept.
     disturbances : sequence of str
-        ``current``, ``throttle`` or ``temperature``; ``current1`` and so on of each motor.
+        ``current``, ``throttle`` or ``temperature``; ``current1`` and so on of each motor; or a column's name.
 
     Returns
     -------
@@ -84,9 +86,12 @@ def fit_bench(source: AnyReadings, calibration: AnyCalibration, disturbances: Se
         For a recording in another unit or other axes than the calibration.
     """
     known = fit_for(calibration)
-    result = still(tuple(singles(recording_for(source, known))), disturbances)
+    parts = tuple(singles(with_auxiliary(recording_for(source, known), disturbances)))
+    states = states_in(parts, disturbances)
+    result = still(tuple(Coded(part, states) for part in parts) if states else parts, disturbances)
     if result is None or not result.disturbances:
         raise NotTurned(0.0 if result is None else result.noise, " and ".join(disturbances))
+    result = result.with_states(states)
     made = result.onto(known.calibration)
     residual_deg = {each.name: _residual_deg(result, made, each.name) for each in result.disturbances}
     return Bench(made, result, residual_deg, _findings(result))

@@ -230,7 +230,7 @@ class OnlineCalibration:
 
     def _undisturbed(self, field: Floats, values: Mapping[str, ArrayLike | None]) -> Floats:
         """Readings as they would be at the references of the disturbances."""
-        shift, gain = effect(self._disturbances, named(**values))
+        shift, gain = effect(self._disturbances, named(self._disturbances, **values))
         quiet: Floats = self._reference + (field - self._reference - shift) / gain[..., np.newaxis]
         return quiet
 

@@ -25,6 +25,7 @@ from flinders.errors import AxesError, TooFewSamples, UnitError, UsageError
 from flinders.fitting.fit_file import load
 from flinders.fitting.result import Fit, bare_fit, with_calibration
 from flinders.readers import Choice, TableRecording, TextRecording, is_source, open_recording
+from flinders.readers._auxiliary import with_auxiliary
 from flinders.readers._choice import Form
 
 if TYPE_CHECKING:
@@ -115,6 +116,7 @@ def open_with(fit: Fit, recording: AnySource, *, sensor: str | None = None, **re
     forms = tuple(Form(each.field, each.width, each.names, each.increasing) for each in known)
     choice = Choice(sensor, calibration.sensor, forms=forms)
     opened = open_recording(recording, axes=str(calibration.axes), sensor=choice, **reading)
+    opened = with_auxiliary(opened, [one.name for one in calibration.disturbances], are_needed=False)
     agree(calibration, opened)
     return opened
 

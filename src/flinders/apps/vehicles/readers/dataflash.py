@@ -35,7 +35,7 @@ from __future__ import annotations
 import re
 from dataclasses import dataclass, replace
 from datetime import UTC, datetime, timedelta
-from functools import cached_property
+from functools import cached_property, partial
 from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
@@ -72,7 +72,7 @@ from flinders.readers._resample import AttitudeSeries, TimeSeries, blocks, resam
 from flinders.readers._source import filled_size, refusal, reserved_words
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator, Mapping
+    from collections.abc import Collection, Iterator, Mapping, Sequence
 
     from numpy.typing import NDArray
 
@@ -108,6 +108,9 @@ WANTED: Final = (
 )  # fmt: skip
 DESCRIPTION: Final = re.compile(rb"^FMT\s*,\s*\d+\s*,\s*\d+\s*,\s*\w+\s*,", re.MULTILINE)
 """A line that describes messages."""
+
+NAMED: Final = re.compile(r"(?P<message>[A-Z][A-Z0-9]*)(?:\[(?P<instance>\d+)\])?\.(?P<field>\w+)", re.IGNORECASE)
+"""Name of a field: that of its message, of several instances which one, and its label."""
 
 MOST_SKIPPED: Final = 0.5
 """A log of which more than this belongs to no message is refused."""
@@ -159,20 +162,20 @@ def open_dataflash(file: File) -> Log:
     )
 
 
-def _messages(file: File) -> Messages:
-    """Find the messages of a log, binary or text."""
+def _messages(file: File, wanted: Collection[str] = WANTED) -> Messages:
+    """Find the messages of some names in a log, binary or text."""
     if not file.head().startswith(HEADER):
         lines = (
             (block.first + place, line)
             for block in file.lines(encoding_of(file.head()))
             for place, line in enumerate(block.texts)
         )
-        return read_listed(lines, WANTED)
+        return read_listed(lines, wanted)
     try:
         raw = np.memmap(file.path, np.uint8, "r").view(np.ndarray)[: filled_size(file.path) + LONGEST]
     except (OSError, ValueError) as error:
         raise refusal(file.name, error) from None
-    messages = read_packed(raw, WANTED)
+    messages = read_packed(raw, wanted)
     if messages.skipped > MOST_SKIPPED * len(raw):
         raise UnreadableInput(
             f"{file.name} begins as an ArduPilot log, and {messages.skipped:,} of its {len(raw):,} bytes belong to no "
@@ -296,6 +299,7 @@ def _instrument(
         readings=len(mag),
         notes=tuple(_remarks(compass, changes[-1][1], number, ill)),
         file=file,
+        look_up=partial(named_series, file),
     )
 
 
@@ -442,6 +446,28 @@ def _of_primary(quaternions: Table, state: Table | None) -> Table:
         cores = state.column("PI")
         used = cores[np.maximum(np.searchsorted(state.where, quaternions.where, side="right") - 1, 0)]
     return quaternions.only(core == (used if (core == used).any() else core.min()))
+
+
+def named_series(file: File, names: Sequence[str]) -> tuple[dict[str, TimeSeries], list[str]]:
+    """Fields of messages by names such as ``BAT.Curr``, of another instance ``BAT[1].Curr``; and some that there are.
+
+    Without an instance it is the first one.
+    """
+    wanted = {name: match for name in names if (match := NAMED.fullmatch(name))}
+    messages = _messages(file, {match["message"] for match in wanted.values()})
+    found, there = dict[str, TimeSeries](), list[str]()
+    for name, match in wanted.items():
+        table = messages.get(match["message"])
+        if table is None or table.seconds is None:
+            continue
+        there += [f"{match['message']}.{label}" for label in table.fields]
+        instance = None if match["instance"] is None else float(match["instance"])
+        own = table.of_instance(instance) if instance is not None else table.of_instance() or table
+        if own is None or own.seconds is None or not len(own) or not own.has(match["field"]):
+            continue
+        series = TimeSeries.of(own.seconds, own.columns(match["field"]))
+        found |= {} if series is None else {name: series}
+    return found, there
 
 
 # where, when, and what to know

@@ -35,10 +35,11 @@ from dataclasses import dataclass, field, replace
 from datetime import UTC, datetime, timedelta
 from functools import lru_cache, partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Final
+from typing import TYPE_CHECKING, Any, Final, TypeAlias
 
 import numpy as np
 
+from flinders.apps.vehicles.readers.ros_fields import Fields
 from flinders.core.files import MOST_PIECE, metered, refuse_bomb, unpacked_piece
 from flinders.core.units import COUNTS, Unit
 from flinders.errors import UnreadableInput, counted
@@ -86,6 +87,8 @@ NAMES_SATELLITES: Final = re.compile(r"(?:^|[/_])(?:gps|gnss|navsat|fix)(?:[/_]|
 """What the topic of a velocity needs in its name, so that it is taken for one over ground by satellites."""
 IDENTIFIER: Final = re.compile(r"[A-Za-z]\w*", re.ASCII)
 """What types and fields are called in ROS."""
+Topics: TypeAlias = "_Topics | Fields"
+"""What takes the messages that it wants."""
 LEAST_FIX: Final = 0
 """``NavSatStatus.STATUS_FIX``."""
 
@@ -115,28 +118,56 @@ def open_ros(file: File, *, unit: str | None = None) -> Log:
     head = b"" if file.path.is_dir() else file.head()
     topics = _Topics(file.name, is_first=head.startswith(BAG))
     start = next((start for start in REPAIRS if head.startswith(start)), None)
-    with reading(file.name, KIND, advice=_advice(file.path, start)):
-        if start is None:
-            _read_folder(file, topics)
-        else:
-            _read_file(file.path, start, topics)
+    _read(file, start, topics)
     ordered = topics.sorted()
     begun = min((int(topic.stamps[0]) for topic in ordered if topic.is_magnetometer), default=0)
     since = begun if 1e-9 * begun > LONG else 0
     return Log(
         file.name,
         {BAG: "ROS 1 bag", MCAP: "MCAP recording"}.get(start or b"", "ROS 2 recording"),
-        tuple(_instruments(file.name, ordered, since, given)),
+        tuple(
+            replace(one, look_up=partial(named_series, file, start, since))
+            for one in _instruments(file.name, ordered, since, given)
+        ),
         position=_position(ordered),
         begun=datetime(1970, 1, 1, tzinfo=UTC) + timedelta(microseconds=since // 1000) if since else None,
         notes=tuple(_about(file, topics)),
     )
 
 
+def named_series(
+    file: File, start: bytes | None, since: int, names: Sequence[str]
+) -> tuple[dict[str, TimeSeries], list[str]]:
+    """Fields of messages by names such as ``/battery.current``, and those that their topics have."""
+    fields = Fields.of(file.name, names, _undecoded(start == BAG), is_first=start == BAG)
+    if fields.paths:
+        _read(file, start, fields)
+    return fields.series(since), fields.there
+
+
+def _undecoded(is_first: bool) -> Callable[[Any], Callable[[bytes, str], Any]]:
+    """How messages of a connection are decoded."""
+
+    def decoder(connection: Any) -> Callable[[bytes, str], Any]:  # noqa: ANN401 - rosbags' types are its own
+        store = _typestore(connection.msgdef, connection.msgtype)
+        return store.deserialize_ros1 if is_first else store.deserialize_cdr
+
+    return decoder
+
+
+def _read(file: File, start: bytes | None, topics: Topics) -> None:
+    """Read what is wanted of a recording, by its first bytes; of a folder without."""
+    with reading(file.name, KIND, advice=_advice(file.path, start)):
+        if start is None:
+            _read_folder(file, topics)
+        else:
+            _read_file(file.path, start, topics)
+
+
 # folders and databases
 
 
-def _read_folder(file: File, topics: _Topics) -> None:
+def _read_folder(file: File, topics: Topics) -> None:
     """Read a folder of ROS 2; refuse one of which messages are missing, as rosbags may end at damage without a word."""
     if (file.path / METADATA).stat().st_size > MOST_METADATA:
         raise UnreadableInput(f"the {METADATA} of {file.name} has more than {MOST_METADATA >> 20} MB: no ROS wrote it")
@@ -153,7 +184,7 @@ def _read_folder(file: File, topics: _Topics) -> None:
         )
 
 
-def _read_file(path: Path, start: bytes, topics: _Topics) -> None:
+def _read_file(path: Path, start: bytes, topics: Topics) -> None:
     """Read a recording in one file; raise ValueError where messages are missing."""
     with _named(path, SUFFIXES.get(start, "")) as named:
         expected, read = (_read_bag if start == BAG else _read_by_rosbags)(named, topics)
@@ -161,7 +192,7 @@ def _read_file(path: Path, start: bytes, topics: _Topics) -> None:
         raise ValueError(f"{read:,} of {counted(expected, 'message')} are there")
 
 
-def _read_bag(path: Path, topics: _Topics) -> tuple[int, int]:
+def _read_bag(path: Path, topics: Topics) -> tuple[int, int]:
     """Let rosbags read a bag of ROS 1; as `_read_by_rosbags`."""
     from rosbags.rosbag1 import Reader as FirstReader
 
@@ -183,7 +214,7 @@ def _read_bag(path: Path, topics: _Topics) -> tuple[int, int]:
         return _read_messages(reader, topics)
 
 
-def _read_by_rosbags(path: Path, topics: _Topics) -> tuple[int, int]:
+def _read_by_rosbags(path: Path, topics: Topics) -> tuple[int, int]:
     """Let rosbags read what is wanted of a recording of ROS 2; how many messages it says it has, and how many came."""
     from rosbags.rosbag2 import Reader as SecondReader
 
@@ -196,8 +227,8 @@ def _read_by_rosbags(path: Path, topics: _Topics) -> tuple[int, int]:
         return _read_messages(reader, topics)
 
 
-def _read_messages(reader: Any, topics: _Topics) -> tuple[int, int]:  # noqa: ANN401 - one of two of rosbags
-    wanted = [one for one in reader.connections if _is_wanted(one)]
+def _read_messages(reader: Any, topics: Topics) -> tuple[int, int]:  # noqa: ANN401 - one of two of rosbags
+    wanted = [one for one in reader.connections if topics.is_wanted(one)]
     read = 0
     for connection, recorded, packed in reader.messages(wanted) if wanted else ():  # none given would be all
         if packed[:4] == ZSTD:
@@ -363,6 +394,10 @@ class _Topics:
     _by_name: dict[tuple[str, str], _Topic] = field(default_factory=dict)
     _decoders: dict[int, Callable[[bytes, str], Any]] = field(default_factory=dict)
 
+    def is_wanted(self, connection: Any) -> bool:  # noqa: ANN401 - rosbags' types are its own
+        """Tell whether a topic is one of those that are read."""
+        return _is_wanted(connection)
+
     def add(self, connection: Any, recorded: int, packed: bytes) -> None:  # noqa: ANN401
         """Decode a message; one that cannot be decoded raises whatever rosbags makes of it."""
         key = connection.topic, connection.msgtype
@@ -381,8 +416,7 @@ class _Topics:
 
         if connection.msgdef.format == MessageDefinitionFormat.NONE:
             self.is_undefined = True
-        store = _typestore(connection.msgdef, connection.msgtype)
-        return store.deserialize_ros1 if self.is_first else store.deserialize_cdr
+        return _undecoded(self.is_first)(connection)
 
     def sorted(self) -> list[_Topic]:
         """Those with messages, magnetometers first, those with tesla before those without a unit."""
@@ -392,7 +426,7 @@ class _Topics:
 
 
 def _is_wanted(connection: Any) -> bool:  # noqa: ANN401 - rosbags' types are its own
-    """Tell whether a topic is one of those that are read."""
+    """Tell whether a topic is one of those of magnetometers, and of what stands beside them."""
     if connection.msgtype == VECTOR:
         return NAMES_MAGNETOMETER.search(connection.topic) is not None
     if connection.msgtype in (TWIST, TWIST_WITH_COVARIANCE):

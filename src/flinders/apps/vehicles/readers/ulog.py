@@ -47,7 +47,7 @@ from flinders.readers._resample import AttitudeSeries, TimeSeries, blocks, resam
 from flinders.readers._source import UpTo, filled_size, reserved_words
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator, Mapping
+    from collections.abc import Callable, Iterator, Mapping, Sequence
 
     from numpy.typing import NDArray
 
@@ -113,7 +113,7 @@ def open_ulog(file: File) -> Log:
         return Log(
             file.name,
             "PX4 ULog",
-            tuple(replace(one, velocity=velocity) for one in instruments),
+            tuple(replace(one, velocity=velocity, look_up=partial(named_series, file)) for one in instruments),
             position=_position(flight),
             begun=_begun(flight),
             notes=(*version, *damage),
@@ -142,12 +142,12 @@ class _Bounded(io.BufferedReader):
         return after
 
 
-def _parsed(pyulog: Any, file: File) -> Any:  # noqa: ANN401 - pyulog has no types
+def _parsed(pyulog: Any, file: File, topics: Sequence[str] = TOPICS) -> Any:  # noqa: ANN401 - pyulog has no types
     """Let pyulog read the topics that are wanted; what it would print is not printed."""
     filled = filled_size(file.path)
     opened = UpTo(file.path, file.size if filled == file.size else _end_of_message(file, filled))
     with redirect_stdout(io.StringIO()), _Bounded(opened, file.name, file.size) as handle:
-        return _guarded(pyulog.ULog)(handle, message_name_filter_list=list(TOPICS))
+        return _guarded(pyulog.ULog)(handle, message_name_filter_list=list(topics))
 
 
 def _guarded(ulog: type[Any]) -> type[Any]:
@@ -342,6 +342,30 @@ AUXILIARY: Final[Mapping[str, Callable[[Topics], TimeSeries | None]]] = {
     ATTITUDE: _attitude,
 }
 """How each column of `Samples` that is no compass's is found."""
+
+
+def named_series(file: File, names: Sequence[str]) -> tuple[dict[str, TimeSeries], list[str]]:
+    """Fields of topics by names such as ``battery_status.current_a``, and the fields that those topics have.
+
+    Of another instance than the first it is ``battery_status[1].current_a``.
+    """
+    parts = {name: name.partition(".") for name in names if "." in name}
+    topics = {name: topic.partition("[") for name, (topic, _, _) in parts.items()}
+    if not topics:
+        return {}, []
+    pyulog = needs("pyulog", "px4", KIND)
+    with reading(file.name, KIND):
+        log = _parsed(pyulog, file, sorted({topic for topic, _, _ in topics.values()}))
+    data = {(one.name, one.multi_id): one.data for one in log.data_list}
+    found, there = dict[str, TimeSeries](), list[str]()
+    for name, (topic, _, instance) in topics.items():
+        number = instance.rstrip("]") or "0"
+        columns = data.get((topic, int(number) if number.isdecimal() else -1), {})
+        field = parts[name][2]
+        there += [f"{topic}.{each}" for each in columns]
+        series = TimeSeries.of(_seconds(columns), _stack(columns, field)) if field in columns else None
+        found |= {} if series is None else {name: series}
+    return found, there
 
 
 # the magnetometers

@@ -379,7 +379,7 @@ export function readCalibration(text, { targets }) {
         const versions = `it is written in schema ${document.schema}, and this page reads ${targets.schema}`;
         throw new Unreadable(`${versions}: open it with the command line${needed}`);
     }
-    const { matrix, offset, field_strength, field_strength_known, unit, rotation = "symmetric", disturbances = {}, linearization } =
+    const { matrix, offset, field_strength, field_strength_known, unit, rotation = "symmetric", disturbances = {}, columns = {}, linearization } =
         document.calibration ?? {};
     const isTriple = (/** @type {any} */ values) => Array.isArray(values) && values.length === 3 && values.every(Number.isFinite);
     const isMatrix = Array.isArray(matrix) && matrix.length === 3 && matrix.every(isTriple) && determinant(matrix) !== 0;
@@ -399,7 +399,7 @@ export function readCalibration(text, { targets }) {
         fit: document.fit ?? null,
         files: document.provenance?.files ?? [],
         rotation,
-        disturbances: Object.keys(disturbances).map((key) => key.replace(/_[AC]$/, "")),
+        disturbances: [...Object.keys(disturbances).map((key) => key.replace(/_[AC]$/, "")), ...Object.keys(columns)],
         isLinearized: linearization !== undefined,
     };
 }

@@ -1,0 +1,61 @@
+"""Columns of a log as an offset may follow them: the words of states as 0 and 1, over whole recordings."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from flinders.core.disturbance import is_column
+from flinders.core.named_columns import are_words, coded, states_of
+from flinders.core.samples import Recording, Wrapped
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator, Mapping, Sequence
+
+    from numpy.typing import NDArray
+
+    from flinders.core.samples import Samples
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Coded(Wrapped):
+    """A recording with 0 and 1 in the place of the words of states."""
+
+    recording: Recording
+    states: Mapping[str, tuple[str, ...]]  #: words by the name of their column
+
+    def blocks(self) -> Iterator[Samples]:
+        """Yield blocks with numbers alone."""
+        for block in self.recording.blocks():
+            yield in_numbers(block, self.states)
+
+
+def in_numbers(samples: Samples, states: Mapping[str, tuple[str, ...]]) -> Samples:
+    """Samples with 0 and 1 in the place of the words of states.
+
+    >>> from flinders.core.samples import Samples
+    >>> parked = Samples.of([[1, 2, 3], [1, 2, 4]], auxiliary={"charger": ["idle", "charging"]})
+    >>> in_numbers(parked, states_in([parked], ["charger"])).auxiliary
+    {'charger': array([0., 1.])}
+    """
+    there = {name: words for name, words in states.items() if name in samples.auxiliary}
+    numbers = {name: coded(samples.auxiliary[name], words, name) for name, words in there.items()}
+    return replace(samples, auxiliary={**samples.auxiliary, **numbers})
+
+
+def states_in(recordings: Sequence[Recording], names: Sequence[str]) -> dict[str, tuple[str, ...]]:
+    """Words of the columns of states among some names, over all recordings.
+
+    Raises `InputError` for a column that has words and not two of them.
+    """
+    words: dict[str, set[str]] = {}
+    columns = list(filter(is_column, names))
+    for recording in recordings if columns else ():
+        for block in recording.blocks():
+            for name in columns:
+                values: NDArray[Any] | None = block.auxiliary.get(name)
+                if values is not None and are_words(values):
+                    words.setdefault(name, set()).update(np.unique(values).tolist())
+    return {name: states_of(name, each) for name, each in words.items()}

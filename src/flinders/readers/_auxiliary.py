@@ -1,0 +1,56 @@
+"""Columns of a recording that are read because they are asked for, by the names that they have there."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any, cast
+
+from flinders.core.disturbance import is_column
+from flinders.core.joining import Joined
+from flinders.errors import InputError, did_you_mean
+from flinders.readers._tokenizer import listed
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Sequence
+
+    from flinders.core.samples import Recording
+
+
+def with_auxiliary(recording: Recording, names: Iterable[str], *, are_needed: bool = True) -> Recording:
+    """A recording that also yields columns of these names; kinds that are always read are passed over.
+
+    Raises `InputError` for a column that is not there, unless that may be: it is then left out.
+
+    >>> from flinders.core.samples import Samples
+    >>> samples = Samples.of([[1, 2, 3]], auxiliary={"wheel": [4.0]})
+    >>> with_auxiliary(samples, ["current", "wheel"]) is samples
+    True
+    """
+    columns = tuple(name for name in dict.fromkeys(names) if is_column(name))
+    if not columns:
+        return recording
+    if isinstance(recording, Joined):
+        parts = (with_auxiliary(part, columns, are_needed=are_needed) for part in recording.recordings)
+        return Joined(tuple(parts))
+    look_up: Any = getattr(recording, "with_auxiliary", None)
+    return recording if look_up is None else cast("Recording", look_up(columns, are_needed=are_needed))
+
+
+def lacks(source: str, name: str, there: Sequence[str]) -> InputError:
+    """The error for a column that a recording lacks; `there`: names of those that it has."""
+    has = f"its columns are {listed(list(there))}" if there else "its columns have no names: give them a header"
+    return InputError(f"{source} has no column {name!r}{did_you_mean(name, there)}: {has}; give a name as it is there")
+
+
+def places_in(source: str, header: Sequence[str], names: Sequence[str], *, are_needed: bool) -> dict[str, int]:
+    """Places of columns of these names in a header.
+
+    Raises `InputError` for a name that is not there, where they are needed; else it is left out.
+
+    >>> places_in("drive.csv", ["t", "mx", "wheel_rpm "], ["wheel_rpm"], are_needed=True)
+    {'wheel_rpm': 2}
+    """
+    there = [name.strip() for name in header]
+    for name in names:
+        if are_needed and name not in there:
+            raise lacks(source, name, list(filter(None, there)))
+    return {name: there.index(name) for name in names if name in there}
