@@ -50,7 +50,7 @@ def test_a_turn_that_is_uneven_is_fitted_as_its_page_advises(
 @pytest.mark.parametrize(
     ("words", "expected"),
     [
-        ("flinders comp", ["plain,compare", "plain,compare-methods"]),
+        ("flinders compa", ["plain,compare", "plain,compare-methods"]),
         nightly("flinders two-axis --method ell", ["plain,ellipse"]),
     ],
 )

@@ -102,7 +102,7 @@ def test_a_file_keeps_the_walk_of_its_unit(fit: Fit, tmp_path: Path) -> None:
     known = with_walk(fit, Walk(0.01, 0.008, 0.0125))
     known.save(tmp_path / "known.json")
     loaded = flinders.load(tmp_path / "known.json")
-    assert loaded.claim.walk == known.claim.walk
+    assert loaded.provenance.walk == known.provenance.walk
     record = json.loads((tmp_path / "known.json").read_text())["fit"]["good_until"]
     assert record["by"] == "history"
     until = good_until(loaded)

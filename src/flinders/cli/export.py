@@ -148,9 +148,8 @@ def write_exports(
     calibration: str | None,
 ) -> None:
     """Write a fit for targets, after its `calibration` file; `files` are what it was made from."""
-    from flinders.fitting.result import Provenance
-
-    fit = replace(fit, provenance=Provenance(", ".join(file.name for file in files), provenance(files=files)))
+    name = ", ".join(file.name for file in files)
+    fit = replace(fit, provenance=replace(fit.provenance, name=name, record=provenance(files=files)))
     failed: list[FlindersError] = []
     for target, path in exports:
         try:

@@ -129,7 +129,7 @@ def command(options: Refresh) -> int:
     opened = [_opened(path, previous, options) for path in options.recordings]
     _refuse_known(options.previous, previous, opened)
     with saying_what_was_read(opened):
-        fit = with_walk(_refreshed(opened, previous, options), previous.claim.walk)
+        fit = with_walk(_refreshed(opened, previous, options), previous.provenance.walk)
     outputs.write(dumps(document_of(fit, provenance(opened, files=previous.provenance.files))), options.output)
     outputs.print(lambda: json_of(fit), lambda: of_fit(fit, in_options))
     outputs.say_written("nothing was written: name a file with -o refreshed.json")

@@ -134,11 +134,11 @@ def report_of(
     onboard: OnboardCheck | None = None,
 ) -> str:
     """The report of a fit, or of a refusal, as `provenance` and the options that were typed tell of it."""
-    from flinders.fitting.result import Fit, Provenance
+    from flinders.fitting.result import Fit
     from flinders.report.html import listings_of, page
 
     listed: list[Listing] = []
     if isinstance(outcome, Fit):
         name = ", ".join(file.name for file in provenance.files)
-        listed = listings_of(replace(outcome, provenance=Provenance(name, provenance)))
+        listed = listings_of(replace(outcome, provenance=replace(outcome.provenance, name=name, record=provenance)))
     return page(outcome, recording, provenance=provenance, asked=asked, listings=listed, onboard=onboard)

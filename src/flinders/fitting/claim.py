@@ -36,7 +36,6 @@ from flinders.native.engine import engine
 if TYPE_CHECKING:
     from flinders.arrays import Floats
     from flinders.core.calibration import Calibration
-    from flinders.core.offset_walk import Walk
     from flinders.geometry.ellipsoid import Ellipsoid
     from flinders.geometry.plane import Plane
 
@@ -74,7 +73,6 @@ class Claim(ShortRepr):
     #: ``xy``, ``yz`` or ``zx`` where the readings of one plane are all that it rests on: headings are then those of a
     #: turn about the third axis
     plane: Plane | None = None
-    walk: Walk | None = None  #: how fast the offset of this unit walks, where its history is known
 
     def __post_init__(self) -> None:
         """Refuse a covariance of another shape.

@@ -79,7 +79,7 @@ def _with_record(fit: Fit, record: Fitted) -> Fit:
         aiding=None if record.aiding is UNSET else Aiding.from_record(record.aiding),
     )
     walk = None if record.walk is UNSET else Walk(record.walk.rate, record.walk.low, record.walk.high)
-    claim = replace(fit.claim, plane=record.plane or None, walk=walk)
+    claim = replace(fit.claim, plane=record.plane or None)
     if (error := record.heading_error_deg) is not None:
         claim = _with_error(claim, error, evidence.aiding)
     if error is not None and error.structure_deg:
@@ -89,7 +89,8 @@ def _with_record(fit: Fit, record: Fitted) -> Fit:
     judgement = Judgement(findings, record.conditions or ())
     if record.verdict != judgement.verdict:
         judgement = replace(judgement, stated_verdict=record.verdict or "limited")
-    loaded = replace(fit, evidence=evidence, claim=claim, judgement=judgement)
+    provenance = replace(fit.provenance, walk=walk)
+    loaded = replace(fit, evidence=evidence, claim=claim, judgement=judgement, provenance=provenance)
     if record.covariance is None:
         return loaded
     return _with_covariance(loaded, record.covariance_of, np.array(record.covariance))

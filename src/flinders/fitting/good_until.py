@@ -60,6 +60,14 @@ DIGITS: Final = 3
 """Digits of what is stored: a rate is known within a factor."""
 
 
+class Remembering(Protocol):
+    """What a fit knows of its unit."""
+
+    @property
+    def walk(self) -> Walk | None:
+        """How fast its offset walks, where its history is known."""
+
+
 class Described(Protocol):
     """A fit, as far as its age is judged."""
 
@@ -74,6 +82,10 @@ class Described(Protocol):
     @property
     def evidence(self) -> Evidence:
         """How it was found."""
+
+    @property
+    def provenance(self) -> Remembering:
+        """What is known of the unit."""
 
     @property
     def verdict(self) -> str:
@@ -202,7 +214,7 @@ def good_until(fit: Described, *, walk: Walk | None = None) -> GoodUntil | None:
     ----------
     walk : Walk, optional
         How fast the offset of this unit walks, in the calibration's unit, as `flinders.OffsetHistory.walk` has it; by
-        default what the fit knows (`Claim.walk`), else what is usual: 0.65 % of the field in an hour, 0.03 to 2 %.
+        default what the fit knows (`Provenance.walk`), else what is usual: 0.65 % of the field in an hour, 0.03 to 2 %.
 
     Examples
     --------
@@ -212,7 +224,7 @@ def good_until(fit: Described, *, walk: Walk | None = None) -> GoodUntil | None:
     worst = claim.heading_error_deg.worst
     if fit.verdict == "refused" or not claim.states_uncertainty or not worst > 0.0:
         return None
-    known = claim.walk if walk is None else walk
+    known = fit.provenance.walk if walk is None else walk
     field = calibration.ellipsoid.radius
     followed = next((each for each in calibration.disturbances if each.name == "temperature"), None)
     return GoodUntil(

@@ -127,10 +127,11 @@ class Provenance(ShortRepr):
     record: ProvenanceRecord | None = None  #: release, date and recordings, of a file that states them
     #: the readings as they were given, in the process that fitted them: a file, a pickle and a copy lack them
     recording: Recording | None = None
+    walk: Walk | None = None  #: how fast the offset of this unit walks, where its history is known
 
     def __reduce__(self) -> tuple[object, ...]:
         """Leave the readings where they are."""
-        return Provenance, (self.name, self.record)
+        return Provenance, (self.name, self.record, None, self.walk)
 
     @property
     def files(self) -> tuple[SourceFile, ...]:
@@ -241,7 +242,7 @@ def with_calibration(fit: Fit, calibration: Calibration) -> Fit:
 
 def with_walk(fit: Fit, walk: Walk | None) -> Fit:
     """The same fit of a unit whose walk is known, which its file then states."""
-    return replace(fit, claim=replace(fit.claim, walk=walk))
+    return replace(fit, provenance=replace(fit.provenance, walk=walk))
 
 
 def with_name(fit: Fit, name: str) -> Fit:
@@ -278,7 +279,7 @@ def _record(fit: Fit, origin: ProvenanceRecord | None) -> Fitted | None:
         verdict=fit.verdict,
         heading_error_deg=heading_record(claim),
         good_until=UNSET if until is None else until.to_record(since_of(origin)),
-        walk=UNSET if claim.walk is None else walk_record(claim.walk),
+        walk=UNSET if fit.provenance.walk is None else walk_record(fit.provenance.walk),
         coverage=evidence.coverage.as_dict(),
         findings=fit.judgement.finding_records,
         conditions=fit.judgement.conditions or UNSET,

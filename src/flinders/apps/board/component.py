@@ -124,7 +124,7 @@ def _refuse_unstated(fit: Fit) -> None:
     if heading_model_of(fit) is None:
         raise NotExportable(
             f"{fit.provenance.name} does not state its noise and its uncertainty, and a component gives each heading "
-            "with its error. Calibrate a recording, or export the code alone (flinders export --for c)",
+            "with its error. Calibrate a recording, or export the code alone, for c",
             beyond=(),
         )
 
