@@ -29,7 +29,7 @@ def complete_targets(_context: click.Context | None, _option: click.Parameter | 
     """Names of targets.
 
     >>> [item.value for item in complete_targets(None, None, "c-")]
-    ['c-q15', 'c-q31']
+    ['c-q15', 'c-q31', 'c-axes']
     """
     from flinders.targets import registry
 

@@ -34,7 +34,7 @@ class Accelerometer(program.Group):
     epilog="""\b
 Example:
   flinders accelerometer poses.csv -o accelerometer.json
-  flinders export --for ardupilot accelerometer.json
+  flinders export --for arduino accelerometer.json
 
 \b
 Exit codes:
