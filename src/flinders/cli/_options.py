@@ -25,6 +25,8 @@ from flinders.errors import UsageError
 from flinders.links.serial_ports import ANY_PORT
 
 if TYPE_CHECKING:
+    from collections.abc import Collection
+
     from flinders.core.geomag import FieldModel
     from flinders.heading.smoothing import Filter
 
@@ -193,6 +195,20 @@ class ColumnsOptions(Group, heading=RECORDING):
     pattern: str | None = member(
         "--pattern", metavar="LINE", help="How a line is printed, where it is not recognised: 'N {x} / {y} / {z}'."
     )
+
+
+class LinesOptions(ColumnsOptions):
+    """How lines are read, of commands that read other sources too."""
+
+    def refuse_with(self, sources: Collection[str]) -> None:
+        """Raise `UsageError` where it is said of `sources`, by their options, that send no lines.
+
+        The unit of a topic may be another than that of its type.
+        """
+        source = next((name for name in sources if name in ("--mavlink", "--ros2", "--simulate")), None)
+        wrong = [name for name in self.typed() if (source, name) != ("--ros2", "--unit")]
+        if source is not None and wrong:
+            raise UsageError(f"{', '.join(wrong)} goes with lines and recordings: {source} knows its unit")
 
 
 class UnitsOptions(Group, heading=RECORDING):

@@ -31,7 +31,7 @@ from typing import IO, TYPE_CHECKING, Any, Final
 from flinders.errors import OutputError, OutputExists, UnreadableInput
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable, Iterator
+    from collections.abc import Callable, Iterable, Iterator, Mapping
     from io import FileIO
 
     from flinders.errors import FlindersError
@@ -161,6 +161,22 @@ def write_bytes(content: bytes, path: str | os.PathLike[str], *, force: bool = F
     """Write a file of bytes; as `replacing`."""
     with replacing(path, force=force, encoding="latin-1", newline="") as file:  # a character for each byte
         file.write(content.decode("latin-1"))
+
+
+def write_folder(files: Mapping[str, str], directory: str | os.PathLike[str], *, force: bool = False) -> list[Path]:
+    """Write text files by their names below a folder, which is made; the paths, in order of name.
+
+    Raises `OutputExists` where a file is there and `force` is not given: nothing was written then; `OutputError` where
+    a file cannot be written.
+    """
+    texts = {Path(directory, name): text for name, text in sorted(files.items())}
+    for path in texts:
+        if path.exists() and not force:
+            raise OutputExists(path)
+    for path, text in texts.items():
+        make_folder(path.parent)
+        write_text(text, path, force=force)
+    return list(texts)
 
 
 def make_folder(folder: Path) -> None:

@@ -20,8 +20,8 @@ from pathlib import Path
 from string import Template
 from typing import TYPE_CHECKING, Final
 
-from flinders.core.files import licence, make_folder, write_text
-from flinders.errors import NotExportable, OutputExists
+from flinders.core.files import licence, write_folder
+from flinders.errors import NotExportable
 from flinders.fitting.export import export_fit, refuse_unfit
 from flinders.fitting.heading_model import heading_model_of
 from flinders.fitting.measurement_noise import gates_of, noise_of
@@ -94,14 +94,7 @@ def write(component: Component, fit: Fit, directory: str | Path, *, force: bool 
     OutputError
         Where a file cannot be written.
     """
-    files = {Path(directory, name): text for name, text in sorted(contents(component, fit).items())}
-    for path in files:
-        if path.exists() and not force:
-            raise OutputExists(path)
-    for path, text in files.items():
-        make_folder(path.parent)
-        write_text(text, path, force=force)
-    return list(files)
+    return write_folder(contents(component, fit), directory, force=force)
 
 
 def contents(component: Component, fit: Fit) -> dict[str, str]:

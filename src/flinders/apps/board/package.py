@@ -17,8 +17,7 @@ from pathlib import Path
 from typing import Final
 
 from flinders.apps.board import poses
-from flinders.core.files import licence, make_folder, write_text
-from flinders.errors import OutputExists
+from flinders.core.files import licence, write_folder
 from flinders.native.build import HERE as NATIVE
 
 BOARD: Final = Path(__file__).parent / "board"
@@ -71,14 +70,7 @@ def write(directory: str | Path, *, force: bool = False) -> list[Path]:
     OutputError
         Where a file cannot be written.
     """
-    files = {Path(directory, name): text for name, text in sorted(contents().items())}
-    for path in files:
-        if path.exists() and not force:
-            raise OutputExists(path)
-    for path, text in files.items():
-        make_folder(path.parent)
-        write_text(text, path, force=force)
-    return list(files)
+    return write_folder(contents(), directory, force=force)
 
 
 def contents() -> dict[str, str]:

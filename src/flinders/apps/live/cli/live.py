@@ -41,7 +41,7 @@ SWITCH_S: Final = 0.0005
 """Seconds that a fit may keep the interpreter from whoever waits for a datagram."""
 
 
-class LineOptions(option.UnitsOptions, option.ColumnsOptions):
+class LineOptions(option.UnitsOptions, option.LinesOptions):
     """How what arrives as lines, or is played back, is read."""
 
 
@@ -89,18 +89,11 @@ class LiveSource(program.Group):
             raise UsageError("--imu-topic goes with --ros2: leave it out")
         if self.port == ANY_PORT:
             board_port()  # where there is none, that is said at once, before anything is loaded
-        self._check_reading(named)
+        self.lines.refuse_with(named)
         if self.lines.unit:
             from flinders.core.units import Unit
 
             Unit.of(self.lines.unit, self.lines.scale)
-
-    def _check_reading(self, named: list[str]) -> None:
-        """See that how lines are read is not said of what sends none; a topic's unit may be another than its type's."""
-        if self.mavlink is None and self.ros2 is None and not self.simulate:
-            return
-        if wrong := [name for name in self.lines.typed() if self.ros2 is None or name != "--unit"]:
-            raise UsageError(f"{', '.join(wrong)} goes with lines and recordings: {named[0]} knows its unit")
 
     def opened(
         self,

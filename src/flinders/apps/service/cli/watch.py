@@ -32,7 +32,7 @@ if TYPE_CHECKING:
     from flinders.workflows.online import OnlineCalibration
 
 
-class LineOptions(option.ColumnsOptions):
+class LineOptions(option.LinesOptions):
     """How lines and recordings are read."""
 
     unit: str | None = program.same_as(option.UnitsOptions, "unit")
@@ -86,18 +86,11 @@ class WatchedSource(program.Group):
             )
         if self.compass != 1 and self.mavlink is None:
             raise UsageError("--compass goes with --mavlink: leave it out")
-        self._check_reading(named)
+        self.lines.refuse_with(named)
         if self.lines.unit:
             from flinders.core.units import Unit
 
             Unit.of(self.lines.unit)
-
-    def _check_reading(self, named: list[str]) -> None:
-        """See that how lines are read is not said of what sends none; a topic's unit may be another than its type's."""
-        if self.mavlink is None and self.ros2 is None:
-            return
-        if wrong := [name for name in self.lines.typed() if self.ros2 is None or name != "--unit"]:
-            raise UsageError(f"{', '.join(wrong)} goes with lines and recordings: {named[0]} knows its unit")
 
     def opened(
         self, stack: contextlib.ExitStack, calibration: OnlineCalibration | Begun, *, is_published: bool = False

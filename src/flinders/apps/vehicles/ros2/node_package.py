@@ -10,8 +10,7 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import Final
 
-from flinders.core.files import licence, make_folder, write_text
-from flinders.errors import OutputExists
+from flinders.core.files import licence, write_folder
 
 SOURCE: Final = Path(__file__).parent / "flinders_ros"
 VERSION: Final = version("flinders")
@@ -26,16 +25,5 @@ def contents() -> dict[str, str]:
 
 
 def write(directory: str | Path, *, force: bool = False) -> list[Path]:
-    """Write the package into a folder, which is made; the files, in order of name.
-
-    Raises `OutputExists` where a file is there and `force` is not given: nothing was written then; `OutputError` where
-    a file cannot be written.
-    """
-    files = {Path(directory, name): text for name, text in sorted(contents().items())}
-    for path in files:
-        if path.exists() and not force:
-            raise OutputExists(path)
-    for path, text in files.items():
-        make_folder(path.parent)
-        write_text(text, path, force=force)
-    return list(files)
+    """Write the package into a folder; as `flinders.core.files.write_folder`."""
+    return write_folder(contents(), directory, force=force)
