@@ -425,10 +425,16 @@ def _short(value: object) -> str:
     return "missing" if value is None else text if len(text) <= 40 else f"{text[:37]}..."
 
 
-def yaml_text(value: object) -> str:
-    """A scalar, list or mapping; numbers with a point and a signed exponent, as YAML 1.1 needs them."""
+def yaml_text(value: object, decimals: int = 17) -> str:
+    """A scalar, list or mapping; numbers with a point and a signed exponent, or YAML 1.1 takes 1e-05 for text.
+
+    >>> print(yaml_text({"unit": "T", "columns": {"BAT[1].Curr": [1e-5, -2.0]}}, 3))
+    {unit: "T", columns: {"BAT[1].Curr": [1.000e-05, -2.000e+00]}}
+    """
     if isinstance(value, dict):
-        return f"{{{', '.join(f'{name}: {yaml_text(member)}' for name, member in value.items())}}}"
+        names = (name if name.isidentifier() else json.dumps(name) for name in value)
+        members = (yaml_text(member, decimals) for member in value.values())
+        return f"{{{', '.join(f'{name}: {member}' for name, member in zip(names, members, strict=True))}}}"
     if isinstance(value, list):
-        return f"[{', '.join(map(yaml_text, value))}]"
-    return f"{value:.17e}" if isinstance(value, float) else json.dumps(value)
+        return f"[{', '.join(yaml_text(member, decimals) for member in value)}]"
+    return f"{value:.{decimals}e}" if isinstance(value, float) else json.dumps(value)

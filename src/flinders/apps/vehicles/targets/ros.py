@@ -20,8 +20,6 @@ as it is (`ROBOT_LOCALIZATION`). ``magnetometer.noise_rad`` of FusionCore is the
 gyro and its bias (`FUSIONCORE`). The driver's ``magnetic_field_stddev`` (REP 145) becomes the covariance of the field
 in T², and stands in a comment, since it is set where the field is published.
 
-Numbers are written with a point and a sign of the exponent, or YAML 1.1 would take 1e-05 for text.
-
 Sources: CCNY imu_tools, ``ImuFilterMadgwick.cfg`` (mag_bias, −10 to 10); ctu-vras magnetometer_pipeline,
 ``bias_remover.cpp``: the code reads initial_mag_scaling_matrix, its README says initial_scaling_matrix, and is wrong;
 cra-ros-pkg robot_localization, ``filter_base.cpp`` (process noise of the yaw); manankharwar/fusioncore,
@@ -38,7 +36,7 @@ import numpy as np
 
 from flinders.errors import DocumentError, NotExportable
 from flinders.targets._measurement_noise import YawFilter
-from flinders.targets._numbers import Affine, acting, decoded, keyed, numbers
+from flinders.targets._numbers import Affine, acting, decoded, keyed, numbers, yaml_text
 from flinders.targets._target import ExportOptions, Target, TargetReader, Written
 
 if TYPE_CHECKING:
@@ -100,7 +98,7 @@ def write_fusioncore(calibration: Calibration, asked: ExportOptions) -> Written:
             "field_strength": affine.strength,
             "field_tolerance": gates.strength_limit / calibration.field_strength,
         }
-    named = [f"    magnetometer.{name}: {_yaml_of(value)}" for name, value in values.items()]
+    named = [f"    magnetometer.{name}: {_yaml(value)}" for name, value in values.items()]
     body = ["/**:", "  ros__parameters:", "    magnetometer.enabled: true", *named]
     return Written(affine.apply, body, values, notes)
 
@@ -151,14 +149,9 @@ def _ten_digits(values: Floats) -> Floats:
     return np.array([float(f"{value:.9e}") for value in values.ravel()]).reshape(values.shape)
 
 
-def _yaml_of(value: float | Floats) -> str:
-    """A number, or a list of numbers, as `_yaml` writes them."""
-    return _yaml(value) if isinstance(value, float) else f"[{', '.join(map(_yaml, value))}]"
-
-
-def _yaml(value: float) -> str:
-    """A number with a point and a sign of the exponent."""
-    return f"{value + 0.0:.9e}"
+def _yaml(value: float | Floats) -> str:
+    """A number, or a list of numbers, to ten digits."""
+    return yaml_text((np.asarray(value) + 0.0).tolist(), 9)
 
 
 TARGETS: Final = (
