@@ -25,6 +25,7 @@ True
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import TYPE_CHECKING, Final
 
 import numpy as np
@@ -37,8 +38,8 @@ from flinders.errors import DocumentError, NotExportable, figures
 from flinders.geometry.rotation import rotation_vectors
 from flinders.targets._difference import heading_deg
 from flinders.targets._mounting import MOST_TURN_DEG, MountingTable, apart_deg, in_words
-from flinders.targets._numbers import in_recorded_axes, unmapped
-from flinders.targets._target import ExportOptions, Written
+from flinders.targets._numbers import OWN, in_recorded_axes, unmapped
+from flinders.targets._target import ExportOptions, Target, Written
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
@@ -56,6 +57,10 @@ EXACT: Final = 1e-6
 """Numbers that differ by less are those of a right angle."""
 BODY: Final = MountingTable("a body", "roll, pitch and yaw in degrees", (("NONE", 0.0, 0.0, 0.0),))
 """How the sensor was mounted when it was recorded, where its readings were turned into the body's axes: R_z R_y R_x."""
+mounting_target: Final = partial(
+    Target, unit=OWN, acts="across", follows="all", docs="vehicles/mounting.md", mountings=BODY
+)
+"""Row of a target that holds a mounting, with what all of them have in common."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)

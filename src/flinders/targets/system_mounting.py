@@ -35,9 +35,9 @@ from flinders.errors import DocumentError
 from flinders.targets._code_text import begun, float32s
 from flinders.targets._comments import BLOCK
 from flinders.targets._mounting import MOST_TURN_DEG, apart_deg
-from flinders.targets._numbers import OWN, decoded, numbers, single
-from flinders.targets._placement import BODY, Placement, to_calibration
-from flinders.targets._target import ExportOptions, Target, TargetReader, Written
+from flinders.targets._numbers import decoded, numbers, single
+from flinders.targets._placement import Placement, mounting_target, to_calibration
+from flinders.targets._target import ExportOptions, TargetReader, Written
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
@@ -204,76 +204,56 @@ def plain(value: float) -> str:
 
 
 TARGETS: Final = (
-    Target(
+    mounting_target(
         name="iio-mount-matrix",
         use="Linux IIO, device tree",
         suffix=".dtsi",
         title="mount-matrix of Linux IIO",
         formula="v = M m",
-        unit=OWN,
         keeps="rotation",
         storage="strings of decimal numbers",
         source="mount-matrix.txt, sysfs-bus-iio, industrialio-core.c",
-        acts="across",
-        follows="all",
         comment=BLOCK,
-        docs="vehicles/mounting.md",
-        mountings=BODY,
         write=write_mount_matrix,
         reader=TargetReader(MARK.encode(), read_matrix, "a mount-matrix of Linux"),
     ),
-    Target(
+    mounting_target(
         name="android-placement",
         use="Android sensor placement",
         suffix=".h",
         title="AINFO_SENSOR_PLACEMENT of Android",
         formula="m = R v, [R; t] row by row",
-        unit=OWN,
         keeps="rotation",
         storage="12 float32",
         source="android.hardware.sensors@1.0 types.hal, AdditionalInfoType",
-        acts="across",
-        follows="all",
         comment=BLOCK,
-        docs="vehicles/mounting.md",
-        mountings=BODY,
         named=True,
         write=write_android,
         reader=TargetReader(rb"_placement\[12\]", read_android, ""),
     ),
-    Target(
+    mounting_target(
         name="zephyr-axis-align",
         use="Zephyr device tree",
         suffix=".dtsi",
         title="axis-align of Zephyr",
         formula="v_i = sign_i m[index_i]",
-        unit=OWN,
         keeps="axes",
         storage="three axes and three signs",
         source="Zephyr, sensor-axis-align.yaml, icm4268x.c",
-        acts="across",
-        follows="all",
         comment=BLOCK,
-        docs="vehicles/mounting.md",
-        mountings=BODY,
         write=write_zephyr,
         reader=TargetReader(rb"axis-align-[xyz]", read_zephyr, "axis-align of Zephyr"),
     ),
-    Target(
+    mounting_target(
         name="c-axes",
         use="C function, axes exchanged",
         suffix=".h",
         title="a mapping of axes in C",
         formula="v_i = sign_i m[index_i]",
-        unit=OWN,
         keeps="axes",
         storage="three axes and three signs",
         source="this program",
-        acts="across",
-        follows="all",
         comment=BLOCK,
-        docs="vehicles/mounting.md",
-        mountings=BODY,
         named=True,
         write=write_axes_code,
     ),

@@ -33,13 +33,13 @@ from xml.etree import ElementTree
 import numpy as np
 
 from flinders.errors import DocumentError
-from flinders.geometry.quaternions import of_matrix
+from flinders.geometry.quaternions import of_matrix, rotated
 from flinders.targets._code_text import begun
 from flinders.targets._comments import HASH, MARKUP
 from flinders.targets._mounting import angles, euler
-from flinders.targets._numbers import OWN, decoded, numbers
-from flinders.targets._placement import BODY, Placement, to_calibration
-from flinders.targets._target import ExportOptions, Target, TargetReader, Written
+from flinders.targets._numbers import decoded, numbers
+from flinders.targets._placement import Placement, mounting_target, to_calibration
+from flinders.targets._target import ExportOptions, TargetReader, Written
 from flinders.targets.system_mounting import plain
 
 if TYPE_CHECKING:
@@ -144,12 +144,7 @@ def rotation_of(quaternion: Floats) -> Floats:
     >>> rotation_of(np.array([0.0, 0.0, 1.0, 0.0])) @ [1.0, 2.0, 3.0]
     array([-1., -2.,  3.])
     """
-    x, y, z, w = (quaternion / np.linalg.norm(quaternion)).tolist()
-    return np.array([
-        [1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)],
-        [2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)],
-        [2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)],
-    ])  # fmt: skip
+    return rotated(np.roll(quaternion / np.linalg.norm(quaternion), 1), np.eye(3)).T
 
 
 def _placement(calibration: Calibration, asked: ExportOptions, who: str) -> Placement:
@@ -160,40 +155,30 @@ def _placement(calibration: Calibration, asked: ExportOptions, who: str) -> Plac
 
 
 TARGETS: Final = (
-    Target(
+    mounting_target(
         name="urdf",
         use="ROS, fixed joint of URDF",
         suffix=".urdf",
         title="a joint of URDF",
         formula="v = Rz(yaw) Ry(pitch) Rx(roll) m",
-        unit=OWN,
         keeps="rotation",
         storage="decimal numbers, radians",
         source="urdfdom_headers, joint.h and pose.h; REP 103",
-        acts="across",
-        follows="all",
         comment=MARKUP,
-        docs="vehicles/mounting.md",
-        mountings=BODY,
         named=True,
         write=write_urdf,
         reader=TargetReader(rb"<joint\b", read_urdf, "a joint of URDF"),
     ),
-    Target(
+    mounting_target(
         name="static-transform",
         use="ROS 2, static transform",
         suffix=".sh",
         title="a static transform of ROS 2",
         formula="v = R(q) m",
-        unit=OWN,
         keeps="rotation",
         storage="decimal numbers, a quaternion",
         source="tf2_ros, static_transform_broadcaster_program.cpp; REP 103",
-        acts="across",
-        follows="all",
         comment=HASH,
-        docs="vehicles/mounting.md",
-        mountings=BODY,
         named=True,
         write=write_transform,
         reader=TargetReader(rb"static_transform_publisher", read_transform, "a static transform of ROS 2"),
