@@ -108,7 +108,7 @@ def test_a_file_keeps_the_walk_of_its_unit(fit: Fit, tmp_path: Path) -> None:
     assert record["by"] == "history"
     until = good_until(loaded)
     assert until is not None
-    assert record["hours"] == pytest.approx(until.seconds / 3600.0, rel=5e-3)
+    assert record["doubled_hours"] == pytest.approx(until.seconds / 3600.0, rel=5e-3)
     fit.save(tmp_path / "usual.json")
     assert json.loads((tmp_path / "usual.json").read_text())["fit"]["good_until"]["by"] == "prior"
 

@@ -205,16 +205,18 @@ class WalkRecord(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
 
 
 class GoodUntilRecord(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
-    """When the claim of the worst heading will have doubled; made anew of claim and walk when a file is read."""
+    """How long the claim of the worst heading is good; made anew of claim and walk when a file is read."""
 
-    hours: Positive  #: of the offset's walk, by the middle of its rate
-    hours_low: Positive  #: by the fast end of what the rate may be, 95 %
-    hours_high: Positive  #: by the slow end
-    #: until the claim is the target, by the middle; null of one that is not within it
+    #: until the offset has walked so far that the claim reaches its target, by the middle of the rate; null of a claim
+    #: that is beyond it
     target_hours: Positive | None = None
-    date: datetime | None = None  #: by the middle, from when the recording was made; null where the file says no time
+    doubled_hours: Positive  #: until the claim has doubled, by the middle of the rate
+    doubled_hours_low: Positive  #: the same by the fast end of what the rate may be, 95 %
+    doubled_hours_high: Positive  #: by the slow end
+    #: when the claim has doubled, from when the recording was made; null where the file says no time
+    doubled_date: datetime | None = None
     by: Literal["history", "prior"]  #: walk of this unit, or what is usual of any
-    temperature_change_kelvin: Positive | None = None  #: K: change of temperature that doubles it, by the middle
+    temperature_change_kelvin: Positive | None = None  #: K: change of temperature that doubles the claim, by the middle
     temperature_change_low_kelvin: Positive | None = None  #: K: by the largest coefficient of data sheets
     temperature_change_high_kelvin: Positive | None = None  #: K: by the smallest
     #: ``followed``: from the reference of a fit that follows the temperature; ``prior``: by data sheets
@@ -234,7 +236,7 @@ class Fitted(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     #: ``good``, ``limited`` or ``refused``; None where it was not judged
     verdict: Literal["good", "limited", "refused"] | None = None
     heading_error_deg: HeadingErrorRecord | None = None  #: to expect of a level vehicle
-    good_until: GoodUntilRecord | UnsetType = UNSET  #: when that will have doubled
+    good_until: GoodUntilRecord | UnsetType = UNSET  #: when that reaches the target, and when it has doubled
     walk: WalkRecord | UnsetType = UNSET  #: of the offset, where a history of this unit was given
     coverage: dict[str, float] = {}  #: directions recorded: the keys of `coverage` of a fit
     findings: tuple[FindingRecord, ...] = ()  #: what to know about it, the most severe first

@@ -39,6 +39,7 @@ from typing import TYPE_CHECKING, Any, Final, NamedTuple
 
 import numpy as np
 
+from flinders.core.durations import duration
 from flinders.core.joining import singles
 from flinders.errors import NeedsSamples, TooFewSamples, figures
 from flinders.estimators.covariance import Residuals, time_of
@@ -125,14 +126,14 @@ class RandomWalk:
 
     def words(self, unit: str, *, level_deg: float = 1.0, dip_deg: float = 60.0) -> str:
         """Say how far the offset moved, and for how long a calibration holds."""
-        lifetime = _duration(self.valid_for_s(level_deg, dip_deg=dip_deg))
+        lifetime = duration(self.valid_for_s(level_deg, dip_deg=dip_deg))
         least = "" if self.is_proven else "at least "
         story = self.story(unit, level_deg=level_deg, dip_deg=dip_deg)
         return f"{story}; {level_deg:g}° of heading (1 σ, dip {dip_deg:.0f}°) takes {least}{lifetime}"
 
     def story(self, unit: str, *, level_deg: float = 1.0, dip_deg: float = 60.0) -> str:
         """Say how far the offset moved, or that nobody can tell to this level."""
-        over = _duration(self.seconds)
+        over = duration(self.seconds)
         if not self.is_determined(level_deg, dip_deg=dip_deg):
             return (
                 f"cannot tell whether the offset stayed where it was: {figures(self.at_most_moved)} {unit} over {over} "
@@ -388,17 +389,3 @@ def _refined(sizes: Floats, likelihoods: Floats, best: int) -> float:
     bend = low - 2.0 * middle + high
     step = np.log(sizes[best + 1] / sizes[best])
     return float(sizes[best] * np.exp(0.5 * (low - high) / bend * step)) if bend < 0.0 else float(sizes[best])
-
-
-def _duration(seconds: float) -> str:
-    """Write a time in the unit that suits it.
-
-    >>> _duration(42.0), _duration(600.0), _duration(7200.0), _duration(1e6), _duration(np.inf)
-    ('42 s', '10 min', '2.0 hours', '12 days', 'any time')
-    """
-    if not np.isfinite(seconds):
-        return "any time"
-    for size, least, name in ((86400.0, 2.0, "days"), (3600.0, 2.0, "hours"), (60.0, 2.0, "min"), (1.0, 0.0, "s")):
-        if seconds >= least * size:
-            return f"{figures(seconds / size)} {name}"
-    return f"{figures(seconds)} s"

@@ -51,7 +51,7 @@ def json_of(fit: Fit) -> dict[str, Any]:
         "method": evidence.method,
         "calibration": fit.calibration.as_dict(),
         "heading_error_deg": None if error is None else msgspec.structs.asdict(error),
-        # when `heading_error_deg` will have doubled, as in the file; null where nothing is claimed
+        # when `heading_error_deg` reaches the target and has doubled, as in the file; null where nothing is claimed
         "good_until": _good_until(fit),
         "uncorrected_heading_error_deg": _rms_and_worst(claim.uncorrected_heading_error_deg),
         "textbook_heading_error_deg": _rms_and_worst(claim.textbook_heading_error_deg),
@@ -87,7 +87,7 @@ def json_of(fit: Fit) -> dict[str, Any]:
 
 
 def _good_until(fit: Fit) -> dict[str, Any] | None:
-    """When the claim will have doubled."""
+    """When the claim reaches the target, and has doubled."""
     until = good_until(fit)
     return None if until is None else msgspec.to_builtins(until.to_record(since_of(fit.provenance.record)))
 

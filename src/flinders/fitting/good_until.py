@@ -32,6 +32,7 @@ from typing import TYPE_CHECKING, Any, Final, Literal, Protocol
 import numpy as np
 
 from flinders.core.calibration_file import GoodUntilRecord, WalkRecord
+from flinders.core.durations import duration
 from flinders.core.offset_walk import HOUR_S, PRIOR_WALK, Walk
 from flinders.core.units import MICROTESLA
 from flinders.errors import figures
@@ -146,18 +147,18 @@ class GoodUntil:
         moved = (self.walk.rate if rate is None else rate) * math.sqrt(max(seconds, 0.0) / HOUR_S)
         return min(math.hypot(self.claim_deg, math.degrees(moved / self.field)), 180.0)
 
-    def date(self, since: datetime) -> datetime:
-        """The day and time, of a calibration that was made then."""
+    def doubled_date(self, since: datetime) -> datetime:
+        """When the claim has doubled, of a calibration that was made at a time."""
         return since + timedelta(seconds=round(self.seconds))
 
     def to_record(self, since: datetime | None = None) -> GoodUntilRecord:
         """What a calibration file and JSON state."""
         low, high = self.temperature_range_kelvin or (None, None)
         return GoodUntilRecord(
-            hours=_rounded(self.seconds / HOUR_S),
-            hours_low=_rounded(self.earliest_s / HOUR_S),
-            hours_high=_rounded(self.latest_s / HOUR_S),
-            date=None if since is None else self.date(since).replace(microsecond=0),
+            doubled_hours=_rounded(self.seconds / HOUR_S),
+            doubled_hours_low=_rounded(self.earliest_s / HOUR_S),
+            doubled_hours_high=_rounded(self.latest_s / HOUR_S),
+            doubled_date=None if since is None else self.doubled_date(since).replace(microsecond=0),
             target_hours=None if self.target_s is None else _rounded(self.target_s / HOUR_S),
             by=self.by,
             temperature_change_kelvin=_rounded(self.temperature_change_kelvin),
@@ -248,21 +249,6 @@ def since_of(provenance: ProvenanceRecord | None) -> datetime | None:
 def walk_record(walk: Walk) -> WalkRecord:
     """A walk as it stands in a file."""
     return WalkRecord(rate=walk.rate, low=walk.low, high=walk.high)
-
-
-def duration(seconds: float) -> str:
-    """A length of time of which two digits are known.
-
-    >>> duration(40.0), duration(700.0), duration(2e4), duration(1e6), duration(1e8)
-    ('40 s', '12 min', '5.6 h', '12 days', '3.2 years')
-    """
-    for unit, size, least in _UNITS:
-        if seconds >= least * size:
-            return f"{figures(seconds / size)} {unit}"
-    return f"{figures(seconds)} s"
-
-
-_UNITS: Final = (("years", 365.25 * 86400.0, 1.0), ("days", 86400.0, 2.0), ("h", 3600.0, 1.0), ("min", 60.0, 1.0))
 
 
 def _usual_per_kelvin(fit: Described) -> Walk:

@@ -5,8 +5,8 @@ from __future__ import annotations
 from datetime import timedelta
 from typing import TYPE_CHECKING
 
+from flinders.core.durations import duration
 from flinders.errors import in_python
-from flinders.fitting.good_until import duration
 from flinders.report.comparison_pages import of_comparison, of_untold
 from flinders.report.formatting import date_of, degrees
 from flinders.report.terminal import facts, page, verdict
@@ -38,7 +38,7 @@ def of_aged(aged: Aged) -> RenderableType:
         ("made", date_of(aged.since)),
         ("asked for", f"{date_of(aged.at)}, {duration(aged.seconds)} later"),
         ("claim", f"{degrees(until.claim_deg)} then, {degrees(aged.claim_deg)} now ({ends})"),
-        ("doubled", f"{date_of(until.date(aged.since))}, {walk}"),
+        ("doubled", f"{date_of(until.doubled_date(aged.since))}, {walk}"),
     ]
     is_beyond = until.target_s is None
     limit = "doubled" if is_beyond else f"reached the target of {until.target_deg:g}°"

@@ -1,0 +1,25 @@
+"""Lengths of time in the unit that suits them.
+
+>>> duration(40.0), duration(700.0), duration(2e4), duration(1e6), duration(1e8), duration(math.inf)
+('40 s', '12 min', '5.6 h', '12 days', '3.2 years', 'any time')
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Final
+
+from flinders.errors import figures
+
+_UNITS: Final = (("years", 365.25 * 86400.0, 1.0), ("days", 86400.0, 2.0), ("h", 3600.0, 1.0), ("min", 60.0, 1.0))
+"""Name, size in seconds, and how many there are at least."""
+
+
+def duration(seconds: float) -> str:
+    """Write a length of time of which two digits are known."""
+    if math.isinf(seconds):
+        return "any time"
+    for unit, size, least in _UNITS:
+        if seconds >= least * size:
+            return f"{figures(seconds / size)} {unit}"
+    return f"{figures(seconds)} s"
