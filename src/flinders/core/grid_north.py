@@ -21,7 +21,8 @@ import math
 from dataclasses import dataclass
 from typing import Any, Final
 
-FLATTENING: Final = 1.0 / 298.257223563
+from flinders.core.igrf import FLATTENING
+
 ECCENTRICITY: Final = math.sqrt(FLATTENING * (2.0 - FLATTENING))
 
 SOUTH_END_DEG, NORTH_END_DEG = -80.0, 84.0

@@ -60,7 +60,6 @@ def noise_of(fit: Fit) -> MeasurementNoise | None:
         horizontal=strength * math.cos(math.radians(dip_deg)),
         dip_deg=dip_deg,
         dip_assumed=claim.dip_assumed,
-        covariance=claim.claimed_covariance,
         field_covariance=strength**2 * (kept + white),
     )
 

@@ -142,9 +142,8 @@ class NamedColumn:
     kind: ClassVar[str] = "column"
 
     name: str  #: of the column
-    per_unit: (
-        float | ArrayLike
-    )  #: µT: in sensor axes, for each unit or in the second state; one number: drawn direction
+    #: µT: in sensor axes, for each unit or in the second state; one number: drawn direction
+    per_unit: float | ArrayLike
     highest: float = 1.0  #: most of it; the least is 0
     hold: float = 3.0  #: s: how long a setting lasts
     noise: float = 0.0  #: of its meter, one σ

@@ -47,8 +47,6 @@ class MeasurementNoise(ShortRepr):
     horizontal: float  #: horizontal part of the field, in the calibration's unit
     dip_deg: float  #: dip of the field for which the headings hold
     dip_assumed: bool  #: nobody said where the readings were taken
-    #: (9, 9): of offset b and shape S of the ellipsoid, in squares of the calibration's unit, as the claim has it
-    covariance: Floats
     #: (3, 3): of a corrected reading in the calibration's unit, both parts, mean over a level turn
     field_covariance: Floats
 
@@ -97,9 +95,8 @@ class YawFilter:
     rate_hz: float  #: headings that it takes each second
     drift: float  #: rad²/s: growth of its yaw variance by the noise that it assumes of the gyro
     bias_drift: float = 0.0  #: rad²/s³: growth of the variance of the gyro's bias; without one it has no such state
-    is_of_gyro: bool = (
-        True  #: `drift` is noise that the gyro has; otherwise a precaution, and the yaw has no such error
-    )
+    #: `drift` is noise that the gyro has; otherwise a precaution, and the yaw has no such error
+    is_of_gyro: bool = True
 
     def stated_deg(self, sigma: float) -> float:
         """What the settled filter states of its yaw with a measurement noise of `sigma` rad, 1 σ in degrees."""

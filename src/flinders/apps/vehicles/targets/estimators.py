@@ -77,7 +77,7 @@ class Estimator:
         return float(np.clip(noise.across / GAUSS, self.field_noise.low, self.field_noise.high))
 
     def values(self, noise: MeasurementNoise) -> dict[str, float]:
-        """Names and values of the noise, to three digits, in the float32 that autopilots keep."""
+        """Names and values of the noise, to three digits."""
         sigmas = {
             self.heading_noise.name: self.heading_sigma(noise.heading_calibration_deg, noise.heading_reading_deg),
             self.field_noise.name: self.field_sigma(noise),

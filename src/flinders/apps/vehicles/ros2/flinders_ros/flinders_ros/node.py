@@ -14,7 +14,14 @@ from sensor_msgs.msg import MagneticField
 from std_msgs.msg import String
 
 from flinders import OnlineCalibration
-from flinders.apps.vehicles.ros2.corrected import CALIBRATION, DIAGNOSTICS, STATUS, CalibrationNews, corrected_field
+from flinders.apps.vehicles.ros2.corrected import (
+    CALIBRATION,
+    CORRECTED,
+    DIAGNOSTICS,
+    STATUS,
+    CalibrationNews,
+    corrected_field,
+)
 
 SAVE_S = 60.0
 LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL, reliability=ReliabilityPolicy.RELIABLE)
@@ -27,7 +34,7 @@ class Calibrator(Node):
     def __init__(self):
         super().__init__("flinders")
         self.topic = self.declare_parameter("topic", "/imu/mag").value
-        corrected = self.declare_parameter("corrected_topic", "/imu/mag_corrected").value
+        corrected = self.declare_parameter("corrected_topic", CORRECTED).value
         self.state = self.declare_parameter("state", "").value
         target_deg = self.declare_parameter("target_deg", 1.0).value
         if self.state and os.path.exists(self.state):
