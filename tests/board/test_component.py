@@ -12,6 +12,7 @@ from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final, NoReturn
 
+import click
 import numpy as np
 import numpy.testing as npt
 import pytest
@@ -21,6 +22,7 @@ from tests.pypi import python_with
 
 import flinders
 from flinders import simulate
+from flinders.apps.board.cli import component as command_line
 from flinders.apps.board.component import COMPONENTS, VERSION, contents, write
 from flinders.cli import main
 from flinders.core.calibration import Calibration
@@ -147,6 +149,12 @@ def same(out: Floats, wanted: Floats, within_deg: float = 0.01) -> None:
     npt.assert_allclose((out[:, 0] - wanted[:, 0] + 180.0) % 360.0 - 180.0, 0.0, atol=within_deg)
     npt.assert_allclose(out[:, 1], wanted[:, 1], rtol=1e-3)
     npt.assert_array_equal(out[:, 2], wanted[:, 2])
+
+
+def test_the_command_takes_every_component() -> None:
+    (kind,) = (each for each in command_line.command.params if each.name == "kind")
+    assert isinstance(kind.type, click.Choice)
+    assert tuple(kind.type.choices) == tuple(COMPONENTS)
 
 
 @pytest.mark.parametrize("name", list(COMPONENTS))

@@ -107,9 +107,11 @@ class Driver:
 @pytest.fixture
 def driver(domain: int) -> Iterator[Driver]:
     driver = Driver(domain)
-    driver.do("publish", topic=MAG)
-    yield driver
-    driver.end()
+    try:
+        driver.do("publish", topic=MAG)
+        yield driver
+    finally:
+        driver.end()
 
 
 def readings(n: int) -> Floats:
