@@ -111,7 +111,7 @@ def calibrate_accelerometer(
     columns : str, optional
         Names or numbers of the accelerometer's columns; found by their names where not given.
     gravity : float, m/s²
-        That of the place; the standard 9.80665 where not given. An error of it, up to 0.3 %, goes into all gains alike
+        That of the place; the standard 9.80665 where not given. An error of it, up to 0.5 %, goes into all gains alike
         and into no tilt.
 
     Raises
