@@ -5,7 +5,7 @@ readings F m are those of a sensor turned by −F in a field −m; that is turne
 the vertical. What tells the two is the sign of the dip, of which the site knows.
 
 >>> from flinders.likelihood.site_field import Site
->>> mistake = is_mirrored(-64.1, Site(inclination_deg=64.0), np.diag([1.0, -1.0, -1.0]))
+>>> mistake = mirrored_axis(-64.1, Site(inclination_deg=64.0), np.diag([1.0, -1.0, -1.0]))
 >>> mistake.code, mistake.finding.values["axis"], mistake.finding.values["axes"]
 ('mirrored-axis', 'x', '-x,y,z')
 """
@@ -34,11 +34,17 @@ MIRROR_DEG: Final = 10.0
 """How far the dip that a mirrored sensor shows may be off the site's with the other sign: iron and rock are near."""
 
 
-def is_mirrored(seen_deg: float, site: Site, rotation: Floats | None) -> Mistake | None:
-    """Whether the dip has the sign of the site's only with an axis of the magnetometer turned over.
+def mirrored_axis(seen_deg: float, site: Site, rotation: Floats | None) -> Mistake | None:
+    """The mistake of an axis with the wrong sign; None where the dip does not show one.
 
-    `seen_deg`: the dip with the magnetometer turned by `rotation`, (3, 3), into the axes of the body; None of that
-    where it is not known. One that is nearest to unity is no sign of it.
+    It does where the dip has the sign of the site's only with that axis turned over.
+
+    Parameters
+    ----------
+    seen_deg : float
+        Dip that the readings show when they are turned by `rotation`.
+    rotation : (3, 3) float, optional
+        From the axes of the magnetometer to those of the body. Of one nearest to unity, or unknown, nothing is said.
     """
     there = site.inclination_deg or 0.0
     turned = None if rotation is None else nearest_to(rotation)

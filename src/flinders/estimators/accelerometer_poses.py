@@ -62,7 +62,7 @@ ORTHOGONALITY_SIGMA: Final = 0.01
 OPEN: Final = 0.02
 """Standard deviation of an offset, of gravity, or of a gain, that poses leave open: it alone makes a tilt of 1°."""
 SEEN: Final = 0.5
-"""Share of ORTHOGONALITY_SIGMA below which poses have told the misalignment."""
+"""Share of ORTHOGONALITY_SIGMA below which poses show the misalignment."""
 FINEST: Final = 1e-4
 """Of gravity: no mean of a pose is known better, as offsets wander and tables give way."""
 STEPS: Final = 20
@@ -94,7 +94,7 @@ class AccelerometerEstimate:
 
     @property
     def sees_misalignment(self) -> bool:
-        """Whether poses told how square the axes are."""
+        """Whether poses show how square the axes are."""
         return bool(np.sqrt(np.diag(self.covariance)[6:].max()) < SEEN * ORTHOGONALITY_SIGMA)
 
     @cached_property
@@ -127,8 +127,8 @@ class AccelerometerEstimate:
         moved = turns(self.errors, np.concatenate([SIDES, attitudes]))
         tilts = np.einsum("nki,nkj->ij", moved, moved)
         seen = row @ self.covariance
-        told: Floats = np.einsum("ni,ij,nj->n", seen, tilts, seen) / (np.einsum("ni,ni->n", seen, row) + FINEST**2)
-        return told
+        shrunk: Floats = np.einsum("ni,ij,nj->n", seen, tilts, seen) / (np.einsum("ni,ni->n", seen, row) + FINEST**2)
+        return shrunk
 
 
 def from_poses(poses: StillPoses, *, gravity: float = STANDARD_GRAVITY) -> AccelerometerEstimate:
@@ -240,8 +240,8 @@ def _widened(found: AccelerometerEstimate, residuals: Floats, jacobian: Floats, 
     if excess <= _chi_square_limit(freedom) / freedom:
         return found
     student = 1.0 + 2.0 / freedom  # few residuals may show it too small
-    told = np.diag(found.covariance) < 0.25 * np.repeat([OFFSET_SIGMA, GAIN_SIGMA, ORTHOGONALITY_SIGMA], 3) ** 2
-    factor = np.where(told, math.sqrt(excess * student), 1.0)
+    is_known = np.diag(found.covariance) < 0.25 * np.repeat([OFFSET_SIGMA, GAIN_SIGMA, ORTHOGONALITY_SIGMA], 3) ** 2
+    factor = np.where(is_known, math.sqrt(excess * student), 1.0)
     covariance = found.covariance * np.outer(factor, factor)
     return replace(found, covariance=covariance, excess=math.sqrt(excess))
 

@@ -45,7 +45,7 @@ from flinders.diagnostics.instruments import (
     without_gaps,
     wrong_dip,
 )
-from flinders.diagnostics.mirrored_axis import is_mirrored, middle_dip_deg
+from flinders.diagnostics.mirrored_axis import middle_dip_deg, mirrored_axis
 from flinders.errors import FitError, figures
 from flinders.estimators.aiding import Aided, refuse_without, solve
 from flinders.estimators.data import Readings
@@ -136,7 +136,7 @@ def aided_by(
     solver: Callable[..., Aided] = partial(solve, samples, site=site, **options)
     alone = _Candidate(samples, solver(()), rotation)
     if site is not None and axes is not None:
-        mirror = is_mirrored(middle_dip_deg(samples, about, axes), site, rotation)
+        mirror = mirrored_axis(middle_dip_deg(samples, about, axes), site, rotation)
         if mirror is not None:
             again, reported = aided_by(samples, aiding, dip_deg=dip_deg, **options)
             return again, _in_place(reported, mirror, of_gaps)
@@ -272,7 +272,7 @@ def _of_site(bent: Aided, without: Aiding, site: Site) -> Mistake | None:
         return wrong_dip(dip_of(bent), site) if is_at_another_site(bent, site) else None
     if not is_far(without.dip_deg, site, without.dip_sigma_deg or 0.0):
         return None
-    return is_mirrored(without.dip_deg, site, without.rotation) or wrong_dip(without.dip_deg, site)
+    return mirrored_axis(without.dip_deg, site, without.rotation) or wrong_dip(without.dip_deg, site)
 
 
 def available(samples: Samples) -> tuple[str, ...]:

@@ -49,18 +49,18 @@ def noise_of(fit: Fit) -> MeasurementNoise | None:
     claim, strength = fit.claim, fit.calibration.field_strength
     dip_deg, turn, down = claim.known_dip_deg, fit.calibration.rotation_matrix, down_of(claim.plane)
     across, directions = level_fields(dip_deg, down)
-    kept, white = _errors(fit, (turn.T @ directions).T, claim.claimed_covariance)
-    kept, white = (turn @ part @ turn.T for part in (kept.mean(axis=0), white))
+    systematic, white = _errors(fit, (turn.T @ directions).T, claim.claimed_covariance)
+    systematic, white = (turn @ part @ turn.T for part in (systematic.mean(axis=0), white))
     of_reading = float(np.sqrt(np.einsum("in,ij,jn->n", across, white, across).mean()))
     return MeasurementNoise(
         reading=strength * _horizontal_sigma(white, down),
-        calibration=strength * _horizontal_sigma(kept, down),
+        calibration=strength * _horizontal_sigma(systematic, down),
         heading_reading_deg=math.degrees(of_reading),
         heading_calibration_deg=math.hypot(fit.heading_error_deg.rms, claim.alignment_error_deg or 0.0),
         horizontal=strength * math.cos(math.radians(dip_deg)),
         dip_deg=dip_deg,
         dip_assumed=claim.dip_assumed,
-        field_covariance=strength**2 * (kept + white),
+        field_covariance=strength**2 * (systematic + white),
     )
 
 
@@ -72,10 +72,10 @@ def field_covariance(fit: Fit, fields: Floats) -> Floats:
     if not _is_stated(fit):
         return np.zeros((len(fields), 3, 3))
     turn = fit.calibration.rotation_matrix
-    kept, white = _errors(
+    systematic, white = _errors(
         fit, fields @ turn / np.linalg.norm(fields, axis=1, keepdims=True), fit.claim.claimed_covariance
     )
-    covariance: Floats = fit.calibration.field_strength**2 * turn @ (kept + white) @ turn.T
+    covariance: Floats = fit.calibration.field_strength**2 * turn @ (systematic + white) @ turn.T
     return covariance
 
 
@@ -97,8 +97,8 @@ def gates_of(fit: Fit) -> Gates | None:
     """
     if not _is_stated(fit):
         return None
-    kept, white = _errors(fit, DIRECTIONS, fit.claim.covariance)
-    errors = kept + white
+    systematic, white = _errors(fit, DIRECTIONS, fit.claim.covariance)
+    errors = systematic + white
     along = np.einsum("ni,nij,nj->n", DIRECTIONS, errors, DIRECTIONS)
     strength = SIGMAS * fit.calibration.field_strength * float(np.sqrt(along.max()))
     if not strength < fit.calibration.field_strength:

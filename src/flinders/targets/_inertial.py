@@ -1,7 +1,7 @@
 """Calibrations of accelerometers and gyros for targets that hold them: the same numbers in each target's own form.
 
 Ours is ``corrected = matrix (raw − offset)``. Each form says which part of the matrix it has room for; the numbers that
-are written are run through the target's own formula on gravity in all directions, and the tilt that it costs is told.
+are written are run through the target's own formula on gravity in all directions, and the tilt that it costs is stated.
 
 >>> sensor = Inertial(Triad(np.diag([0.995, 1.005, 1.0]), [0.2, -0.1, 0.3], "m/s2"))
 >>> def halves(triad, asked):
@@ -108,23 +108,23 @@ def written(
     """
     body: list[str] = []
     values: dict[str, Any] = {}
-    warnings, checked, told = list[str](), "", dict[str, float]()
+    warnings, checked, deviation = list[str](), "", dict[str, float]()
     if inertial.accelerometer is not None and form.accelerometer is not None:
         triad = _in_unit(inertial.accelerometer, form, who)
         numbers = form.accelerometer(triad, asked)
-        told = _deviation(triad, numbers.apply, form.gives)
-        _refuse_lost(told["tilt_deg"], form, who, lossy=lossy)
-        checked = _words(told)
+        deviation = _deviation(triad, numbers.apply, form.gives)
+        _refuse_lost(deviation["tilt_deg"], form, who, lossy=lossy)
+        checked = _words(deviation)
         body += numbers.body
         values |= numbers.values
-        warnings += _claims(inertial, told["tilt_deg"])
+        warnings += _claims(inertial, deviation["tilt_deg"])
     if inertial.gyro is not None and form.gyro is not None:
         numbers = form.gyro(inertial.gyro, asked)
         body += numbers.body
         values |= numbers.values
         warnings += _rates(inertial.gyro, form)
     return InertialWritten(
-        tuple(body), values, (f"inertial: {form.formula}", *form.notes), checked, told, tuple(warnings)
+        tuple(body), values, (f"inertial: {form.formula}", *form.notes), checked, deviation, tuple(warnings)
     )
 
 
@@ -145,9 +145,9 @@ def _deviation(triad: Triad, apply: Callable[[Floats], Floats], gives: float | N
     return {"attitudes": float(len(ATTITUDES)), "tilt_deg": tilt, "length_share": share}
 
 
-def _words(told: Mapping[str, float]) -> str:
+def _words(deviation: Mapping[str, float]) -> str:
     """How far a formula is off."""
-    tilt, share = told["tilt_deg"], told["length_share"]
+    tilt, share = deviation["tilt_deg"], deviation["length_share"]
     is_small = tilt < LITTLE_DEG and share < LITTLE_SHARE
     how = "less than" if is_small else "at most"
     off = f"{how} {figures(max(tilt, LITTLE_DEG))}° of tilt and {figures(100.0 * max(share, LITTLE_SHARE))} %"

@@ -95,9 +95,9 @@ class Placement:
             )
         covariance = asked.rotation_covariance if calibration.rotation == "estimated" else None
         sigma_deg = None if covariance is None else np.rad2deg(np.sqrt(np.diag(covariance)))
-        kept = np.array([float(f"{value:.{DIGITS}g}") for value in (*symmetric.ravel(), *offset)])
+        rounded = np.array([float(f"{value:.{DIGITS}g}") for value in (*symmetric.ravel(), *offset)])
         axes = right_angled(found, covariance)
-        return cls(found, axes, sigma_deg, kept[:9].reshape(3, 3), kept[9:], mounted, calibration)
+        return cls(found, axes, sigma_deg, rounded[:9].reshape(3, 3), rounded[9:], mounted, calibration)
 
     @property
     def rotation(self) -> Floats:
@@ -149,10 +149,10 @@ class Placement:
             corrected: Floats = (raw - self.offset) @ self.matrix.T @ back.T
             return corrected
 
-        told = {**values, "rotation": rotation, "matrix": self.matrix, "offset": self.offset}
-        told |= {"sigma_deg": self.sigma_deg, "right_angled": None if self.axes is None else str(self.axes)}
+        stated = {**values, "rotation": rotation, "matrix": self.matrix, "offset": self.offset}
+        stated |= {"sigma_deg": self.sigma_deg, "right_angled": None if self.axes is None else str(self.axes)}
         remarks = [*self._notes(), *notes]
-        return Written(apply, body, told, remarks, meant=self._meant(), is_partial=is_partial)
+        return Written(apply, body, stated, remarks, meant=self._meant(), is_partial=is_partial)
 
     def _meant(self) -> Calibration | None:
         """The calibration with the mounting by right angles that it is taken for."""
