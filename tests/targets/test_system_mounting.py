@@ -172,7 +172,8 @@ def test_any_rotation_is_read_back(name: str, vector: list[float]) -> None:
     turn = rotations(np.array(vector))
     export = find(name).render(sensor(turn), asked=ExportOptions(mounting=np.eye(3)))
     back = read_back(export.text.encode(), "file")[1]
-    assert apart_deg(back.matrix @ back.axes.matrix, turn) < 1e-4
+    axes = right_angled(turn)  # one that is nearly so is written as that
+    assert apart_deg(back.matrix @ back.axes.matrix, turn if axes is None else axes.matrix) < 1e-4
 
 
 def test_examples_of_the_sources_mean_here_what_they_mean_there() -> None:
