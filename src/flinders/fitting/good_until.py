@@ -157,7 +157,7 @@ class GoodUntil:
             hours=_rounded(self.seconds / HOUR_S),
             hours_low=_rounded(self.earliest_s / HOUR_S),
             hours_high=_rounded(self.latest_s / HOUR_S),
-            date=None if since is None else self.date(since).replace(microsecond=0),
+            doubled=None if since is None else self.date(since).replace(microsecond=0),
             target_hours=None if self.target_s is None else _rounded(self.target_s / HOUR_S),
             by=self.by,
             temperature_change_kelvin=_rounded(self.temperature_change_kelvin),
