@@ -56,6 +56,9 @@ USUAL_FIELD_UT: Final = 50.0
 LATEST_S: Final = 100 * 365.25 * 86400.0
 """Seconds beyond which nothing is said of a time."""
 
+MOST_KELVIN: Final = 100.0
+"""K beyond which a change of temperature is not told: no sensor meets it."""
+
 DIGITS: Final = 3
 """Digits of what is stored: a rate is known within a factor."""
 
@@ -189,7 +192,8 @@ class GoodUntil:
         change = f", or {figures(shift / self.per_kelvin.rate)} K"
         if self.temperature_by == "followed":
             return f"{change} from the middle of the temperatures" if ends else change
-        low, high = figures(shift / self.per_kelvin.high), figures(shift / self.per_kelvin.low)
+        low, most = figures(shift / self.per_kelvin.high), shift / self.per_kelvin.low
+        high = figures(most) if most <= MOST_KELVIN else f"more than {MOST_KELVIN:.0f}"
         return f"{change} warmer or colder ({low} to {high} K)" if ends else change
 
     @property
