@@ -557,3 +557,16 @@ def test_the_command_writes_a_component(tmp_path: Path) -> None:
     assert answer["component"] == "esphome"
     assert len(answer["files"]) == len(FILES["esphome"]) + 2
     assert CliRunner().invoke(main, asked).exit_code == 6
+
+
+def test_what_a_component_does_not_follow_is_said_with_its_cost(tmp_path: Path) -> None:
+    motors = simulate.MotorCurrent(per_ampere=[0.5, 0.0, -0.3], amperes=20.0)
+    flown = flinders.fit(simulate.tumble(seed=3, disturbances=[motors]).samples, disturbances=("current",))
+    flown.save(tmp_path / "flown.json")
+    asked = ["component", "--for", "arduino", str(tmp_path / "flown.json"), "-o", str(tmp_path / "made")]
+    done = CliRunner().invoke(main, asked)
+    assert done.exit_code == 0, done.output
+    assert "! the component does not follow current: it is taken for 0 A, and at " in done.output
+    readme = (tmp_path / "made" / "README.md").read_text(encoding="utf-8")
+    assert "does not follow current" in readme
+    assert "Readings are in µT, in the axes of the recording." in readme

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from itertools import combinations
 from typing import TYPE_CHECKING, Final
 
 import numpy as np
@@ -79,6 +80,16 @@ def test_a_missing_side_is_named(missing: int) -> None:
     assert caught.value.evidence["side"] == ("+x", "+y", "+z", "-x", "-y", "-z")[missing]
     assert caught.value.evidence["open"] == 2
     assert f"{str(caught.value.evidence['side']).replace('-', '−')} points up" in caught.value.message
+
+
+@pytest.mark.parametrize("count", range(1, 5))
+def test_a_side_that_was_recorded_is_not_asked_for_again(count: int) -> None:
+    """However the sides that are there were held: their small tilts tell little of an axis that was never upright."""
+    names = np.array(["+x", "+y", "+z", "-x", "-y", "-z"])
+    for seed, sides in enumerate(combinations(range(6), count)):
+        with pytest.raises(MissingPose) as caught:
+            estimated(FlawedAccelerometer.drawn(seed), seed, SIDES[list(sides)])
+        assert caught.value.evidence["side"] not in names[list(sides)]
 
 
 def test_poses_at_any_attitude_tell_all_without_a_side_among_them() -> None:

@@ -25,8 +25,11 @@ if TYPE_CHECKING:
 
 
 @contextlib.contextmanager
-def saying_what_was_read(parts: Sequence[CountedRecording]) -> Iterator[None]:
-    """Say afterwards what was read; an error of too few readings gets what was left out, which may be the reason."""
+def saying_what_was_read(parts: Sequence[CountedRecording], *, is_field: bool = True) -> Iterator[None]:
+    """Say afterwards what was read; an error of too few readings gets what was left out, which may be the reason.
+
+    Without `is_field` the columns are no field, and the unit that was taken for one is not said.
+    """
     try:
         yield
     except TooFewSamples as error:
@@ -35,13 +38,16 @@ def saying_what_was_read(parts: Sequence[CountedRecording]) -> Iterator[None]:
         raise with_left_out(error, parts) from None
     finally:
         for part in parts:
-            say_read(part)
+            say_read(part, is_field=is_field)
 
 
-def say_read(part: CountedRecording) -> None:
+def say_read(part: CountedRecording, *, is_field: bool = True) -> None:
     """Say what was read of a recording, and what was left out."""
+    from flinders.core.units import COUNTS
+
     if part.rows or part.skipped:
-        say(f"{part.recording}; {read_and_left_out(part.rows, part.skipped)}")
+        what = str(part.recording) if is_field else str(part.recording).replace(f" in {COUNTS}", "", 1)
+        say(f"{what}; {read_and_left_out(part.rows, part.skipped)}")
 
 
 def read_and_left_out(rows: int, skipped: Iterable[Skipped]) -> str:

@@ -57,7 +57,7 @@ def command(options: Accelerometer) -> None:
     outputs = options.checked_outputs()
     recording, is_field = open_acceleration(options.recording, options.columns)
     part = CountedRecording(recording)
-    with saying_what_was_read([part]):
+    with saying_what_was_read([part], is_field=False):
         samples = accelerations_of(part, is_field=is_field)
         fit = calibrate_accelerometer(samples, gravity=options.gravity)
     if options.output:

@@ -389,13 +389,25 @@ def lay_out(value: object, indent: str = "") -> str:
     return _text(value)
 
 
+OTHERS: Final = {
+    "calibration": "the calibration of a magnetometer",
+    "inertial": "the calibration of an accelerometer, not of a magnetometer",
+    "tolles-lawson": "the coefficients of an aircraft",
+    "truth": "the truth of a simulated recording",
+}
+"""What files of Flinders are, by their tag, for people."""
+
+
 def understood(
     text: str | bytes, kind: type[AnyStruct], source: str, *, what: str, refused: type[FlindersError]
 ) -> AnyStruct:
     """Read a tagged struct of a schema that this release knows, else raise `refused`; `what` has an article."""
     content = _parse(text.encode() if isinstance(text, str) else text, source, what, refused)
     tag = kind.__struct_config__.tag
-    if not (isinstance(content, dict) and content.get("flinders") == tag):
+    found = content.get("flinders") if isinstance(content, dict) else None
+    if found != tag and isinstance(found, str) and found in OTHERS:
+        raise refused(f"{source}: is {OTHERS[found]}: need {what}")
+    if found != tag or not isinstance(content, dict):
         raise refused(f'{source}: is JSON, but not {what}: lacks "flinders": "{tag}"')
     _refuse_other_schemas(content, source, refused)
     return _checked(content, kind, source, refused)

@@ -65,6 +65,8 @@ SEEN: Final = 0.5
 """Share of ORTHOGONALITY_SIGMA below which poses show the misalignment."""
 FINEST: Final = 1e-4
 """Of gravity: no mean of a pose is known better, as offsets wander and tables give way."""
+BY_HAND: Final = 0.05
+"""rad: how exactly a side can be put up again; what a repeated side tells through its small tilt does not count."""
 STEPS: Final = 20
 MIN_POSES: Final = 6
 MIN_READINGS: Final = 60
@@ -127,7 +129,7 @@ class AccelerometerEstimate:
         moved = turns(self.errors, np.concatenate([SIDES, attitudes]))
         tilts = np.einsum("nki,nkj->ij", moved, moved)
         seen = row @ self.covariance
-        shrunk: Floats = np.einsum("ni,ij,nj->n", seen, tilts, seen) / (np.einsum("ni,ni->n", seen, row) + FINEST**2)
+        shrunk: Floats = np.einsum("ni,ij,nj->n", seen, tilts, seen) / (np.einsum("ni,ni->n", seen, row) + BY_HAND**2)
         return shrunk
 
 
@@ -210,7 +212,7 @@ def _refuse_open(found: AccelerometerEstimate) -> None:
         side = found.next_side
         opposite = ("−" if side[0] == "+" else "+") + side[1]
         raise MissingPose(
-            f"the poses leave {found.open_parameters} of three offsets and three gains open: turn the box so that "
+            f"the poses leave {found.open_parameters} of the 6 offsets and gains open: turn the box so that "
             f"{side} points up ({opposite} down), hold it still for 2 s, and record all poses again",
             side=side.replace("−", "-"),
             poses=found.poses,

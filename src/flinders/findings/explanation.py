@@ -3,6 +3,8 @@
 >>> told = explain("coverage")
 >>> told.verdict, told.meaning.partition(". ")[0]
 ('limited', 'Some directions are N° from the nearest reading')
+>>> explain("heading-error").meaning.partition(":")[0]
+'The heading may be off by more than the target'
 >>> explain("coverge")
 Traceback (most recent call last):
 flinders.errors.UsageError: there is no finding or error 'coverge': did you mean coverage?
@@ -12,7 +14,7 @@ from __future__ import annotations
 
 import difflib
 from dataclasses import asdict, dataclass
-from typing import Any
+from typing import Any, Final
 
 from flinders.errors import UsageError
 from flinders.findings.catalogue import CATALOGUE
@@ -76,11 +78,23 @@ def _verdict(severities: str) -> str:
     return severities
 
 
+PLACES: Final = {
+    "number": "N",
+    "seconds": "N",
+    "angle": "N°",
+    "why_large": (
+        "The heading may be off by more than the target: too few readings for their noise, too few directions, or "
+        "recordings that contradict each other"
+    ),
+}
+"""What stands for the number or the words of a finding; all others are left open."""
+
+
 class _Named(dict[str, Any]):
     """Names in the place of numbers, whatever their format."""
 
     def __missing__(self, name: str) -> _Name:
-        return _Name({"number": "N", "seconds": "N", "angle": "N°"}.get(name, "…"))
+        return _Name(PLACES.get(name, "…"))
 
 
 class _Name(str):

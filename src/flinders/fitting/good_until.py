@@ -57,6 +57,9 @@ USUAL_FIELD_UT: Final = 50.0
 LATEST_S: Final = 100 * 365.25 * 86400.0
 """Seconds beyond which nothing is said of a time."""
 
+MOST_KELVIN: Final = 100.0
+"""K beyond which a change of temperature is not told: no sensor meets it."""
+
 DIGITS: Final = 3
 """Digits of what is stored: a rate is known within a factor."""
 
@@ -168,30 +171,59 @@ class GoodUntil:
         )
 
     def __str__(self) -> str:
+        """With both ends of the temperature, and when the claim has doubled."""
+        lasts = f"{self._until}{self._durations}{self._kelvins(self._growth)}"
         if self._target_growth is None:
-            return f"the claim doubles in {self._durations(GROWTH)}{self._kelvins(GROWTH)}"
-        growth = self._target_growth
-        return (
-            f"good for {self._durations(growth)}{self._kelvins(growth)}, until it claims {self.target_deg:g}°; the "
-            f"claim doubles in {duration(self.seconds)}{self._kelvins(GROWTH, ends=False)}"
-        )
+            return lasts
+        return f"{lasts}; the claim doubles in {duration(self.seconds)}{self._kelvins(GROWTH, has_ends=False)}"
 
-    def _durations(self, growth: float) -> str:
-        """The time of a growth, with its range and whose walk it is."""
-        ends = (duration(self._seconds(growth, rate)) for rate in (self.walk.high, self.walk.low))
-        walk = "this unit's walk" if self.by == "history" else "the usual walk of an offset"
-        return f"{duration(self._seconds(growth, self.walk.rate))} of {walk} ({' to '.join(ends)})"
+    @property
+    def brief(self) -> str:
+        """How long, on a line."""
+        return f"{self._until}{self._durations}{self._kelvins(self._growth, has_ends=False)}"
 
-    def _kelvins(self, growth: float, *, ends: bool = True) -> str:
+    @property
+    def range_words(self) -> str:
+        """Range of `good_s`, whose walk it is, and the change of temperature that does as much."""
+        return f"{self._walk_words} ({self._ends}){self._kelvins(self._growth, has_ends=False)}"
+
+    @property
+    def _until(self) -> str:
+        """What lasts."""
+        return "the claim doubles in " if self._target_growth is None else f"within {self.target_deg:g}° for "
+
+    @property
+    def _growth(self) -> float:
+        """Added variance, over that of the claim, until which it is good."""
+        return GROWTH if self._target_growth is None else self._target_growth
+
+    @property
+    def _walk_words(self) -> str:
+        return "as this unit's offset walks" if self.by == "history" else "as offsets usually walk"
+
+    @property
+    def _ends(self) -> str:
+        """Range of the time, by the ends of the walk."""
+        return " to ".join(duration(self._seconds(self._growth, rate)) for rate in (self.walk.high, self.walk.low))
+
+    @property
+    def _durations(self) -> str:
+        """The time, whose walk it is, and its range."""
+        return f"{duration(self.good_s)} {self._walk_words} ({self._ends})"
+
+    def _kelvins(self, growth: float, *, has_ends: bool = True) -> str:
         """The change of temperature of a growth; nothing where it is not known."""
         if self.per_kelvin is None:
             return ""
         shift = self._shift(growth)
         change = f", or {figures(shift / self.per_kelvin.rate)} K"
+        if not has_ends:
+            return f"{change} warmer or colder"
         if self.temperature_by == "followed":
-            return f"{change} from the middle of the temperatures" if ends else change
-        low, high = figures(shift / self.per_kelvin.high), figures(shift / self.per_kelvin.low)
-        return f"{change} warmer or colder ({low} to {high} K)" if ends else change
+            return f"{change} from the middle of the temperatures"
+        low, most = figures(shift / self.per_kelvin.high), shift / self.per_kelvin.low
+        high = figures(most) if most <= MOST_KELVIN else f"more than {MOST_KELVIN:.0f}"
+        return f"{change} warmer or colder ({low} to {high} K)"
 
     @property
     def _target_growth(self) -> float | None:

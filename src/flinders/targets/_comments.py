@@ -67,10 +67,10 @@ ASCII: Final = str.maketrans({
 def plain_ascii(text: str) -> str:
     r"""Write text in printable ASCII, other characters by their code.
 
-    >>> plain_ascii("48 µT, café\x07\u2028")
-    '48 uT, caf\\xe9\\x07\\u2028'
+    >>> plain_ascii("48 µT, café\x07\u2028"), plain_ascii("0.2° at 20 °C")
+    ('48 uT, caf\\xe9\\x07\\u2028', '0.2 deg at 20 degC')
     """
     return "".join(
         sign if sign.isascii() and sign.isprintable() else sign.encode("unicode_escape").decode()
-        for sign in text.translate(ASCII)
+        for sign in text.replace(" °", "°").translate(ASCII)
     )

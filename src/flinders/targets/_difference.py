@@ -97,8 +97,9 @@ class Difference:
         off = f"up to {share:.2g} times" if math.isfinite(share) else "more than"
         raise NotExportable(
             f"rounded to the target's numbers, readings would be off by {off} their length: a field of "
-            f"{figures(strength)} {label(calibration.unit)} does not suit their steps. Check the "
-            "unit of the recording, and the field strength where it was given",
+            f"{figures(strength)} {label(calibration.unit)} does not suit their steps. Record in "
+            "counts or nT where the target takes whole numbers; else check the unit of the recording, and the field "
+            "strength where it was given",
             hint={"unit": None, "site": None},
             beyond=(),
             error=self.worst,

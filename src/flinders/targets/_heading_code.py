@@ -101,7 +101,8 @@ IN_C: Final = HeadingCode(
 #define {constant}_HEADING_SIGMA_READING {heading_sigma_reading_deg} /* degrees: white */
 #define {constant}_HEADING_SIGMA_CALIBRATION {heading_sigma_calibration_deg} /* degrees: not white */
 
-/* Factor of the covariance of offset and shape, row by row; and the part of their gradient that all headings share. */
+/* For sigma: triangular factor of the covariance of the calibration, row by row; mean gradient of level headings by the
+ * calibration, which all share and is no error of one; and the matrix in its symmetric form. */
 static const float {name}_heading_factor[45] = {{
 {factor}
 }};
@@ -112,8 +113,8 @@ static const float {name}_heading_matrix[3][3] = {{
 {shape}
 }};
 
-/* Of a field, and of the gradient of the heading by it, in degrees: the unit vector across the horizontal field over
- * its length. */
+/* 1 sigma of a heading, in degrees: of a corrected field, and of the gradient of the heading by it, which is the
+ * horizontal unit vector across the field, in degrees, over the length of the horizontal field. */
 static inline float {name}_heading_sigma(const float field[3], const float across[3])
 {{
     const float *entry = {name}_heading_factor;
@@ -149,7 +150,7 @@ static inline float {name}_heading(const float corrected[3], const float acceler
     const float level = east[0] * east[0] + east[1] * east[1] + east[2] * east[2];
     const float field = m[0] * m[0] + m[1] * m[1] + m[2] * m[2], weight = a[0] * a[0] + a[1] * a[1] + a[2] * a[2];
     const float north = a[1] * east[2] - a[2] * east[1], length = sqrtf(weight);
-    const float upwards = m[0] * a[0] + m[1] * a[1] + m[2] * a[2]; /* z is down while level, or up */
+    const float upwards = m[0] * a[0] + m[1] * a[1] + m[2] * a[2]; /* negative where the field points down */
     const float scale = (upwards {opposite} 0.0f ? -57.2957795f : 57.2957795f) * length / level;
     const float across[3] = {{scale * east[0], scale * east[1], scale * east[2]}};
     float heading;
@@ -192,7 +193,8 @@ const float {constant}_FIELD_SIGMA_CALIBRATION = {field_sigma_calibration}; // {
 const float {constant}_HEADING_SIGMA_READING = {heading_sigma_reading_deg}; // degrees: white
 const float {constant}_HEADING_SIGMA_CALIBRATION = {heading_sigma_calibration_deg}; // degrees: not white
 
-// Factor of the covariance of offset and shape, row by row; and the part of their gradient that all headings share.
+// For sigma: triangular factor of the covariance of the calibration, row by row; mean gradient of level headings by the
+// calibration, which all share and is no error of one; and the matrix in its symmetric form.
 const float {constant}_HEADING_FACTOR[45] = {{
 {factor}
 }};
@@ -203,8 +205,8 @@ const float {constant}_HEADING_MATRIX[3][3] = {{
 {shape}
 }};
 
-// Of a field, and of the gradient of the heading by it, in degrees: the unit vector across the horizontal field over
-// its length.
+// 1 sigma of a heading, in degrees: of a corrected field, and of the gradient of the heading by it, which is the
+// horizontal unit vector across the field, in degrees, over the length of the horizontal field.
 float {prefix}headingSigma(const float m[3], const float across[3]) {{
   const float *entry = {constant}_HEADING_FACTOR;
   float v[3], variance = {alignment};
@@ -235,7 +237,7 @@ float {prefix}magneticHeading(float x, float y, float z, float ax, float ay, flo
   const float level = east[0] * east[0] + east[1] * east[1] + east[2] * east[2];
   const float field = x * x + y * y + z * z, weight = ax * ax + ay * ay + az * az;
   const float north = ay * east[2] - az * east[1], length = sqrtf(weight);
-  const float upwards = x * ax + y * ay + z * az; // z is down while level, or up
+  const float upwards = x * ax + y * ay + z * az; // negative where the field points down
   const float scale = (upwards {opposite} 0.0f ? -57.2957795f : 57.2957795f) * length / level;
   const float across[3] = {{scale * east[0], scale * east[1], scale * east[2]}};
   if (!(level > {steepest} * field * weight)) {{
@@ -247,7 +249,7 @@ float {prefix}magneticHeading(float x, float y, float z, float ax, float ay, flo
   return angle < 0.0f ? angle + 360.0f : angle;
 }}""",
     level="""
-// The same of the {first} axis of a level vehicle, with {third} down: from {first} and {second} alone.
+// The same of the {first} axis of a level vehicle, with {third} down: from {first} and {second}; {third} is not used.
 float {prefix}levelHeading(float x, float y, float z, float &sigma) {{
   const float read[3] = {{x, y, z}}, ahead = read[{forward}], right = read[{right}];
   const float level = sqrtf(ahead * ahead + right * right);
@@ -277,7 +279,8 @@ FIELD_SIGMA_CALIBRATION = {field_sigma_calibration}  # {result}, of a horizontal
 HEADING_SIGMA_READING = {heading_sigma_reading_deg}  # degrees: white
 HEADING_SIGMA_CALIBRATION = {heading_sigma_calibration_deg}  # degrees: not white
 
-# Factor of the covariance of offset and shape, row by row; and the part of their gradient that all headings share.
+# For sigma: triangular factor of the covariance of the calibration, row by row; mean gradient of level headings by the
+# calibration, which all share and is no error of one; and the matrix in its symmetric form.
 HEADING_FACTOR = (
 {factor},
 )
@@ -290,7 +293,7 @@ HEADING_MATRIX = (
 
 
 def heading_sigma(field, across):
-    \"""Of a field, and of the gradient of the heading by it: the unit vector across the horizontal field by length.\"""
+    \"""1 sigma of a heading, in degrees, of a corrected field and of the gradient of the heading by it, in degrees.\"""
     x, y, z = field
     u, v, w = (a * across[0] + b * across[1] + c * across[2] for a, b, c in HEADING_MATRIX)
     gradient = (u, v, w, u * x, v * y, w * z, u * y + v * x, u * z + w * x, v * z + w * y)
@@ -319,7 +322,7 @@ def heading(corrected, acceleration):
         return float("nan"), float("nan")
     length = sqrt(weight)
     scale = degrees(length / level)
-    if x * ax + y * ay + z * az {opposite} 0.0:  # z is up while level
+    if x * ax + y * ay + z * az {opposite} 0.0:  # it points up where the claim has it point down, or down for up
         scale = -scale
     sigma = heading_sigma(corrected, [scale * e for e in east])
     return degrees(atan2(east[0] * length, ay * east[2] - az * east[1])) % 360.0, sigma""",

@@ -13,6 +13,7 @@ are written are run through the target's own formula on gravity in all direction
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Final, Literal, NamedTuple, TypeAlias
 
@@ -117,15 +118,15 @@ def written(
         checked = _words(deviation)
         body += numbers.body
         values |= numbers.values
-        warnings += _claims(inertial, deviation["tilt_deg"])
+        warnings += _claims(inertial, _tilts(triad, numbers.apply))
     if inertial.gyro is not None and form.gyro is not None:
         numbers = form.gyro(inertial.gyro, asked)
         body += numbers.body
         values |= numbers.values
         warnings += _rates(inertial.gyro, form)
-    return InertialWritten(
-        tuple(body), values, (f"inertial: {form.formula}", *form.notes), checked, deviation, tuple(warnings)
-    )
+    sensors = [name for name in ("accelerometer", "gyro") if getattr(inertial, name) and getattr(form, name)]
+    notes = (f"{' and '.join(sensors)}: {form.formula}", *form.notes)
+    return InertialWritten(tuple(body), values, notes, checked, deviation, tuple(warnings))
 
 
 def _in_unit(triad: Triad, form: InertialForm, who: str) -> Triad:
@@ -135,14 +136,23 @@ def _in_unit(triad: Triad, form: InertialForm, who: str) -> Triad:
 
 def _deviation(triad: Triad, apply: Callable[[Floats], Floats], gives: float | None) -> dict[str, float]:
     """Largest tilt, in degrees, and largest share of the length, that a formula is off at rest."""
-    force = STANDARD_GRAVITY * ATTITUDES
-    raw = np.linalg.solve(triad.matrix, force.T).T + triad.offset
-    corrected = apply(raw)
-    length = np.linalg.norm(corrected, axis=1)
-    sine = np.linalg.norm(np.cross(corrected, ATTITUDES), axis=1) / length
-    tilt = float(np.rad2deg(np.arcsin(np.clip(sine, 0.0, 1.0))).max())
+    length = np.linalg.norm(apply(_at_rest(triad)), axis=1)
     share = 0.0 if gives is None else float(np.abs(length * gives / STANDARD_GRAVITY - 1.0).max())
-    return {"attitudes": float(len(ATTITUDES)), "tilt_deg": tilt, "length_share": share}
+    return {"attitudes": float(len(ATTITUDES)), "tilt_deg": float(_tilts(triad, apply).max()), "length_share": share}
+
+
+def _at_rest(triad: Triad) -> Floats:
+    """(N, 3) raw readings at rest in all attitudes."""
+    raw: Floats = np.linalg.solve(triad.matrix, STANDARD_GRAVITY * ATTITUDES.T).T + triad.offset
+    return raw
+
+
+def _tilts(triad: Triad, apply: Callable[[Floats], Floats]) -> Floats:
+    """(N,) degrees that a formula turns the vertical by, at rest in all attitudes."""
+    corrected = apply(_at_rest(triad))
+    sine = np.linalg.norm(np.cross(corrected, ATTITUDES), axis=1) / np.linalg.norm(corrected, axis=1)
+    tilts: Floats = np.rad2deg(np.arcsin(np.clip(sine, 0.0, 1.0)))
+    return tilts
 
 
 def _words(deviation: Mapping[str, float]) -> str:
@@ -167,11 +177,12 @@ def _refuse_lost(tilt_deg: float, form: InertialForm, who: str, *, lossy: bool) 
         )
 
 
-def _claims(inertial: Inertial, lost_deg: float) -> Iterator[str]:
-    """What the vertical is good to with what is written."""
+def _claims(inertial: Inertial, tilts: Floats) -> Iterator[str]:
+    """What the vertical is good to with what is written: its own error, and `tilts` that the target's form leaves."""
     if inertial.tilt_error is not None:
-        error, bound = inertial.tilt_error, inertial.tilt_error.bound_95 + lost_deg
-        yield f"the vertical at rest is good to {figures(error.rms)}° (1 σ; 95 % within {figures(bound)}°)"
+        error, bound = inertial.tilt_error, inertial.tilt_error.bound_95 + float(tilts.max())
+        sigma = math.hypot(error.rms, float(np.sqrt(np.mean(tilts**2))))
+        yield f"the vertical at rest is good to {figures(sigma)}° (1 σ; 95 % within {figures(bound)}°)"
 
 
 def _rates(gyro: Triad, form: InertialForm) -> Iterator[str]:

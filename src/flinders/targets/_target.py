@@ -331,12 +331,7 @@ class Target:
         """What the disturbances cost that a target does not follow."""
         for disturbance in calibration.disturbances if self.follows != "all" else ():
             if motor is None or disturbance.name != motor.name:
-                cost = min(calibration.disturbance_deg(disturbance, dip_deg=DIP_DEG), 180.0)
-                yield (
-                    f"{self.title} does not follow {disturbance.name} here: it is taken for "
-                    f"{disturbance.amount(disturbance.reference)}, and at {disturbance.amount(disturbance.farthest)} "
-                    f"headings are off by up to {figures(cost)}° (at any attitude, dip {DIP_DEG:.0f}°)"
-                )
+                yield not_followed(calibration, disturbance, f"{self.title} does not follow {disturbance.name} here")
 
     def _loses(self, calibration: Calibration, written: Written) -> bool:
         """Whether the matrix has more to it than the target holds beside a rotation in its mounting."""
@@ -467,6 +462,16 @@ class Trial:
         }
         text = "\n".join([*comments, *written.body, ""])
         return Export(target.name, text, fields, checked, self.warnings, written.data, has_comments=bool(comments))
+
+
+def not_followed(calibration: Calibration, disturbance: Disturbance, why: str) -> str:
+    """Say what it costs that something takes a disturbance at its reference."""
+    cost = min(calibration.disturbance_deg(disturbance, dip_deg=DIP_DEG), 180.0)
+    return (
+        f"{why}: it is taken for {disturbance.amount(disturbance.reference)}, and at "
+        f"{disturbance.amount(disturbance.farthest)} headings are off by up to {figures(cost)}° (at any attitude, dip "
+        f"{DIP_DEG:.0f}°)"
+    )
 
 
 def _named(unit: str, calibration: Calibration) -> str:

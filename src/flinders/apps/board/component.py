@@ -22,7 +22,7 @@ from typing import TYPE_CHECKING, Final
 
 from flinders.core.files import licence, write_folder
 from flinders.errors import NotExportable
-from flinders.fitting.export import export_fit, refuse_unfit
+from flinders.fitting.export import export_fit, limit_lines, refuse_unfit
 from flinders.fitting.heading_model import heading_model_of
 from flinders.fitting.measurement_noise import gates_of, noise_of
 from flinders.fitting.verdict import headline_of
@@ -30,6 +30,7 @@ from flinders.geometry.plane import order_of
 from flinders.targets import find
 from flinders.targets._code_text import digits
 from flinders.targets._numbers import RECORDED, per_unit
+from flinders.targets._target import not_followed
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
@@ -41,6 +42,8 @@ FILES: Final = Path(__file__).parent / "components"
 TEMPLATE: Final = ".in"
 """Ending of a file with places for values, or of one in Python that is none of this package."""
 VERSION: Final = version("flinders")
+UNITS: Final = {"uT": "µT", "G": "gauss"}
+"""What people write."""
 AUTHORS: Final = "The Flinders developers"
 SENTENCE: Final = "Heading of a magnetometer with its calibration by Flinders."
 PARAGRAPH: Final = "Each heading comes with its standard deviation at this attitude, and disturbed fields are noticed."
@@ -112,6 +115,15 @@ def contents(component: Component, fit: Fit) -> dict[str, str]:
     return {**made, **component.manifests(), "README.md": _readme(component, fit), "LICENSE": licence()}
 
 
+def warnings(fit: Fit) -> list[str]:
+    """What a component leaves out of a fit, and what limits it."""
+    followed = fit.calibration.disturbances
+    return [
+        *(not_followed(fit.calibration, each, f"the component does not follow {each.name}") for each in followed),
+        *limit_lines(fit),
+    ]
+
+
 def _refuse_unstated(fit: Fit) -> None:
     """Refuse a fit without standard deviations; raises NotExportable."""
     if heading_model_of(fit) is None:
@@ -170,7 +182,18 @@ def _readme(component: Component, fit: Fit) -> str:
         )
     if gates_of(fit) is None:
         good.append("It has no limits by which a disturbed field is noticed.")
-    parts = [f"# Flinders compass for {component.use}", f"{SENTENCE} {PARAGRAPH}", "\n".join(good), component.next_step]
+    followed = fit.calibration.disturbances
+    good += [f"{not_followed(fit.calibration, each, f'It does not follow {each.name}')}." for each in followed]
+    given = fit.calibration.raw.name if component.unit == RECORDED else component.unit
+    takes = (
+        f"Readings are in {UNITS.get(given, given)}, in the axes of the recording. Acceleration is what an "
+        "accelerometer in the axes of corrected readings reads at rest, in any unit: with z down it is negative when "
+        "level."
+    )
+    parts = [
+        f"# Flinders compass for {component.use}", f"{SENTENCE} {PARAGRAPH}", "\n".join(good), takes,
+        component.next_step,
+    ]  # fmt: skip
     return "\n\n".join(parts) + "\n"
 
 

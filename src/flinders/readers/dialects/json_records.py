@@ -144,7 +144,8 @@ def records_as_lines(source: Source, encoding: str) -> Iterator[bytes]:
     records = document if isinstance(document, list) else arranged(document) if isinstance(document, dict) else None
     if isinstance(document, dict) and MARK in document:
         kind = shown(str(document[MARK]))
-        raise UnreadableInput(f"{source.name} is a {kind} file of Flinders and not a recording: give the recording")
+        kind = f"an {kind}" if kind[:1] in tuple("aeiou") else f"a {kind}"
+        raise UnreadableInput(f"{source.name} is {kind} file of Flinders and not a recording: give the recording")
     if not records:
         kind = "an empty list" if document == [] else f"one {'object' if isinstance(document, dict) else 'value'}"
         keys = f" ({listed(list(document))})" if isinstance(document, dict) and document else ""

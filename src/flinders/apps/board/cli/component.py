@@ -21,7 +21,7 @@ class ComponentCommand(program.Group):
     folder: str = program.member(
         "-o", "--output", required=True, metavar="DIR", help="Folder of the component; it is made."
     )
-    force: bool = option.force()
+    force: bool = option.force("Overwrite files that are in the folder.")
     as_json: bool = option.as_json()
 
 
@@ -46,13 +46,16 @@ def command(options: ComponentCommand) -> None:
     MicroPython and CircuitPython. Each gives the heading with its standard deviation at this attitude, and whether
     something disturbs the field.
     """
-    from flinders.apps.board.component import COMPONENTS, write
+    from flinders.apps.board.component import COMPONENTS, warnings, write
 
     component = COMPONENTS[options.kind]
     fit = load("component --for FRAMEWORK", options.calibration)
     files = write(component, fit, options.folder, force=options.force)
     if options.as_json:
-        print_json({"component": component.name, "folder": options.folder, "files": list(map(str, files))})
+        paths, told = list(map(str, files)), warnings(fit)
+        print_json({"component": component.name, "folder": options.folder, "files": paths, "warnings": told})
         return
-    say(f"{len(files)} files in {options.folder}")
+    for warning in warnings(fit):
+        say(f"! {warning}")
+    say(f"{len(files)} files written to {options.folder}")
     say(component.next_step.replace("`", ""))
