@@ -212,7 +212,7 @@ class GoodUntilRecord(Struct, frozen=True, kw_only=True, forbid_unknown_fields=T
     hours_high: Positive  #: by the slow end
     #: until the claim is the target, by the middle; null of one that is not within it
     target_hours: Positive | None = None
-    date: datetime | None = None  #: by the middle, from when the recording was made; null where the file says no time
+    doubled: datetime | None = None  #: by the middle, from when the recording was made; null where the file says no time
     by: Literal["history", "prior"]  #: walk of this unit, or what is usual of any
     temperature_change_kelvin: Positive | None = None  #: K: change of temperature that doubles it, by the middle
     temperature_change_low_kelvin: Positive | None = None  #: K: by the largest coefficient of data sheets

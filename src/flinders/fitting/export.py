@@ -230,7 +230,7 @@ def origin_lines(fit: Fit, held: str = "") -> list[str]:
     """
     sensor = f", sensor {fit.calibration.sensor}" if fit.calibration.sensor else ""
     until = good_until(fit)
-    aged = [] if until is None else [str(until)]
+    aged = [] if until is None else [until.brief]
     if held and not math.isnan(fit.heading_error_deg.worst):
         return [f"from {fit.provenance.name}{sensor}", held, *aged, *limit_lines(fit)]
     return [

@@ -157,7 +157,7 @@ class GoodUntil:
             hours=_rounded(self.seconds / HOUR_S),
             hours_low=_rounded(self.earliest_s / HOUR_S),
             hours_high=_rounded(self.latest_s / HOUR_S),
-            date=None if since is None else self.date(since).replace(microsecond=0),
+            doubled=None if since is None else self.date(since).replace(microsecond=0),
             target_hours=None if self.target_s is None else _rounded(self.target_s / HOUR_S),
             by=self.by,
             temperature_change_kelvin=_rounded(self.temperature_change_kelvin),
@@ -175,11 +175,30 @@ class GoodUntil:
             f"claim doubles in {duration(self.seconds)}{self._kelvins(GROWTH, ends=False)}"
         )
 
+    @property
+    def brief(self) -> str:
+        """How long, on a line."""
+        lasts = f"{duration(self.good_s)} ({self.range_words})"
+        if self.target_s is None:
+            return f"the claim doubles in {lasts}"
+        return f"good for {lasts}, until it claims {self.target_deg:g}°"
+
+    @property
+    def range_words(self) -> str:
+        """Range of `good_s`, whose walk it is, and the change of temperature that does as much."""
+        growth = GROWTH if self._target_growth is None else self._target_growth
+        ends = " to ".join(duration(self._seconds(growth, rate)) for rate in (self.walk.high, self.walk.low))
+        change = "" if self.per_kelvin is None else f", or {figures(self._shift(growth) / self.per_kelvin.rate)} K"
+        return f"{ends} of {self._walk_words}{change}"
+
+    @property
+    def _walk_words(self) -> str:
+        return "this unit's walk" if self.by == "history" else "the usual walk of an offset"
+
     def _durations(self, growth: float) -> str:
         """The time of a growth, with its range and whose walk it is."""
         ends = (duration(self._seconds(growth, rate)) for rate in (self.walk.high, self.walk.low))
-        walk = "this unit's walk" if self.by == "history" else "the usual walk of an offset"
-        return f"{duration(self._seconds(growth, self.walk.rate))} of {walk} ({' to '.join(ends)})"
+        return f"{duration(self._seconds(growth, self.walk.rate))} of {self._walk_words} ({' to '.join(ends)})"
 
     def _kelvins(self, growth: float, *, ends: bool = True) -> str:
         """The change of temperature of a growth; nothing where it is not known."""

@@ -265,7 +265,7 @@ def with_unit(disturbance: Disturbance) -> str:
 def aging(fit: Fit) -> str:
     """How long a fit is good; nothing where it claims nothing."""
     until = good_until(fit)
-    return "" if until is None else str(until)
+    return "" if until is None else until.brief
 
 
 def condition(fit: Fit) -> str:

@@ -38,6 +38,7 @@ from flinders.findings.sensor_words import uncertain
 from flinders.findings.words import UPSIDE_DOWN, as_sentence
 from flinders.fitting.claim import dip_words
 from flinders.fitting.export import export_fit
+from flinders.fitting.good_until import duration, good_until
 from flinders.fitting.result import Fit, fit_of
 from flinders.fitting.verdict import headline_of
 from flinders.report import figures as drawing
@@ -46,7 +47,6 @@ from flinders.report.colours import STEPS
 from flinders.report.figure_data import FigureData
 from flinders.report.formatting import (
     SOURCES,
-    aging,
     condition,
     curve_entries,
     date_of,
@@ -149,6 +149,7 @@ def page(
         "findings": [] if fit is None else _findings(fit),
         "usable": usable,
         "upside_down": UPSIDE_DOWN,
+        "until": None if usable is None else good_until(usable),
         "parameters": [] if usable is None else _parameters(usable),
         "terms": {} if usable is None else curve_entries(usable.calibration),
         "disturbances": [] if usable is None else disturbance_rows(usable),
@@ -232,7 +233,7 @@ def _outcome(outcome: Fit | FitError, fit: Fit | None) -> dict[str, str]:
         why = as_sentence(cast("FitError", outcome).message)
         return {"verdict": "refused", "title": "No calibration", "sentence": why}
     title = MEANINGS[fit.verdict].title if fit.claim.states_uncertainty else "Of unknown quality"
-    said = " ".join(map(as_sentence, filter(None, (headline_of(fit).words, condition(fit), aging(fit)))))
+    said = " ".join(map(as_sentence, filter(None, (headline_of(fit).words, condition(fit)))))
     return {"verdict": fit.verdict, "title": title, "sentence": said}
 
 
@@ -400,6 +401,6 @@ def _style() -> str:
 FILTERS: Final = {
     "counted": counted, "figures": figures, "degrees": degrees, "sentence": as_sentence, "instruments": instrument_rows,
     "label": label, "strength": length, "date": date_of, "minus": minus, "sources": sources,
-    "dip_words": dip_words,
+    "dip_words": dip_words, "duration": duration,
 }  # fmt: skip
 """How the page writes numbers."""

@@ -25,6 +25,7 @@ from flinders.fitting.claim import TILTS
 from flinders.fitting.result import Fit, fit_of
 from flinders.fitting.verdict import improves
 from flinders.report.formatting import (
+    aging,
     aligned,
     date_of,
     degrees,
@@ -73,6 +74,7 @@ def _of_fit(fit: Fit) -> dict[str, Any]:
     rows = aligned(*matrix_entries(fit.calibration.matrix))
     is_whole = bool(fit.claim.plane) or fit.evidence.coverage.hole_deg <= limit_of("coverage")
     return {
+        "aging": aging(fit),
         "offset": math.hypot(*fit.calibration.offset),
         "offsets": [(axis, value.rstrip()) for axis, value in zip("xyz", offsets, strict=True)],
         "matrix": [(axis, "   ".join(row)) for axis, row in zip("xyz", rows, strict=True)],

@@ -160,8 +160,10 @@ class Hub:
     def welcome(self) -> Welcome:
         """The first message to a page."""
         from flinders.targets import registry
+        from flinders.targets._target import MOUNTINGS
 
-        rows = sorted(registry().values(), key=lambda row: row.name != self.supply.target)
+        written = [row for row in registry().values() if row.keeps not in MOUNTINGS]
+        rows = sorted(written, key=lambda row: row.name != self.supply.target)
         return Welcome(
             version=version("flinders"),
             session=self.name,
