@@ -449,7 +449,7 @@ def test_four_motors_go_through_table_calibration_file_and_command(tmp_path: Pat
     page = CliRunner().invoke(main, ["report", saved, str(tmp_path / "flight.csv"), "-o", str(tmp_path / "page.html")])
     assert page.exit_code == 0, page.output
     both = CliRunner().invoke(main, ["apply", saved, str(tmp_path / "two.csv")])
-    assert "has no current3 and current4, which the calibration corrects for" in both.output
+    assert "has no current3 or current4, which the calibration corrects for" in both.output
     held = CliRunner().invoke(main, ["apply", saved, three, "--fix", "current4=2", "-o", str(tmp_path / "out.csv")])
     assert held.exit_code == 0, held.output
     none = CliRunner().invoke(main, ["calibrate", three, "--with", "throttles"])

@@ -75,6 +75,15 @@ def test_each_states_what_it_explains(rover: Samples, fit: Fit) -> None:
     assert known["humidity"].is_unused
 
 
+def test_a_column_that_takes_an_axis_of_the_readings_is_refused_as_what_it_is() -> None:
+    """Less so much of it, the readings lie in a plane, and an ellipsoid of any size goes through them."""
+    tumble = simulate.tumble(seed=1, disturbances=[WHEEL])
+    axis = tumble.samples.field[:, 1]
+    followed = replace(tumble.samples, auxiliary={"servo": (0.05 * axis + 3.0).round(3)})
+    with pytest.raises(FollowsAttitude):
+        flinders.fit(followed, disturbances=("servo",))
+
+
 @pytest.mark.parametrize("shape", [0, 1, 2])
 def test_a_column_that_follows_attitude_is_refused(shape: int) -> None:
     tumble = simulate.tumble(seed=7, n=1500)

@@ -137,6 +137,7 @@ def test_check_answers_for_a_calibration_alone(calibrated: Path) -> None:
     assert (later.code, later.json["answer"]) == (3, "cannot-tell")
     assert later.json["claim_deg"] > 2.0 * later.json["claimed_deg"]
     assert flinders_("check", "calibration.json", "--date", "soon").code == 2
+    assert "was made on" in flinders_("check", "calibration.json", "--date", "1999-01-01").err
     assert flinders_("check", "calibration.json", "tumble.csv", "--date", "2100-01-01").code == 2
 
 

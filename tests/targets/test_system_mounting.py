@@ -319,6 +319,9 @@ def test_a_mirrored_sensor_from_its_recording_to_its_mounting() -> None:
     axes = Axes.of(str(finding.values["axes"]))
     assert axes == nearest_to(mounted)
     assert finding.values["axis"] == axes.mirrored_axis
+    for name in ("urdf", "iio-mount-matrix"):
+        with pytest.raises(NotExportable, match="the magnetometer is left-handed"):
+            export_fit(wrong, find(name))
 
     found = fit(recorded.turned(axes), aiding=("dip", "rate"), site=site)
     codes = {one.code for one in found.findings}

@@ -81,6 +81,13 @@ def test_values_keep_to_their_ranges(estimator: Estimator) -> None:
         assert estimator.heading_noise.low <= estimator.heading_sigma(claimed, 0.5) <= estimator.heading_noise.high
 
 
+def test_the_file_says_where_a_range_makes_a_number_larger() -> None:
+    """Those of a good compass: ArduPilot takes no less than 0.05 rad and 0.01 G."""
+    text = " ".join(flinders.export(fitted("good"), "ardupilot", noise=True).text.replace("#", "").split())
+    for name, least in (("EK3_YAW_M_NSE", "0.050"), ("EK3_MAG_M_NSE", "0.010")):
+        assert f"{name} is written as {least}, the least that it takes" in text
+
+
 @pytest.mark.parametrize("target", PARAMETERS)
 def test_noise_is_written_where_it_is_asked_for(target: str) -> None:
     """A calibration alone does not change how an estimator is tuned."""

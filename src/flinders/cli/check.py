@@ -126,6 +126,11 @@ def _age(options: Check) -> int:
     fit = load("check", str(options.calibration))
     at = datetime.now(UTC) if options.date in (None, "today") else _day(str(options.date))
     aged = age_of(fit, at, walk=walk_in(options.history, fit))
+    if options.date not in (None, "today") and at.date() < aged.since.astimezone(at.tzinfo).date():
+        raise UsageError(
+            f"{options.calibration} was made on {aged.since:%Y-%m-%d}, after {at:%Y-%m-%d}: ask for a later day",
+            hint={"date": None},
+        )
     print_result(aged.as_dict, lambda: of_aged(aged), as_json=options.as_json)
     return ANSWER_EXITS[aged.answer]
 

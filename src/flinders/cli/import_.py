@@ -137,6 +137,8 @@ def _words(file: str, name: str, calibration: Calibration) -> list[str]:
     """What was found, and what the file does not hold."""
     from flinders.targets import find
 
+    if find(name).keeps in ("rotation", "axes"):
+        return [f"{file}: {name}, a mounting alone: it turns readings, and corrects none"]
     unit = label(calibration.unit)
     offset = ", ".join(figures(value, 4) for value in calibration.offset)
     words = [f"{file}: {name}, for readings in {calibration.raw.name}; offset {offset} {unit}"]

@@ -122,7 +122,7 @@ def lacking_words(calibration: Calibration, lacking: Sequence[Disturbance], sour
     """Say what it costs that a recording lacks columns, and what can be done."""
     worst = max(lacking, key=calibration.disturbance_deg)
     cost = figures(min(calibration.disturbance_deg(worst), 180.0))
-    names, one = " and ".join(disturbance.name for disturbance in lacking), len(lacking) == 1
+    names, one = " or ".join(disturbance.name for disturbance in lacking), len(lacking) == 1
     at = worst.amount(worst.farthest) + ("" if one else f" of {worst.name}")
     return (
         f"{source} has no {names}, which the calibration corrects for: without {'it' if one else 'them'} headings are "

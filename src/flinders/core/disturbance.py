@@ -176,7 +176,7 @@ class Disturbance(Value):
         """
         if self.states and value in (0.0, 1.0):
             return self.states[int(value)]
-        return f"{_digits(value)}{self.kind.unit}"
+        return f"{_amount(value)}{self.kind.unit}"
 
     def __str__(self) -> str:
         numbers = ", ".join(f"{value:.3g}" for value in self.per_unit + 0.0)
@@ -184,15 +184,15 @@ class Disturbance(Value):
         gain = f", scale {self.gain_per_unit:+.2%} per °C" if self.gain_per_unit else ""
         if self.states:
             return f"{self.name}: {numbers} while {self.states[1]}{lag}, none while {self.states[0]}"
-        span = f"recorded {_digits(self.lowest)} to {self.amount(self.highest)}" if self.has_range else "range unknown"
+        span = f"recorded {_amount(self.lowest)} to {self.amount(self.highest)}" if self.has_range else "range unknown"
         return f"{self.name}: {numbers} per {self.kind.per}{gain}{lag}, from {self.amount(self.reference)}, {span}"
 
 
-def _digits(value: float) -> str:
-    """Three digits of a value, or all before the point.
+def _amount(value: float) -> str:
+    """Write a value of a column to three digits, or to the point: no speed of 3e+03.
 
-    >>> _digits(21.54), _digits(2741.3), _digits(0.0)
-    ('21.5', '2,741', '0')
+    >>> _amount(0.0), _amount(21.54), _amount(3000.0), _amount(-12345.6), _amount(3.2e9)
+    ('0', '21.5', '3,000', '-12,346', '3.2e+09')
     """
     return f"{value:,.0f}" if 1e3 <= abs(value) < 1e7 else f"{value:.3g}"
 

@@ -179,8 +179,8 @@ ROWS: Final = (
         affects="use",
         number="how many times better an instrument fits with its axes exchanged",
         action=(
-            "map the magnetometer's axes with `--axes`, or mind that corrected readings are in the other "
-            "instrument's axes"
+            "exchange the columns of one of the two where they are written (`--axes` turns both), or mind that "
+            "corrected readings are in the other instrument's axes"
         ),
         rule=Rule("times_better", (Grade("limits", 0.0),), limit=Limit(2.0)),
         said="the {instrument} fits {times_better:.0f} times better {how_it_sits}",
@@ -205,7 +205,7 @@ ROWS: Final = (
     ),
     CatalogueRow(
         code="mirrored-axis",
-        affects="use",
+        affects="claim",
         number="−1",
         action=(
             "change the sign of the axis that is named, in the driver or by `--axes`, and calibrate again; the site "

@@ -133,7 +133,7 @@ def without(noise_uncompensated: float, noise: float) -> str:
     """What readings would be off by, if nothing were modelled."""
     if math.isnan(noise_uncompensated):
         return ""
-    return f"; without, readings lie {figures(noise_uncompensated)} off instead of {figures(noise)}"
+    return f"; with nothing followed, readings lie {figures(noise_uncompensated)} off instead of {figures(noise)}"
 
 
 def other_column(name: str) -> str:

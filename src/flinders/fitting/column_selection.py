@@ -111,19 +111,22 @@ def refuse_attitude(
     """Raise `FollowsAttitude` for the first of some columns that is a function of the direction of the field.
 
     Directions are those of a fit that follows all columns. Where a column takes most of the field itself, as a linear
-    function of the direction can, they are those of a fit that follows none.
+    function of the direction can, they are those of a fit that follows none. Such a column may leave all readings in
+    one plane, and an ellipsoid of any size through them: its share is of the smaller of the two.
     """
     found = fit_disturbances(parts, names, spread=spread)
     logged = Logged.of(parts, tuple(names))
     values = {name: logged.lagged(name, 0.0) for name in columns}
+    others = [name for name in dict.fromkeys(names) if name not in values]
+    without = fit_disturbances(parts, others, spread=spread)
     followed, plain = _directions(logged, found), None
+    strength = min(found.ellipsoid.radius, without.ellipsoid.radius)
     for one in found.estimates:
         if one.name not in values:
             continue
         directions = followed
-        if one.explained > MAX_EXPLAINED * found.ellipsoid.radius:
-            others = [name for name in dict.fromkeys(names) if name not in values]
-            plain = _directions(logged, fit_disturbances(parts, others, spread=spread)) if plain is None else plain
+        if one.explained > MAX_EXPLAINED * strength:
+            plain = _directions(logged, without) if plain is None else plain
             directions = plain
         share, linear = following(values[one.name], directions), one.attitude_collinearity
         if share > MAX_FOLLOWING or linear > MAX_COLLINEARITY:

@@ -74,6 +74,8 @@ def export_fit(
     """
     if target.compasses:
         refuse_on_top(fit, target.name)
+    if target.keeps in ("rotation", "axes"):
+        _refuse_left_handed(fit, target)
     number, notes = _compass_of(fit, target, compass)
     turn = mounting_of(fit, target, mounting)
     asked = ExportOptions(
@@ -96,6 +98,17 @@ def export_fit(
     if asked.noise is not None:
         export.fields["noise"] = asked.noise.as_dict(fit.calibration.unit)
     return export, notes
+
+
+def _refuse_left_handed(fit: Fit, target: Target) -> None:
+    """Raise `NotExportable` for the mounting of a sensor that was found to be left-handed."""
+    for finding in fit.findings:
+        if finding.code == "mirrored-axis":
+            raise NotExportable(
+                f"{target.title} holds how the sensor sits, and what was found is wrong: {finding.advice}",
+                hint={"axes": None},
+                beyond=("rotation",),
+            )
 
 
 def fitting_command(fit: Fit, target: Target) -> str:

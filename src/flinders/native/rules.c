@@ -306,7 +306,7 @@ const flinders_rule fl_rules[FL_RULES] = {
     {"aid-astray", "check in which direction its quaternions turn, whether w comes first, its times; it was not used", 182, 1, 0},
     {"aid-diverged", "leave it out, or turn the sensor through more directions; it was not used", 184, 1, 0},
     {"aid-empty", "record it, or leave the aid out; it was not used", 186, 1, 0},
-    {"swapped-axes", "map the magnetometer's axes with --axes, or mind that corrected readings are in the other instrument's axes", 188, 1, 0},
+    {"swapped-axes", "exchange the columns of one of the two where they are written (--axes turns both), or mind that corrected readings are in the other instrument's axes", 188, 1, 0},
     {"one-axis", "the gyro says nothing of the offset along the one axis: turn about another as well", 190, 1, 0},
     {"mirrored-axis", "change the sign of the axis that is named, in the driver or by --axes, and calibrate again; the site was not used", 192, 1, 0},
     {"site-differs", "check place and date, whether iron was near, and the accelerometer's sign; the site was not used", 194, 1, 0},

@@ -112,7 +112,8 @@ def taking(name: str, *, compass: int | None = None, code_name: str | None = Non
     if noise and not target.estimator:
         takes = ", ".join(each.name for each in registry().values() if each.estimator)
         raise UsageError(
-            f"the noise for an estimator goes with {takes}: {target.name} has no parameters of one, leave it out",
+            f"the noise for an estimator is asked for with {takes}: {target.name} gets what it has room for without "
+            "asking, leave it out",
             hint={"noise": None},
         )
     return target

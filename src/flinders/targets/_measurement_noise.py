@@ -151,8 +151,8 @@ class YawFilter:
     def words(self, name: str, sigma: float, noise: MeasurementNoise, *, who: str) -> str:
         """What a measurement noise of `sigma`, in rad, does in the filter of a program, and what is wrong there."""
         return (
-            f"{name} is {figures(math.degrees(sigma))}°: with it {who} states {figures(self.stated_deg(sigma))}° of "
-            f"yaw (1 σ) on a heading that is held. The calibration errs there by "
+            f"{name} is {sigma:.3g} rad, {figures(math.degrees(sigma))}°: with it {who} states "
+            f"{figures(self.stated_deg(sigma))}° of yaw (1 σ) on a heading that is held. The calibration errs there by "
             f"{figures(noise.heading_calibration_deg)}°, and that stays; a reading has "
             f"{figures(noise.heading_reading_deg)}° of noise, which averages away"
         )

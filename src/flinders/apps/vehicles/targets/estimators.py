@@ -93,7 +93,17 @@ class Estimator:
             f"{figures(noise.horizontal * math.radians(claimed) / GAUSS)} G that the calibration leaves across the "
             "horizontal field in every reading of a heading, added as variances"
         )
-        notes = [self.yaw.words(f"{heading} (rad)", sigma, noise, who=f"{self.who} ({self.conditions})"), in_both]
+        notes = [self.yaw.words(heading, sigma, noise, who=f"{self.who} ({self.conditions})"), in_both]
+        wanted = {
+            self.heading_noise: self.yaw.measurement_sigma(claimed, noise.heading_reading_deg),
+            self.field_noise: noise.across / GAUSS,
+        }
+        notes += [
+            f"{parameter.name} is written as {figures(parameter.low)}, the least that it takes: {self.who} is more "
+            "careful than need be"
+            for parameter, least in wanted.items()
+            if least < parameter.low
+        ]
         if stated < TOO_SURE * claimed:
             notes.append(f"{heading} is at the end of its range: {self.who} states less than its yaw errs by")
         return notes

@@ -73,7 +73,9 @@ def write_madgwick(calibration: Calibration, asked: ExportOptions) -> Written:
         sigma = ROBOT_LOCALIZATION.measurement_sigma(noise.heading_calibration_deg, 0.0)
         values["orientation_stddev"] = float(f"{sigma:.3e}")
         who = "robot_localization (as delivered; it has only this number for roll and pitch, too)"
-        notes = [ROBOT_LOCALIZATION.words("orientation_stddev (rad)", sigma, noise, who=who), field_words(noise)]
+        notes = [ROBOT_LOCALIZATION.words("orientation_stddev", sigma, noise, who=who), field_words(noise)]
+    else:
+        notes = [unknown_noise("orientation_stddev")]
     named = [f"    {name}: {_yaml(value)}" for name, value in values.items()]
     body = ["/**:", "  ros__parameters:", "    use_mag: true", *named]
     return Written(lambda raw: raw - bias, body, values, notes)
@@ -93,6 +95,8 @@ def write_fusioncore(calibration: Calibration, asked: ExportOptions) -> Written:
         values["noise_rad"] = float(f"{sigma:.3e}")
         who = f"FusionCore (as delivered, {FUSIONCORE.rate_hz:.0f} readings a second)"
         notes += [FUSIONCORE.words("noise_rad", sigma, noise, who=who), field_words(noise)]
+    else:
+        notes.append(unknown_noise("magnetometer.noise_rad"))
     if (gates := asked.gates) is not None:
         values |= {
             "field_strength": affine.strength,
@@ -101,6 +105,11 @@ def write_fusioncore(calibration: Calibration, asked: ExportOptions) -> Written:
     named = [f"    magnetometer.{name}: {_yaml(value)}" for name, value in values.items()]
     body = ["/**:", "  ros__parameters:", "    magnetometer.enabled: true", *named]
     return Written(affine.apply, body, values, notes)
+
+
+def unknown_noise(name: str) -> str:
+    """That a parameter is not written, since the calibration claims nothing."""
+    return f"{name} is not written, and stays as it is: the calibration states no heading error"
 
 
 def field_words(noise: MeasurementNoise) -> str:
