@@ -246,7 +246,7 @@ function refuseBeyond(targets, row, quantities) {
  */
 function commented({ ascii }, { each, opening, closing, ends }, remarks) {
     const lines = remarks.flatMap((remark) => {
-        let text = [...remark].map((letter) => plain(ascii[letter] ?? letter)).join("");
+        let text = [...remark.replaceAll(" °", "°")].map((letter) => plain(ascii[letter] ?? letter)).join("");
         for (const [unsafe, harmless] of ends) while (text.includes(unsafe)) text = text.replaceAll(unsafe, harmless);
         return wrapped(text, each);
     });
