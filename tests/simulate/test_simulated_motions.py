@@ -347,7 +347,7 @@ def broken(**changes: Any) -> str:
         ("", "is empty: need the truth of a recording"),
         ("{", "cannot be read as JSON"),
         ("[]", "is JSON, but not the truth of a recording"),
-        (broken(flinders="calibration"), "is JSON, but not the truth of a recording"),
+        (broken(flinders="calibration"), "is the calibration of a magnetometer"),
         (broken(schema=2), "written in schema 2, this Flinders reads up to 1"),
         (broken(more=1), "object contains unknown field more"),
         (broken(sensor__noise=float("nan")), "cannot be read as JSON"),
