@@ -347,7 +347,7 @@ FILES: Final[dict[str, Maker]] = {
     "tumble.csv": tumble(3, PLAIN),
     "poses.csv": lambda path: path.write_text(still_poses.table(), encoding="utf-8"),
     "accelerometer.json": of_commands("accelerometer poses.csv -o {}"),
-    "nine-axes.json": of_commands("calibrate tumble.csv --with rate,dip -o {}"),
+    "nine-axes.json": of_commands("simulate three-axis -o made.csv", "calibrate made.csv --with rate,dip -o {}"),
     "tumble.truth.json": of_commands("simulate three-axis -o made.csv --truth {}"),
     "evaluate calibration.json": of_commands("simulate three-axis -o made.csv", "calibrate made.csv -o {}"),
     "evaluate boat.json": of_commands(
