@@ -24,6 +24,7 @@ from flinders.core.calibration_file import (
     ProvenanceRecord,
     SourceFile,
 )
+from flinders.core.json_layout import lay_out
 from flinders.core.units import Unit
 
 if TYPE_CHECKING:
@@ -78,8 +79,8 @@ def test_the_reviewed_file_reads_back_to_the_document_it_was_written_from() -> N
 
 
 def test_the_shipped_json_schema_has_not_drifted() -> None:
-    """If it has, write `calibration_file.lay_out(calibration_file.schema())` into the file."""
-    assert SHIPPED.read_text("utf-8") == calibration_file.lay_out(calibration_file.schema()) + "\n"
+    """If it has, write `lay_out(calibration_file.schema())` of `flinders.core.json_layout` into the file."""
+    assert SHIPPED.read_text("utf-8") == lay_out(calibration_file.schema()) + "\n"
 
 
 def test_written_documents_satisfy_the_shipped_schema() -> None:

@@ -57,7 +57,7 @@ def error_words(error: FlindersError, commands: Sequence[click.Command] | None =
 
 def print_json(fields: dict[str, Any]) -> None:
     """Print a result for programs."""
-    from flinders.core.calibration_file import lay_out
+    from flinders.core.json_layout import lay_out
 
     click.echo(lay_out(plain(fields)))
 

@@ -38,18 +38,18 @@ import json
 import math
 import numbers
 import os
-import re
 from datetime import datetime
-from typing import TYPE_CHECKING, Annotated, Any, Final, Literal, TypeAlias, TypeGuard, TypeVar
+from typing import TYPE_CHECKING, Annotated, Any, Final, Literal, TypeAlias, TypeVar
 
 import msgspec
 from msgspec import UNSET, Meta, Struct, UnsetType
 
 from flinders.core.files import read_bytes, write_text
+from flinders.core.json_layout import lay_out
 from flinders.errors import DocumentError
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator, Sequence
+    from collections.abc import Iterator
 
     from flinders.arrays import Floats
     from flinders.errors import FlindersError
@@ -66,9 +66,6 @@ PARAMETERS: Final = (
 
 LARGEST: Final = 16 * 2**20
 """Bytes; a calibration file has some thousand. More is another file, and is not read into memory."""
-
-WIDTH: Final = 110
-"""Characters of text on a line, up to which a group of plain values stays on one line."""
 
 Triple: TypeAlias = tuple[float, float, float]
 DisturbanceKey: TypeAlias = Annotated[
@@ -364,31 +361,6 @@ def schema() -> dict[str, Any]:
     return {"$schema": "https://json-schema.org/draft/2020-12/schema", **generated}
 
 
-def lay_out(value: object, indent: str = "") -> str:
-    """Write JSON for people: short groups on one line, a matrix one row a line, the rest indented.
-
-    >>> print(lay_out({"rows": [[1.5, 0.0], [-0.25, 1.0]], "names": ["a", "b"]}))
-    {
-      "rows": [
-        [ 1.5,  0.0],
-        [-0.25, 1.0]
-      ],
-      "names": ["a", "b"]
-    }
-    """
-    deeper = indent + "  "
-    if _is_matrix(value):
-        return _bracket("[]", _rows(value), deeper)
-    if _is_short(value):
-        return _text(value)
-    if isinstance(value, dict):
-        members = [f"{_text(key)}: {lay_out(member, deeper)}" for key, member in value.items()]
-        return _bracket("{}", members, deeper)
-    if isinstance(value, list | tuple):
-        return _bracket("[]", [lay_out(member, deeper) for member in value], deeper)
-    return _text(value)
-
-
 OTHERS: Final = {
     "calibration": "the calibration of a magnetometer",
     "inertial": "the calibration of an accelerometer, not of a magnetometer",
@@ -430,7 +402,7 @@ def _refuse_other_schemas(content: dict[str, Any], source: str, refused: type[Fl
     """Refuse a schema that this release does not read."""
     version = content.get("schema")
     if not isinstance(version, int) or isinstance(version, bool) or version < 1:
-        raise refused(f"{source}: schema is {_text(version)}, need a version from 1 to {VERSION}")
+        raise refused(f"{source}: schema is {json.dumps(version)}, need a version from 1 to {VERSION}")
     if version > VERSION:
         provenance = content.get("provenance")
         writer = provenance.get("flinders") if isinstance(provenance, dict) else None
@@ -477,47 +449,3 @@ def gaps(value: object, place: str = "") -> Iterator[str]:
     elif isinstance(value, list | tuple):
         for index, member in enumerate(value):
             yield from gaps(member, f"{place}[{index}]")
-
-
-def _is_group(value: object) -> bool:
-    """Whether a value has members."""
-    return isinstance(value, dict | list | tuple)
-
-
-def _is_short(value: object) -> bool:
-    """A list of plain values, or a mapping of some that fits on a line."""
-    if isinstance(value, dict):
-        return not any(map(_is_group, value.values())) and len(_text(value)) <= WIDTH
-    return isinstance(value, list | tuple) and not any(map(_is_group, value))
-
-
-def _is_matrix(value: object) -> TypeGuard[Sequence[Sequence[float]]]:
-    """Rows of numbers, all of one length."""
-    if not (isinstance(value, list | tuple) and value and all(isinstance(row, list | tuple) and row for row in value)):
-        return False
-    same = len({len(row) for row in value}) == 1
-    return same and all(isinstance(entry, float | int) for row in value for entry in row)
-
-
-def _rows(matrix: Sequence[Sequence[float]]) -> list[str]:
-    """Write each row of a matrix, with decimal points one under the other."""
-    columns = [_aligned([_text(entry) for entry in column]) for column in zip(*matrix, strict=True)]
-    return [f"[{' '.join(row).rstrip(', ')}]" for row in zip(*columns, strict=True)]
-
-
-def _aligned(numbers: list[str]) -> list[str]:
-    """Put a comma behind each number and spaces around it, so that decimal points and next columns line up."""
-    ahead = [len(re.split(r"[.e]", number)[0]) for number in numbers]
-    indented = [f"{' ' * (max(ahead) - width)}{number}," for number, width in zip(numbers, ahead, strict=True)]
-    return [number.ljust(max(map(len, indented))) for number in indented]
-
-
-def _bracket(brackets: str, members: list[str], indent: str) -> str:
-    """Put members one a line between brackets; `indent` is that of the members."""
-    separator = f",\n{indent}"
-    return f"{brackets[0]}\n{indent}{separator.join(members)}\n{indent[:-2]}{brackets[1]}"
-
-
-def _text(value: object) -> str:
-    """Write a value as JSON on one line."""
-    return json.dumps(value, ensure_ascii=False, allow_nan=False)

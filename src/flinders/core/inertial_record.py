@@ -17,8 +17,9 @@ from typing import Annotated, Final, Literal, TypeAlias
 import msgspec
 from msgspec import Meta, Struct
 
-from flinders.core.calibration_file import NotNegative, Positive, ProvenanceRecord, Triple, gaps, lay_out, understood
+from flinders.core.calibration_file import NotNegative, Positive, ProvenanceRecord, Triple, gaps, understood
 from flinders.core.files import read_bytes
+from flinders.core.json_layout import lay_out
 from flinders.errors import DocumentError
 
 LARGEST: Final = 2**20

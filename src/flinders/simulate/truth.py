@@ -22,8 +22,9 @@ import msgspec
 import numpy as np
 from msgspec import Meta, Struct
 
-from flinders.core.calibration_file import Count, NotNegative, Positive, Triple, gaps, lay_out, understood
+from flinders.core.calibration_file import Count, NotNegative, Positive, Triple, gaps, understood
 from flinders.core.files import read_bytes, write_text
+from flinders.core.json_layout import lay_out
 from flinders.errors import UnreadableInput, UsageError
 from flinders.simulate.attitudes import north_and_down
 from flinders.simulate.sensor import Sensor

@@ -20,9 +20,10 @@ from msgspec import Struct
 
 from flinders.apps.survey.tolles_lawson_fit import TollesLawson, fitted
 from flinders.apps.survey.tolles_lawson_terms import NAMES, scalar_of
-from flinders.core.calibration_file import Count, NotNegative, gaps, lay_out, understood
+from flinders.core.calibration_file import Count, NotNegative, gaps, understood
 from flinders.core.files import read_bytes
 from flinders.core.joining import in_memory
+from flinders.core.json_layout import lay_out
 from flinders.errors import DocumentError, UsageError
 from flinders.estimators.data import recording_of
 from flinders.summary.summary import Summary

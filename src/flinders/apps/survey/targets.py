@@ -28,7 +28,7 @@ import numpy as np
 from flinders.apps.survey.instrument import SurveyCalibration
 from flinders.core.axes import Axes
 from flinders.core.calibration import Calibration
-from flinders.core.calibration_file import lay_out
+from flinders.core.json_layout import lay_out
 from flinders.core.units import COUNTS
 from flinders.errors import ArrayError, AxesError, DocumentError, NotExportable
 
