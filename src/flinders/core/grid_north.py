@@ -41,7 +41,7 @@ KRUEGER: Final = (
 
 @dataclass(frozen=True, slots=True)
 class GridNorth:
-    """Where north of a map's grid is at a place."""
+    """Grid north of a map at a place: the name of the grid, and its convergence."""
 
     name: str  #: grid and zone, such as ``UTM 32N``
     convergence_deg: float  #: from true to grid north, east positive, in (−180, 180]

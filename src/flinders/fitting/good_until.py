@@ -98,7 +98,7 @@ class Described(Protocol):
 
 @dataclass(frozen=True, slots=True)
 class GoodUntil:
-    """How long a claim is within its target, and when it has doubled: middle and 95 % range."""
+    """How long a claim stays within its target, and when it has doubled: a middle time and its 95 % range."""
 
     claim_deg: float  #: worst heading error of a level vehicle now, 1 σ
     field: float  #: horizontal part of the field, in the calibration's unit

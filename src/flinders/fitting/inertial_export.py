@@ -72,7 +72,7 @@ def inertial_of(fit: Fit, target: Target, sensors: Sequence[str]) -> Inertial:
 
 
 def form_of(target: Target, sensors: Sequence[str]) -> InertialForm:
-    """How a target holds these sensors; `UsageError` for those that it does not hold, or that are not known."""
+    """Form in which a target holds accelerometer or gyro; `UsageError` where it holds none, or for another sensor."""
     unknown = [name for name in sensors if name not in SENSORS]
     if unknown:
         raise UsageError(f"sensor {unknown[0]!r} is not known: use {' or '.join(SENSORS)}")

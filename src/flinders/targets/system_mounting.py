@@ -68,7 +68,7 @@ OF_ZEPHYR: Final = (
 AXIS: Final = "SENSOR_AXIS_ALIGN_DT_"
 ALIGN: Final = re.compile(rf"axis-align-([xyz])(-sign)?\s*=\s*<\s*(?:{AXIS})?([XYZ]|POS|NEG|\d)\s*>")
 DEFAULTS: Final = {"x": "0", "y": "1", "z": "2", "x-sign": "2", "y-sign": "2", "z-sign": "2"}
-"""Of the properties that are left out."""
+"""Values of the properties that a device tree leaves out."""
 VALUES: Final = {"X": 0, "Y": 1, "Z": 2, "NEG": 0, "POS": 2}
 
 

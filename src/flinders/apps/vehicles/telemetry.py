@@ -35,7 +35,8 @@ if TYPE_CHECKING:
     from flinders.links.transports import ByteSource
 
 ASK_AGAIN_S: Final = 3.0  # Seconds without a reading after which it is asked again, and advice is given
-TOGETHER_S: Final = 0.03  # Seconds of readings that are handed on together
+BATCH_S: Final = 0.03
+"""Seconds: readings that arrive within it are handed on together."""
 FETCH_TRIES: Final = 4  # Questions for each parameter
 REPORTED: Final = ("OFS_X", "OFS_Y", "OFS_Z", "DIA_X", "DIA_Y", "DIA_Z", "ODI_X", "ODI_Y", "ODI_Z")
 """Of the calibration in force; SCALE came later."""
@@ -88,7 +89,7 @@ class Telemetry:
             return self._come_back(timeout)
         rows: list[tuple[float, ...]] = []
         try:
-            messages = self._vehicle.messages(min(timeout, TOGETHER_S))
+            messages = self._vehicle.messages(min(timeout, BATCH_S))
             rows = [row for message in messages if (row := self._row(message)) is not None]
         except LinkError as error:
             self._is_gone = True

@@ -30,7 +30,8 @@ if TYPE_CHECKING:
 
 UNIT: Final = "T"
 SECOND_NS: Final = 1_000_000_000
-TOGETHER_S: Final = 0.03  # Seconds of readings that are handed on together
+BATCH_S: Final = 0.03
+"""Seconds: readings that arrive within it are handed on together."""
 SILENT_S: Final = 3.0  # Seconds without a reading after which advice is given
 STILL: Final = 100
 """Readings in a row that are the same, after which advice is given."""
@@ -100,7 +101,7 @@ class TopicFeed:
         if self._is_over:
             time.sleep(timeout)
             return None
-        self._waiting_for.wait(int(min(timeout, TOGETHER_S) * SECOND_NS))
+        self._waiting_for.wait(int(min(timeout, BATCH_S) * SECOND_NS))
         readings = [self._reading(message) for message in self._reader.take(MAX_TAKEN) if hasattr(message, "header")]
         if self._imu is not None and readings:
             self._motions.frame = str(readings[-1].message.header.frame_id)
