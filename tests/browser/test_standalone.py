@@ -218,6 +218,7 @@ def test_somebody_says_which_columns_of_a_port_are_the_magnetometer(visitor: Vis
     lines = SIX.splitlines(keepends=True)
     page.evaluate("text => board.print(text)", "".join(lines[:100]))
     chosen_by_keyboard(page)
+    until(page, "flinders.connection.source.lines.choice")
     page.evaluate("text => board.print(text)", "".join(lines[100:]))
     until(page, f"flinders.store.state.readings > {len(lines) - 110}")
     latest = page.evaluate("flinders.connection.session.live.buffer.latest[0]")
