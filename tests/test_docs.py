@@ -37,14 +37,6 @@ def commands(group: click.Group, name: str) -> Iterator[tuple[str, click.Command
             yield f"{name} {word}", command
 
 
-def section(text: str, heading: str) -> str:
-    """What stands under a heading that holds `heading` in backticks, up to the next of its level."""
-    found = re.search(
-        rf"^(#+) [^\n]*`{re.escape(heading)}`[^\n]*\n(.*?)(?=^#{{1,2}} |\Z)", text, re.MULTILINE | re.DOTALL
-    )
-    return found[2] if found else ""
-
-
 def tree(error: type[FlindersError]) -> Iterator[type[FlindersError]]:
     yield error
     for child in error.__subclasses__():
@@ -55,19 +47,18 @@ def tree(error: type[FlindersError]) -> Iterator[type[FlindersError]]:
 def test_every_command_and_option_is_documented() -> None:
     from flinders.cli import main
 
-    text = page("cli.md")
     missing = []
     for name, command in commands(main, "flinders"):
         if name == "flinders":
-            described = text
+            described = page("cli.md")
         else:
-            described = section(text, name)
-            missing += [] if described else [name]
+            described = page(f"cli/{name.split()[1]}.md")
+            missing += [] if re.search(rf"^#+ `{name}`$", described, re.MULTILINE) else [name]
         for parameter in command.params:
             if isinstance(parameter, click.Option) and not parameter.hidden:
                 spelled = [word for word in (*parameter.opts, *parameter.secondary_opts) if word.startswith("--")]
                 missing += [f"{name} {word}" for word in spelled if not re.search(rf"`{word}[ =`]", described)]
-    assert not missing, f"docs/cli.md does not describe {missing}"
+    assert not missing, f"docs/cli/ does not describe {missing}"
 
 
 def test_every_error_is_documented_with_its_exit_code() -> None:
