@@ -64,7 +64,8 @@ for (const name of ["language_data", "searchtools"]) {
 vm.runInContext(readFileSync(`${folder}/searchindex.js`, "utf-8"), context);
 const found = questions.map((question) => {
     context.question = question;
-    return vm.runInContext("Search._performSearch(...Search._parseQuery(question))", context).reverse().map(([name]) => name);
+    const found = vm.runInContext("Search._performSearch(...Search._parseQuery(question))", context);
+    return found.reverse().map(([name]) => name);
 });
 process.stdout.write(JSON.stringify(found));
 """
@@ -85,9 +86,9 @@ def main() -> None:
     for (question, page), found in zip(QUESTIONS.items(), results(html, list(QUESTIONS)), strict=True):
         if page not in found[:SHOWN]:
             missed += 1
-            print(f"{question!r} shows {', '.join(found[:SHOWN]) or 'nothing'}, and {page} "
-                  f"{f'as number {found.index(page) + 1}' if page in found else 'not at all'}")  # fmt: skip
-    print(f"{len(QUESTIONS) - missed} of {len(QUESTIONS)} questions find their page")
+            place = f"as number {found.index(page) + 1}" if page in found else "not at all"
+            sys.stdout.write(f"{question!r} shows {', '.join(found[:SHOWN]) or 'nothing'}, and {page} {place}\n")
+    sys.stdout.write(f"{len(QUESTIONS) - missed} of {len(QUESTIONS)} questions find their page\n")
     sys.exit(missed > 0)
 
 

@@ -133,13 +133,6 @@ def test_sentences_of_findings_are_for_python_the_command_line_and_pages_alike()
     ]
 
 
-def test_exit_codes_are_the_same_in_readme_and_docs() -> None:
-    def table(text: str) -> str:
-        return text[text.index("| exit code | meaning |") :].partition("\n\n")[0].strip()
-
-    assert table((ROOT / "README.md").read_text(encoding="utf-8")) == table(page("errors.md"))
-
-
 @pytest.mark.parametrize("path", PAGES, ids=lambda path: path.name)
 def test_links_between_pages_lead_somewhere(path: Path) -> None:
     targets = re.findall(r"\]\((?!\w+:|#)([^)#]+)(?:#[^)]*)?\)", path.read_text(encoding="utf-8"))

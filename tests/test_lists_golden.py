@@ -146,7 +146,7 @@ def test_each_format_is_documented_from_the_table(request: pytest.FixtureRequest
         assert section is None or "```sh\nflinders " in section[1], f"'## {reader.title}' shows no command"
         title = f"[{reader.title}](#{anchor(reader.title)})" if section else reader.title
         endings = ", ".join(f"`{suffix}`" for suffix in reader.suffixes)
-        needs = f"`pip install 'flinders[{reader.extra}]'`" if reader.extra else ""
+        needs = f"`pip install '.[{reader.extra}]'`" if reader.extra else ""
         lines.append(f"| {title} | {endings} | {reader.docs} | {needs} |")
     table = "\n".join(lines)
     pattern = re.compile(r"(?<=<!-- table of readers -->\n).*?(?=<!-- end of the table -->)", re.DOTALL)

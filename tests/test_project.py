@@ -16,8 +16,8 @@ import flinders
 ROOT = Path(__file__).resolve().parent.parent
 PYPROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))
 PINS = (ROOT / "requirements-dev.txt").read_text(encoding="utf-8")
-MAIN_COMMAND = "pip install uv && uv run flinders demo"
-TEST_COMMAND = "pip install uv && uv run --group test pytest"
+MAIN_COMMAND = "python3 -m venv .venv && .venv/bin/pip install -q '.[live]' && .venv/bin/flinders demo"
+TEST_COMMAND = "python3 -m venv .uv && .uv/bin/pip install -q uv && .uv/bin/uv run --group test pytest"
 
 # Sites that prose may refer to. Nobody fetches packages or data from them.
 # The last ones are reserved for examples (RFC 2606 and 5737), or filled in when the program runs.
