@@ -160,6 +160,17 @@ def test_every_page_is_two_clicks_from_the_first_at_most() -> None:
     assert pages - reached == set()
 
 
+def test_the_readme_is_short() -> None:
+    assert len((ROOT / "README.md").read_text(encoding="utf-8").split()) <= 750
+
+
+def test_the_readme_shows_what_the_demo_prints() -> None:
+    readme = (ROOT / "README.md").read_text(encoding="utf-8")
+    shown = re.findall(r"^```console\n(.*?)^```$", readme, re.MULTILINE | re.DOTALL)[0]
+    printed = iter((ROOT / "tests/golden/files/cli/demo.txt").read_text(encoding="utf-8").splitlines())
+    assert all(line in printed for line in shown.splitlines() if line != "…"), "lines in their order"
+
+
 def test_the_example_of_the_readme_works(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     from flinders import simulate
 
