@@ -368,6 +368,25 @@ def _likeness(instrument: Instrument, first: Samples | None) -> str:
     return likeness(first.field)
 
 
+def propose_chip_of(samples: Samples, spell: Spelling = in_python) -> ChipProposal | None:
+    """Propose unit and axes for samples in memory, by their counts; None where they tell too little.
+
+    >>> from flinders import simulate
+    >>> propose_chip_of(simulate.tumble(seed=1).samples) is None  # they are in microtesla
+    True
+    """
+    summary = Summary.through(samples)
+    strength = None if _too_few(summary) or _unmoved(summary, samples.unit.inside) else _seen(summary)[1]
+    evidence = ChipEvidence(
+        sample=samples.field[:MAX_SAMPLE],
+        lowest=summary.health.lows.values,
+        highest=-summary.health.highs.values,
+        strength=strength,
+        unit=samples.unit.inside,
+    )
+    return propose_chip(evidence, spell)
+
+
 def _proposal_for(
     instrument: Instrument, first: Samples | None, summary: Summary, strength: float | None, request: Request
 ) -> ChipProposal | None:
