@@ -35,7 +35,7 @@ class Options:
     dip_deg: float = 60.0
 
     def check(self) -> None:
-        """Refuse options that no recording can be read with.
+        """Refuse options that are not valid for any recording.
 
         Raises `UsageError`.
         """
