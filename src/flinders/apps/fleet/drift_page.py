@@ -143,6 +143,6 @@ def _remarks(drift: FleetDrift) -> list[str]:
         rows = counted(drift.without_calibration, "row")
         remarks.append(f"{rows} left out: refused, failed, or in another unit than the others")
     if drift.batches:
-        remarks.append(f"the batch is told by {drift.batch_source}")
+        remarks.append(f"the batch is taken from {drift.batch_source}")
     share = f"{drift.false_alarm_probability:.0%} of fleets of this size in which nothing changed"
     return [*remarks, f"chance alone lists a unit, or a step, in {share}"]
