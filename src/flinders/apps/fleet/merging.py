@@ -44,7 +44,7 @@ if TYPE_CHECKING:
 
     RowKey: TypeAlias = tuple[str, str, float]  # cells of `KEY`
 
-GROUP_ROWS: Final = 65_536
+GROUP: Final = 65_536
 """Rows in a row group of the table."""
 COMPRESSION_LEVEL: Final = 3
 """Compression level of Zstandard; all settings of the writer are fixed, so that equal rows give equal bytes."""
@@ -108,7 +108,7 @@ def _write(groups: Iterator[Any], file: Any, properties: Properties, files: Read
     }
     with parquet.ParquetWriter(file, schema(properties.names), **options) as writer:
         for group in groups:
-            writer.write_table(group, row_group_size=GROUP_ROWS)
+            writer.write_table(group, row_group_size=GROUP)
         if files is not None:
             writer.add_key_value_metadata({FILES: files.dumps()})
 
@@ -119,11 +119,11 @@ def _groups(sources: Sequence[Rows], properties: Properties) -> Iterator[Any]:
     for rows in _order(sources):
         waiting.append(rows)
         count += len(rows)
-        if count >= GROUP_ROWS:
+        if count >= GROUP:
             every = np.concatenate(waiting)
-            whole = count - count % GROUP_ROWS
-            for first in range(0, whole, GROUP_ROWS):
-                yield properties.joined(_gather(sources, every[first : first + GROUP_ROWS], properties.names))
+            whole = count - count % GROUP
+            for first in range(0, whole, GROUP):
+                yield properties.joined(_gather(sources, every[first : first + GROUP], properties.names))
             waiting, count = [every[whole:]], count - whole
     if count:
         yield properties.joined(_gather(sources, np.concatenate(waiting), properties.names))
@@ -136,7 +136,7 @@ def _order(sources: Sequence[Rows]) -> Iterator[NDArray[np.int64]]:
     for place, source in enumerate(sources):
         if isinstance(source, TableRows):
             yield from _merge_into(place, source, rows)
-    while some := [(place, row) for _, place, row in islice(rows, GROUP_ROWS)]:
+    while some := [(place, row) for _, place, row in islice(rows, GROUP)]:
         yield np.array(some)
 
 

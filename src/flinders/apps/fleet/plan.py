@@ -56,7 +56,7 @@ MIN_ROWS: Final = 400_000
 """Rows below which small files share a partition, as a partition costs a few milliseconds."""
 MAX_SLICES: Final = 64
 """Largest number of files in a partition."""
-MIN_PARTITIONS: Final = 64
+LEAST_PARTITIONS: Final = 64
 """Number of partitions to aim for in a small job, so that all workers have work."""
 SHORT_ROWS: Final = 100_000
 """Rows that take a worker 0.1 s: partitions of tables are not smaller, if there are `FEW_PARTITIONS` of them."""
@@ -381,7 +381,7 @@ def _tables(tables: Sequence[_TableSlice], options: Options) -> Iterator[Partiti
 
 def _full_size(total: int, short: int) -> int:
     """Rows or bytes at which a partition is full."""
-    return max(total // MIN_PARTITIONS, min(short, total // FEW_PARTITIONS))
+    return max(total // LEAST_PARTITIONS, min(short, total // FEW_PARTITIONS))
 
 
 def _pack(slices: Sequence[FileSlice]) -> Iterator[list[FileSlice]]:

@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 
 MAX_LISTED: Final = 8
 """Largest number of files of a partition that an event lists; all are counted."""
-MAX_UNREAD: Final = 1_000
+UNREAD: Final = 1_000
 """Largest number of events about unreadable recordings; further ones are only counted."""
 
 ProgressCallback: TypeAlias = Callable[[int, int, int], None]
@@ -139,16 +139,16 @@ class Progress:
         return f"{done:,} of {counted(self._partitions, 'partition')} are finished and kept: continue the run"
 
     def _log_unread(self, rows: Any) -> None:  # noqa: ANN401 - pyarrow ships no types
-        """Log each recording that could not be read, up to `MAX_UNREAD` of them."""
+        """Log each recording that could not be read, up to `UNREAD` of them."""
         from pyarrow import compute
 
         failed = rows.filter(compute.equal(rows.column("verdict"), "failed"))
-        logged = failed.select(["unit", "recording", "code", "message"]).slice(0, max(MAX_UNREAD - self.unread, 0))
+        logged = failed.select(["unit", "recording", "code", "message"]).slice(0, max(UNREAD - self.unread, 0))
         for row in logged.to_pylist():
             log_event("unread", **row)
         before, self.unread = self.unread, self.unread + failed.num_rows
-        if before <= MAX_UNREAD < self.unread:
-            log_event("unread-more", message=f"{MAX_UNREAD:,} are logged; further ones are counted, and in the table")
+        if before <= UNREAD < self.unread:
+            log_event("unread-more", message=f"{UNREAD:,} are logged; further ones are counted, and in the table")
 
 
 def _files_of(partition: Partition) -> dict[str, Any]:

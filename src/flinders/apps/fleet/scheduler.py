@@ -39,7 +39,7 @@ NO_WORKER_STARTED: Final = (
     '`if __name__ == "__main__":`, free memory for workers, or use 0 workers to do all work in this process'
 )
 """Message if no worker can be started."""
-TIMEOUT_S: Final = 10.0
+PATIENCE_S: Final = 10.0
 """Seconds within which a scheduler has to answer."""
 RECOUNT_INTERVAL_S: Final = 5.0
 """Seconds after which the workers of a cluster are counted again."""
@@ -263,7 +263,7 @@ def _run_on_cluster(
 def _client(scheduler: str) -> Any:  # noqa: ANN401 - Dask ships no types
     """Connect to a cluster; raises LinkError if it does not answer."""
     try:
-        return _distributed().Client(scheduler, timeout=TIMEOUT_S, set_as_default=False)
+        return _distributed().Client(scheduler, timeout=PATIENCE_S, set_as_default=False)
     except (OSError, ValueError) as error:
         raise LinkError(
             f"no Dask scheduler answers at {scheduler} ({error}): start one with `dask scheduler`"
