@@ -149,7 +149,7 @@ class Ekf:
         return reference.convergence(counts, followed)
 
     def _states(self, readings: Readings, steps: int = 0) -> tuple[Reference, list[int], list[FilterState]]:
-        """Reference, numbers of readings at each step (all for 0 steps), and states: the start and that of each step."""
+        """Reference, numbers of readings at each step (all for 0 steps), and states: the start and one per step."""
         readings.require(self.unknowns, self.name)
         reference = Reference.of(readings, self.name, self.field_strength)
         noise = self._noise(reference)
