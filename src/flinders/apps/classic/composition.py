@@ -48,7 +48,7 @@ MAX_SCALE_RATIO: Final = 3.0
 """Largest ratio of expected and read amplitude; beyond it the unit or the loaded calibration is another one."""
 
 UNKNOWN_ANGLE_DEG: Final = 180.0
-"""Heading error that stands for a heading about which nothing is known."""
+"""Heading error of an unknown heading."""
 
 
 def turns_of(fit: Fit) -> tuple[str, ...]:

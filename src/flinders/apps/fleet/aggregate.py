@@ -107,7 +107,7 @@ class _Tally:
         self._add_numbers(table)
 
     def ordered_findings(self) -> dict[str, int]:
-        """Rows with each finding, the most frequent first and those that all calibrations have last."""
+        """Rows with each finding, the most frequent first, and findings of all calibrations last."""
         common = common_findings(self.findings, self.verdicts)
         return dict(sorted(self.findings.items(), key=lambda each: (each[0] in common, -each[1])))
 

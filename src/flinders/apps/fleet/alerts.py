@@ -38,7 +38,7 @@ ALERTS: Final = {
     "changed-file": "a file is not as it was when it was fitted",
     "vanished-file": "a file that was fitted is no longer there",
 }
-"""What each alert means."""
+"""Meaning of each alert."""
 HEADING_REMEDY: Final = "look for what was moved or exchanged near the sensor, and use the new calibration"
 """Remedy for a heading that changed."""
 
@@ -50,13 +50,13 @@ class Alert:
     unit: str  # name of the sensor or vehicle; of a file its name in parentheses
     recording: str  # the new one
     alert: str  # one of those in docs/fleet/growing.md
-    verdict: str  # of the new recording
-    before: str  # verdict of the recording before it; empty where there is none
+    verdict: str  # verdict of the new recording
+    before: str  # verdict of the previous recording; empty if there is none
     cause: str  # code of the finding or error; empty if there is none
     number: float  # value that crossed the limit: that of the finding, or a heading error or change in degrees
     limit: float  # the limit, in the unit of `number`
-    message: str  # what was found
-    remedy: str  # what to do
+    message: str  # description of the finding
+    remedy: str  # advice on the cause
 
     @classmethod
     def of(

@@ -48,8 +48,8 @@ class Contents:
     path: str  # as it was given
     kind: str  # `folder`, `readings of many units` or `table of a fleet`
     units: int  # sensors or vehicles
-    recordings: int  # of all units; 0 where only readings are known
-    unit_column: str = ""  # of readings: the column that tells units apart
+    recordings: int  # number of recordings of all units; 0 if only readings are known
+    unit_column: str = ""  # for readings: column with the unit of each row
     names: tuple[str, ...] = ()  # of the first units
     verdicts: dict[str, int] = field(default_factory=dict)  # of a table: recordings by verdict
     properties: tuple[str, ...] = ()  # of a table: columns that were added

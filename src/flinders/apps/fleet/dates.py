@@ -1,6 +1,6 @@
 """Dates of recordings, by their clocks or in their names, and the order of the recordings of a unit.
 
-A recording has a date if its clock counts from 1970. A clock that counts from power-on says nothing of the order: then
+A recording has a date if its clock counts from 1970. A clock that counts from power-on does not order recordings: then
 all recordings of the unit need an ISO 8601 date in their names, or none of them has one and they are ordered by name.
 
 >>> date_of("V101/2026-01-10T12-30-05.csv") - date_of("20260110.ulg")
@@ -43,7 +43,7 @@ ISO_DATE: Final = re.compile(
 )
 """ISO 8601 with the separators of file names; other digits after a date may number recordings."""
 OTHER_DATE: Final = re.compile(r"(?<!\d)\d{1,2}([-_./])\d{1,2}\1(?:19[89]|20\d)\d(?!\d)")
-"""A date whose day and month cannot be told apart: it gives no order."""
+"""A date whose day and month cannot be distinguished, so that it gives no order."""
 
 
 def is_date(seconds: Floats) -> NDArray[np.bool_]:
@@ -104,7 +104,7 @@ class Arrangement:
 def arranged(names: Sequence[str], start_s: Floats, tables: Sequence[int] | None = None) -> Arrangement:
     """Order the n recordings of one unit by their names, (n,) start times, and numbers of their tables.
 
-    By their clocks if all know the date, else by the dates in their names if all have one, else by name if none has a
+    By their clocks if all have dates, else by the dates in their names if all have one, else by name if none has a
     date. Recordings of one date are ordered by name, and equal names by their tables. Otherwise the order is not known.
     """
     keys = list(zip(map(_natural_key, names), tables or [0] * len(names), strict=True))

@@ -334,7 +334,7 @@ class RunSummary:
     units: int  # sensors or vehicles in the table
     rows: int  # recordings, which are the rows of the table
     readings: int  # of all recordings
-    failed_readings: int  # readings of recordings that failed; an unreadable one has as many as its footer says
+    failed_readings: int  # readings of recordings that failed; for unreadable ones the number in the footer
     verdicts: dict[str, int]  # rows by verdict
     codes: dict[str, int]  # rows by error code
     findings: dict[str, int]  # rows by finding

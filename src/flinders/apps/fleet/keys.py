@@ -23,7 +23,7 @@ NO_VALUE: Final = "__HIVE_DEFAULT_PARTITION__"
 
 
 class Key(NamedTuple):
-    """A key: the column that holds it, or its value in the path; both are empty if there is none."""
+    """A key: its column, or its value in the path; both are empty if there is none."""
 
     column: str = ""
     value: str = ""

@@ -248,7 +248,7 @@ def _run_on_cluster(
     notice: Callable[[str], None],
     died: Callable[[WorkerDeath], None],
 ) -> Iterator[tuple[int, Result | Abandoned]]:
-    """Run units on a cluster; raises LinkError if the scheduler goes away."""
+    """Run units on a cluster; raises LinkError if the scheduler disappears."""
     distributed = _distributed()
     with _silence_loggers():
         client = _client(scheduler)

@@ -121,7 +121,7 @@ class Fault:
     strike: Callable[[TurnedSensor, float, Generator], Floats] | None = None
     #: function of an amount and a generator to the (3, 3) matrix of a lasting fault, which multiplies every reading
     lasting: Callable[[float, Generator], Floats] | None = None
-    can_be_told: bool = True  #: False if the readings are also those of another good sensor
+    can_be_told: bool = True  #: False if another good sensor would give the same readings
 
     def amount(self, severity: int) -> float:
         """Amount of the fault: the smaller for severity 1, the larger for 2."""

@@ -93,7 +93,7 @@ def rows_of(table: str | os.PathLike[str], unit: str) -> list[UnitResult]:
             names = known.units()
             rows = UnitResults.from_arrow(known.of_units({unit}))
     if not len(rows):
-        units = sorted({name for name in names if not name.startswith("(")})  # those in brackets are files
+        units = sorted({name for name in names if not name.startswith("(")})  # names in parentheses are files
         similar = get_close_matches(unit, units, MAX_PROPOSED)
         some = f"it has {', '.join(units[:MAX_PROPOSED])}{' …' * (len(units) > MAX_PROPOSED)}"
         words = f"did you mean {' or '.join(similar)}?" if similar else some

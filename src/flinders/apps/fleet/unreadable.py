@@ -157,7 +157,7 @@ class Unreadable:
     def _find_recordings(
         self, part: FileSlice, file: TableFile, keys: KeyColumns, errors: Mapping[int, Exception]
     ) -> Iterator[UnreadableGroups]:
-        """Yield groups with errors whose recordings are known, then groups of which only the footer names units."""
+        """Yield groups with errors and known recordings, then groups with units that only the footer names."""
         counts: Counter[Pair] = Counter()
         known: list[int] = []
         unknown: list[int] = []

@@ -63,7 +63,7 @@ Value = TypeVar("Value")
 
 
 class LostWorker(InputError):
-    """A file of which every worker dies that reads or fits it (`attempts`: number of workers)."""
+    """A file that kills each worker which reads or fits it (`attempts`: number of workers)."""
 
     code = "lost-worker"
 
@@ -100,7 +100,7 @@ def calibrate_partition(partition: Partition, *, options: Options) -> bytes:
 
 
 def lost(partition: Partition, attempts: int) -> list[UnitResult]:
-    """Rows about a partition of which every worker died: of its units if they are known, else of its files."""
+    """Rows about a partition that killed its workers: one for each unit if they are known, else for each file."""
     error = LostWorker(", ".join(part.file.name for part in partition.slices), attempts)
     if partition.only is not None:
         return [UnitResult(unit=unit).with_error(error) for unit in partition.only]
@@ -212,7 +212,7 @@ def _open_in_memory(table: Any, options: Options) -> tuple[KeyedTable | KeyedFra
 
 
 def fit_jobs(jobs: Sequence[Job], options: Options) -> UnitResults:
-    """Fit recordings together; the numbers of each are those of `flinders.fit`."""
+    """Fit recordings together, with the same numbers as `flinders.fit` for each."""
     if not jobs:
         return UnitResults.of(())
     sources = [job.source if isinstance(job.source, Samples) else CountedRecording(job.source) for job in jobs]

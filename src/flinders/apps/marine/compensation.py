@@ -75,7 +75,7 @@ class Compensation:
 
 
 def compensation(compass_deg: ArrayLike, deviation_deg: ArrayLike) -> Compensation:
-    """Corrections from readings, of which one is near each cardinal heading.
+    """Corrections from readings, with one near each cardinal heading.
 
     Raises `FitError` if no reading is within 5° of one of N, E, S and W; `ArrayError` for arrays of different lengths.
 

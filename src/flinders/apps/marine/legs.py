@@ -171,7 +171,7 @@ def _current(means: Complexes) -> tuple[complex, Floats]:
 
 
 def _reading(compass_deg: Floats, velocity: Complexes) -> tuple[float, float, float]:
-    """Mean heading by the compass, deviation and 1 σ of that, in degrees."""
+    """Mean compass heading, deviation and 1 σ of the deviation of one leg, in degrees."""
     is_known = np.isfinite(velocity)
     compass, course = compass_deg[is_known], velocity[is_known]
     middle = mean_deg(compass)

@@ -245,7 +245,7 @@ def as_coefficients(permanent: Floats, induced: Floats, eddy: Floats) -> Floats:
 
 
 def turned(angle: float) -> Floats:
-    """(16, 16) map from coefficients of an aircraft turned about z by `angle` in rad to those of the aircraft.
+    """(16, 16) map to coefficients of an aircraft from those of the same aircraft turned about z by `angle`, rad.
 
     >>> bool(np.allclose(turned(0.3) @ turned(-0.3), np.eye(16)))
     True

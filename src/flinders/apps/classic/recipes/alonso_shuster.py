@@ -198,7 +198,7 @@ def minimise(sums: ProductSums, theta: Floats, start: Floats, method: str) -> Fl
 
 
 def _improve(sums: ProductSums, theta: Floats, step: Floats, cost: float) -> tuple[Floats, float] | None:
-    """θ' after the first of a step, its half, its quarter … that gives an ellipsoid of smaller cost, and that cost."""
+    """θ' and its cost after a step that is halved until the result is an ellipsoid with a smaller cost; else None."""
     for _ in range(MAX_HALVINGS):
         moved = theta + step
         try:

@@ -148,7 +148,7 @@ def _refuse_no_table(paths: Iterable[str]) -> None:
 
 
 def _report(drift: FleetDrift, options: Drift) -> str:
-    """The report of a fleet and how it changed."""
+    """HTML report of a fleet with its drift."""
     from flinders.apps.fleet.aggregate import overview_of
     from flinders.apps.fleet.report import page
 

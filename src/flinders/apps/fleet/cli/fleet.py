@@ -183,7 +183,7 @@ def _write_report(out: str, report: str, *, force: bool) -> None:
 
 @contextlib.contextmanager
 def _progress() -> Iterator[ProgressCallback | None]:
-    """A bar on stderr with recordings, how many a second, and the time left; only on a terminal."""
+    """Progress bar on stderr with recordings, their rate, and the remaining time; only on a terminal."""
     if not sys.stderr.isatty():
         yield None
         return
