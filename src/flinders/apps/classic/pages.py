@@ -113,8 +113,8 @@ def evenness(turn: Turn, target_deg: float, *, is_mean: bool) -> str:
     spacing = turn.spacing
     if spacing.cost_deg < NEGLIGIBLE_SHARE * target_deg:
         return "evenly spaced, the mean can be trusted"
-    verb = "is" if is_mean else "would be"
-    cost = f"with the mean, heading {verb} wrong by up to {degrees(spacing.cost_deg)}"
+    verb = "makes" if is_mean else "would make"
+    cost = f"the mean {verb} the heading wrong by up to {degrees(spacing.cost_deg)}"
     if spacing.is_even(within_deg=target_deg):
         return f"{cost}, within the target of {target_deg:g}°"
     return f"not evenly spaced, {cost}"

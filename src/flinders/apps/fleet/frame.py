@@ -82,7 +82,7 @@ class KeyedFrame:
         `names` also gets the hardware batch of each recording.
         """
         every = (self.keys.unit, self.keys.recording, self.keys.batch)
-        coded = [_coded(self.words[key.column]) if key.column else ([key.value], None) for key in every]
+        coded = [_encode(self.words[key.column]) if key.column else ([key.value], None) for key in every]
         blocks = list(self.recording.table.rows(self.recording.columns.cells))
         yield runs_of(coded, self.rows, names), list(np.concatenate(blocks).T)
 
@@ -98,7 +98,7 @@ def _is_nested(column: Any) -> bool:  # noqa: ANN401
     return bool(is_nested and is_nested())
 
 
-def _coded(words: Sequence[object]) -> tuple[list[str], NDArray[np.integer]]:
+def _encode(words: Sequence[object]) -> tuple[list[str], NDArray[np.integer]]:
     """Distinct texts of a column, and (N,) the index of each row's text."""
     places: dict[str, int] = {}
     indices = [places.setdefault(_text(word), len(places)) for word in words]

@@ -70,7 +70,7 @@ def swing_drawing(deviation: Deviation) -> str:
         text(24, 58, "\N{EM SPACE}".join(minus(f"{name} {value:+.2f}°") for name, value in pairs), "start"),
         key(696, 30, ("raw", "seen"), ("corrected", "curve" if sigma is None else "curve ± 1 σ")),
         panel.grid(plot, gap=24),
-        clipped("inside", edge, *panel.draw(plot), _observed(deviation, plot)),
+        clipped("inside", edge, *panel.draw(plot), _observations(deviation, plot)),
         text(plot.middle, 436, "heading by compass"),
         style=NARROW_STYLE,
     )
@@ -82,7 +82,7 @@ def _east_or_west(deviation_deg: float) -> str:
     return f"{abs(deviation_deg):.4g}°{side}"
 
 
-def _observed(deviation: Deviation, plot: Plot) -> str:
+def _observations(deviation: Deviation, plot: Plot) -> str:
     """Observations, each joined to the curve by a line."""
     rows = zip(deviation.compass_deg, deviation.observed_deg, deviation.residual_deg, strict=True)
     return "".join(
