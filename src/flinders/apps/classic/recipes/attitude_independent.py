@@ -213,8 +213,8 @@ class Reference:
     mean: float  # mean strength, in the unit of the readings; strengths are divided by it
     size: float  # size R of the readings, in their unit; readings are divided by it
     spread: float  # standard deviation of the strength, as a share of its mean
-    is_told: bool  # whether a column of the recording has the strength; else one strength was given, or none
-    alike: Ellipsoid | None  # consistent ellipsoid through the readings, for a constant strength, as a start
+    is_reported: bool  # whether a column of the recording has the strength; else one strength was given, or none
+    consistent: Ellipsoid | None  # consistent ellipsoid through the readings, for a constant strength, as a start
     noise: float  # distance of the readings from it, or from a sphere (1 σ), in units of the mean strength
 
     @classmethod
@@ -259,7 +259,7 @@ class Reference:
         """Yield blocks of (m, 3) x' and (m,) strengths in units of their mean."""
         for samples in _blocks(self.readings):
             strength = samples.strength
-            if strength is None or not self.is_told:
+            if strength is None or not self.is_reported:
                 yield (samples.field - self.origin) / self.size, np.ones(len(samples))
             else:
                 known = np.isfinite(strength)
@@ -290,7 +290,7 @@ class Reference:
 
         Raises `NotAnEllipsoid` if there is none.
         """
-        ellipsoid = self.alike or adjusted(self.readings)[0]
+        ellipsoid = self.consistent or adjusted(self.readings)[0]
         gain = self.size * np.linalg.inv(ellipsoid.shape)
         return theta_of(gain @ (ellipsoid.centre - self.origin) / self.size, gain - _EYE)
 
@@ -522,9 +522,9 @@ def estimate_of(
     """
     ellipsoid = ellipsoid_of(b, d, reference)
     reported: Literal["", "constant", "varying"] = ""
-    if reference.is_told:
+    if reference.is_reported:
         reported = "varying" if reference.varies else "constant"
-    known = reference.mean if reference.is_told else None
+    known = reference.mean if reference.is_reported else None
     estimate = Estimate(
         ellipsoid, ellipsoid_covariance(covariance, b, d, reference), 0.0, method, strength=known, follows=reported
     )
@@ -542,7 +542,7 @@ def widened_by_consistent(estimate: Estimate, reference: Reference) -> Estimate:
     The consistent fit uses all readings at once, and is not biased by noise. The part of the difference that chance may
     explain is not removed, since that would depend on the covariance in doubt.
     """
-    if reference.alike is None:
+    if reference.consistent is None:
         return estimate
-    apart = estimate.ellipsoid.parameters - reference.alike.parameters
+    apart = estimate.ellipsoid.parameters - reference.consistent.parameters
     return replace(estimate, covariance=estimate.covariance + np.outer(apart, apart))
