@@ -145,6 +145,12 @@ def tile_rules() -> str:
     return f"{light} @media (prefers-color-scheme: dark) {{ {dark} }}"
 
 
+def page_tile_rules() -> str:
+    """Colours of the classes of errors and of readings, for a page, which has them as variables."""
+    classes = [*(f"e{step}" for step in range(STEPS)), "unknown", *(f"s{level}" for level in range(5))]
+    return "\n".join(f".{name} {{ fill: var(--{name}); }}" for name in classes)
+
+
 def _tile_colours(theme: Theme) -> str:
     """Colours of the classes of errors in one theme."""
     classes = (*(f"e{step}" for step in range(STEPS)), "unknown")

@@ -20,7 +20,7 @@ from flinders.fitting.verdict import headline_of
 from flinders.report.charts import as_file, beside, text, thinned
 from flinders.report.formatting import date_of, degrees
 from flinders.report.html_file import html_file, script_of, style_of
-from flinders.report.maps import MAP_HIGH, MAP_WIDE, error_legend, legend_row, path_map, tile_rules
+from flinders.report.maps import MAP_HIGH, MAP_WIDE, error_legend, legend_row, page_tile_rules, path_map, tile_rules
 from flinders.report.plan_pages import basis_words, plan_facts, reach_words, result_headings, result_rows
 from flinders.report.view import view_alone
 from flinders.verdicts import MEANINGS
@@ -39,7 +39,7 @@ def drawing_of(plan: Plan) -> str:
     title = f"{plan.body.name}: {duration(plan.seconds)}, {degrees(plan.expected.fit.claim.heading_error_deg.worst)}"
     head = text(MAP_WIDE / 2.0, 16, f"{title} at the worst heading", kind="name")
     target = plan.recording.target_deg
-    legend = legend_row(MAP_WIDE, MAP_HIGH + 40.0, target, "heading error to expect; dots: readings")
+    legend = legend_row(MAP_WIDE, MAP_HIGH + 40.0, target, "error to expect; dots: path")
     words = "Expected heading error, and the path of the motion"
     figure = (_map(plan), float(MAP_WIDE), float(MAP_HIGH))
     return as_file(beside(words, [figure], head, legend, top=22.0, foot=26.0), tile_rules())
@@ -73,7 +73,7 @@ def page_of(plan: Plan, commands: Sequence[str]) -> str:
         "date": date_of(datetime.now(UTC)),
         "release": version("flinders"),
     }
-    return html_file("plan.html.j2", given, style=style_of(), script=script_of(), filters={})
+    return html_file("plan.html.j2", given, style=style_of() + page_tile_rules(), script=script_of(), filters={})
 
 
 def _map(plan: Plan) -> str:
