@@ -37,8 +37,11 @@ if TYPE_CHECKING:
 PlannedAid = Literal["dip", "rate"]
 """Aiding sensors of a plan: accelerometer and gyro."""
 
-REPEATS: Final = (1, 2, 4)
+REPEATS: Final = (1, 2, 4, 8)
 """Circles in each attitude that are tried."""
+
+MANY_REPEATS: Final = 4
+"""Circles in each attitude from which on more are tried only where no level heading is within the target."""
 
 MAX_SECONDS: Final = 900.0
 """Duration above which no further circles are tried, s."""
@@ -46,8 +49,9 @@ MAX_SECONDS: Final = 900.0
 MAX_SPEED_RATIO: Final = 2.0
 """Largest rate of turning over the usual one, where a duration is given."""
 
-GOOD_RANK, REACHED_RANK = 3, 2
-"""Grades of a good verdict, and of headings within the target at every tilt of the body; see `ExpectedFit.rank`."""
+GOOD_RANK, REACHED_RANK, LEVEL_RANK = 3, 2, 1
+"""Grades of a good verdict, and of headings within the target at every tilt of the body and while level; see
+`ExpectedFit.rank`."""
 
 MORE_TILT_DEG: Final = (10.0, 20.0, 35.0)
 """Degrees of tilt that are tried beyond those of the body."""
@@ -299,7 +303,8 @@ def _choose(
                 best = choice
             if seconds is None and expected.rank(tilt_deg) == GOOD_RANK:
                 break
-        if seconds is not None or (best is not None and best.expected.rank(tilt_deg) >= REACHED_RANK):
+        enough = REACHED_RANK if times < MANY_REPEATS else LEVEL_RANK
+        if seconds is not None or (best is not None and best.expected.rank(tilt_deg) >= enough):
             break
     return best
 
