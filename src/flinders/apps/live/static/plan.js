@@ -20,7 +20,10 @@ const CSS = `
 .plan summary { cursor: pointer; font-weight: 600; }
 .plan .row { display: flex; flex-wrap: wrap; align-items: center; gap: 0.5rem 0.75rem; margin-top: 0.5rem; }
 .plan input { width: 5rem; }
-.plan ol { margin: 0.5rem 0 0; padding-left: 1.5rem; }
+.plan select { max-width: 100%; }
+.plan ol { margin: 0.5rem 0 0; padding-left: 1.5rem; list-style: decimal; }
+.empty > .plan[open] { position: absolute; inset: 0; overflow: auto; }
+.empty:has(> .plan[open]) > :not(.plan) { visibility: hidden; }
 .plan p { max-width: 40rem; margin-top: 0.5rem; text-wrap: pretty; }
 .plan:not([data-verdict]) :is(ol, .result) { display: none; }`;
 
@@ -28,7 +31,7 @@ const FORM = `<summary>Plan a recording</summary>
 <p class="row"><label>body <select id="plan-body"></select></label>
 <label>noise <input id="plan-noise" type="number" inputmode="decimal" min="0.001" step="any" value="0.5"> µT</label>
 <button type="button" id="plan-ask">Plan</button></p>
-<p class="result" id="plan-result" role="status"></p><ol id="plan-steps"></ol>`;
+<ol id="plan-steps"></ol><p class="result" id="plan-result" role="status"></p>`;
 
 /**
  * Put the planner into a part of the page.
