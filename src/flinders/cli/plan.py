@@ -136,7 +136,6 @@ def command(options: PlanOptions) -> int:
         outputs.write(drawing_of(planned), options.drawing)
     if options.report is not None:
         outputs.write(page_of(planned, commands), options.report)
-    fields = {**planned.as_dict(), "commands": commands}
-    outputs.print(lambda: fields, lambda: of_plan(planned, commands))
+    outputs.print(planned.as_dict, lambda: of_plan(planned, commands))
     outputs.say_written()
     return EXITS[planned.expected.fit.verdict]
