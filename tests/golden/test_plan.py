@@ -2,16 +2,15 @@
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 from typing import TYPE_CHECKING
 from xml.etree import ElementTree
 
+import pytest
 from tests.golden.sessions import assert_sessions_are_real, session
 from tests.program import flinders_
 
 if TYPE_CHECKING:
-    import pytest
     from tests.golden.sessions import Golden
 
 
@@ -20,6 +19,7 @@ def test_a_drone_at_a_known_place(golden: Golden) -> None:
     golden("cli/plan.txt", session(line, code=3))
 
 
+@pytest.mark.nightly
 def test_a_robot_that_stays_level(golden: Golden) -> None:
     golden("cli/plan-level.txt", session("flinders plan --body robot --noise 0.5uT", code=3))
 
@@ -28,12 +28,13 @@ def test_the_page_of_plans_shows_these_sessions(request: pytest.FixtureRequest) 
     assert_sessions_are_real("plan.md", request, least=2)
 
 
+@pytest.mark.nightly
 def test_a_drawing_and_a_page() -> None:
     ended = flinders_(
         "plan", "--noise", "0.5uT", "--seconds", "40", "-o", "plan.svg", "--report", "plan.html", "--json"
     )
     assert ended.code == 0
-    assert json.loads(ended.out)["steps"][0] == "turn it once around, level"
+    assert ended.json["steps"][0] == "turn it once around, level"
     drawing = ElementTree.fromstring(Path("plan.svg").read_text(encoding="utf-8"))
     kinds = [part.get("class", "") for part in drawing.iter()]
     assert sum("dots path" in kind for kind in kinds) == 2

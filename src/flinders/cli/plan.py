@@ -12,6 +12,7 @@ from flinders.cli._program import EXITS
 from flinders.errors import UsageError
 
 if TYPE_CHECKING:
+    from flinders.core.geomag import FieldModel
     from flinders.likelihood.site_field import Site
     from flinders.workflows.planning import Plan
 
@@ -49,7 +50,14 @@ class PlanOptions(program.Group):
         "--with", multiple=True, metavar="NAME,…", keywords=("aiding",), heading=program.AIDING,
         help="What else will be recorded and count: dip (an accelerometer), rate (a gyro).",
     )  # fmt: skip
-    place: option.Place = program.group(option.Place)
+    place: str | None = program.member(
+        "--at", heading=program.SITE, metavar="LAT,LON[,ALT]", keywords=("site",),
+        help="Place of the recording: degrees, north and east positive, and metres; dip and strength count.",
+    )  # fmt: skip
+    date: str | None = program.member(
+        "--date", heading=program.SITE, metavar="DAY", help="Day of the recording, with --at [default: today]."
+    )
+    model: FieldModel | None = option.field_model()
     target_deg: float = option.target()
     drawing: str | None = program.member(
         "-o", "--output", what="the drawing", metavar="FILE.svg",
@@ -67,13 +75,14 @@ class PlanOptions(program.Group):
         from flinders.cli._inputs import site_of
         from flinders.likelihood.site_field import Site
 
-        self.place.check()
-        if self.place.place is None:
+        if self.place is None:
             return None
-        return Site.of(site_of(self.place.place, self.place.date or "today", model=self.place.model), z_down=True)
+        return Site.of(site_of(self.place, self.date or "today", model=self.model), z_down=True)
 
     def check(self) -> None:
-        """Refuse files of other kinds than those that are written."""
+        """Refuse a day or a model without a place, and files of other kinds than those that are written."""
+        if self.place is None and (self.date is not None or self.model is not None):
+            raise UsageError("--date and --field-model are for the field at a place: give --at LAT,LON too")
         if self.drawing not in (None, "-") and Path(str(self.drawing)).suffix.lower() != ".svg":
             raise UsageError(f"--output {self.drawing}: a plan is drawn as SVG, name a file that ends with .svg")
         if self.report is not None and Path(self.report).suffix.lower() not in {".html", ".htm"}:
@@ -83,8 +92,8 @@ class PlanOptions(program.Group):
         """Commands that record and calibrate as planned."""
         name = f"{plan.body.name}.csv"
         fit = ["flinders", "calibrate", name, "-o", "calibration.json"]
-        if self.place.place is not None:
-            fit += ["--axes", "x,y,z", f"--at={self.place.place}", "--date", self.place.date or "today"]
+        if self.place is not None:
+            fit += ["--axes", "x,y,z", f"--at={self.place}", "--date", self.date or "today"]
         if plan.recording.aiding:
             fit += ["--with", ",".join(plan.recording.aiding)]
         if program.is_typed("target_deg"):

@@ -3,7 +3,7 @@
 >>> from flinders.workflows.planning import plan
 >>> robot = plan("robot", noise="0.5 uT", alternatives=False)
 >>> print(*result_cells(robot.expected)[:2])
-0.096° 0.096°
+0.090° 0.094°
 >>> reach_words(robot.expected), recording_words(robot)
 ('level only', '12 s, 600 readings, 12 s for each turn')
 """
@@ -118,7 +118,7 @@ def alternative_words(each: Alternative) -> str:
     """What another recording has more."""
     if each.name == "time":
         return "twice the time"
-    return f"tilted by {each.tilt_deg:g}°" if each.name == "tilt" else f"with {AIDS[each.name]}"
+    return f"tilted by {each.tilt_deg:g}°" if each.name == "tilt" else f"+ {AIDS[each.name]}"
 
 
 def result_rows(plan: Plan) -> list[list[str]]:

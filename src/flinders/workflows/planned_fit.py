@@ -50,7 +50,7 @@ TYPICAL, HIGH = 0.25, 0.88
 MAX_READINGS: Final = 4_000
 """Readings of a simulated recording; more are averaged into these."""
 
-MAX_AIDED_READINGS: Final = 1_000
+MAX_AIDED_READINGS: Final = 600
 """The same with aiding sensors."""
 
 FIELD_STRENGTH: Final = 50.0

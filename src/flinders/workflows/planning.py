@@ -5,7 +5,7 @@ A body, the noise of its sensor and a target give the motion, its duration and t
 shortest is taken that gives the best grade: a good verdict; else headings within the target at every tilt of the body;
 else while it is level; else the smallest error.
 
->>> drone = plan("drone", noise="0.5 uT")
+>>> drone = plan("drone", noise="0.5 uT", alternatives=False)
 >>> drone.steps[1], round(drone.seconds), drone.expected.fit.verdict
 ('lower its nose by 45°, keep it so and turn it once around', 45, 'limited')
 >>> 0.04 < drone.expected.fit.claim.heading_error_deg.rms < 0.1
