@@ -180,7 +180,8 @@ def test_too_few_readings_give_no_plan() -> None:
 def test_help_lists_the_bodies() -> None:
     assert LISTED.keys() == BODIES.keys()
     assert all(
-        words.startswith(BODIES[name].what.split(" that ")[0].split(",")[0][:12]) for name, words in LISTED.items()
+        words.startswith(BODIES[name].description.split(" that ")[0].split(",")[0][:12])
+        for name, words in LISTED.items()
     )
 
 

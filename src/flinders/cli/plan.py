@@ -27,10 +27,10 @@ BODIES: Final = {
 
 
 class PlanOptions(program.Group):
-    """A body, its sensor, the place, and what is written."""
+    """A body, its sensor, the place, and the files to write."""
 
     body: str = program.member(
-        "--body", default="hand", show_default=True, metavar="NAME", help="What carries the sensor; see below."
+        "--body", default="hand", show_default=True, metavar="NAME", help="Body that carries the sensor; see below."
     )
     noise: str = program.member(
         "--noise", required=True, metavar="VALUE",
@@ -48,7 +48,7 @@ class PlanOptions(program.Group):
     )  # fmt: skip
     aiding: tuple[str, ...] = program.member(
         "--with", multiple=True, metavar="NAME,…", keywords=("aiding",), heading=program.AIDING,
-        help="What else will be recorded and count: dip (an accelerometer), rate (a gyro).",
+        help="Aiding sensors that will count in the fit: dip (an accelerometer), rate (a gyro).",
     )  # fmt: skip
     place: str | None = program.member(
         "--at", heading=program.SITE, metavar="LAT,LON[,ALT]", keywords=("site",),
@@ -122,7 +122,8 @@ def command(options: PlanOptions) -> int:
     """Plan a recording: which motion, how long, and which heading error to expect.
 
     The motion is simulated, and fitted and judged as a real recording would be; so the verdict of the recording
-    can be compared with the plan. What twice the time, more tilt, an accelerometer or a gyro would gain stands below.
+    can be compared with the plan. The table also shows the gain of twice the time, of more tilt, of an accelerometer
+    and of a gyro.
     """
     from flinders.report.plan_drawing import drawing_of, page_of
     from flinders.report.plan_pages import of_plan

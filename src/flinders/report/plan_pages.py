@@ -1,4 +1,4 @@
-"""A planned recording as a page for the terminal: what to do, the error to expect, and what more would gain.
+"""A planned recording as a page for the terminal: instructions, the error to expect, and the gain of more time or tilt.
 
 >>> from flinders.workflows.planning import plan
 >>> robot = plan("robot", noise="0.5 uT", alternatives=False)
@@ -53,11 +53,11 @@ def of_plan(plan: Plan, commands: Sequence[str]) -> RenderableType:
 
 
 def plan_facts(plan: Plan) -> list[tuple[str, str]]:
-    """Names and values of what a plan is for."""
+    """Names and values of the facts that a plan is made from."""
     recording = plan.recording
     sensors = "".join(f", {AIDS[aid]}" for aid in recording.aiding)
     return [
-        ("body", f"{plan.body.name}: {plan.body.what}"),
+        ("body", f"{plan.body.name}: {plan.body.description}"),
         ("sensor", f"{recording.noise:.3g} {label('uT')} of noise, {recording.rate_hz:g} readings a second{sensors}"),
         ("field", field_words(plan)),
         ("time", recording_words(plan)),
@@ -79,7 +79,7 @@ def recording_words(plan: Plan) -> str:
 
 
 def basis_words(plan: Plan) -> list[str]:
-    """What the expected error rests on, and what else is known of it."""
+    """Sentences below the verdict: information bound, scatter of the claims, cost of a tilt."""
     expected = plan.expected
     claim, information = expected.fit.claim, expected.information_error_deg
     words = []
@@ -115,7 +115,7 @@ def reach_words(expected: ExpectedFit) -> str:
 
 
 def alternative_words(each: Alternative) -> str:
-    """What another recording has more."""
+    """Name of an alternative in the table."""
     if each.name == "time":
         return "twice the time"
     return f"tilted by {each.tilt_deg:g}°" if each.name == "tilt" else f"+ {AIDS[each.name]}"

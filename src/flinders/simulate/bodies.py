@@ -42,7 +42,7 @@ class Body:
     """A body that carries a magnetometer, with axes forward, right and down."""
 
     name: str
-    what: str  #: what it is, in a few words
+    description: str  #: the body in a few words
     tilt_deg: float  #: largest tilt that the body reaches; 180 where it can be turned upside down
     turning_deg_s: float  #: usual rate of turning, degrees a second
     sway_deg: float  #: root mean square lean away from a constant attitude, about each of two level axes, degrees

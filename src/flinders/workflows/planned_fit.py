@@ -4,7 +4,7 @@ The information of a recording depends on the directions that it covers and on t
 drawn. So the planned motion is simulated for several sensors with usual iron, and each recording is fitted and judged
 by the engine as a real one would be. Prior, widening, findings and verdict are thereby those of `flinders.fit`; nothing
 is computed a second time. In some recordings chance makes white noise look as if it lasted, and their claims are two to
-four times as large; so the lower quartile of the claims is what to expect. `ExpectedFit.high_error_deg` is their 88 %.
+four times as large; so the lower quartile of the claims is expected. `ExpectedFit.high_error_deg` is their 88 %.
 
 `ExpectedFit.information_error_deg` is the information bound (Cramér–Rao) of the same readings: the error that noise
 and prior leave if residuals are independent. The claim is larger where the motion leaves directions open.
@@ -90,6 +90,11 @@ class ExpectedFit:
         error = self.fit.claim.textbook_heading_error_deg
         return math.nan if error is None else error.rms
 
+    @property
+    def limits(self) -> list[str]:
+        """Codes of the findings that limit the fit, or refuse it."""
+        return [finding.code for finding in self.fit.findings if finding.severity != "note"]
+
     def rank(self, tilt_deg: float) -> int:
         """Grade of the result for a body that is tilted by up to `tilt_deg`.
 
@@ -116,7 +121,7 @@ class ExpectedFit:
             "information_error_deg": self.information_error_deg,  # rms by the information bound of noise and prior
             "attitude_limit_deg": claim.attitude_limit_deg,  # tilt up to which headings are within the target
             "per_degree_of_tilt": claim.per_degree_of_tilt,  # degrees of heading that a degree of tilt adds
-            "findings": [finding.code for finding in self.fit.findings if finding.severity != "note"],  # what limits it
+            "findings": self.limits,  # codes of the findings that limit it
         }
 
 

@@ -63,7 +63,7 @@ NOISE_TEXT: Final = re.compile(r"\s*([-+]?[\d.]+(?:[eE][-+]?\d+)?)\s*(\S*)\s*")
 class Alternative(NamedTuple):
     """Another recording than the planned one, and the fit to expect of it."""
 
-    name: str  #: ``time``, ``tilt``, ``dip`` or ``rate``: what is more
+    name: str  #: the change: more ``time`` or ``tilt``, or an aiding sensor, ``dip`` or ``rate``
     tilt_deg: float  #: largest tilt, degrees
     seconds: float
     expected: ExpectedFit | None
@@ -80,7 +80,7 @@ class Alternative(NamedTuple):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Plan:
-    """A recording that is planned: the motion, its duration, the fit to expect, and what more would gain."""
+    """A planned recording: the motion, its duration, the fit to expect, and the gain of more time, tilt or sensors."""
 
     body: Body
     recording: Recording
@@ -96,7 +96,7 @@ class Plan:
 
     @property
     def steps(self) -> list[str]:
-        """What to do, in words."""
+        """Instructions for a person, one for each attitude."""
         return self.body.steps(self.sequence)
 
     @property
@@ -107,7 +107,7 @@ class Plan:
     def as_dict(self) -> dict[str, Any]:
         """JSON-ready."""
         return {
-            "body": self.body.name,  # what carries the sensor
+            "body": self.body.name,  # body that carries the sensor
             "noise_uT": self.recording.noise,  # 1 σ of each axis and reading
             "rate_hz": self.recording.rate_hz,  # readings a second
             "target_deg": self.recording.target_deg,  # worst heading error that is good enough
@@ -117,9 +117,9 @@ class Plan:
             "seconds": self.seconds,  # duration of the recording
             "readings": self.readings,  # in that time
             "turns": [{"side": turn.side, "tilt_deg": turn.tilt_deg} for turn in self.sequence],  # side lowered, angle
-            "steps": self.steps,  # what to do, in words
+            "steps": self.steps,  # instructions, one for each attitude
             "expected": self.expected.as_dict(),  # the fit to expect
-            "alternatives": [each.as_dict() for each in self.alternatives],  # what more time, tilt or a sensor gives
+            "alternatives": [each.as_dict() for each in self.alternatives],  # the same with more time, tilt or sensors
         }
 
     def __repr__(self) -> str:
@@ -351,7 +351,7 @@ def _circles(body: Body, sequence: tuple[Turn, ...], seconds: float) -> tuple[Tu
 def _alternatives(
     body: Body, tilt_deg: float, seconds: float | None, recording: Recording, best: _Choice
 ) -> Iterator[Alternative]:
-    """What twice the time, more tilt and further sensors give."""
+    """Recordings with twice the time, with more tilt, and with each further sensor."""
     sequence, twice = best.candidate.sequence, replace(recording, seconds=2.0 * recording.seconds)
     doubled = tuple(turn for turn in sequence for _ in range(2))
     yield Alternative("time", tilt_deg, twice.seconds, expected_fit(doubled, twice))

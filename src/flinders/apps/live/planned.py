@@ -1,4 +1,4 @@
-"""Plans of recordings for the page: what to do and which heading error to expect, by body and noise of the sensor.
+"""Plans of recordings for the page: instructions and the heading error to expect, by body and noise of the sensor.
 
 The program plans when it is asked. The page that needs no program has a table of plans, `plans.json`, for each body at
 some levels of noise; ``python -m flinders.apps.live.planned`` writes it anew, and a test plans some of them again.
@@ -36,7 +36,7 @@ class PlannedRecording(Struct, frozen=True):
     noise: float  # µT: 1 σ of each axis and reading
     verdict: str  # to expect
     sentence: str  # duration, and the first sentence of that verdict
-    steps: tuple[str, ...]  # what to do, in words
+    steps: tuple[str, ...]  # instructions, one for each attitude
 
 
 def planned_recording(body: str, noise: float | str) -> PlannedRecording:
@@ -55,8 +55,8 @@ def planned_table() -> tuple[PlannedRecording, ...]:
 
 
 def bodies_data() -> list[list[str]]:
-    """Names of the bodies, each with what it is, for the page."""
-    return [[body.name, body.what] for body in BODIES.values()]
+    """Name and description of each body, for the page."""
+    return [[body.name, body.description] for body in BODIES.values()]
 
 
 def write_table() -> None:

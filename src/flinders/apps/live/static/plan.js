@@ -1,4 +1,4 @@
-/** A small planner: the body that carries the sensor and the sensor's noise in, what to do and the error to expect out. */
+/** A small planner: from the body and the noise of its sensor to instructions and the error to expect. */
 
 import { adopt, byId, element, Refusal, setText } from "./dom.js";
 import { sentence } from "./views/words.js";
@@ -10,7 +10,7 @@ import { sentence } from "./views/words.js";
  * @property {number} noise  µT, 1 σ of each axis and reading
  * @property {string} verdict  to expect
  * @property {string} sentence
- * @property {string[]} steps  what to do
+ * @property {string[]} steps  instructions
  */
 
 /** @typedef {(body: string, noise: number) => Promise<PlannedRecording>} Ask */
@@ -36,7 +36,7 @@ const FORM = `<summary>Plan a recording</summary>
 /**
  * Put the planner into a part of the page.
  * @param {HTMLElement} parent
- * @param {readonly [name: string, what: string][]} bodies
+ * @param {readonly [name: string, description: string][]} bodies
  * @param {Ask} ask
  */
 export function layPlan(parent, bodies, ask) {
@@ -46,7 +46,7 @@ export function layPlan(parent, bodies, ask) {
     plan.insertAdjacentHTML("beforeend", FORM);
     parent.append(plan);
     const body = byId("plan-body", HTMLSelectElement);
-    body.append(...bodies.map(([name, what]) => new Option(`${name}: ${what}`, name)));
+    body.append(...bodies.map(([name, description]) => new Option(`${name}: ${description}`, name)));
     byId("plan-ask", HTMLElement).addEventListener("click", async () => {
         plan.setAttribute("aria-busy", "true");
         try {

@@ -36,7 +36,7 @@ import { calibrationFile, exported, NotExportable, readCalibration, targetsOf } 
  * @property {Record<string, string>} unfit  why a calibration cannot be renewed
  * @property {import("./patterns.js").Rules} lines  with patterns as objects
  * @property {any} targets
- * @property {[name: string, what: string][]} bodies  that carry a sensor
+ * @property {[name: string, description: string][]} bodies  that carry a sensor
  * @property {import("../plan.js").PlannedRecording[]} plans  for each body at some levels of noise
  */
 
