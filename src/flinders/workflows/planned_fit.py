@@ -91,6 +91,17 @@ class ExpectedFit:
         return math.nan if error is None else error.rms
 
     @property
+    def is_upside_down(self) -> bool:
+        """Whether the fit takes the sensor for one that is mounted upside down, and states another dip."""
+        return self.fit.claim.known_dip_deg * self.simulated.dip_deg < 0.0
+
+    @property
+    def unused_aids(self) -> list[str]:
+        """Aiding sensors that the fit leaves out."""
+        aiding = self.fit.evidence.aiding
+        return [] if aiding is None else [sensor.name for sensor in aiding.sensors if not sensor.is_used]
+
+    @property
     def limits(self) -> list[str]:
         """Codes of the findings that limit the fit, or refuse it."""
         return [finding.code for finding in self.fit.findings if finding.severity != "note"]

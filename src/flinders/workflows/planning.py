@@ -360,9 +360,10 @@ def _alternatives(
         if steeper > QUARTER_DEG:
             break
         other = _choose(body, steeper, seconds, recording, REPEATS[:1])
-        if other is not None and other.candidate.sequence != sequence:
+        if other is not None and other.candidate.sequence != sequence and not other.expected.is_upside_down:
             yield Alternative("tilt", steeper, other.candidate.seconds, other.expected)
     for aid in get_args(PlannedAid):
         if aid not in recording.aiding:
-            aided = replace(recording, aiding=(*recording.aiding, aid))
-            yield Alternative(aid, tilt_deg, recording.seconds, expected_fit(sequence, aided))
+            aided = expected_fit(sequence, replace(recording, aiding=(*recording.aiding, aid)))
+            is_left_out = aided is not None and aid in aided.unused_aids
+            yield Alternative(aid, tilt_deg, recording.seconds, best.expected if is_left_out else aided)
