@@ -18,7 +18,7 @@ from flinders.cli.plan import BODIES as LISTED
 from flinders.errors import FitError, UnitError, UsageError
 from flinders.heading.error_propagation import direction_error_deg
 from flinders.simulate.bodies import BODIES
-from flinders.workflows.planned_fit import MAX_READINGS, Recording, expected_fit
+from flinders.workflows.planned_fit import MAX_READINGS, RecordingSettings, expected_fit
 from flinders.workflows.planning import noise_of, plan
 
 if TYPE_CHECKING:
@@ -36,7 +36,7 @@ def expected(body: str, noise: float = 0.5, *, circles: int = 1, tilt_deg: float
     carrier = BODIES[body]
     sequence = carrier.sequences(tilt_deg)[min(1, len(carrier.sequences(tilt_deg)) - 1)]
     turns = tuple(turn for turn in sequence for _ in range(circles))
-    found = expected_fit(turns, Recording(carrier.seconds(turns), noise, carrier.sway_deg))
+    found = expected_fit(turns, RecordingSettings(carrier.seconds(turns), noise, carrier.sway_deg))
     assert found is not None
     return found
 
@@ -69,7 +69,7 @@ def test_more_tilt_is_never_worse() -> None:
 
 def test_readings_that_are_averaged_tell_as_much_as_each_by_itself() -> None:
     sequence = BODIES["hand"].sequences()[1]
-    slow = Recording(seconds=40.0, noise=0.5, sway_deg=8.0, rate_hz=100.0)
+    slow = RecordingSettings(seconds=40.0, noise=0.5, sway_deg=8.0, rate_hz=100.0)
     fast = replace(slow, rate_hz=400.0, noise=1.0)
     assert (slow.averaged, fast.averaged) == (1, math.ceil(16_000 / MAX_READINGS))
     one, other = (expected_fit(sequence, each) for each in (slow, fast))
@@ -125,7 +125,7 @@ def test_a_time_that_is_given_is_used() -> None:
 def test_an_accelerometer_helps_a_body_that_is_tilted_a_little() -> None:
     drone = BODIES["drone"]
     sequence = drone.sequences(20.0)[1]
-    alone = Recording(drone.seconds(sequence), 0.5, drone.sway_deg)
+    alone = RecordingSettings(drone.seconds(sequence), 0.5, drone.sway_deg)
     claims = [expected_fit(sequence, each, draws=3) for each in (alone, replace(alone, aiding=("dip",)))]
     assert all(claims)
     worst = [worst_deg(each) for each in claims if each is not None]

@@ -17,7 +17,7 @@ from dataclasses import dataclass
 from itertools import groupby
 from typing import TYPE_CHECKING, Final
 
-from flinders.simulate.turn_sequence import SIDES, Turn, path_deg
+from flinders.simulate.turn_sequence import SIDES, PoseTurn, path_deg
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -49,7 +49,7 @@ class Body:
     sides: Mapping[Side, str]  #: words for the sides that are lowered
     circle: str = "turn it {times} around"  #: words for turns about the vertical
 
-    def sequences(self, tilt_deg: float | None = None) -> tuple[tuple[Turn, ...], ...]:
+    def sequences(self, tilt_deg: float | None = None) -> tuple[tuple[PoseTurn, ...], ...]:
         """Sequences of turns that the body can follow, the shortest first.
 
         Parameters
@@ -58,27 +58,27 @@ class Body:
             Largest tilt, in place of the body's own.
         """
         reach_deg = self.tilt_deg if tilt_deg is None else tilt_deg
-        level = (Turn(),)
+        level = (PoseTurn(),)
         if reach_deg <= 0.0:
             return (level,)
         steep_deg = min(reach_deg, QUARTER_DEG)
-        around = (*level, *(Turn(side, steep_deg) for side in SIDES))
+        around = (*level, *(PoseTurn(side, steep_deg) for side in SIDES))
         if reach_deg <= QUARTER_DEG:
-            between = tuple(Turn(side, steep_deg / 2.0) for side in SIDES)
+            between = tuple(PoseTurn(side, steep_deg / 2.0) for side in SIDES)
             return level, around, (*level, *between, *around[1:])
-        over = (*around[:3], Turn("right", reach_deg), *around[3:])
-        diagonal = tuple(Turn(side, DIAGONAL_DEG) for side in SIDES)
+        over = (*around[:3], PoseTurn("right", reach_deg), *around[3:])
+        diagonal = tuple(PoseTurn(side, DIAGONAL_DEG) for side in SIDES)
         return level, around, over, (*level, *diagonal, *over[1:])
 
-    def seconds(self, sequence: Sequence[Turn]) -> float:
+    def seconds(self, sequence: Sequence[PoseTurn]) -> float:
         """Seconds that a sequence takes at the usual rate of turning."""
         return path_deg(sequence) / self.turning_deg_s
 
-    def steps(self, sequence: Sequence[Turn]) -> list[str]:
+    def steps(self, sequence: Sequence[PoseTurn]) -> list[str]:
         """Sentences that tell a person how to follow a sequence, one for each attitude."""
         return [self._step(turn, len(list(same))) for turn, same in groupby(sequence)]
 
-    def _step(self, turn: Turn, circles: int) -> str:
+    def _step(self, turn: PoseTurn, circles: int) -> str:
         """Sentence for so many circles in one attitude."""
         around = self.circle.format(times=TIMES.get(circles, f"{circles} times"))
         if turn.tilt_deg <= 0.0:

@@ -3,7 +3,7 @@
 The body turns about the vertical at a constant speed, then leans over to the next attitude at the same speed. Hands,
 wind or waves sway it meanwhile.
 
->>> sequence = [Turn(), Turn("nose", 45.0)]
+>>> sequence = [PoseTurn(), PoseTurn("nose", 45.0)]
 >>> turning = turn_sequence(np.random.default_rng(0), sequence, seconds=20.0, sway_deg=0.0)
 >>> turning.attitudes[:, 2, 2].round(2)[[0, 400, 999]].tolist()
 [1.0, 1.0, 0.71]
@@ -48,7 +48,7 @@ CIRCLE_DEG: Final = 360.0
 
 
 @dataclass(frozen=True, slots=True)
-class Turn:
+class PoseTurn:
     """One turn about the vertical in a constant attitude."""
 
     side: Side = "nose"  #: side that is lowered
@@ -59,19 +59,19 @@ class Turn:
         """(3,) rotation vector from level to the attitude, rad, body axes."""
         return math.radians(self.tilt_deg) * np.array(LEAN_AXES[self.side])
 
-    def lean_over_deg(self, other: Turn) -> float:
+    def lean_over_deg(self, other: PoseTurn) -> float:
         """Length of the rotation from this attitude to another, at an unchanged heading."""
         return math.degrees(float(np.linalg.norm(other.lean - self.lean)))
 
 
-def path_deg(sequence: Sequence[Turn]) -> float:
+def path_deg(sequence: Sequence[PoseTurn]) -> float:
     """Degrees that a body rotates in a sequence: a circle for each turn, and the way from one attitude to the next."""
     return CIRCLE_DEG * len(sequence) + sum(one.lean_over_deg(other) for one, other in pairwise(sequence))
 
 
 def turn_sequence(
     rng: Generator,
-    sequence: Sequence[Turn],
+    sequence: Sequence[PoseTurn],
     *,
     seconds: float = 60.0,
     rate_hz: float = RATE_HZ,
@@ -81,7 +81,7 @@ def turn_sequence(
 
     Parameters
     ----------
-    sequence : sequence of Turn
+    sequence : sequence of PoseTurn
         At least one.
     sway_deg : float
         Root mean square lean away from the attitude, about each of two axes; it comes and goes within some seconds.
@@ -96,7 +96,7 @@ def turn_sequence(
     return Trajectory(time, attitudes, rates(attitudes, rate_hz))
 
 
-def sequence_motion(sequence: Sequence[Turn], *, sway_deg: float) -> Motion:
+def sequence_motion(sequence: Sequence[PoseTurn], *, sway_deg: float) -> Motion:
     """Motion of `flinders.simulate.tumble` that follows a sequence."""
 
     def draw(rng: Generator, course: Course) -> Path:
@@ -107,7 +107,7 @@ def sequence_motion(sequence: Sequence[Turn], *, sway_deg: float) -> Motion:
     return Motion(draw)
 
 
-def _heading_and_lean(sequence: Sequence[Turn], progress: Floats) -> tuple[Floats, Floats]:
+def _heading_and_lean(sequence: Sequence[PoseTurn], progress: Floats) -> tuple[Floats, Floats]:
     """(N,) heading in rad and (N, 3) lean as a rotation vector in rad, at (N,) shares of the whole path."""
     corners, headings, leans = [0.0], [0.0], [sequence[0].lean]
     for place, turn in enumerate(sequence):

@@ -9,8 +9,8 @@ four times as large; so the lower quartile of the claims is expected. `ExpectedF
 `ExpectedFit.information_error_deg` is the information bound (Cramér–Rao) of the same readings: the error that noise
 and prior leave if residuals are independent. The claim is larger where the motion leaves directions open.
 
->>> from flinders.simulate.turn_sequence import Turn
->>> level = expected_fit([Turn()], Recording(seconds=12.0, noise=0.5, sway_deg=0.1))
+>>> from flinders.simulate.turn_sequence import PoseTurn
+>>> level = expected_fit([PoseTurn()], RecordingSettings(seconds=12.0, noise=0.5, sway_deg=0.1))
 >>> level.fit.verdict, round(level.fit.claim.heading_error_deg.worst, 1), level.fit.evidence.method
 ('limited', 0.1, 'level')
 """
@@ -36,7 +36,7 @@ if TYPE_CHECKING:
     from flinders.fitting.result import Fit
     from flinders.likelihood.site_field import Site
     from flinders.simulate.recording import Simulated
-    from flinders.simulate.turn_sequence import Turn
+    from flinders.simulate.turn_sequence import PoseTurn
 
 DRAWS: Final = 17
 """Simulated recordings of a plan: their lower quartile is the fifth."""
@@ -58,7 +58,7 @@ FIELD_STRENGTH: Final = 50.0
 
 
 @dataclass(frozen=True, slots=True)
-class Recording:
+class RecordingSettings:
     """How a planned recording is made."""
 
     seconds: float
@@ -136,7 +136,9 @@ class ExpectedFit:
         }
 
 
-def expected_fit(sequence: Sequence[Turn], recording: Recording, *, draws: int | None = None) -> ExpectedFit | None:
+def expected_fit(
+    sequence: Sequence[PoseTurn], recording: RecordingSettings, *, draws: int | None = None
+) -> ExpectedFit | None:
     """Simulate and fit a planned recording; None where most of the simulated recordings give no fit.
 
     Parameters
@@ -157,7 +159,7 @@ def expected_fit(sequence: Sequence[Turn], recording: Recording, *, draws: int |
     return ExpectedFit(result, one, claimed[place] if place < len(claimed) else math.inf)
 
 
-def simulate_plan(sequence: Sequence[Turn], recording: Recording, seed: int) -> Simulated:
+def simulate_plan(sequence: Sequence[PoseTurn], recording: RecordingSettings, seed: int) -> Simulated:
     """Simulate one planned recording, of a sensor with usual iron."""
     site, averaged = recording.site, recording.averaged
     known = None if site is None else site.strength
@@ -174,7 +176,7 @@ def simulate_plan(sequence: Sequence[Turn], recording: Recording, seed: int) -> 
     )
 
 
-def fit_planned(simulated: Simulated, recording: Recording) -> Fit | None:
+def fit_planned(simulated: Simulated, recording: RecordingSettings) -> Fit | None:
     """Fit a simulated recording as a real one, with those sensors that are planned; None where there is no fit."""
     samples = simulated.samples
     samples = replace(

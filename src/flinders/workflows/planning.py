@@ -24,14 +24,14 @@ from flinders.core.units import COUNTS, Unit
 from flinders.errors import FitError, UsageError, did_you_mean
 from flinders.simulate.bodies import BODIES, QUARTER_DEG, UPSIDE_DOWN_DEG
 from flinders.simulate.motions import RATE_HZ
-from flinders.workflows.planned_fit import Recording, dip_of, expected_fit
+from flinders.workflows.planned_fit import RecordingSettings, dip_of, expected_fit
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
 
     from flinders.likelihood.site_field import Site
     from flinders.simulate.bodies import Body
-    from flinders.simulate.turn_sequence import Turn
+    from flinders.simulate.turn_sequence import PoseTurn
     from flinders.workflows.planned_fit import ExpectedFit
 
 PlannedAid = Literal["dip", "rate"]
@@ -83,9 +83,9 @@ class Plan:
     """A planned recording: the motion, its duration, the fit to expect, and the gain of more time, tilt or sensors."""
 
     body: Body
-    recording: Recording
+    recording: RecordingSettings
     tilt_deg: float  #: largest tilt of the body, degrees
-    sequence: tuple[Turn, ...]
+    sequence: tuple[PoseTurn, ...]
     expected: ExpectedFit
     alternatives: tuple[Alternative, ...] = ()
 
@@ -130,7 +130,7 @@ class Plan:
 class _Candidate(NamedTuple):
     """A motion that a body can follow."""
 
-    sequence: tuple[Turn, ...]
+    sequence: tuple[PoseTurn, ...]
     seconds: float
 
 
@@ -189,7 +189,7 @@ def plan(
     body = body if not isinstance(body, str) else body_of(body)
     aids = aids_of(aiding)
     tilt = body.tilt_deg if tilt_deg is None else _within(tilt_deg, "tilt", UPSIDE_DOWN_DEG)
-    made = Recording(
+    made = RecordingSettings(
         seconds=0.0 if seconds is None else _above_zero(seconds, "duration", " s"),
         noise=noise_of(noise),
         sway_deg=body.sway_deg,
@@ -286,7 +286,7 @@ def _within(value: float, what: str, most: float) -> float:
 
 
 def _choose(
-    body: Body, tilt_deg: float, seconds: float | None, recording: Recording, repeats: Sequence[int] = REPEATS
+    body: Body, tilt_deg: float, seconds: float | None, recording: RecordingSettings, repeats: Sequence[int] = REPEATS
 ) -> _Choice | None:
     """The motion of the best grade; of those the shortest, or of one duration the one with the smallest error.
 
@@ -342,14 +342,14 @@ def _candidates(body: Body, tilt_deg: float, seconds: float | None, times: int) 
             yield _Candidate(_circles(body, sequence, seconds), seconds)
 
 
-def _circles(body: Body, sequence: tuple[Turn, ...], seconds: float) -> tuple[Turn, ...]:
+def _circles(body: Body, sequence: tuple[PoseTurn, ...], seconds: float) -> tuple[PoseTurn, ...]:
     """The sequence with as many circles in each attitude as the body turns in a time at its usual rate."""
     times = max([1, *(each for each in REPEATS if body.seconds(sequence) * each <= seconds)])
     return tuple(turn for turn in sequence for _ in range(times))
 
 
 def _alternatives(
-    body: Body, tilt_deg: float, seconds: float | None, recording: Recording, best: _Choice
+    body: Body, tilt_deg: float, seconds: float | None, recording: RecordingSettings, best: _Choice
 ) -> Iterator[Alternative]:
     """Recordings with twice the time, with more tilt, and with each further sensor."""
     sequence, twice = best.candidate.sequence, replace(recording, seconds=2.0 * recording.seconds)
