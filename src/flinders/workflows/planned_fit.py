@@ -59,7 +59,7 @@ FIELD_STRENGTH: Final = 50.0
 
 @dataclass(frozen=True, slots=True)
 class RecordingSettings:
-    """How a planned recording is made."""
+    """Duration, noise, rate and site of a planned recording, and the sensors that count in its fit."""
 
     seconds: float
     noise: float  #: µT, 1 σ of each axis and reading
