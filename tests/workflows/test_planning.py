@@ -151,7 +151,7 @@ def test_a_plan_says_what_more_time_tilt_and_sensors_would_gain() -> None:
         ("hand", {"noise": "0.5"}, "has no unit: give it as 0.5uT"),
         ("hand", {"noise": "3 counts"}, "is in counts"),
         ("hand", {"noise": "1.2.3uT"}, "is no number"),
-        ("hand", {"noise": "lis3mdl"}, "is no number with a unit"),
+        ("hand", {"noise": "ak8963"}, "no source states the noise"),
         ("hand", {"noise": ""}, "is no number with a unit"),
         ("boat", {"noise": 0.5, "seconds": 20.0}, "turns once around in 60 s or more"),
         ("boat", {"noise": 0.5, "seconds": 0.0}, "need a number above 0"),

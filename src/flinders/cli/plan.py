@@ -34,7 +34,7 @@ class PlanOptions(program.Group):
     )
     noise: str = program.member(
         "--noise", required=True, metavar="VALUE",
-        help="Noise of a reading, 1 σ of each axis, with its unit: 0.5uT, 5mG, 300nT.",
+        help="Noise of a reading, 1 σ of each axis, with its unit: 0.5uT, 5mG; or the name of a chip.",
     )  # fmt: skip
     rate_hz: float = program.member(
         "--rate", type=program.positive, default=50.0, show_default=True, metavar="HZ", help="Readings a second."

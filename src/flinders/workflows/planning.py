@@ -19,6 +19,7 @@ import re
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any, Final, Literal, NamedTuple, get_args
 
+from flinders.core.chips import find_chip
 from flinders.core.keywords import spell_checked
 from flinders.core.units import COUNTS, Unit
 from flinders.errors import FitError, UsageError, did_you_mean
@@ -261,14 +262,22 @@ def noise_of(noise: float | str) -> float:
 
 
 def noise_of_chip(name: str) -> float:
-    """Noise of a reading of a chip in µT, by the name of the chip: no chip is known yet.
+    """Noise of a reading of a chip in µT, rms, by the name of the chip or of a package that holds it.
 
     Raises
     ------
     UsageError
-        For an unknown chip.
+        For an unknown chip, and for one whose noise no source states.
     """
-    raise UsageError(f"noise {name!r} is no number with a unit: give it as 0.5uT, or in mG or nT")
+    try:
+        chip = find_chip(name)
+    except UsageError:
+        raise UsageError(
+            f"noise {name!r} is no number with a unit and no chip: give it as 0.5uT, or in mG or nT"
+        ) from None
+    if chip.noise_ut is None:
+        raise UsageError(f"no source states the noise of the {chip}: give it as 0.5uT, or in mG or nT")
+    return chip.noise_ut
 
 
 def _above_zero(value: float, what: str, unit: str) -> float:
