@@ -277,9 +277,9 @@ class _Catalogue:
     def dataset(self, path: bytes) -> Any:  # noqa: ANN401
         """Open a dataset; the first time, raise an error if a chunk unpacks to more than its stated size."""
         dataset = self.h5py.h5d.open(self.opened.id, path)
-        if path not in self._weighed and dataset.get_create_plist().get_layout() == self.h5py.h5d.CHUNKED:
+        if path not in self._checked and dataset.get_create_plist().get_layout() == self.h5py.h5d.CHUNKED:
             self._check_chunks(dataset, path)
-        self._weighed.add(path)
+        self._checked.add(path)
         return self.h5py.Dataset(dataset)
 
     def _check_chunks(self, dataset: Any, path: bytes) -> None:  # noqa: ANN401
