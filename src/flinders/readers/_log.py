@@ -57,8 +57,8 @@ class Stored:
     calibration: Calibration | None
     #: its parameters as the target names them: ``COMPASS_OFS −12, 40, −93 mG; COMPASS_DIA 1.02, 0.99, 1.00``
     words: str = ""
-    applied: bool = True  # : readings were logged after it; else there is nothing to remove
-    changes: int = 0  # : number of changes in the log
+    applied: bool = True  #: readings were logged after it; else there is nothing to remove
+    changes: int = 0  #: number of changes in the log
 
     def sentence(self, *, as_logged: bool) -> str:
         """Describe whether it was removed from the readings."""
@@ -73,7 +73,7 @@ class Position:
 
     latitude_deg: float  #: degrees, north and east positive (WGS 84)
     longitude_deg: float
-    altitude_m: float = 0.0  # : m above sea level; 0 if unknown
+    altitude_m: float = 0.0  #: m above sea level; 0 if unknown
 
 
 def first_position(
@@ -92,41 +92,41 @@ class Instrument:
     """One magnetometer of a log."""
 
     source: str  #: the file, for messages
-    name: str  # : name in the log: ``MAG 0``, ``sensor_mag 1 (device 396809)``, ``/imu/mag``
-    unit: Unit  # : unit of the readings of `columns`
+    name: str  #: name in the log: ``MAG 0``, ``sensor_mag 1 (device 396809)``, ``/imu/mag``
+    unit: Unit  #: unit of the readings of `columns`
     #: yields blocks of `Samples` from the first on at each call; its argument is True for readings as logged, or False
     #: with the `stored` calibration removed
     columns: Callable[[bool], Iterator[Samples]]
-    stored: Stored | None = None  # : calibration in force according to the log, if readings are logged after it
+    stored: Stored | None = None  #: calibration in force according to the log, if readings are logged after it
     axes: Axes = field(default_factory=Axes)
     #: axes of `columns`, ``sensor`` or ``vehicle``: with the `stored` calibration removed, and as logged
     frames: tuple[str, str] = ("sensor", "sensor")
-    autopilot: Literal["ardupilot", "px4"] | None = None  # : autopilot whose compass it is
-    compass: int | None = None  # : its compass number on the autopilot
-    device_id: int | None = None  # : its device id on the autopilot
+    autopilot: Literal["ardupilot", "px4"] | None = None  #: autopilot whose compass it is
+    compass: int | None = None  #: its compass number on the autopilot
+    device_id: int | None = None  #: its device id on the autopilot
     #: its own mounting, if it has one: roll, pitch and yaw in degrees
     mounting: tuple[float, float, float] | None = None
     as_logged: bool = False
-    span: TimeSpan = field(default_factory=TimeSpan)  # : only readings within this span are yielded
+    span: TimeSpan = field(default_factory=TimeSpan)  #: only readings within this span are yielded
     #: s: start of the span by the clock of `columns`; NaN stands for the first reading
     beginning: float = np.nan
-    readings: int | None = None  # : number of readings of `columns`, if known beforehand
-    notes: tuple[str, ...] = ()  # : remarks, a sentence each
-    fields: tuple[str, ...] = ()  # : names of the columns of x, y and z in a table
-    unread_time: str = ""  # : names of columns that look like a time, if none is read
-    others: tuple[str, ...] = ()  # : names of the log's other magnetometers, if none was selected
-    damage: tuple[str, ...] = ()  # : parts of the file that could not be read, if it is cut short or broken
-    position: Position | None = None  # : position of the log
-    begun: datetime | None = None  # : start of the log in UTC
-    velocity: TimeSeries | None = None  # : velocity over ground, north and east, m/s, by the clock of `columns`
-    file: Source | None = None  # : raw bytes of the file on disk
+    readings: int | None = None  #: number of readings of `columns`, if known beforehand
+    notes: tuple[str, ...] = ()  #: remarks, a sentence each
+    fields: tuple[str, ...] = ()  #: names of the columns of x, y and z in a table
+    unread_time: str = ""  #: names of columns that look like a time, if none is read
+    others: tuple[str, ...] = ()  #: names of the log's other magnetometers, if none was selected
+    damage: tuple[str, ...] = ()  #: parts of the file that could not be read, if it is cut short or broken
+    position: Position | None = None  #: position of the log
+    begun: datetime | None = None  #: start of the log in UTC
+    velocity: TimeSeries | None = None  #: velocity over ground, north and east, m/s, by the clock of `columns`
+    file: Source | None = None  #: raw bytes of the file on disk
     temporary_files: tuple[Source, ...] = ()  #: temporary files that it needs
     #: called once per block with the bytes read so far, estimated by the share of `readings`, and their total
     progress: Progress | None = None
     #: finds columns by their names in the log: time series by the clock of `columns`, without missing ones, and some of
     #: the names that exist
     look_up: Callable[[Sequence[str]], tuple[Mapping[str, TimeSeries], Sequence[str]]] | None = None
-    auxiliary: Mapping[str, TimeSeries] = field(default_factory=dict)  # : auxiliary columns that are read, by name
+    auxiliary: Mapping[str, TimeSeries] = field(default_factory=dict)  #: auxiliary columns that are read, by name
 
     def with_auxiliary(self, names: Sequence[str], *, are_needed: bool = True) -> Instrument:
         """The instrument with further columns, read at the times of the readings.
@@ -208,13 +208,13 @@ class Log:
     """Contents of a file with instruments."""
 
     source: str  #: the file, for messages
-    format: str  # : format name for users: ``HDF5``
+    format: str  #: format name for users: ``HDF5``
     instruments: tuple[Instrument, ...]  #: its magnetometers, in the order of their numbers
     position: Position | None = None
-    begun: datetime | None = None  # : start in UTC
+    begun: datetime | None = None  #: start in UTC
     #: remarks on the file, a sentence each: that it was cut short, that its clock jumps
     notes: tuple[str, ...] = ()
-    damage: tuple[str, ...] = ()  # : the notes on parts that could not be read
+    damage: tuple[str, ...] = ()  #: the notes on parts that could not be read
     #: its magnetometers are columns of one table; the topic selects the member of an archive that holds it
     is_table: bool = False
 
