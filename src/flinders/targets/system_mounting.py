@@ -56,7 +56,7 @@ MARK: Final = rf"mount-matrix\s*=|\A\s*{SYSFS}\s*\Z"
 PROPERTY: Final = rf'mount-matrix\s*=\s*((?:"\s*{NUMBER}\s*"\s*,?\s*(?:/\*.*?\*/\s*)?){{9}});'
 ANDROID_NOTES: Final = (
     (
-        "the readings of the HAL must already be in Android's axes: a placement is information only, and rotates nothing; "
+        "readings of the HAL must already be in Android's axes: a placement is information only, and rotates nothing; "
         "if the HAL rotates readings itself, R is unity"
     ),
     "the last column is the position of the sensor in mm, from the middle of the screen: fill it in",
