@@ -45,7 +45,7 @@ def headline(package: Path = PACKAGE) -> str:
     return f"/* of sha256:{digest.hexdigest()} */\n"
 
 
-_headline = cache(first_line)
+_headline = cache(headline)
 
 
 def bundle_of(entry: str) -> str:
