@@ -91,7 +91,7 @@ def open_hdf5(file: File, **options: Any) -> TableRecording:
     """Open the datasets of an HDF5 file; the table consists of those with the magnetometer's length.
 
     Options are those of `open_table`. Without h5py it raises `MissingExtra`; a file that is broken, cut short, or has
-    more than `MOST_OBJECTS` objects raises `UnreadableInput`; unclear columns raise `NoMagnetometer`.
+    more than `MAX_OBJECTS` objects raises `UnreadableInput`; unclear columns raise `NoMagnetometer`.
     """
     with file.path.open("rb") as stream:
         is_matlab = stream.read(len(MATLAB_7_3)) == MATLAB_7_3
