@@ -321,11 +321,11 @@ class Group:
                 yield each.metadata["kind"]([*each.metadata["names"], each.name], **each.metadata["attributes"])
 
     @classmethod
-    def taken(cls, values: dict[str, Any]) -> Self:
+    def from_values(cls, values: dict[str, Any]) -> Self:
         """Take the values of this group from the values of a command."""
         return cls(
             **{
-                each.name: kind.taken(values) if (kind := each.metadata.get("group")) else values[each.name]
+                each.name: kind.from_values(values) if (kind := each.metadata.get("group")) else values[each.name]
                 for each in fields(cls)  # type: ignore[arg-type]
             }
         )
@@ -433,7 +433,7 @@ def command_of(
     def decorate(function: Callable[[Options], int | None]) -> click.Command:
         @wraps(function)
         def called(**values: Any) -> int | None:
-            return function(kind.taken(values))
+            return function(kind.from_values(values))
 
         made: click.Command = parent.command(name, cls=cls, params=list(kind.parameters()), **attributes)(called)
         return made

@@ -31,7 +31,7 @@ if TYPE_CHECKING:
     from flinders.arrays import Floats
     from flinders.readers._clock import Clock, Midnights
 
-PIECE: Final = 128  # lines per piece in which lines are read one by one if one is invalid
+PIECE_LINES: Final = 128  # lines per piece in which lines are read one by one if one is invalid
 Parse: TypeAlias = "Callable[[Lines], Floats | None]"
 LEAST_FOR_ARROW: Final = 8 << 20
 """Smallest file in bytes for which pyarrow pays off: it saves 17 ms per MB, and its import takes 0.05 to 0.1 s."""
@@ -100,11 +100,11 @@ def rows_of(texts: list[str], lines: Sequence[int], grid: Grid) -> NumberRows:
     try:
         return NumberRows(_at_once(texts, grid), lines, [])
     except ValueError:
-        if len(texts) <= PIECE:
+        if len(texts) <= PIECE_LINES:
             return _one_by_one(texts, lines, grid)
     pieces = [
-        rows_of(texts[start : start + PIECE], lines[start : start + PIECE], grid)
-        for start in range(0, len(texts), PIECE)
+        rows_of(texts[start : start + PIECE_LINES], lines[start : start + PIECE_LINES], grid)
+        for start in range(0, len(texts), PIECE_LINES)
     ]
     return NumberRows(
         np.concatenate([piece.values for piece in pieces]),

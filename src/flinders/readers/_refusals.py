@@ -44,9 +44,9 @@ NAMELESS: Final = 5  # Largest number of columns of a table without header in wh
 MAX_CODES: Final = 16  # Largest number of different codes in a column that may name the sensor of each line
 MIN_CHANGE_SHARE: Final = 0.2  # Share of rows at which such a code changes
 MIN_LINES_OF_CODE: Final = 10  # Smallest number of lines with a code for its lengths to be compared
-APART: Final = 2.0
+MIN_RATIO_TO_GRAVITY: Final = 2.0
 MIN_RATIO: Final = 5.0
-"""Ratio of median vector lengths that separates two sensors: `APART` if one is gravity, else `MIN_RATIO`."""
+"""Ratio of median vector lengths that separates two sensors: the first if one is gravity, else the second."""
 MAX_RANGES: Final = 16  # Columns whose ranges are listed
 _GROUPED: Final = re.compile(r"[-+\u2212]?[1-9]\d{0,2}[.,]\d{3}")  # thousands, or three decimals
 MATRIX: Final = re.compile(r"# (?:name: (?P<name>.+)|columns: (?P<columns>\d+)\s*$)")  # in text of Octave
@@ -102,7 +102,9 @@ def refuse_coded(name: str, header: Sequence[str], values: Floats, cells: Sequen
             continue
         own = {int(code): lengths[(values[:, place] == code) & np.isfinite(lengths)] for code in codes}
         usual = {code: float(np.median(each)) for code, each in own.items() if len(each) >= MIN_LINES_OF_CODE}
-        factor = APART if any(_is_gravity(own[code], length) for code, length in usual.items()) else MIN_RATIO
+        factor = (
+            MIN_RATIO_TO_GRAVITY if any(_is_gravity(own[code], length) for code, length in usual.items()) else MIN_RATIO
+        )
         if usual and min(usual.values()) * factor < max(usual.values()):
             column = repr(header[place].strip()) if header else str(place + 1)
             told = ", ".join(f"{code}: {figures(length, 3)}" for code, length in usual.items())

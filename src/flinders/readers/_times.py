@@ -34,7 +34,7 @@ MAX_RESET_SHARE: Final = 0.1  # largest share of backward steps, as of a clock t
 REPEAT_TOLERANCE: Final = 0.25  # tolerance of the number of readings per time, relative to the median
 FALLING_REASON: Final = "it does not rise like a time"
 MAX_RATE_RAD_S: Final = 70.0  # 4000 °/s, the range of gyros; a sensor turned by hand is slower
-APART: Final = 4  # lag in rows over which a rotation accumulates and noise does not
+TURN_LAG_ROWS: Final = 4  # lag in rows over which a rotation accumulates and noise does not
 MIN_TURN_RATIO: Final = 2.0  # ratio of differences at this lag and between neighbours from which they are a rotation
 LONG: Final = 1e8  # s; larger times count from 1970, not from the start of the recording
 
@@ -98,7 +98,7 @@ def too_fast(values: Floats, unit: str, field: Floats) -> str:
     if unit or len(times) < MIN_TIMES:
         return ""
     step = float(np.median(np.diff(times))) * _factor_to_seconds(times, unit)
-    near, far = (float(np.median(np.linalg.norm(read[lag:] - read[:-lag], axis=1))) for lag in (1, APART))
+    near, far = (float(np.median(np.linalg.norm(read[lag:] - read[:-lag], axis=1))) for lag in (1, TURN_LAG_ROWS))
     radius = float(np.ptp(read, axis=0).max()) / 2
     if step <= 0 or far <= MIN_TURN_RATIO * near or near <= MAX_RATE_RAD_S * step * radius:
         return ""

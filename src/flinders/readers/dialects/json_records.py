@@ -36,7 +36,7 @@ _load = partial(json.loads, parse_float=str, parse_int=str)  # keeps numbers as 
 LEAST: Final = 3  # smallest count of numbers in a record with a reading
 LARGEST: Final = 256 << 20  # largest document in bytes; JSON lines may be of any length
 # Start of JSON with readings; ``[INFO] …`` is a line of a log.
-OPENING: Final = re.compile(r"\[\s*(?:[\[{\]]|-?[\d.]+(?:[eE][-+]?\d+)?\s*,|$)|\{\s*(?:\"|\}|$)")
+JSON_START: Final = re.compile(r"\[\s*(?:[\[{\]]|-?[\d.]+(?:[eE][-+]?\d+)?\s*,|$)|\{\s*(?:\"|\}|$)")
 _NEXT: Final = re.compile(r"[\n\r](?=[\[{])")  # before a document that follows another one
 LOOKED_AT: Final = 100  # lines that are examined for the number of readings per record
 MARK: Final = "flinders"  # key in all files written by Flinders
@@ -81,7 +81,7 @@ def flat(record: dict[str, object]) -> dict[str, object]:
 def is_document(text: str) -> bool:
     """Tell whether a text starts a JSON document rather than JSON lines, or lines such as ``[1, 2, 3] uT``."""
     first, _, more = text.lstrip().partition("\n")
-    if not OPENING.match(first):
+    if not JSON_START.match(first):
         return False
     record = _record(first)
     if isinstance(record, dict):

@@ -54,7 +54,7 @@ MIN_ROWS: Final = 10  # lines from which a column is checked for being a clock, 
 EVEN: Final = 2.0  # ratio of the largest and smallest step of a clock or a counter
 MIN_STRENGTH_RATIO: Final = 2.0  # ratio of the median strengths of alternating sensors
 # largest step between lines of one sensor, relative to the step to the next line, if sensors alternate
-ALIKE: Final = 0.3
+MAX_OWN_STEP_SHARE: Final = 0.3
 
 
 class _Printed(NamedTuple):
@@ -346,7 +346,7 @@ def _alternates(values: Floats) -> bool:
     is_uneven = len(values) >= MIN_TURNS_FOR_STRENGTHS and any(
         max(each) > MIN_STRENGTH_RATIO * min(each) for each in turns
     )
-    return is_uneven or bool(min(steps[1:]) < ALIKE * steps[0])
+    return is_uneven or bool(min(steps[1:]) < MAX_OWN_STEP_SHARE * steps[0])
 
 
 def _name_time(kind: Kind, rows: Sequence[Sequence[str]]) -> Kind:
