@@ -43,7 +43,7 @@ ROWS: Final = {
 
 OTHERWISE: Final = {
     "help": "each command has --help of its own",
-    "monitor": "flinders record keeps what a board prints, flinders live shows it",
+    "monitor": "flinders record saves the output of a board, flinders live shows it",
     "plot": "figures are in the reports of flinders report and of calibrate --report; in Python fit.plot draws them",
 }
 """Words that people type as a command, and the replacement for each."""

@@ -323,7 +323,7 @@ def manner(whole: str) -> int:
 
 @lru_cache(maxsize=1_024)
 def sensor_name(name: str, axis: str, *, whole: bool = False) -> str:
-    """Name the sensor of a column: without axis, unit, ``raw`` and the like; if `whole`, without the axis alone."""
+    """Name the sensor of a column: without axis, unit, ``raw`` and the like; if `whole`, only without the axis."""
     bare = name.strip() if whole else _BRACKET.sub("", name.strip())
     place = _place_of_axis(bare.casefold(), axis)
     pieces = _PIECES.findall(f"{bare[:place]}{bare[place + 1 :]}")

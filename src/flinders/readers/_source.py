@@ -1,4 +1,4 @@
-r"""Bytes of a file, read as often as needed, or of a pipe, read as they arrive; the first bytes tell the format.
+r"""Bytes of a file, read as often as needed, or of a pipe, read as they arrive.
 
 Input that cannot be read twice (standard input, a named pipe, a serial port) is copied to a temporary file, which is
 deleted with its `File`. If one pass is enough, it is read as a `ByteStream`, which keeps nothing. Gzip is recognised by
@@ -48,7 +48,7 @@ GZIP: Final = b"\x1f\x8b"
 HEAD: Final = 1 << 16
 """Number of first bytes that are examined to recognise the format and the encoding of a file."""
 END_BYTES: Final = 1 << 14
-"""Number of bytes at each end of a file that are compared to tell a file that grew from one that was overwritten."""
+"""Number of bytes at each end of a file that are compared, to distinguish a file that grew from an overwritten one."""
 CHUNK: Final = 1 << 18
 """Number of bytes per read."""
 MAX_SPOOLED_BYTES: Final = 64 << 30

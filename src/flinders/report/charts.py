@@ -38,7 +38,7 @@ if TYPE_CHECKING:
     from flinders.report.colours import Theme
 
     Ticks = Sequence[tuple[float, str]]
-    """Numbers of an axis and what stands at each."""
+    """Positions on an axis, each with its label."""
 
 MOST_DOTS: Final = 3_000
 """Largest number of dots of one kind in a plot; more would merge, and enlarge the file."""
