@@ -282,10 +282,12 @@ def nothing_read(name: str, lines: list[tuple[int, str]]) -> InputError:
             f"no magnetometer in {name}: no line has three numbers besides dates and times{line}; need x, y and z of a "
             "reading on a line"
         )
-    return (_other_labels(name, text, line) if numbers else None) or _unrecognised(name, text if numbers else "", line)
+    return (_other_labels(name, text, line) if numbers else None) or _unrecognised_text(
+        name, text if numbers else "", line
+    )
 
 
-def _unrecognised(name: str, text: str, line: str) -> UnreadableInput:
+def _unrecognised_text(name: str, text: str, line: str) -> UnreadableInput:
     """Error for unrecognised text, with a ``--pattern`` for a line that has numbers."""
     pattern = pattern_of(text) if len(text) <= MAX_EXAMPLE_LETTERS else ""
     example = ", as here if those are x, y and z" if pattern else ""
