@@ -62,7 +62,7 @@ def import_log(
 
 
 def _choose_magnetometers(log: Log, sensor: str | None) -> Sequence[Instrument]:
-    """The magnetometers to import: the one that is named, else the only one with a calibration, or all with `all`."""
+    """The magnetometers to import: the named one, the only one with a calibration, or all of these for ``all``."""
     if sensor is not None and sensor.strip().casefold() != "all":
         return [log.sensor(sensor)]
     known = [each for each in log.instruments if each.onboard is not None]
