@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from flinders.geometry.ellipsoid import Ellipsoid
     from flinders.native.layouts import Records
 
-MAX_ROUNDS: Final = 12
+ROUNDS: Final = 12
 """Largest count of fits; each removes at least nine tenths of the remaining nonlinearity."""
 
 MAX_READING_RATIO: Final = 1.2
@@ -60,7 +60,7 @@ class AxisTerms:
         """(N, 3) linearized readings of (N, 3) readings."""
         return self.surface.centre + self.linearization.apply(field - self.surface.centre)
 
-    def refine(self, left: Nonlinearity | None, surface: Ellipsoid) -> AxisTerms:
+    def refined(self, left: Nonlinearity | None, surface: Ellipsoid) -> AxisTerms:
         """Add further terms found in the linearized readings, about their surface."""
         if left is None:
             return replace(self, surface=surface)

@@ -77,7 +77,7 @@ MIN_READINGS: Final = 20
 MIN_DISTINCT_READINGS: Final = 10
 """Smallest count of distinct readings, as in ``record.h``."""
 
-MOTION_WORDS: Final = "by 30° to all sides"
+TO_ALL_SIDES: Final = "by 30° to all sides"
 """Required motion of the sensor, in words."""
 
 UNFIT: Final = {
@@ -275,7 +275,7 @@ def _solve(readings: Readings, earlier: Records, dip_deg: float) -> _RefreshEsti
         raise TooFewSamples(found=found, among=len(samples), needed=MIN_DISTINCT_READINGS, method=METHOD)
     if record["status"] == UNMOVED:
         turn_deg = engine().turn_deg(samples.field, symmetric(earlier["parameters"][3:]))
-        raise Unmoved(turn_deg, MOTION_WORDS)
+        raise Unmoved(turn_deg, TO_ALL_SIDES)
     if record["status"] == OUT_OF_SCALE:
         raise OutOfScale(readings.summary.moments.unit)
     readings = readings.fitted()
