@@ -101,7 +101,7 @@ def unchanged(fit: Fit) -> str:
     """Reason why a fit with `linearize` did not linearize its axes, in words."""
     found, lag = fit.evidence.diagnosis.nonlinearity, fit.evidence.diagnosis.axis_lag
     if found is None or not found.is_likely:
-        return "the axes are linear as far as the readings show, or not nonlinear in the same way throughout"
+        return "the axes are linear as far as the readings show, or their nonlinearity changes within the recording"
     if lag is not None and lag.is_proven and lag.p_value < found.p_value:
         return "the axes are read at different times, which resembles nonlinear axes: read them at the same time first"
     return "linearized axes would not reduce the heading error, as far as the readings show"
