@@ -55,7 +55,7 @@ DIRECTIONS: Final = fibonacci(400).T
 """(3, 400) unit vectors, over which the direction difference is computed."""
 
 
-ONE_SIDED_SIGMAS: Final = limit("ONE_SIDED_SIGMAS")
+ONE_SIDED_SIGMAS: Final = limit("ONE_SIDED")
 """Standard deviations that a normal error exceeds on one side with a probability of 5 %."""
 
 MAX_ROUNDING_DEG: Final = 1e-6
