@@ -42,7 +42,7 @@ if TYPE_CHECKING:
     from flinders.core.calibration_file import Document, ProvenanceRecord
     from flinders.estimators.minmax import Variant
 
-TYPED: Final = "typed-extremes"
+TYPED_FINDING: Final = "typed-extremes"
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -181,4 +181,4 @@ def _finding(extremes: Extremes, target_deg: float, dip_deg: float) -> Finding:
         sphere = Ellipsoid(extremes.ellipsoid.centre, half.max() * np.eye(3))
         worst = level_error(sphere, covariance, dip_deg=dip_deg).worst
     values = {"is_typed": 1.0, "unturned_deg": worst, "target_deg": target_deg, "shortfall": shortfall}
-    return certain({**values, "unit": label(extremes.calibration.unit)}, TYPED)
+    return certain({**values, "unit": label(extremes.calibration.unit)}, TYPED_FINDING)

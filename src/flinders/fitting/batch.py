@@ -180,7 +180,7 @@ def fit_batch(units: Sequence[Samples] | Lined, *, target_deg: float = 1.0, dip_
         _fill(columns, there, records, judgements, whole.unit.inside)
     for place in np.flatnonzero(~columns.by_record | (columns.verdict == "limited")).tolist():
         one = units[place]
-        result = _fit_one(one, target_deg=target_deg, dip_deg=dip_deg)
+        result = _alone(one, target_deg=target_deg, dip_deg=dip_deg)
         if columns.by_record[place]:
             _explain(columns, place, result)
             continue
@@ -294,7 +294,7 @@ def _finding_codes(severities: NDArray[np.uint8]) -> NDArray[np.object_]:
     return np.asarray(named[kind.ravel()])
 
 
-def _fit_one(one: Samples, *, target_deg: float, dip_deg: float) -> Fit | Exception:
+def _alone(one: Samples, *, target_deg: float, dip_deg: float) -> Fit | Exception:
     """Result of `flinders.fit` for one unit: the fit, or the error that it raises."""
     try:
         return calibrate.fit(one, target_deg=target_deg, site=Site(inclination_deg=dip_deg))

@@ -184,7 +184,10 @@ def fit(
         found = _linearize(found, estimator, request, frame.unit)
     judged_with = partial(_judge, tried=tried, estimator=estimator, request=request, frame=frame, sensor=name)
     result = judged_with(found)
-    if found.is_joint and (alone := _unaided(source, found, estimator, request, frame.unit)) is not None:
+    if (
+        found.is_joint
+        and (alone := _estimate_without_aiding(source, found, estimator, request, frame.unit)) is not None
+    ):
         left_out = _replaced_aiding(result, judged_with(alone), found.aiding)
         result = result if left_out is None else judged_with(alone._replace(aiding=left_out))
     return accepted(of_recording(mounted(result, request.alignment_sigma_deg), given))
@@ -209,7 +212,7 @@ def _judge(
     return judged(widened, found, calibration, request)
 
 
-def _unaided(
+def _estimate_without_aiding(
     source: Recording | Summary, aided: Estimated, estimator: Estimator, request: Request, unit: Unit | None
 ) -> Estimated | None:
     """Estimate from the same readings without aiding sensors; None if the readings give none."""

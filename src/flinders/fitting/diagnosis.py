@@ -35,7 +35,7 @@ if TYPE_CHECKING:
     from flinders.fitting.widening import Widened
     from flinders.native.layouts import Records
 
-MAX_DRIFT_READINGS: Final = 5_000
+LOOKED_AT: Final = 5_000
 """Largest count of readings for the test for drift; a longer recording is thinned to it."""
 
 
@@ -54,7 +54,7 @@ def _drift(estimate: Estimate, found: Estimated, dip_deg: float) -> Drift | None
     if estimate.correlation is None or estimate.correlation.is_white:
         return None
     near = readings.near(estimate.ellipsoid, estimate.rejected_beyond)
-    return drift_of(near.thinned(MAX_DRIFT_READINGS), estimate.ellipsoid, dip_deg=dip_deg)
+    return drift_of(near.thinned(LOOKED_AT), estimate.ellipsoid, dip_deg=dip_deg)
 
 
 def _with_halves(drift: Drift, estimate: Estimate, readings: Readings, request: Request) -> Drift:
@@ -99,7 +99,7 @@ def _axis_swap(estimate: Estimate, readings: Readings) -> AxisSwap | None:
     return axis_swap_of(samples.field, estimate.noise)
 
 
-def _unmodelled(estimate: Estimate, found: Estimated, dip_deg: float) -> Unmodelled | None:
+def _unmodelled_disturbance(estimate: Estimate, found: Estimated, dip_deg: float) -> Unmodelled | None:
     """Test whether a recorded disturbance moves the readings of one recording in memory while none is modelled."""
     samples = found.readings.recording
     if estimate.unobserved or found.disturbed or not isinstance(samples, Samples) or not samples.disturbances:
@@ -142,7 +142,7 @@ def diagnosis_of(widened: Widened, estimate: Estimate, found: Estimated, calibra
         drift=_drift(estimate, found, dip_deg),
         nonlinearity=nonlinearity,
         axis_lag=axis_lag,
-        unmodelled=_unmodelled(estimate, found, dip_deg),
+        unmodelled=_unmodelled_disturbance(estimate, found, dip_deg),
         attitude_dependence=_attitude_dependence(estimate, found, dip_deg),
         repeats=widened.repeats,
         refreshed=found.refreshed,

@@ -106,7 +106,7 @@ class Judgement(Judged):
 
     @property
     def verdict(self) -> Verdict:
-        """``good``, ``limited`` or ``refused``: what the most severe finding or the file says."""
+        """``good``, ``limited`` or ``refused``, by the most severe finding or the file."""
         verdicts = {self.stated_verdict, Judged.verdict.__get__(self)}
         return next(verdict for verdict in VERDICTS.values() if verdict in verdicts)
 

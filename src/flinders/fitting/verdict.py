@@ -51,9 +51,9 @@ if TYPE_CHECKING:
     from flinders.native.layouts import Records
     from flinders.summary.summary import RestSpan, Statistics
 
-MAX_OFFSET_SIGMA, MIN_SHAPE_SIGMA = 0.5, 0.15
+PLACED, SKEWED = 0.5, 0.15
 """Limits across a level turn, as shares of the field: the offset counts as known below, the shape as unknown above."""
-MIN_IMPROVEMENT_SIGMAS: Final = 2.0
+NOT_BY_CHANCE: Final = 2.0
 """Smallest heading error of already corrected readings, over the claim, for a further calibration to improve them."""
 MIN_CURVE_SHARE: Final = 0.5
 """Smallest heading error from the nonlinearity of a disturbance that is reported, as a share of the target."""
@@ -167,18 +167,18 @@ def _is_offset_known(result: Fit) -> bool:
     """Whether the offset perpendicular to the plane of a turn is known."""
     assert result.claim.plane is not None
     across = order_of(result.claim.plane)[2]
-    return bool(result.claim.offset_sigma[across] < MAX_OFFSET_SIGMA * result.claim.ellipsoid.radius)
+    return bool(result.claim.offset_sigma[across] < PLACED * result.claim.ellipsoid.radius)
 
 
 def _is_shape_unknown(result: Fit) -> bool:
     """Whether the shape perpendicular to the plane of a turn is unknown."""
     sigma = float(np.sqrt(np.diag(result.claim.covariance)[[6, 7, 8]].max()))
-    return sigma > MIN_SHAPE_SIGMA * result.claim.ellipsoid.radius
+    return sigma > SKEWED * result.claim.ellipsoid.radius
 
 
 def improves(fit: Fit) -> bool:
     """Whether a calibration improves headings; for already corrected readings, by more than chance."""
-    better = MIN_IMPROVEMENT_SIGMAS if fit.claim.is_shrunk else 1.0
+    better = NOT_BY_CHANCE if fit.claim.is_shrunk else 1.0
     return fit.claim.uncorrected_heading_error_deg.worst > better * fit.heading_error_deg.worst
 
 
@@ -216,7 +216,7 @@ def _rests(statistics: Statistics) -> list[RestSpan]:
     return sorted(statistics.rest_spans, key=lambda span: span.first - span.last)[:MAX_LISTED]
 
 
-def _skipped(statistics: Statistics, *, is_silent: bool) -> list[tuple[Any, ...]]:
+def _skipped_rows(statistics: Statistics, *, is_silent: bool) -> list[tuple[Any, ...]]:
     """Kinds of rows without a usable reading, with their counts."""
     return [
         (part.reason, part.rows, part.lines[:MAX_LISTED], part.example)
@@ -270,8 +270,8 @@ VALUES: Final[dict[str, Callable[[FitRecord], Any]]] = {
     "rest_count": lambda judged: judged.statistics.rests,
     "are_rests_left_out": lambda judged: judged.statistics.are_rests_left_out,
     "doubt": lambda judged: judged.statistics.doubt,
-    "skipped_kinds": lambda judged: _skipped(judged.statistics, is_silent=False),
-    "silent_kinds": lambda judged: _skipped(judged.statistics, is_silent=True),
+    "skipped_kinds": lambda judged: _skipped_rows(judged.statistics, is_silent=False),
+    "silent_kinds": lambda judged: _skipped_rows(judged.statistics, is_silent=True),
 }
 """Values of the findings of a fit other than the quantities of its judgement; some are not numbers."""
 

@@ -30,7 +30,7 @@ An open arc gives the direction out of its plane:
 (array([10.,  0.,  0.]), True)
 
 Sources: sequential designs as in `flinders.heading.guidance`; beam search: P. S. Ow, T. E. Morton, "Filtered beam
-search in scheduling", Int. J. Production Research 26 (1988) 35–62. What it saves: `python -m benchmarks.guidance`.
+search in scheduling", Int. J. Production Research 26 (1988) 35–62. `python -m benchmarks.guidance` measures its effect.
 """
 
 from __future__ import annotations

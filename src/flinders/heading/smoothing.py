@@ -124,7 +124,7 @@ class Filter:
 
     @classmethod
     def of(cls, text: str) -> Filter:
-        """Read ``NAME`` or ``NAME:DEFAULT_WIDTH``; `UsageError` for anything else."""
+        """Read ``NAME`` or ``NAME:WIDTH``; `UsageError` for anything else."""
         name, colon, width = text.strip().partition(":")
         number = width.strip()
         if colon and not (number.isascii() and number.isdecimal() and len(number) < 10):
@@ -387,7 +387,7 @@ class _Kalman:
         if self._scale.is_beyond(square):
             self._beyond.append(reading)
             is_new = len(self._beyond) == PATIENCE
-            return (self._reacquired() if is_new else self._state), is_new
+            return (self._reacquire() if is_new else self._state), is_new
         self._beyond = self._beyond[1:]  # one accepted reading cancels one rejected reading
         self._scale.add(square)
         gain = self._variance / (self._variance + 1.0)
@@ -396,7 +396,7 @@ class _Kalman:
         self._state = (x, y, z)
         return self._state, True
 
-    def _reacquired(self) -> _Vector:
+    def _reacquire(self) -> _Vector:
         """Restart at the last readings; if these differ, the scale is widened to accept their differences."""
         self.restarts += 1
         steps = [_square(tuple(b - a for a, b in zip(*pair, strict=True))) / 2.0 for pair in pairwise(self._beyond)]

@@ -166,7 +166,7 @@ class Recorder:
                 Without any line of numbers.
         """
         while not self._is_over():
-            received = self.next(max(min(WAIT_S, self._left()), 0.0))
+            received = self.next(max(min(WAIT_S, self._remaining_s()), 0.0))
             if isinstance(received, FeedEvent):
                 self._announce(received)
             if self._watch and self._now() - self._watched >= WATCH_S:
@@ -182,12 +182,12 @@ class Recorder:
     def _now(self) -> float:
         return self._clock() - self._start + self._earlier
 
-    def _left(self) -> float:
+    def _remaining_s(self) -> float:
         """Seconds until the requested end."""
         return math.inf if self._seconds is None else self._seconds + self._earlier - self._now()
 
     def _is_over(self) -> bool:
-        return (self._left() <= 0.0 and not self._waiting) or self._transcript.is_full or self._stopped()
+        return (self._remaining_s() <= 0.0 and not self._waiting) or self._transcript.is_full or self._stopped()
 
     def _announce(self, event: FeedEvent) -> None:
         """Report an event to the user."""

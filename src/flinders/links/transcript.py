@@ -61,12 +61,12 @@ if TYPE_CHECKING:
 
 SETTLE_S: Final = 0.9
 """Longest wait until the format of the first lines is recognised; less than 1 s, the largest loss in a crash."""
-RECOGNITION_LINES: Final = 20  # Count of lines by which the format is recognised at once
+ENOUGH: Final = 20  # Count of lines by which the format is recognised at once
 LONGEST: Final = 4096  # Longest line
 SILENT_S: Final = 3.0  # Time without a reading after which advice is given
-MAX_UNLIKE_LINES: Final = 50  # Count of consecutive lines unlike the first ones after which advice is given
-MAX_UNANSWERED: Final = 10  # Count of readings without an answer of the sensor after which advice is given
-TIME_STEP_S: Final = 1e-4  # Time difference of lines that arrive together, the last digit of a time
+UNLIKE: Final = 50  # Count of consecutive lines unlike the first ones after which advice is given
+UNANSWERED: Final = 10  # Count of readings without an answer of the sensor after which advice is given
+STEP_S: Final = 1e-4  # Time difference of lines that arrive together, the last digit of a time
 LINE_ENDS: Final = re.compile(rb"[\r\n]+")
 TIME_NAME: Final = "t_s"
 PLAIN_NAMES: Final = ("mag_x", "mag_y", "mag_z")  # Names for three columns without a header
@@ -313,7 +313,7 @@ class Transcript:
         self._waiting: list[_WaitingLine] = []
         self._shapes = LineShapes()
         self._unknown: list[str] = []  # the first lines that could not be parsed
-        self._before: deque[str] = deque(maxlen=RECOGNITION_LINES)  # lines before the format was recognised
+        self._before: deque[str] = deque(maxlen=ENOUGH)  # lines before the format was recognised
         self._last: float | None = None
         self._is_cut = not is_framed
         self._heard_at: float | None = None
@@ -421,7 +421,7 @@ class Transcript:
 
     def _is_enough(self, at: float) -> bool:
         """Whether the format can be recognised: from many lines, from old ones, or from all requested ones."""
-        is_late = len(self._waiting) >= RECOGNITION_LINES or at - self._waiting[0].at >= SETTLE_S
+        is_late = len(self._waiting) >= ENOUGH or at - self._waiting[0].at >= SETTLE_S
         if is_late or self._most is None:
             return is_late
         form = settle(self._texts(), self._pattern)
@@ -484,7 +484,7 @@ class Transcript:
                 self._count_unknown(text)
             return f"# too long: {escaped(line.content)}\n"
         cut, self._is_cut = self._is_cut and not is_marked(text), False
-        at = line.at if self._last is None else max(line.at, self._last + TIME_STEP_S)
+        at = line.at if self._last is None else max(line.at, self._last + STEP_S)
         row = form.row(text, at) if form and not cut else None
         if form is None or not row:
             if row is None and not cut:
@@ -511,13 +511,13 @@ class Transcript:
     def _count_unknown(self, text: str) -> None:
         self.statistics.unknown += 1
         self.statistics.first_unknown = self.statistics.first_unknown or shown(text)
-        if len(self._unknown) < RECOGNITION_LINES and not self._shapes.accompanies(text):
+        if len(self._unknown) < ENOUGH and not self._shapes.accompanies(text):
             self._unknown.append(text)
         self._unlike += self.statistics.form is not None
-        if self._unlike == MAX_UNLIKE_LINES:
+        if self._unlike == UNLIKE:
             self._tell(
                 "garbage",
-                f"the last {MAX_UNLIKE_LINES} lines are unlike the first ones ({self.statistics.form}), stored as "
+                f"the last {UNLIKE} lines are unlike the first ones ({self.statistics.form}), stored as "
                 f"comments: the latest is {shown(text)!r}; stop, and record again",
             )
 
@@ -526,7 +526,7 @@ class Transcript:
         before = sum(entry.rows for entry in self._silent)
         new = (replace(entry, lines=()) for entry in readings.skipped if entry.is_silent)
         self._silent = added(self._silent, tuple(new))
-        if before < MAX_UNANSWERED <= sum(entry.rows for entry in self._silent):
+        if before < UNANSWERED <= sum(entry.rows for entry in self._silent):
             words = "; ".join(map(str, self._silent))
             self._tell("no-answer", f"{words}; such readings are left out: check its supply and its bus")
 

@@ -171,9 +171,9 @@ class OffsetHistory:
         rows = surest_last[np.flatnonzero(np.diff(cells[surest_last], append=np.inf))]
         is_new = np.concatenate([[True], (np.diff(self.offset[rows], axis=0) != 0.0).any(axis=1)])
         rows = rows[is_new]
-        return self._replaced(self.time_s[rows], self.offset[rows], self.sigma[rows])
+        return self._with_estimates(self.time_s[rows], self.offset[rows], self.sigma[rows])
 
-    def _replaced(self, time_s: Floats, offset: Floats, sigma: Floats) -> Self:
+    def _with_estimates(self, time_s: Floats, offset: Floats, sigma: Floats) -> Self:
         others = self.unit, self.radius, self.dip_deg, self.moved_s, self.heading_error_deg
         return type(self)(self.name, time_s, offset, sigma, *others)
 
