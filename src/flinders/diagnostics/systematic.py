@@ -107,7 +107,7 @@ class Nonlinearity:
 
     @property
     def is_proven(self) -> bool:
-        """Whether chance does not explain them."""
+        """Whether they are significant."""
         return self.p_value < MAX_P_VALUE
 
     @property
@@ -156,7 +156,7 @@ class AxisLag:
 
     @property
     def is_proven(self) -> bool:
-        """Whether chance does not explain them."""
+        """Whether they are significant."""
         return self.p_value < MAX_P_VALUE
 
     @property

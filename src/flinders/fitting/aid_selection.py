@@ -175,7 +175,7 @@ class _Selection:
 
     @property
     def best(self) -> Aided:
-        """The fit with the sensors that are used."""
+        """The fit with the sensors accepted so far."""
         return self.standing.aided
 
     @property
@@ -276,7 +276,7 @@ def _site_mistake(bent: Aided, without: Aiding, site: Site) -> Mistake | None:
 
 
 def available(samples: Samples) -> tuple[str, ...]:
-    """The aiding sensors that a recording has the columns for.
+    """Names of the aiding sensors for which a recording has columns.
 
     >>> from flinders.core.samples import Samples
     >>> available(Samples.of([[1.0, 2.0, 3.0]], time=[0.0], acceleration=[[0.0, 0.0, -9.8]]))

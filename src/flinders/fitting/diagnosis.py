@@ -100,7 +100,7 @@ def _axis_swap(estimate: Estimate, readings: Readings) -> AxisSwap | None:
 
 
 def _unmodelled_disturbance(estimate: Estimate, found: Estimated, dip_deg: float) -> Unmodelled | None:
-    """Test whether a recorded disturbance moves the readings of one recording in memory while none is modelled."""
+    """Test of one recording in memory for a recorded disturbance that changes readings, if the fit follows none."""
     samples = found.readings.recording
     if estimate.unobserved or found.disturbed or not isinstance(samples, Samples) or not samples.disturbances:
         return None

@@ -211,7 +211,7 @@ def _known_shape(earlier: Records) -> KnownShape:
 
 
 def refuse_unfit(previous: Fit) -> None:
-    """Refuse an earlier calibration that cannot be renewed."""
+    """Raise `UsageError` for an earlier calibration that cannot be renewed."""
     disturbances = " and ".join(disturbance.name for disturbance in previous.calibration.disturbances)
     unfit = {
         "refused": previous.verdict == "refused",

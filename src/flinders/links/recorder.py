@@ -601,7 +601,7 @@ class ToStandardOutput:
             raise OutputError(f"{self.name} cannot be written: {why}") from None
 
     def sync(self) -> None:
-        """Nothing to do."""
+        """Do nothing, as standard output is not a file on disk."""
 
 
 class Nowhere:

@@ -64,7 +64,7 @@ class ByteSource(Protocol):
         """Send all bytes."""
 
     def reopen(self) -> None:
-        """Open again after a loss."""
+        """Open the source again after a disconnection."""
 
     def close(self) -> None:
         """Close the source; may be called twice."""
@@ -237,7 +237,7 @@ class Udp:
         return content, peer
 
     def reopen(self) -> None:
-        """Nothing to do: there is no connection to lose."""
+        """Do nothing, as UDP has no connection."""
 
     def close(self) -> None:
         """As `ByteSource.close`."""

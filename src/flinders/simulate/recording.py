@@ -247,7 +247,7 @@ def _course_of(motion: str, n: int | None, rate_hz: float, dip_deg: float, tilt_
 
 
 def _sensor(sensor: Sensor | None, noise: float | None, rng: Generator) -> Sensor:
-    """A sensor, by default a random one, with its own noise or another."""
+    """The given sensor or a random one, with its noise replaced by `noise` if given."""
     sensor = Sensor.random(rng) if sensor is None else sensor
     return sensor if noise is None else replace(sensor, noise=noise)
 
