@@ -1,6 +1,7 @@
 """Accuracy against the Cramér–Rao bound: a table of data sets × noise, as Markdown.
 
-    python -m benchmarks.accuracy [--trials 400] [--sets S1,S2] [--sigma 0.1,0.5,2] [--method auto] [--processes 2]
+    python -m benchmarks.accuracy [--trials 400] [--sets S1,S2] [--sigma 0.1,0.5,2] [--method auto]
+        [--option NAME=VALUE] [--processes 2]
 
 For each row, over the trials that gave a calibration that is not wild:
 
@@ -29,6 +30,7 @@ import numpy as np
 import flinders
 from benchmarks.datasets import FIELD_STRENGTH, SETS, bound, dataset, heading_error_deg, parameter_error
 from flinders.errors import FitError, FlindersError
+from flinders.estimators import METHODS
 from flinders.fitting.result import Refused
 from flinders.simulate import angle_error_deg
 
@@ -36,6 +38,7 @@ if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
 
     from flinders.arrays import Floats
+    from flinders.estimators import Estimator as Method
     from flinders.simulate import Simulated
 
 WILD_DEG: Final = 20.0
@@ -70,7 +73,7 @@ class Score:
 Estimator = Callable[["Simulated"], Answer]
 
 
-def fitted(recording: Simulated, *, method: str) -> Answer:
+def fitted(recording: Simulated, *, method: str | Method) -> Answer:
     """Ask `flinders.fit`, with the field strength known."""
     try:
         fit = flinders.fit(recording.samples.field, method=method, site=flinders.Site(strength=FIELD_STRENGTH))
@@ -135,7 +138,8 @@ def main(arguments: Sequence[str] | None = None) -> None:
     unknown = [name for name in options.sets if name not in SETS]
     if unknown:
         sys.exit(f"no data set {', '.join(unknown)}: there are {', '.join(SETS)}")
-    estimator = partial(fitted, method=options.method)
+    method = METHODS[options.method](**dict(options.option)) if options.option else options.method
+    estimator = partial(fitted, method=method)
     for line in table(estimator, options.sets, options.sigma, options.trials, options.processes):
         print(line, flush=True)
 
@@ -147,6 +151,7 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument("--sets", type=lambda text: text.split(","), default=list(SETS), metavar="S1,S2,…")
     parser.add_argument("--sigma", type=_numbers, default=[0.1, 0.5, 2.0], metavar="µT,µT,…")
     parser.add_argument("--method", default="auto")
+    parser.add_argument("--option", type=_option, action="append", default=[], metavar="NAME=VALUE")
     parser.add_argument("--processes", type=int, default=2)
     return parser
 
@@ -154,6 +159,12 @@ def _parser() -> argparse.ArgumentParser:
 def _numbers(text: str) -> list[float]:
     """Read numbers with commas between them."""
     return [float(word) for word in text.split(",")]
+
+
+def _option(text: str) -> tuple[str, str | float]:
+    """Read an option of a method, whose value is a number or a word."""
+    name, _, value = text.partition("=")
+    return name, float(value) if value.replace(".", "", 1).isdigit() else value
 
 
 def _root_mean_square(values: Sequence[float]) -> float:

@@ -3,6 +3,7 @@
 import re
 import warnings
 from importlib.metadata import version as installed
+from pathlib import Path
 
 from numpydoc import docscrape_sphinx
 
@@ -16,6 +17,7 @@ exclude_patterns = ["_build"]
 html_theme = "furo"
 html_title = f"Flinders {release}"
 html_show_sourcelink = False
+html_search_scorer = str(Path(__file__).with_name("scorer.js"))
 html_theme_options = {"navigation_with_keys": True, "top_of_page_buttons": []}
 
 myst_heading_anchors = 3

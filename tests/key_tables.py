@@ -153,6 +153,10 @@ PAGE: Final[Mapping[str, Mapping[str, str]]] = {
     "Recordings, targets, links": {
         "`info --json`": "workflows.recording_contents:Contents",
         "`sensors`, each": "workflows.recording_contents:RecordedSensor",
+        "`sensors`, each: `chip`": "workflows.chip_proposal:ChipProposal",
+        "`chip.candidates`, each": "workflows.chip_proposal:ChipCandidate",
+        "`chips --json`, by name": "core.chips:Chip",
+        "`settings`, each": "core.chips:ChipSetting",
         "`record --json`": "links.transcript:RecordingStatistics",
         "`watch --json`, `watch --status`": "apps.service.reports:Report",
         "`live --json`": "apps.live.cli.live:_as_dict",

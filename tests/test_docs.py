@@ -37,14 +37,6 @@ def commands(group: click.Group, name: str) -> Iterator[tuple[str, click.Command
             yield f"{name} {word}", command
 
 
-def section(text: str, heading: str) -> str:
-    """What stands under a heading that holds `heading` in backticks, up to the next of its level."""
-    found = re.search(
-        rf"^(#+) [^\n]*`{re.escape(heading)}`[^\n]*\n(.*?)(?=^#{{1,2}} |\Z)", text, re.MULTILINE | re.DOTALL
-    )
-    return found[2] if found else ""
-
-
 def tree(error: type[FlindersError]) -> Iterator[type[FlindersError]]:
     yield error
     for child in error.__subclasses__():
@@ -55,19 +47,18 @@ def tree(error: type[FlindersError]) -> Iterator[type[FlindersError]]:
 def test_every_command_and_option_is_documented() -> None:
     from flinders.cli import main
 
-    text = page("cli.md")
     missing = []
     for name, command in commands(main, "flinders"):
         if name == "flinders":
-            described = text
+            described = page("cli.md")
         else:
-            described = section(text, name)
-            missing += [] if described else [name]
+            described = page(f"cli/{name.split()[1]}.md")
+            missing += [] if re.search(rf"^#+ `{name}`$", described, re.MULTILINE) else [name]
         for parameter in command.params:
             if isinstance(parameter, click.Option) and not parameter.hidden:
                 spelled = [word for word in (*parameter.opts, *parameter.secondary_opts) if word.startswith("--")]
                 missing += [f"{name} {word}" for word in spelled if not re.search(rf"`{word}[ =`]", described)]
-    assert not missing, f"docs/cli.md does not describe {missing}"
+    assert not missing, f"docs/cli/ does not describe {missing}"
 
 
 def test_every_error_is_documented_with_its_exit_code() -> None:
@@ -99,15 +90,6 @@ def test_every_method_is_documented() -> None:
     missing = [name for name in METHODS if f"\n**`{name}`** " not in page("methods.md")]
     assert not missing, f"docs/methods.md lacks paragraphs on {missing}"
     assert EQUIVARIANCE.keys() == METHODS.keys()
-
-
-def test_every_finding_is_documented() -> None:
-    from flinders.findings import CATALOGUE
-
-    lines = dict(re.findall(r'^\| <a id="([\w-]+)"></a>(.*)$', page("findings.md"), re.MULTILINE))
-    said = {code: (f"`{code}` |", row.number, row.action) for code, row in CATALOGUE.items()}
-    missing = [code for code, words in said.items() if not all(each in lines.get(code, "") for each in words)]
-    assert not missing, f"docs/findings.md lacks rows for {missing}, or their numbers and actions"
 
 
 def test_every_refusal_with_plain_words_is_raised() -> None:
@@ -151,13 +133,6 @@ def test_sentences_of_findings_are_for_python_the_command_line_and_pages_alike()
     ]
 
 
-def test_exit_codes_are_the_same_in_readme_and_docs() -> None:
-    def table(text: str) -> str:
-        return text[text.index("| exit code | meaning |") :].partition("\n\n")[0].strip()
-
-    assert table((ROOT / "README.md").read_text(encoding="utf-8")) == table(page("errors.md"))
-
-
 @pytest.mark.parametrize("path", PAGES, ids=lambda path: path.name)
 def test_links_between_pages_lead_somewhere(path: Path) -> None:
     targets = re.findall(r"\]\((?!\w+:|#)([^)#]+)(?:#[^)]*)?\)", path.read_text(encoding="utf-8"))
@@ -183,6 +158,17 @@ def test_every_page_is_two_clicks_from_the_first_at_most() -> None:
     reached = {"index", *first, *(name for one in first for name in listed(one))}
     pages = {path.relative_to(DOCS).with_suffix("").as_posix() for path in PAGES if path.is_relative_to(DOCS)}
     assert pages - reached == set()
+
+
+def test_the_readme_is_short() -> None:
+    assert len((ROOT / "README.md").read_text(encoding="utf-8").split()) <= 750
+
+
+def test_the_readme_shows_what_the_demo_prints() -> None:
+    readme = (ROOT / "README.md").read_text(encoding="utf-8")
+    shown = re.findall(r"^```console\n(.*?)^```$", readme, re.MULTILINE | re.DOTALL)[0]
+    printed = iter((ROOT / "tests/golden/files/cli/demo.txt").read_text(encoding="utf-8").splitlines())
+    assert all(line in printed for line in shown.splitlines() if line != "…"), "lines in their order"
 
 
 def test_the_example_of_the_readme_works(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

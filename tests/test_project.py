@@ -16,14 +16,14 @@ import flinders
 ROOT = Path(__file__).resolve().parent.parent
 PYPROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))
 PINS = (ROOT / "requirements-dev.txt").read_text(encoding="utf-8")
-MAIN_COMMAND = "pip install uv && uv run flinders demo"
-TEST_COMMAND = "pip install uv && uv run --group test pytest"
+MAIN_COMMAND = "python3 -m venv .venv && .venv/bin/pip install -q '.[live]' && .venv/bin/flinders demo"
+TEST_COMMAND = "python3 -m venv .uv && .uv/bin/pip install -q uv && .uv/bin/uv run --group test pytest"
 
 # Sites that prose may refer to. Nobody fetches packages or data from them.
 # The last ones are reserved for examples (RFC 2606 and 5737), or filled in when the program runs.
 KNOWN_SITES = (
     "keepachangelog.com|semver.org|doi.org|github.com|distributed.dask.org|json-schema.org|www.w3.org|mavlink.io|ptb.de|"
-    "betaflight.com|"
+    "betaflight.com|flinders-compass.github.io|pypi.org|www.contributor-covenant.org|docs.astral.sh|"
     r"localhost|127\.0\.0\.1|\[::1\]|evil\.example|192\.0\.2\.\d+|HOST|\{[^}]*\}"
 )
 
@@ -71,6 +71,19 @@ def test_no_file_names_a_host_or_a_place_on_a_machine() -> None:
             if host.search(line) or place.search(line)
         ]
     assert not wrong, "\n".join(wrong)
+
+
+def test_the_address_of_the_project_is_the_same_everywhere() -> None:
+    urls = PYPROJECT["project"]["urls"]
+    known = (urls["Source"], urls["Documentation"].rstrip("/"))
+    named = re.compile(r"https:/{2}[\w-]*(?:flinders|github\.com/[\w-]+/flinders)\b[\w.-]*(?:/flinders)?")
+    files = [path for path in own_files() if path.suffix in {".cff", ".json", ".md", ".toml", ".yml", ".yaml"}]
+    text = "\n".join(path.read_text(encoding="utf-8") for path in files if "golden" not in path.parts)
+    assert {found for found in named.findall(text) if not found.startswith(known)} == set()
+
+
+def test_a_release_pins_the_installer_as_ci_does() -> None:
+    assert (ROOT / "release" / "uv.txt").read_text(encoding="utf-8") in PINS
 
 
 def test_every_pin_has_its_hashes() -> None:

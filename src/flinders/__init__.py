@@ -47,6 +47,7 @@ if TYPE_CHECKING:
     from flinders.core import units as units
     from flinders.core.axes import Axes as Axes
     from flinders.core.calibration import Calibration as Calibration
+    from flinders.core.chips import find_chip as find_chip
     from flinders.core.figure import Figure
     from flinders.core.samples import Samples as Samples
     from flinders.core.units import Unit as Unit
@@ -106,6 +107,7 @@ _HOMES: Final = {
     "errors": "errors",
     "estimators": "estimators",
     "explain": "findings.explanation",
+    "find_chip": "core.chips",
     "export": "workflows.exporting",
     "fit": "fitting.calibrate",
     "fit_multi": "comparison.multi_sensor",

@@ -1,4 +1,4 @@
-"""What the program prints, to the letter; and the sessions in docs/cli.md, which are those files."""
+"""What the program prints, to the letter; and the sessions in docs/cli/, which are those files."""
 
 from __future__ import annotations
 
@@ -70,23 +70,25 @@ def test_an_error(golden: Golden) -> None:
 
 
 def test_the_sessions_in_the_docs_are_real(request: pytest.FixtureRequest) -> None:
-    assert_sessions_are_real("cli.md", request, least=5)
+    pages = sorted(path.relative_to(DOCS).as_posix() for path in (DOCS / "cli").glob("*.md"))
+    for page in ["cli.md", *pages]:
+        assert_sessions_are_real(page, request, least=0)
     assert_sessions_are_real("classic/recipes/min-max.md", request)
 
 
-def test_the_table_of_findings_is_made_from_the_catalogue(request: pytest.FixtureRequest) -> None:
+def test_the_list_of_findings_is_made_from_the_catalogue(request: pytest.FixtureRequest) -> None:
     page = DOCS / "findings.md"
-    text = page.read_text(encoding="utf-8")
-    begin = text.index("| code |")
-    rows = [
-        (f'<a id="{row.code}"></a>`{row.code}`', row.severities, row.number, row.limit_words, row.action)
+    before, rest = page.read_text(encoding="utf-8").split("<!-- made from the catalogue -->\n")
+    shown, after = rest.split("<!-- end of the catalogue -->\n")
+    sections = (
+        f"### `{row.code}`\n\n"
+        f"*{row.severities}* · number: {row.number} · limit: {row.limit_words}\n\n"
+        f"{row.action[:1].upper()}{row.action[1:]}.\n\n"
         for row in CATALOGUE.values()
-    ]
-    lines = [("code", "severity", "number", "limit", "what to do"), ("---",) * 5, *rows]
-    table = "".join(f"| {' | '.join(cells)} |\n".replace("|  |", "| |") for cells in lines)
-    table = table.replace("| --- | --- | --- | --- | --- |", "|---|---|---|---|---|")
-    end = text.index("\n\n", begin) + 1
+    )
+    made = "".join(sections).replace(" · limit: \n", "\n")
     if request.config.getoption("--regenerate", default=False):
-        page.write_text(text[:begin] + table + text[end:], encoding="utf-8")
+        parts = (before, "<!-- made from the catalogue -->\n", made, "<!-- end of the catalogue -->\n", after)
+        page.write_text("".join(parts), encoding="utf-8")
     else:
-        assert text[begin:end] == table, "docs/findings.md: `uv run pytest --regenerate`, then review the diff"
+        assert shown == made, "docs/findings.md: `uv run pytest --regenerate`, then review the diff"

@@ -1,4 +1,4 @@
-"""What `flinders info` prints of a table, to the letter, as docs/cli.md shows it."""
+"""What `flinders info` prints of a table, to the letter, as docs/cli/ shows it."""
 
 from __future__ import annotations
 

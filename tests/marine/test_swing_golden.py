@@ -1,4 +1,4 @@
-"""What `flinders swing` prints, to the letter; docs/cli.md shows these files."""
+"""What `flinders swing` prints, to the letter; docs/cli/ shows these files."""
 
 from __future__ import annotations
 

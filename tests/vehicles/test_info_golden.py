@@ -1,4 +1,4 @@
-"""What `flinders info` and `flinders calibrate --sensor all` print of a log, to the letter, as docs/cli.md shows it."""
+"""What `flinders info` and `flinders calibrate --sensor all` print of a log, to the letter, as docs/cli/ shows it."""
 
 from __future__ import annotations
 

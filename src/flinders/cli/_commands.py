@@ -34,6 +34,7 @@ ROWS: Final = {
     "report": (LOOK, "report", "Write a report of a calibration and a recording."),
     "compare": (LOOK, "compare", "Say how far two calibrations are apart, in degrees."),
     "methods": (LOOK, "methods", "List the methods and when to use each."),
+    "chips": (LOOK, "chips", "List magnetometer chips, and one with its settings and sources."),
     "targets": (LOOK, "targets", "List what a calibration can be written for."),
     "demo": (TRY, "demo", "Simulate a tumbled sensor and calibrate it."),
     "simulate": (TRY, "simulate", "Simulate a recording whose truth is known."),

@@ -64,17 +64,19 @@ _LETTERS: Final = {
     "m": FIELD, "h": FIELD, "b": FIELD, "mf": FIELD, "geo": FIELD, "a": ACCELERATION, "g": RATE, "w": RATE,
 }  # fmt: skip
 _LETTERS_OF_A_DEVICE: Final = "magw"
-# Chips by what they measure; the last have several sensors, magnetometers or not: their name alone does not tell.
+# Chips by what they measure; the last have several sensors, magnetometers or not: their name alone does not tell. Those
+# of the table in core/chips.toml are among them (tests/core/test_chips.py).
 _CHIPS: Final = {
     FIELD: (
-        r"lis[23]mdl|[hq]mc5[89]83[lp]?|mmc(?:34160|5603|5633|5983)(?:pj|njl?|ma)?|rm[23]100|ist83\d\d[a-z]?"
-        r"|ak(?:89[67][35]|099\d\d)c?|bmm[13]50|mag3110|tl[ve]493d|mlx90393|fxms3110"
+        r"lis[23]mdl|iis2mdc|[hq]mc5[89]83[lp]?|hmc5843|vcm5883l?|qmc6310[un]?"
+        r"|mmc(?:34160|5603|5613|5633|5883|5983)(?:pj|njl?|ma)?|rm[23]100|ist83\d\d[a-z]?|ak(?:89[67][35]|099\d\d)c?|bmm[13]50|mag3110|tl[ve]493d|mlx90393|fxms3110"
     ),
     ACCELERATION: r"adxl\d{3}|lis3dh|lis2dh12|lis331dlh|mma845\d|bma\d{3}",
     RATE: r"l3gd20h?|l3g4200d|itg3\d{3}|fxas21002c?|bmg\d{3}",
     "": (
         r"mpu[69]\d{3}|icm[24]\d{4}|lsm6ds(?:3|3tr|33|l|m|o|ox|r|v|v16x)|lsm9ds[01]|lsm303(?:agr|c|d|dlh|dlhc|dlm)?"
-        r"|bmi\d{3}|[ai]sm330(?:dhcx|dlc|lhhx?|is)?|iim4\d{4}|qmi8658c?|fxos8700|bno0[58]\d|bmx(?:055|160)|adis16\d{3}"
+        r"|bmi\d{3}|[ai]sm330(?:dhcx|dlc|lhhx?|is)?|iim4\d{4}|qmi8658c?|fxos8700(?:cq)?|bno0[58]\d|bno08x"
+        r"|bmx(?:055|160)|bmc15[06]|adis16\d{3}a?"
     ),
 }
 # The name of a chip, with a number, letter and axis that nothing parts from it: ``rm3100x``.

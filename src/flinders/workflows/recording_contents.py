@@ -19,6 +19,7 @@ from typing import TYPE_CHECKING, Any, Final, Self
 
 import numpy as np
 
+from flinders.core.chips import chip_of_device, chips_named_in, find_chip
 from flinders.core.geomag import recorded_field
 from flinders.core.keywords import spell_checked
 from flinders.core.samples import Wrapped
@@ -31,11 +32,13 @@ from flinders.readers import Log, open_log
 from flinders.readers._likeness import likeness
 from flinders.readers._names import meaning
 from flinders.summary.summary import Summary
+from flinders.workflows.chip_proposal import ChipEvidence, ChipProposal, propose_chip
 
 if TYPE_CHECKING:
     import os
     from collections.abc import Iterator
 
+    from flinders.core.chips import Chip
     from flinders.core.geomag import SiteField
     from flinders.core.samples import Samples
     from flinders.errors import Spelling
@@ -51,6 +54,20 @@ MIN_GAP_STEPS: Final = 5.0
 
 MIN_COVERAGE: Final = 0.5
 """Smallest share of all directions at which the size of an ellipsoid is shown."""
+
+MAX_SAMPLE: Final = 4096
+"""Largest count of readings of the first block whose steps are used to propose a chip."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Request:
+    """Options of a caller of `contents`, and the field at the place."""
+
+    columns: str | None = None
+    unit: str | None = None
+    chip: Chip | None = None
+    site_ut: float | None = None  #: µT: field at the place, if known
+    spell: Spelling = in_python
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -80,11 +97,12 @@ class RecordedSensor:
     strength: float | None = None  # of the field by that ellipsoid; None if the coverage is too small
     columns: tuple[str, ...] = ()  # of a table, names of the columns of x, y and z
     resembles: str = ""  # quantity that its values resemble, such as gravity, if no name states a magnetometer
+    chip: ChipProposal | None = None  # chips proposed by names and readings, with unit and axes; None if unknown
     ignored_time: str = ""  # names of columns with the name of a time, if none is read
     notes: tuple[str, ...] = ()  # other notes, a sentence each
 
     @classmethod
-    def of(cls, number: int, instrument: Instrument, *, columns: str | None, unit: str | None, spell: Spelling) -> Self:
+    def of(cls, number: int, instrument: Instrument, request: Request) -> Self:
         """Read one magnetometer once; if its unit or columns are not given, its values may show them.
 
         Raises `InputError` if it has no readings.
@@ -94,8 +112,11 @@ class RecordedSensor:
         unmoved = _unmoved_words(summary, instrument.unit.inside)
         too_few = "" if unmoved else _too_few_words(summary)
         coverage, strength = (None, None) if too_few or unmoved else _coverage_and_strength(summary)
-        remark = unit_remark(strength, instrument.unit.inside, spell) if unit is None else ""
         health = summary.health
+        resembles = _resemblance(instrument, watched.first) if request.unit is None and request.columns is None else ""
+        chip = None if resembles else _proposal_for(instrument, watched.first, summary, strength, request)
+        is_unit_open = request.unit is None and (chip is None or not chip.unit)
+        remark = unit_remark(strength, instrument.unit.inside, request.spell) if is_unit_open else ""
         return cls(
             number=number,
             name=instrument.name,
@@ -118,7 +139,8 @@ class RecordedSensor:
             coverage=coverage,
             strength=strength,
             columns=instrument.fields,
-            resembles=_resemblance(instrument, watched.first) if unit is None and columns is None else "",
+            resembles=resembles,
+            chip=chip,
             ignored_time=instrument.unread_time,
             notes=(*filter(None, (remark,)), *instrument.notes, *map(str, health.skipped)),
         )
@@ -182,6 +204,7 @@ def contents(
     topic: str | None = None,
     columns: str | None = None,
     unit: str | None = None,
+    chip: str | None = None,
     site: SiteField | None = None,
     spell: Spelling = in_python,
     **reading: Any,
@@ -197,6 +220,8 @@ def contents(
     columns, unit
         As for `flinders.open_log`. If they are not given, the values may show the unit, and that columns without known
         names are no magnetometer.
+    chip : str, optional
+        Name of the magnetometer chip, or of the package that contains it, if no name in the file states it.
     site : SiteField, optional
         The field at the place; by default that of a log that states place and time.
     spell : callable
@@ -209,32 +234,33 @@ def contents(
     InputError
         For a file that cannot be read, or has no readings.
     UsageError
-        For an unknown topic.
+        For an unknown topic, or a chip that the table of chips lacks.
 
     Examples
     --------
     See the head of this module.
     """
+    named = None if chip is None else find_chip(chip)
     log = source
     if not isinstance(log, Log):
         log = open_log(log, topic=topic, columns=columns, unit=unit, **reading)
     file, position = log.instruments[0].file, log.position
+    site = recorded_field(log) if site is None else site
+    site_ut = None if site is None else site.strength
     return Contents(
         source=log.source,
         format=log.format,
         bytes=None if file is None else file.size,
         start=None if log.begun is None else log.begun.strftime("%Y-%m-%d %H:%M:%S"),
         position=None if position is None else (position.latitude_deg, position.longitude_deg, position.altitude_m),
-        site=recorded_field(log) if site is None else site,
-        sensors=_sensors_of(log, topic, columns=columns, unit=unit, spell=spell),
+        site=site,
+        sensors=_sensors_of(log, topic, Request(columns=columns, unit=unit, chip=named, site_ut=site_ut, spell=spell)),
         notes=log.notes,
     )
 
 
-def _sensors_of(
-    log: Log, topic: str | None, *, columns: str | None, unit: str | None, spell: Spelling
-) -> tuple[RecordedSensor, ...]:
-    """Read the magnetometers of a log, or the one of a topic; `columns` and `unit` are the requested ones.
+def _sensors_of(log: Log, topic: str | None, request: Request) -> tuple[RecordedSensor, ...]:
+    """Read the magnetometers of a log, or the one of a topic.
 
     Raises `InputError` if none of them has readings; `UsageError` if the log does not have the topic.
     """
@@ -243,7 +269,7 @@ def _sensors_of(
     for number, instrument in enumerate(log.instruments, 1):
         if instrument in wanted:
             try:
-                sensors.append(RecordedSensor.of(number, instrument, columns=columns, unit=unit, spell=spell))
+                sensors.append(RecordedSensor.of(number, instrument, request))
             except InputError as error:
                 errors.append(error)
                 sensors.append(RecordedSensor.silent(number, instrument, error))
@@ -340,3 +366,60 @@ def _resemblance(instrument: Instrument, first: Samples | None) -> str:
     if first is None or not columns or is_named or instrument.unit.inside != COUNTS:
         return ""
     return likeness(first.field)
+
+
+def propose_chip_of(samples: Samples, spell: Spelling = in_python) -> ChipProposal | None:
+    """Propose unit and axes for samples in memory, by their counts; None if these are not sufficient.
+
+    >>> from flinders import simulate
+    >>> propose_chip_of(simulate.tumble(seed=1).samples) is None  # they are in microtesla
+    True
+    """
+    summary = Summary.through(samples)
+    strength = (
+        None
+        if _too_few_words(summary) or _unmoved_words(summary, samples.unit.inside)
+        else _coverage_and_strength(summary)[1]
+    )
+    evidence = ChipEvidence(
+        sample=samples.field[:MAX_SAMPLE],
+        lowest=summary.health.lows.values,
+        highest=-summary.health.highs.values,
+        strength=strength,
+        unit=samples.unit.inside,
+    )
+    return propose_chip(evidence, spell)
+
+
+def _proposal_for(
+    instrument: Instrument, first: Samples | None, summary: Summary, strength: float | None, request: Request
+) -> ChipProposal | None:
+    """Propose the chip of a magnetometer by its names and its readings."""
+    found, where = _chips_by_name(instrument, request.chip)
+    evidence = ChipEvidence(
+        sample=np.empty((0, 3)) if first is None else first.field[:MAX_SAMPLE],
+        lowest=summary.health.lows.values,
+        highest=-summary.health.highs.values,
+        strength=strength,
+        unit=instrument.unit.inside if instrument.unit.name == COUNTS else instrument.unit.name,
+        chips=found,
+        named_by=where,
+        site_ut=request.site_ut,
+        is_mapped=instrument.autopilot is not None or not instrument.axes.is_identity,
+    )
+    return propose_chip(evidence, request.spell)
+
+
+def _chips_by_name(instrument: Instrument, given: Chip | None) -> tuple[tuple[Chip, ...], str]:
+    """Chips that match a name, and its source: the caller, a device id, the instrument, the columns, or the file."""
+    if given is not None:
+        return (given,), "the request"
+    if instrument.autopilot is not None and instrument.device_id is not None:
+        chip = chip_of_device(instrument.device_id, instrument.autopilot)
+        return ((chip,), f"device id {instrument.device_id}") if chip else ((), "")
+    names = {
+        f"the name {instrument.name}": instrument.name,
+        "the names of the columns": " ".join(instrument.fields),
+        f"the file name {Path(instrument.source).name}": Path(instrument.source).name,
+    }
+    return next(((found, where) for where, text in names.items() if (found := chips_named_in(text))), ((), ""))

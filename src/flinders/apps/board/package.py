@@ -12,7 +12,7 @@ True
 from __future__ import annotations
 
 import json
-from importlib.metadata import version
+from importlib.metadata import metadata, version
 from pathlib import Path
 from typing import Final
 
@@ -88,6 +88,12 @@ def contents() -> dict[str, str]:
     }
 
 
+def _page() -> str:
+    """Address of the page about this package: `[project.urls]` of pyproject.toml."""
+    urls = dict(line.split(", ", 1) for line in metadata("flinders").get_all("Project-URL") or [])
+    return f"{urls['Documentation']}board/firmware.html"
+
+
 def _properties() -> str:
     """`library.properties` of Arduino's library specification 1.5, rev. 2.2."""
     fields = {
@@ -98,7 +104,7 @@ def _properties() -> str:
         "sentence": SENTENCE,
         "paragraph": PARAGRAPH,
         "category": "Sensors",
-        "url": "",  # the project has none, and the field has to be there
+        "url": _page(),
         "architectures": "*",
         "includes": "flinders_board.h",
     }
@@ -114,6 +120,7 @@ def _manifest() -> str:
         "keywords": ["magnetometer", "compass", "calibration", "hard iron", "soft iron"],
         "authors": [{"name": AUTHORS, "maintainer": True}],
         "license": "BSD-3-Clause",
+        "homepage": _page(),
         "headers": "flinders_board.h",
         "frameworks": "*",
         "platforms": "*",

@@ -20,15 +20,27 @@ const PANEL = `
 const AXES = ["x", "y", "z"];
 const UNITS = { "": "as named, or counts", uT: "µT" };
 
+/**
+ * A chip in one of its settings, and the µT of its count.
+ * @typedef {[words: string, lsbUt: number]} ChipSetting
+ */
+
 export class ColumnDialog {
-    /** @param {readonly string[]} units */
-    constructor(units) {
+    /**
+     * @param {readonly string[]} units
+     * @param {readonly ChipSetting[]} chips
+     */
+    constructor(units, chips) {
         document.body.insertAdjacentHTML("beforeend", PANEL);
         this.dialog = byId("columns-panel", HTMLDialogElement);
         this.table = byId("columns-rows", HTMLTableElement);
         this.axes = AXES.map((axis) => byId(`columns-${axis}`, HTMLSelectElement));
         this.unit = byId("columns-unit", HTMLSelectElement);
         this.unit.replaceChildren(...["", ...units].map((unit) => option(unit, UNITS[/** @type {keyof typeof UNITS} */ (unit)] ?? unit)));
+        const counts = element("optgroup", chips.map(([words], place) => option(`${place}`, words)));
+        counts.setAttribute("label", "counts of a chip");
+        this.unit.append(counts);
+        this.chips = chips;
         this.axes[0].addEventListener("change", () => this.follow());
         for (const select of this.axes) select.addEventListener("change", () => this.mark());
     }
@@ -52,7 +64,10 @@ export class ColumnDialog {
     }
 
     get choice() {
-        return { field: this.axes.map(({ value }) => Number(value)), unit: this.unit.value };
+        const { value } = this.unit;
+        const chip = value ? this.chips[Number(value)] : undefined;
+        const scale = chip ? { unit: "counts", scale: chip[1] } : { unit: value };
+        return { field: this.axes.map((axis) => Number(axis.value)), ...scale };
     }
 
     /** Take the columns behind that of x for y and z. */

@@ -223,13 +223,13 @@ class Language {
     formOf(words, columns, decimal, cells) {
         const { PER_UNIT, COUNTS } = this.rules.units;
         const { field, time, unit, names, acceleration: felt, only } = columns;
-        const scale = PER_UNIT[unit] ?? 1;
+        const scale = columns.scale ?? PER_UNIT[unit] ?? 1;
         const timed = time ? `, time in ${time.name}` : "";
         const past = midnights();
         const silence = new Silence(this.rules.silence);
         return {
             words: `${words}: columns ${names.join(", ")} in ${unit}${timed}`,
-            unit: unit === COUNTS ? "counts" : "uT",
+            unit: unit === COUNTS && !columns.scale ? "counts" : "uT",
             raw: { unit, scale },
             isTimed: time !== null,
             silence,

@@ -35,6 +35,7 @@ import { calibrationFile, exported, NotExportable, readCalibration, targetsOf } 
  * @property {import("./geomag.js").Model} model  of the earth's field
  * @property {Record<string, string>} unfit  why a calibration cannot be renewed
  * @property {import("./patterns.js").Rules} lines  with patterns as objects
+ * @property {import("./columns.js").ChipSetting[]} chips  of which a count is so much
  * @property {any} targets
  */
 

@@ -12,7 +12,7 @@ start(async (listener, /** @type {import("./link.js").PageData} */ data, fitter)
     const keeper = await Keeper.open();
     const link = new OwnLink(listener, data, fitter, keeper);
     const choice = new Choice(link, data);
-    const columns = new ColumnDialog(Object.keys(data.lines.units.PER_UNIT));
+    const columns = new ColumnDialog(Object.keys(data.lines.units.PER_UNIT), data.chips);
     link.choose = (unclear) => columns.ask(unclear.asked, unclear.message);
     const restored = async () => {
         await link.restore();

@@ -15,6 +15,7 @@ import { counted, largest, median, replaced, stripped, whole } from "./patterns.
  * @property {number[]} field Places of x, y and z.
  * @property {string[]} names Of these, or their numbers from 1.
  * @property {string} unit The recorded one: `uT`, `mG` … or `counts`.
+ * @property {number} [scale] µT of a count, where somebody says it.
  * @property {number[] | null} acceleration Places of what an accelerometer measured.
  * @property {Sensor | null} only The rows that are read, where a column says which sensor each is of.
  * @property {{cell: number, name: string, factor: number, start: number, fraction: number | null, clock: Clock | null} | null} time
@@ -40,7 +41,7 @@ import { counted, largest, median, replaced, stripped, whole } from "./patterns.
 
 /**
  * Which columns somebody says are the magnetometer's: places of x, y and z, and their unit.
- * @typedef {{field: number[], unit: string}} Choice
+ * @typedef {{field: number[], unit: string, scale?: number}} Choice
  */
 
 /**
@@ -292,9 +293,10 @@ export class Tables {
     columns(names, rows, decimal, choice, { units = [], only }) {
         const { values, clocks } = this.valued(rows, decimal);
         try {
-            if (!names.length) return { ...this.byPlace(values, clocks, choice, only), only };
+            const scale = choice?.scale;
+            if (!names.length) return { ...this.byPlace(values, clocks, choice, only), only, scale };
             const columns = this.byName(names, values, units, clocks, choice);
-            return { ...columns, only, unit: this.unitInColumn(names, rows, columns.unit) };
+            return { ...columns, only, scale, unit: scale ? columns.unit : this.unitInColumn(names, rows, columns.unit) };
         } catch (error) {
             if (error instanceof Unclear) error.rows = rows.slice(0, SHOWN);
             throw error;
