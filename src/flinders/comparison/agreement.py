@@ -1,12 +1,10 @@
 """Comparison of several compasses of one body: which one deviates, when, and by how much.
 
 All corrected readings are of one field in common axes. They are averaged over about 1 s, and the difference of the
-means
-of each pair is compared with the usual difference of that pair. A sensor deviates if it is far from more than half of
-the others while those agree. So with three or more sensors the majority decides, unless the lengths of the majority
-have
-changed and that of the other has not. With two sensors it is unknown which one is wrong, unless the length of one has
-changed and that of the other has not.
+means of each pair is compared with the usual difference of that pair. A sensor deviates if it is far from more than
+half of the others while those agree. So with three or more sensors the majority decides, unless the lengths of the
+majority have changed and that of the other has not. With two sensors it is unknown which one is wrong, unless the
+length of one has changed and that of the other has not.
 
 A difference d, as a share of the field, changes a level heading by up to asin(d / cos I) at the dip I.
 

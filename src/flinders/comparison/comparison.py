@@ -126,9 +126,8 @@ class Comparison:
         """Whether the calibrations agree: ``holds``, ``fails`` or ``cannot-tell``, with a confidence of 95 %.
 
         ``holds``: the heading difference plus its bound is within the target. ``fails``: it exceeds the target by more
-        than
-        1.645 σ and is significant (p < 0.01), or the same is true of the rotations into the body. ``cannot-tell``: the
-        claims are too wide for either. Without covariances the differences count as exact.
+        than 1.645 σ and is significant (p < 0.01), or the same is true of the rotations into the body. ``cannot-tell``:
+        the claims are too wide for either. Without covariances the differences count as exact.
         """
         if self.is_turned_beyond_target:
             return "fails"
@@ -293,9 +292,8 @@ def compare(a: Fit, b: Fit, *, dip_deg: float | None = None, target_deg: float =
     direction is that of a level vehicle's horizontal field.
 
     The rotation: an ellipsoid has none. If aiding sensors found the rotation of the magnetometer into the body, it is
-    not
-    part of this comparison, whose degrees and chi-square are in the magnetometer's own axes. If both have a rotation,
-    `Comparison.rotation` has their difference.
+    not part of this comparison, whose degrees and chi-square are in the magnetometer's own axes. If both have a
+    rotation, `Comparison.rotation` has their difference.
 
     Parameters
     ----------
@@ -304,8 +302,7 @@ def compare(a: Fit, b: Fit, *, dip_deg: float | None = None, target_deg: float =
         exact.
     dip_deg : float, optional
         Inclination of the field, positive if it points along +z of the sensor's mapped axes; by default that for which
-        `a`
-        was judged, else `b`, else 60°.
+        `a` was judged, else `b`, else 60°.
     target_deg : float
         Worst heading difference that is good enough, in degrees.
 
@@ -313,8 +310,8 @@ def compare(a: Fit, b: Fit, *, dip_deg: float | None = None, target_deg: float =
     ------
     UnitError
         If one is in µT and the other in counts.
-        AxesError
-            If their axes are mapped in different ways.
+    AxesError
+        If their axes are mapped in different ways.
     UsageError
         For a target that is not positive, or a dip within a degree of the poles.
     """

@@ -93,11 +93,9 @@ def cross_validated(
 
     Let N = Σ JJᵀ and g = Σ J (s − σ²½∇²s) over all readings, where s is the distance of a reading from the surface
     fitted without it and J its Jacobian (`flinders.likelihood.magnitude`). The bias is δ = (N/σ² + Λ)⁻¹ g/σ², the
-    change
-    by least squares. Λ is the precision of a prior change of 0.3 radii, which keeps δ at zero in undetermined
-    directions.
-    The scatter is that of the jackknife over K blocks, (K − 1)/K Σ (θₖ − θ̄)(θₖ − θ̄)ᵀ, with all θₖ scaled to one
-    radius.
+    change by least squares. Λ is the precision of a prior change of 0.3 radii, which keeps δ at zero in undetermined
+    directions. The scatter is that of the jackknife over K blocks, (K − 1)/K Σ (θₖ − θ̄)(θₖ − θ̄)ᵀ, with all θₖ scaled
+    to one radius.
 
     Raises `NotValidated` if a fit fails without one block, or if the method needs all readings; `UsageError` for fewer
     than two blocks, or fewer than four readings in each.

@@ -51,10 +51,8 @@ class Evaluation:
     """True errors of a calibration, and its claimed errors.
 
     The claims of an ellipsoid are in the magnetometer's own axes, without a rotation, and so are the errors compared
-    with
-    them. If an aiding sensor gave the rotation, its error is compared with its own claim, and the heading of the body
-    with
-    both claims.
+    with them. If an aiding sensor gave the rotation, its error is compared with its own claim, and the heading of the
+    body with both claims.
     """
 
     #: of a level vehicle, in the magnetometer's own axes: rms over 72 headings and the worst, the mean removed

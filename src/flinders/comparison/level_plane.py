@@ -6,10 +6,10 @@ vertical d, and their height over the centre is F sin I. In axes with z along d 
 
     the circle 0 + F cos I (cos ψ, −sin ψ)
 
-and the turn's ellipse, fitted in the sensor's x and y, is an ellipse there. Both are compared in five numbers: two
-for the middle and three for the shape. The turn cannot separate the effects of offset and third column of the shape
-on the middle, and neither of both includes that. With y = V F S⁻¹ (x − b), an error δ of the calibration and
-X = V F S⁻¹ δS Vᵀ the calibration predicts to first order
+and the turn's ellipse, fitted in the sensor's x and y, is an ellipse there. Both are compared in five numbers: two for
+the middle and three for the shape. The turn cannot separate the effects of offset and third column of the shape on the
+middle, and neither of both includes that. With y = V F S⁻¹ (x − b), an error δ of the calibration and X = V F S⁻¹ δS Vᵀ
+the calibration predicts to first order
 
     the middle V F S⁻¹ δb + sin I (X + Xᵀ) ẑ,        the shape cos I (F + (X + Xᵀ)/2)
 

@@ -102,15 +102,13 @@ def merge(parts: Sequence[Fit], *, target_deg: float = 1.0, dip_deg: float | Non
     beyond their claims is added to the covariance of the mean (`flinders.summary.pooling`).
 
     The scale: unless the field strength of all is known, the radius of each depends on an unknown field and is no
-    property
-    of the sensor. All are then scaled to the geometric mean of their radii, and the weights exclude the scale.
+    property of the sensor. All are then scaled to the geometric mean of their radii, and the weights exclude the scale.
 
     Parameters
     ----------
     parts : sequence of Fit
         Two or more, fitted or loaded from their files, from different recordings, in the same unit and axes, each with
-        its
-        covariance.
+        its covariance.
     target_deg : float
         Worst heading error that is good enough, in degrees.
     dip_deg : float, optional
@@ -131,9 +129,8 @@ def merge(parts: Sequence[Fit], *, target_deg: float = 1.0, dip_deg: float | Non
         For calibrations in different units, axes or frames.
     UsageError
         For fewer than two calibrations, calibrations of two sensors, or a recording used in two of them; for a
-        calibration
-        without a claim, with parameters that its method fixes, with an unknown size and no field strength, or with a
-        rotation other than the symmetric one; for numbers out of range.
+        calibration without a claim, with parameters that its method fixes, with an unknown size and no field strength,
+        or with a rotation other than the symmetric one; for numbers out of range.
     """
     if not target_deg > 0.0:
         raise UsageError(f"target is {target_deg:g}°: need a positive angle")

@@ -1,8 +1,7 @@
 """Joint calibration and comparison of several magnetometers of one body.
 
 Each gets a calibration into the axes of one of them, the reference. The readings of all determine each offset and
-shape.
-The result states which of them deviates from the others, when, and by how many degrees of heading.
+shape. The result states which of them deviates from the others, when, and by how many degrees of heading.
 
 >>> from flinders import simulate
 >>> tumble = simulate.tumble(seed=1, motion="hand", n=1500)
@@ -244,8 +243,7 @@ class _Body:
 
         Noise, or a field that moves with one sensor, changes lengths as well as directions. If directions differ by far
         more than lengths, or if the joint fit assigns the error to the sensor with the more constant length, the fit
-        may
-        assign the error to the wrong sensor.
+        may assign the error to the wrong sensor.
         """
         alone = [self.starts[place] for place in self.own]
         sound = [start for start in alone if start is not None and is_sound(start)]

@@ -8,8 +8,8 @@ removed from the products, so that nonlinear axes are not mistaken for this faul
 Slow noise follows an attitude by chance. The size of that effect comes from residuals shifted in time against the
 attitudes: for the coefficients c on an orthonormal basis of the products, with the mean C of c cᵀ over all shifts,
 cᵀC⁻¹c is Hotelling's T² of a correlated series. For noise it is about the number of coefficients, if the correlation
-time is short against the recording. `MIN_T2` and `MIN_EXPLAINED` come from simulated noise
-(``python -m benchmarks.adversary --felt``).
+time is short against the recording. `MIN_T2` and `MIN_EXPLAINED` come from simulated noise (``python -m
+benchmarks.adversary --felt``).
 
 >>> from flinders import simulate
 >>> from flinders.fitting import calibrate

@@ -57,8 +57,7 @@ def axis_swap_of(readings: Floats, noise: float = math.inf) -> AxisSwap | None:
     """Find the moments at which axes were swapped; None if there are none, or none can be shown.
 
     `readings` are (N, 3), in the order of recording, in any unit; `noise` is the noise (1 σ) of the inliers of a fit,
-    which
-    all readings must reach after the swap is undone.
+    which all readings must reach after the swap is undone.
     """
     change, rows = engine().axis_swap(readings, noise, MAX_NOISE)
     if change["swap"] < 0:

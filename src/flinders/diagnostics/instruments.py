@@ -134,12 +134,10 @@ def of_instruments(
     """Find mistakes in the unit and the axes of gyro and accelerometer.
 
     An instrument is left out if its axes cannot be determined. If gyro and accelerometer have different axes, the one
-    that
-    agrees with the magnetometer is used.
+    that agrees with the magnetometer is used.
 
     `alone` is the ellipsoid of the magnetometer alone; of `wanted` only ``rate`` and ``dip`` are tested; `is_signed`
-    states
-    that the sign of the dip is known, which later distinguishes a mirrored axis from half a turn.
+    states that the sign of the dip is known, which later distinguishes a mirrored axis from half a turn.
 
     Returns
     -------
@@ -301,10 +299,8 @@ def circular(samples: Samples, reference: Aided, dip_deg: float) -> Mistake | No
 
     The field, corrected without that yaw and rotated into the world by the logged attitude, has a constant direction if
     the attitude is right. Two signs show a compass: the direction is much more constant after subtracting another
-    offset;
-    or the error depends on the heading like a deviation, A + B sin ψ + C cos ψ + D sin 2ψ + E cos 2ψ. The mounting of
-    the
-    magnetometer comes from the logged vertical, which does not depend on yaw.
+    offset; or the error depends on the heading like a deviation, A + B sin ψ + C cos ψ + D sin 2ψ + E cos 2ψ. The
+    mounting of the magnetometer comes from the logged vertical, which does not depend on yaw.
 
     Parameters
     ----------
@@ -458,16 +454,12 @@ def lean_in_turns_deg(samples: Samples, aided: Aided) -> float:
 
     A vehicle that turns at the rate ω with speed s is accelerated sideways by sω, and its vertical v leans to the other
     side by ωw, with w constant in the body. The residual of the dip of a fit, |v| sin I − vᵀq, then contains ω wᵀq.
-    Means
-    over 1 s are regressed on the three products, and |w| times the rms rate is the lean. If the fit does not include
-    the
-    accelerometer, its rotation against the magnetometer adds multiples of the components of v × q, and its bias
-    multiples
-    of those of q − (vᵀq)v: these are further regressors.
+    Means over 1 s are regressed on the three products, and |w| times the rms rate is the lean. If the fit does not
+    include the accelerometer, its rotation against the magnetometer adds multiples of the components of v × q, and its
+    bias multiples of those of q − (vᵀq)v: these are further regressors.
 
     `samples` need times and an acceleration; `aided` is a fit to them, best without ``dip``, as a fit with it absorbs
-    part
-    of the lean. The result is 0 if no lean can be determined.
+    part of the lean. The result is 0 if no lean can be determined.
 
     >>> from flinders import simulate
     >>> swayed, flown = (simulate.tumble(seed=1, motion=motion, n=1500).samples for motion in ("swayed", "flight"))

@@ -1,11 +1,9 @@
 """Test whether an axis of the magnetometer has the wrong sign, which makes its axes left-handed.
 
 Neither a gyro nor the constancy of the dip shows that. Let F reverse the sign of one axis; then −F is a rotation by
-180°
-about it, and readings F m are those of a sensor rotated by −F in a field −m. A gyro explains the change of −m as well
-as
-that of m, and the angle of −m to the vertical is constant as well. Only the sign of the dip, known from the site,
-distinguishes the two.
+180° about it, and readings F m are those of a sensor rotated by −F in a field −m. A gyro explains the change of −m as
+well as that of m, and the angle of −m to the vertical is constant as well. Only the sign of the dip, known from the
+site, distinguishes the two.
 
 >>> from flinders.likelihood.site_field import Site
 >>> mistake = mirrored_axis(-64.1, Site(inclination_deg=64.0), np.diag([1.0, -1.0, -1.0]))

@@ -12,8 +12,7 @@ as the equivalent number of independent ones, else a body near iron would be mis
 
 When to use it: for a recording over minutes or hours in which the sensor warms up or cargo moves. Do not correct with
 the last offset, which is as uncertain as if it came from a few readings. A single step also appears as a walk, and
-`path`
-shows its time.
+`path` shows its time.
 
 Source: Kalman (1960); smoothing after Rauch, Tung, Striebel (1965); the variance of a walk by its innovations as in
 Harvey, "Forecasting, Structural Time Series Models and the Kalman Filter" (1989), §3.4.
@@ -213,8 +212,7 @@ def random_walk_of(
         With a plane: the inclination of the fit.
     is_own : bool
         Whether the ellipsoid is the fit to these readings, so that their residuals are noise. For another ellipsoid,
-        noise
-        is the residual after subtracting a constant offset in each of twelve pieces.
+        noise is the residual after subtracting a constant offset in each of twelve pieces.
     """
     if time is None or not bool(np.all(np.diff(time) >= 0.0)) or time[-1] <= time[0]:
         raise NeedsSamples("walk")

@@ -37,8 +37,7 @@ A fit with `linearize` corrects such axes: `flinders.fitting.linearization`.
 
 Lags. While the sensor turns, the error of an axis that is read later than the others is its rate of change times the
 lag, which moves offset and matrix. The lags about their mean are found together with the nine parameters in the same
-way
-(`lag.c`); a lag common to all axes causes no residual and no error.
+way (`lag.c`); a lag common to all axes causes no residual and no error.
 """
 
 from __future__ import annotations
@@ -72,8 +71,7 @@ class Drift:
     heading_deg: float  # worst level heading error from the change of the offset
     p_value: float  # probability of as much by chance
     # heading difference between the halves of the recording at the worst heading, over its claimed sigma; computed if
-    # the
-    # change is proven and below the target
+    # the change is proven and below the target
     halves_ratio: float | None = None
 
 

@@ -63,8 +63,8 @@ def was_turned(records: Records, unit: str, *, weakest: float = EARTH_UT[0]) -> 
     records : (U,) of `flinders.native.layouts.RECORD`, or one
     unit : str
         Unit of the readings, ``uT`` or ``counts``.
-        weakest : float, µT
-            Smallest field that readings are compared with; 0 if a later step refuses noise that resembles a turn.
+    weakest : float, µT
+        Smallest field that readings are compared with; 0 if a later step refuses noise that resembles a turn.
 
     Returns
     -------

@@ -1,9 +1,9 @@
 """Calibration from six typed numbers, the extremes that a board shows, without a recording.
 
-Boards with a display and no port show the smallest and the largest reading of each axis and nothing else. That gives
-an offset and three scales. It gives no noise, no count of readings and no directions, and so no covariance and
-no heading error: none is claimed, and the verdict is never better than ``limited``. The finding states the heading
-error that would result if the half-ranges differed only because the turn was incomplete.
+Boards with a display and no port show the smallest and the largest reading of each axis and nothing else. That gives an
+offset and three scales. It gives no noise, no count of readings and no directions, and so no covariance and no heading
+error: none is claimed, and the verdict is never better than ``limited``. The finding states the heading error that
+would result if the half-ranges differed only because the turn was incomplete.
 
 >>> car = from_extremes([-157, 98, -123, 124, -109, 101], variant="largest")
 >>> car
@@ -127,8 +127,7 @@ def from_extremes(
     ------
     UsageError
         Unless `numbers` are six finite numbers, the smaller of each axis first; for an unknown variant, or a target
-        that
-        is not positive. `UnitError` and `AxesError`, its subclasses, for an unknown unit or unknown axes.
+        that is not positive. `UnitError` and `AxesError`, its subclasses, for an unknown unit or unknown axes.
 
     Examples
     --------

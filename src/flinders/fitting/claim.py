@@ -51,8 +51,8 @@ class Claim(ShortRepr):
 
     calibration: Calibration  #: the correction
     #: (9, 9): of the offset b and the shape S = F W⁻¹, in the order b₁, b₂, b₃, S₁₁, S₂₂, S₃₃, S₁₂, S₁₃, S₂₃, in the
-    #: square of the calibration's unit. Singular if the method fixes some of them; zeros if no uncertainty is
-    #: stated, see `states_uncertainty`.
+    #: square of the calibration's unit. Singular if the method fixes some of them; zeros if no uncertainty is stated,
+    #: see `states_uncertainty`.
     covariance: Floats = field(default_factory=lambda: np.zeros((9, 9)))
     textbook_covariance: Floats | None = None  #: (9, 9): as `covariance`, if residuals were independent
     heading_error_deg: HeadingError = NO_ERROR  #: expected of a level vehicle, 1 σ; NaN if not stated
@@ -109,8 +109,8 @@ class Claim(ShortRepr):
         """(9, 9) covariance from which every stated error of heading and direction follows, at any dip and attitude.
 
         The covariance of offset and shape, plus an uncertain offset P = σ² S Sᵀ for errors that depend on the
-        direction.
-        It moves the corrected field by σ in every direction, and a level heading by σ / cos I = `structure_deg`.
+        direction. It moves the corrected field by σ in every direction, and a level heading by σ / cos I =
+        `structure_deg`.
         """
         if not self.structure_deg:
             return self.covariance

@@ -1,8 +1,7 @@
 """Diagnosis of a fit by the detectors of `diagnostics`, which need more than the ellipsoid and its residuals.
 
 The detectors find drift, nonlinear axes, axes read late, a disturbance that is not modelled, dependence on the
-attitude,
-and swapped axes.
+attitude, and swapped axes.
 
 >>> from flinders import simulate
 >>> from flinders.fitting import calibrate

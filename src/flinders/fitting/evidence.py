@@ -87,10 +87,8 @@ class Evidence(ShortRepr):
     residuals: Residuals = field(default_factory=Residuals)  #: distances from the ellipsoid
     prior_influence: float = 0.0  #: share of the prior in the information on the least known shape parameter, 0 to 1
     unobserved: int = 0  #: directions of parameter space that the readings do not determine, so that the prior fixes
-    #: them
-    #: False if an accelerometer shows that z does not point down, so that the dip of the site was not used; None if
-    #: that
-    #: dip was used and the direction of z is neither measured nor stated
+    #: them False if an accelerometer shows that z does not point down, so that the dip of the site was not used; None
+    #: if that dip was used and the direction of z is neither measured nor stated
     z_down: bool | None = True
     diagnosis: Diagnosis = field(default_factory=Diagnosis)  #: changes and disturbances of the readings
     disturbances: Disturbances = field(default_factory=Disturbances)  #: disturbances that the offset follows

@@ -162,8 +162,8 @@ def known_numbers(fit: Fit, autopilot: str, attribute: str) -> set[int]:
 def mounting_of(fit: Fit, target: Target, words: str | None) -> Floats | None:
     """(3, 3) rotation of the compass's mounting when it was recorded; None if neither `words` nor the logs state it.
 
-    The word for a mounting without rotation is ``none``.
-    Raises `UsageError` for unknown words, or a target without mountings.
+    The word for a mounting without rotation is ``none``. Raises `UsageError` for unknown words, or a target without
+    mountings.
     """
     if words is not None and words.strip().casefold() == NO_ROTATION and target.refuses_mounted:
         return np.eye(3)

@@ -1,8 +1,7 @@
 """Fits of filtered readings, with a finding on the effect of the filter on the heading.
 
 A filter removes spikes, but moves readings of a turning sensor inside the ellipsoid. Therefore each fit with a filter
-is
-repeated without it and the two are compared: a difference within the claim is a note, a larger one a limit.
+is repeated without it and the two are compared: a difference within the claim is a note, a larger one a limit.
 """
 
 from __future__ import annotations

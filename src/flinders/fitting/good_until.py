@@ -6,8 +6,7 @@ then uncertain by
     σ² = σ₀² + (q² t + c² ΔT²) / H²
 
 and has doubled, σ = 2 σ₀, when either term is 3 σ₀². The calibration is good until σ reaches the target. Neither rate
-is
-known for a unit without a history: q is then the prior of the online calibration, and c spans the values of data
+is known for a unit without a history: q is then the prior of the online calibration, and c spans the values of data
 sheets. Both are ranges of 95 %.
 
 Sources of c: 0.8 µT/K, typical, of the FXOS8700CQ (NXP, data sheet rev. 8, table 4, as quoted by an owner who measured

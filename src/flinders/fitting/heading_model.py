@@ -51,8 +51,7 @@ def _factor(covariance: Floats, turn: Floats, strength: float) -> Floats:
     """(9, 9) upper triangular U, such that UᵀU is the covariance of R b and of R S Rᵀ / F.
 
     It is computed by eigenvectors and QR, as a covariance may be singular. Entries are rounded to `DECIMALS` in
-    standard
-    deviations of their column.
+    standard deviations of their column.
     """
     turned = np.zeros((9, 9))
     turned[:3, :3] = turn

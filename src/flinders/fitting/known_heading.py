@@ -25,8 +25,7 @@ ArduPilot's large vehicle calibration does the same without a claim.
 In a drive the known headings are the courses over ground on straight stretches, of a vehicle that points in its
 direction of motion. Its course then differs from its heading only by the crab angle, from wind, current or a slope. In
 steady wind the crab angle is e(h) = a sin h + b cos h over the heading h, with the same a and b on all stretches. It
-has
-the same effect as hard iron, and its prior is common to all stretches (`PoseSigmas.crab_deg`).
+has the same effect as hard iron, and its prior is common to all stretches (`PoseSigmas.crab_deg`).
 
 >>> from types import SimpleNamespace
 >>> from flinders.core.samples import Samples

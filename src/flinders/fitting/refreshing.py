@@ -1,14 +1,12 @@
 """Renewal of a calibration: the soft iron of an earlier one, and the hard iron from some seconds of recording.
 
 A change on a vehicle, such as a battery, a load or a camera, mostly changes hard iron. Soft iron and gains stay, and
-are
-known from the earlier calibration with their uncertainty. So the prior of the shape S of the ellipsoid is
+are known from the earlier calibration with their uncertainty. So the prior of the shape S of the ellipsoid is
 
     S ~ N(f S₀, f² C₀ + σ² S₀ S₀ᵀ)
 
 with the claimed covariance C₀ of the earlier calibration, the relative uncertainty σ of the field strength, and the
-ratio
-f of both strengths if a site states it, else 1. The offset is free. The engine finds the maximum of the posterior
+ratio f of both strengths if a site states it, else 1. The offset is free. The engine finds the maximum of the posterior
 (``refresh.c``); with aiding sensors `flinders.estimators.aiding` continues from there. If the readings contradict the
 shape, they are fitted again with a prior that allows a change, and the verdict is limited.
 

@@ -99,8 +99,7 @@ class Judgement(Judged):
 
     findings: tuple[Finding, ...] = ()  #: most severe first
     #: conditions of the verdict that a recording of this kind cannot show: that the field is the same wherever the
-    #: sensor
-    #: was, and that neither current nor iron near it changed with its attitude. Other evidence removes them.
+    #: sensor was, and that neither current nor iron near it changed with its attitude. Other evidence removes them.
     conditions: tuple[Condition, ...] = ()
     stated_verdict: Verdict | None = None  #: verdict in the file, if its findings do not explain it
 

@@ -90,9 +90,9 @@ def claimed(
         Reference for methods that do not evaluate residuals.
     statistics : Statistics
         Statistics of the readings.
-        coverage : Coverage, optional
+    coverage : Coverage, optional
         Coverage of the readings.
-        record : Records, optional
+    record : Records, optional
         Record of the engine, if the engine made the estimate.
     is_biased : bool
         Whether the method has a bias.

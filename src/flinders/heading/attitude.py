@@ -1,8 +1,7 @@
 """Compass headings from a corrected field and the specific force of an accelerometer.
 
 ``down = −f``, ``E = down × m``, ``N = E × down``; the heading of the sensor's x axis is ψ = atan2(E_x/|E|, N_x/|N|).
-The
-formula needs no roll and pitch, nor any convention for them. It holds at every attitude, for z up or down, if both
+The formula needs no roll and pitch, nor any convention for them. It holds at every attitude, for z up or down, if both
 sensors have the same right-handed axes.
 
 >>> level, north_east = [0.0, 0.0, -9.81], [15.0, -15.0, 45.0]     # forward, right, down; specific force is −g on z

@@ -107,8 +107,7 @@ class Frames:
             In the axes that are tested to be the same.
         gravity : float, optional
             Length of the specific force at rest, in its own unit; by default its median. Readings that differ from it
-            by
-            more than a tenth are left out, as the sensor was shaken.
+            by more than a tenth are left out, as the sensor was shaken.
         """
         m, f = table(field, finite=False), table(specific_force, "specific_force", finite=False)
         with np.errstate(over="ignore", invalid="ignore"):
@@ -151,8 +150,7 @@ class Frames:
         """Axes of the acceleration that match the field, in the order of increasing change; one if it is unambiguous.
 
         `sign` is that of the site's dip; if it is 0, unknown, right-handed axes are assumed. If undoing the mapping
-        `applied`
-        to the acceleration before matches, right-handed or not, that comes first.
+        `applied` to the acceleration before matches, right-handed or not, that comes first.
         """
         seen = [(axes, *self.dip(axes)) for axes in EVERY]
         back = next(axes for axes in EVERY if after(axes, applied) == EVERY[0])
@@ -177,8 +175,7 @@ class Frames:
         """Raise `ForeignAxes` if the axes of both sensors clearly differ, with the axes that match.
 
         The sign of `site_dip_deg`, the inclination at the site, distinguishes specific force from gravity. The
-        acceleration
-        was mapped by `applied` before, and the named axes replace that mapping.
+        acceleration was mapped by `applied` before, and the named axes replace that mapping.
         """
         if self.readings < MIN_READINGS:
             return

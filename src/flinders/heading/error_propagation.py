@@ -20,9 +20,8 @@ numbers z. With z = r θ, the length r and the direction θ, the largest error i
     P(largest ≤ u) = mean over θ of F(u / m(θ)),      F(x) = 1 − (1 + x²/2) exp(−x²/2)
 
 where F is the distribution of r. The engine (`native/heading.c`) takes the mean over 128 even directions (I. Deák,
-Numer. Math.
-35 (1980) 369; A. Genz and F. Bretz, "Computation of Multivariate Normal and t Probabilities", Springer (2009), sect.
-4.1), and solves for 95 %. `tests/heading/test_confidence.py` compares it with simulated errors.
+Numer. Math. 35 (1980) 369; A. Genz and F. Bretz, "Computation of Multivariate Normal and t Probabilities", Springer
+(2009), sect. 4.1), and solves for 95 %. `tests/heading/test_confidence.py` compares it with simulated errors.
 
 >>> sphere, hard_iron = Ellipsoid(np.zeros(3), 50.0 * np.eye(3)), np.diag([0.19, 0.19, *[0.0] * 7])
 >>> worst_deg = level_error(sphere, hard_iron).worst      # one circle, whose amplitude Rayleigh's law gives: √(2 ln 20)
@@ -100,9 +99,9 @@ def level_error(
 ) -> HeadingError:
     """Propagate the covariance of (b, S) to the heading of a level vehicle.
 
-    With the field u(ψ) = (cos I cos ψ, −cos I sin ψ, sin I) in body axes (z down) and the corrected
-    reading's error δu = −S⁻¹(δb + δS u), the heading error is δψ = −(sin ψ δu₁ + cos ψ δu₂)/cos I. Its constant part is
-    an error of the mounting, which a magnetometer cannot observe, and is removed.
+    With the field u(ψ) = (cos I cos ψ, −cos I sin ψ, sin I) in body axes (z down) and the corrected reading's error δu
+    = −S⁻¹(δb + δS u), the heading error is δψ = −(sin ψ δu₁ + cos ψ δu₂)/cos I. Its constant part is an error of the
+    mounting, which a magnetometer cannot observe, and is removed.
 
     Raises `UsageError` within a degree of the magnetic poles, where there is no heading.
 
@@ -110,8 +109,8 @@ def level_error(
     ----------
     covariance : (9, 9) float
         Covariance of (b, S₁₁, S₂₂, S₃₃, S₁₂, S₁₃, S₂₃), in unit².
-        dip_deg : float
-            Inclination of the field at the site; negative in the south.
+    dip_deg : float
+        Inclination of the field at the site; negative in the south.
     down : (3,) float, optional
         Which way is down when the vehicle is level, in corrected sensor axes; by default +z. A sensor that is
         mounted with a small tilt is judged about the vehicle's vertical.
@@ -191,12 +190,9 @@ def tilted_error(
     """Propagate the covariance of (b, S) to the heading of a vehicle that is rolled or pitched.
 
     The vehicle's tilt T, a rotation by `tilt_deg` about a horizontal axis, is known and readings are rotated back by
-    it.
-    The field in its axes is v = Tᵀu(ψ), read with the error δv = −S⁻¹(δb + δS v), so that the heading error is that of
-    a
-    level vehicle for T δv. The constant part of the *level* error is an error of the mounting and removed; errors that
-    the
-    tilt adds, in each of 24 directions, are included.
+    it. The field in its axes is v = Tᵀu(ψ), read with the error δv = −S⁻¹(δb + δS v), so that the heading error is that
+    of a level vehicle for T δv. The constant part of the *level* error is an error of the mounting and removed; errors
+    that the tilt adds, in each of 24 directions, are included.
 
     Raises `UsageError` within a degree of the magnetic poles.
 
@@ -248,7 +244,7 @@ def direction_errors_deg(ellipsoid: Ellipsoid, covariance: Floats, directions: F
     ----------
     covariance : (9, 9) float
         Covariance of (b, S), in unit².
-        directions : (K, 3) float
+    directions : (K, 3) float
         Unit vectors, in corrected sensor axes.
 
     Examples
@@ -328,8 +324,7 @@ def raw_error(ellipsoid: Ellipsoid, *, dip_deg: float = 60.0, down: Floats | Non
     """Heading error of a level vehicle with uncorrected readings.
 
     It is the heading of b + S u(ψ) minus ψ, without its mean. If the offset is larger than the horizontal field, the
-    raw
-    heading does not cover the full circle, and the error reaches 180°.
+    raw heading does not cover the full circle, and the error reaches 180°.
 
     Raises `UsageError` within a degree of the magnetic poles.
     """

@@ -79,8 +79,7 @@ class Guidance:
 
         While a body turns about the vertical through all headings, the field has a constant angle of 90° − I from the
         vertical, wherever north is. An attitude is suitable if its vertical has that angle to the advised direction.
-        For
-        dips up to 75° one of `poses` has it to within 15°, usually to a few degrees; the simplest such pose is
+        For dips up to 75° one of `poses` has it to within 15°, usually to a few degrees; the simplest such pose is
         returned.
         """
         return poses(frame)[self.pose_number(frame)]
@@ -94,8 +93,7 @@ class Guidance:
         """Instruction for the next turn, which needs no knowledge of north or of the direction of the field.
 
         For a ``vehicle`` with axes forward, right, down when level, the words are nose, sides and upside down; for a
-        bare
-        ``sensor`` the sides that its axes point out of.
+        bare ``sensor`` the sides that its axes point out of.
         """
         return f"hold it {self.pose(frame).words} and turn it slowly once around, keeping it so"
 
@@ -172,10 +170,9 @@ def reading_variance(ellipsoid: Ellipsoid, covariance: Floats, noise: float, cou
     """Effective variance v of a reading, in unit², for which (100,) counted readings give the claimed covariance.
 
     For independent readings P = σ² M⁻¹ with M = Σ JJᵀ, and all eigenvalues of M P are σ². If residuals are correlated,
-    P
-    is larger, and a further reading has proportionally less information. In directions of parameter space that readings
-    do not determine, the eigenvalue is too small because of the prior, or too large because of the width of the cells
-    over which M sums. Therefore v is the median eigenvalue, but at least the variance of the noise.
+    P is larger, and a further reading has proportionally less information. In directions of parameter space that
+    readings do not determine, the eigenvalue is too small because of the prior, or too large because of the width of
+    the cells over which M sums. Therefore v is the median eigenvalue, but at least the variance of the noise.
 
     >>> from flinders.geometry.ellipsoid import Ellipsoid
     >>> from flinders.likelihood import magnitude

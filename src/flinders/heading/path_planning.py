@@ -167,9 +167,8 @@ def rough(readings: ArrayLike) -> Belief | None:
     """Rough sphere through (N, 3) raw readings that are not sufficient for a fit; None for too few or a short arc.
 
     A linear least-squares sphere (|x|² = 2 c·x + k) in the plane, or space, over which the readings spread; along an
-    axis
-    without spread its centre is their mean. In undetermined directions the covariance is that of common hard and soft
-    iron, with standard deviations of one radius for the offset and 0.3 radii for the shape.
+    axis without spread its centre is their mean. In undetermined directions the covariance is that of common hard and
+    soft iron, with standard deviations of one radius for the offset and 0.3 radii for the shape.
 
     Raises `ArrayError` for another shape, or values that are not finite.
     """

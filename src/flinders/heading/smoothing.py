@@ -2,8 +2,7 @@
 
 A fit needs none of them: a likelihood averages over all readings already, and the mean of several readings of a turning
 sensor lies inside the ellipsoid. Filters are for uses of single readings: a display of headings, a corrected stream,
-and
-methods that use extremes.
+and methods that use extremes.
 
 >>> spiky = Samples.of([[20.0, 0, 40], [20, 1, 40], [20, 2, 400], [20, 3, 40], [20, 4, 40]])
 >>> [block.field[:, 2] for block in filtered(spiky, Filter("median", 3)).blocks()]
@@ -138,10 +137,8 @@ class Filter:
 
         A mean of w readings leaves |sin(wθ/2) / (w sin(θ/2))|. A Kalman filter in its steady state is an exponential
         mean, and leaves K / √(K² + 4(1 − K) sin²(θ/2)). A median clips each axis at cos((w − 1)θ/4) of the radius for
-        fine
-        steps, and a little lower for coarse ones. The result is no circle; the share is half of its width along the
-        axes,
-        up to (w − 1)θ/2 = 90°.
+        fine steps, and a little lower for coarse ones. The result is no circle; the share is half of its width along
+        the axes, up to (w − 1)θ/2 = 90°.
 
         >>> round(Filter("moving-average", 9).keeps(20.0), 3), round(Filter("median", 9).keeps(20.0), 3)
         (0.64, 0.766)
@@ -168,8 +165,7 @@ class Filter:
         """Start the filter for one recording.
 
         A centred window is symmetric about its reading, which is returned after the following readings have arrived.
-        Other
-        windows end with their reading, which is returned immediately, as by a Kalman filter.
+        Other windows end with their reading, which is returned immediately, as by a Kalman filter.
         """
         return SmoothingStream(self, centred=centred)
 

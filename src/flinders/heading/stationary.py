@@ -61,8 +61,7 @@ class HalfTurn:
     """Two rests that are half a turn apart.
 
     For a deviation δ(ζ) the error over half a turn is δ(ζ) − δ(ζ + 180°) = 2 (B sin ζ + C cos ζ): it shows hard iron,
-    but
-    no error that repeats every half turn.
+    but no error that repeats every half turn.
     """
 
     first: Rest

@@ -74,8 +74,8 @@ def record_feed(
     ------
     OutputError
         If the file cannot be written; earlier readings are saved.
-        UnreadableInput
-            Without any reading.
+    UnreadableInput
+        Without any reading.
     """
     recorded, statistics = RecordedFeed(_LimitedFeed(feed, readings), sink, resumed=resumed), RecordingStatistics()
     start, watched, why = clock(), 0.0, f"nothing arrived from {feed.name}"

@@ -11,8 +11,7 @@
 
 A feed uses no thread and no event loop: one thread calls `next`, and each call takes at most its timeout. `Replay`, the
 recorder of lines, a vehicle and a simulated sensor are feeds. `FeedThread` calls `next` on its own thread and queues
-the
-results, independently of the server.
+the results, independently of the server.
 """
 
 from __future__ import annotations
@@ -104,8 +103,7 @@ class Replay:
         Anything that `flinders.open_recording` opens, or samples.
     speed : float, optional
         Factor on the recorded speed; None for as fast as `next` is called. Pauses of more than 2 s are shortened to 2
-        s. A
-        recording without times is assumed to have 50 readings per second.
+        s. A recording without times is assumed to have 50 readings per second.
     clock, sleep : callable
         Monotonic clock in seconds, and wait.
 
@@ -346,8 +344,7 @@ def feed_kind(name: str) -> Callable[..., Feed]:
     """Function ``opened`` that opens a feed of a kind of source that sends no lines.
 
     ``mavlink`` has a `ByteSource` and the number of a magnetometer as arguments, ``ros2`` the names of topics and a
-    unit.
-    Raises `UsageError` if no package of `flinders.apps` reads that kind.
+    unit. Raises `UsageError` if no package of `flinders.apps` reads that kind.
     """
     opened: Callable[..., Feed] = _open_function("FEEDS", name)
     return opened

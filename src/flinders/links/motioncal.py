@@ -16,8 +16,7 @@ True
 
 The tolerance is MotionCal's, 0.0001 + 0.00003 \|x\|, plus half a unit of the last printed digit, of at least two
 decimals. MotionCal allows only the first part: PJRC's and Adafruit's sketches echo three decimals, which often differ
-by
-more, so that MotionCal shows no confirmation although the board has accepted the values.
+by more, so that MotionCal shows no confirmation although the board has accepted the values.
 """
 
 from __future__ import annotations
@@ -157,8 +156,7 @@ class _EchoListener:
     """Reader of a board's output, with the last echo of each kind since sending, since the start, and before sending.
 
     `echoes`, `known` and `before` have these echoes. `rest` is an incomplete line, `received` counts bytes since the
-    port
-    was opened, and `garbled` is the last line that begins like an echo but is none.
+    port was opened, and `garbled` is the last line that begins like an echo but is none.
     """
 
     source: ByteSource

@@ -88,9 +88,9 @@ class Recorder:
         Called by `run` twice per second with the statistics.
     clock : callable
         Monotonic clock in seconds.
-        **reading
-            ``columns``, ``unit``, ``scale`` and ``pattern``, if the lines do not state them, as for
-            `flinders.open_recording`. The written text depends on the pattern alone.
+    **reading
+        ``columns``, ``unit``, ``scale`` and ``pattern``, if the lines do not state them, as for
+        `flinders.open_recording`. The written text depends on the pattern alone.
     """
 
     def __init__(
@@ -162,8 +162,8 @@ class Recorder:
         ------
         OutputError
             If the sink cannot be written; earlier text is saved.
-            UnreadableInput
-                Without any line of numbers.
+        UnreadableInput
+            Without any line of numbers.
         """
         while not self._is_over():
             received = self.next(max(min(WAIT_S, self._remaining_s()), 0.0))

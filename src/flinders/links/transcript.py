@@ -1,9 +1,8 @@
 r"""Transcript of a sensor's lines: text of a recording, readings, and events.
 
 A transcript uses no port, file or clock: bytes are passed in with their time of arrival. The format of all lines is
-that
-of the first ones; it is recognised as in a file, so that everything in a file can be recorded. The time of arrival is
-added as the first column if the lines have no time.
+that of the first ones; it is recognised as in a file, so that everything in a file can be recorded. The time of arrival
+is added as the first column if the lines have no time.
 
 >>> transcript = Transcript("the board")
 >>> _ = transcript.take(b"booting\r\nRaw:0,0,8192,0,0,0,217,4,-5", at=0.0)
@@ -285,9 +284,8 @@ class Transcript:
     """Converter of bytes to lines, and of lines to rows and readings.
 
     If `is_framed`, bytes that arrive together begin and end with a line; else the first line may be incomplete.
-    Columns,
-    unit, scale and pattern are as for `flinders.open_recording`; `most` is the largest count of rows. A continued
-    recording has a `header` and first `rows`.
+    Columns, unit, scale and pattern are as for `flinders.open_recording`; `most` is the largest count of rows. A
+    continued recording has a `header` and first `rows`.
     """
 
     def __init__(

@@ -14,8 +14,8 @@ One line gives a recording, and the result of a perfect fit of it:
 >>> angle_error_deg(matrix, offset + [1, 0, 0], recording)
 0.9
 
-The true model is ``raw = A h + b + n``. World axes are north, east, down; body axes forward,
-right, down; an attitude rotates body axes into world axes.
+The true model is ``raw = A h + b + n``. World axes are north, east, down; body axes forward, right, down; an attitude
+rotates body axes into world axes.
 
 Motions:
 

@@ -150,8 +150,7 @@ def figure_eight(rng: Generator, *, seconds: float = 60.0, rate_hz: float = RATE
     """Wave a body in figures of eight, as phones request it: roll to either side, nose up and down twice.
 
     Each eight of `period` s rolls by about 110° to either side and pitches by about 55° at twice the frequency. The
-    body
-    turns around three times in all, so that no two eights are the same.
+    body turns around three times in all, so that no two eights are the same.
 
     >>> figure_eight(np.random.default_rng(0), seconds=10).attitudes.shape
     (500, 3, 3)
@@ -299,10 +298,8 @@ def planar_sweeps(
     """Turn a body about each of its axes in turn, while that axis points down.
 
     This is the procedure for two-axis fits: turn it flat on the table, on its side, and on its end, `turns_each` times
-    in
-    each of the planes ``xy``, ``yz`` and ``zx``, named by the two level axes. Between planes the body is turned over.
-    An
-    unknown plane, or no plane, raises `UsageError`.
+    in each of the planes ``xy``, ``yz`` and ``zx``, named by the two level axes. Between planes the body is turned
+    over. An unknown plane, or no plane, raises `UsageError`.
 
     >>> flat = planar_sweeps(np.random.default_rng(0), seconds=10, planes=["xy"])
     >>> bool(np.allclose(flat.attitudes[:, 2], [0.0, 0.0, 1.0]))

@@ -127,8 +127,7 @@ def tumble(
         One of `MOTIONS`; see the head of this package.
     n : int, optional
         Count of readings; by default those of the duration of the motion, 3,000 for a minute by hand; 1,000 for a
-        motion
-        in random order.
+        motion in random order.
     tilt_deg : float, optional
         Largest tilt of the body, for motions with such a limit.
     stationary : float

@@ -135,8 +135,8 @@ class Sensor(ShortRepr):
     def correction(self) -> tuple[Floats, Floats]:
         """(3, 3) symmetric W and (3,) offset in µT with ``|W (raw − offset)| = |h|``, except for noise.
 
-        W = (A Aᵀ)^(−½), as then |W A h|² = hᵀ Aᵀ (A Aᵀ)⁻¹ A h = |h|². It is A⁻¹ if A is symmetric
-        and positive definite; else the `rotation` remains.
+        W = (A Aᵀ)^(−½), as then |W A h|² = hᵀ Aᵀ (A Aᵀ)⁻¹ A h = |h|². It is A⁻¹ if A is symmetric and positive
+        definite; else the `rotation` remains.
 
         >>> Sensor(matrix=np.diag([1.25, 1.0, 0.8])).correction[0]
         array([[0.8 , 0.  , 0.  ],

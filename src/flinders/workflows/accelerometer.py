@@ -114,8 +114,7 @@ def calibrate_accelerometer(
         Names or numbers of the accelerometer's columns; by default recognised by their names.
     gravity : float, m/s²
         Gravity at the place; by default the standard 9.80665. An error of it, up to 0.5 %, changes all gains alike and
-        no
-        tilt.
+        no tilt.
 
     Raises
     ------

@@ -114,9 +114,8 @@ class Check:
             "answer": self.answer,
             "residual": {"calibration": strength, "fresh": self.fresh_strength.as_dict()},
             "own_recordings": list(self.made_from),  # recordings from which the calibration was made, which prove
-            # nothing
-            # code of the finding of the fresh fit that prevents a decision; null with a decision or without such a
-            # finding
+            # nothing code of the finding of the fresh fit that prevents a decision; null with a decision or without
+            # such a finding
             "limiting_finding": None if limiting is None else limiting.code,
             "fresh": fresh,
             **self._drift(self.comparison.heading_difference_deg.dip_deg),
@@ -151,14 +150,12 @@ def check(
         Raw readings, as for `flinders.apply`; several recordings are fitted together.
     calibration : Fit, Calibration or path, optional
         Calibration of this sensor. Without a stated uncertainty it counts as exact. By default the calibration that was
-        in
-        force on board when the log was made.
+        in force on board when the log was made.
     target_deg : float, degrees
         Worst heading difference that is good enough.
     site : Site, optional
         Site of the recording: headings are compared at its inclination. By default the fresh fit uses the site in the
-        log,
-        and headings are compared at the dip of the calibration.
+        log, and headings are compared at the dip of the calibration.
     at : mapping of str to float, optional
         As for `flinders.apply`.
     follow : bool

@@ -254,8 +254,8 @@ def apply(
     calibration : Fit, Calibration or path
         Of this sensor.
     at : mapping of str to float, optional
-        Values of disturbances by name, in place of recorded ones: ``{"current": 12.5}`` (A),
-        ``throttle`` (0 to 1), ``temperature`` (°C).
+        Values of disturbances by name, in place of recorded ones: ``{"current": 12.5}`` (A), ``throttle`` (0 to 1),
+        ``temperature`` (°C).
     by : Filter or str, optional
         A filter, such as ``"median:7"``; its output is delayed by half of its width.
 

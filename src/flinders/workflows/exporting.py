@@ -74,8 +74,7 @@ def export(
     """Export a calibration to a target (an autopilot, a device, a program), with the claim of its fit.
 
     Comments state origin, claim and limits, code gets limits to detect disturbed readings, and on a vehicle the
-    recorded
-    compass is addressed.
+    recorded compass is addressed.
 
     Parameters
     ----------

@@ -75,7 +75,7 @@ def headings(
         `flinders.apply`.
     calibration : Fit, Calibration or path
         Calibration of this sensor.
-        site : SiteField, optional
+    site : SiteField, optional
         The field at the place, of `flinders.core.geomag.site_field`: its declination gives true headings. By default
         that of a log that states place and time, unless declination or dip is given.
     declination_deg : float, degrees

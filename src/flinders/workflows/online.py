@@ -86,16 +86,14 @@ class OnlineCalibration:
         As for `flinders.fit`.
     walk : float or Walk, optional
         Random walk of the offset of this unit from its history: change in an hour, 1 σ, in µT or counts. A number
-        counts
-        as known within a factor of two; a `Walk`, as from `flinders.OffsetHistory`, states its uncertainty. By default
-        the prior of all units. Readings update either.
+        counts as known within a factor of two; a `Walk`, as from `flinders.OffsetHistory`, states its uncertainty. By
+        default the prior of all units. Readings update either.
 
     Raises
     ------
     UsageError
         For a target, dip or walk out of range, or an unusable `start`: refused, without a stated uncertainty,
-        linearized,
-        or with a disturbance that has a lag.
+        linearized, or with a disturbance that has a lag.
     """
 
     def __init__(
@@ -389,8 +387,7 @@ class OnlineCalibration:
         """Points over time, the newest last: at each event and every minute; earlier points are thinned.
 
         There are at most 1,000 points. They depend only on the times of the readings: live or replayed, split, or saved
-        and
-        loaded, they are the same.
+        and loaded, they are the same.
         """
         return tuple(self._timeline.points)
 

@@ -53,8 +53,7 @@ def fit_each(
     -------
     dict of str to Fit or FlindersError
         By the name of each sensor, in their order: the fit, or the error if it cannot be fitted or read. `Refused`
-        carries
-        a fit that cannot be trusted.
+        carries a fit that cannot be trusted.
 
     Raises
     ------
