@@ -60,6 +60,11 @@ PAGE: Final[Mapping[str, Mapping[str, str]]] = {
         "`accelerometer`, `gyro`": "core.inertial_record:TriadRecord",
         "`tilt_error_deg`": "core.inertial_record:TiltErrorRecord",
     },
+    "Plan of a recording": {
+        "`plan --json`": "workflows.planning:Plan",
+        "`expected`": "workflows.planned_fit:ExpectedFit",
+        "`alternatives`, each": "workflows.planning:Alternative",
+    },
     "Truth of a simulation": {
         "`recording.truth.json`": "simulate.truth:Truth",
         "`sensor`": "simulate.truth:SensorRecord",

@@ -79,6 +79,7 @@ if TYPE_CHECKING:
     from flinders.workflows.offset_history import OffsetHistory as OffsetHistory
     from flinders.workflows.onboard import judge_onboard as judge_onboard
     from flinders.workflows.online import OnlineCalibration as OnlineCalibration
+    from flinders.workflows.planning import plan as plan
     from flinders.workflows.recording_contents import contents as contents
     from flinders.workflows.recordings import AnyReadings
     from flinders.workflows.sensors import fit_each as fit_each
@@ -122,6 +123,7 @@ _HOMES: Final = {
     "merge": "comparison.merging",
     "open_log": "readers",
     "open_recording": "readers",
+    "plan": "workflows.planning",
     "read": "readers",
     "refresh": "fitting.refreshing",
     "refresh_at_headings": "fitting.known_heading",

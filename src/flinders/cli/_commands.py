@@ -19,6 +19,7 @@ HEADINGS: Final = (
 """Headings of the list of commands, in their order; those without commands are left out."""
 
 ROWS: Final = {
+    "plan": (USE, "plan", "Say how to turn a sensor, how long, and what error to expect."),
     "calibrate": (USE, "calibrate", "Fit recordings of a sensor and write its calibration."),
     "apply": (USE, "apply", "Correct a recording with a calibration file."),
     "heading": (USE, "heading", "Turn a recording into magnetic and true headings."),

@@ -29,7 +29,7 @@ from flinders.geometry.sphere import fibonacci
 from flinders.simulate._checks import count, not_negative, positive, share
 from flinders.simulate.attitudes import north_and_down, seen_from
 from flinders.simulate.disturbances import Effect, stray_fields
-from flinders.simulate.motions import GRAVITY, MOTIONS, RATE_HZ, Course, Path
+from flinders.simulate.motions import GRAVITY, MOTIONS, RATE_HZ, Course, Motion, Path
 from flinders.simulate.sensor import Sensor, symmetric_power
 
 if TYPE_CHECKING:
@@ -99,7 +99,7 @@ class Simulated(ShortRepr):
 def tumble(
     seed: int | Generator = 0,
     *,
-    motion: str = "hand",
+    motion: str | Motion = "hand",
     n: int | None = None,
     rate_hz: float = RATE_HZ,
     tilt_deg: float | None = None,
@@ -123,8 +123,8 @@ def tumble(
     ----------
     seed : int or Generator
         The same seed gives the same recording.
-    motion : str
-        One of `MOTIONS`; see the head of this package.
+    motion : str or Motion
+        One of `MOTIONS`, see the head of this package; or another `Motion`.
     n : int, optional
         Count of readings; by default those of the duration of the motion, 3,000 for a minute by hand; 1,000 for a
         motion in random order.
@@ -155,7 +155,8 @@ def tumble(
     of_sensor, of_motion, of_outliers, of_noise = np.random.default_rng(seed).spawn(4)
     of_pauses, *of_disturbances = of_noise.spawn(1 + len(disturbances))
     sensor, imu = _sensor(sensor, noise, of_sensor), imu or Imu()
-    path = _path_with_pauses(of_pauses, MOTIONS[motion].draw, of_motion, course, share(stationary, "stationary"))
+    kind, name = (MOTIONS[motion], motion) if isinstance(motion, str) else (motion, "motion")
+    path = _path_with_pauses(of_pauses, kind.draw, of_motion, course, share(stationary, "stationary"))
     stray, is_outlier = stray_fields(of_outliers, course.n, outliers)
     time = np.arange(course.n) / course.rate_hz
     effects = [one.on(time, rng) for one, rng in zip(disturbances, of_disturbances, strict=True)]
@@ -163,14 +164,14 @@ def tumble(
     true = positive(field_strength, "field_strength") * (path.directions * _gain(effects, course.n) + stray)
     raw = sensor.read(true, of_noise, shift=shift)
     return Simulated(
-        _samples(raw, time, path, imu, effects, of_noise, source=f"simulated {motion}"),
+        _samples(raw, time, path, imu, effects, of_noise, source=f"simulated {name}"),
         sensor,
         path.directions,
         field_strength,
         _combined_outliers(is_outlier, effects),
         path.attitudes,
         dip_deg=float(dip_deg),
-        motion=motion,
+        motion=name,
         seed=seed if isinstance(seed, int) else None,
         rate_hz=float(rate_hz),
         imu=None if path.attitudes is None else imu,
@@ -229,11 +230,11 @@ def angle_error_deg(
     return math.degrees(math.sqrt(np.mean(angles**2)))
 
 
-def _course_of(motion: str, n: int | None, rate_hz: float, dip_deg: float, tilt_deg: float | None) -> Course:
+def _course_of(motion: str | Motion, n: int | None, rate_hz: float, dip_deg: float, tilt_deg: float | None) -> Course:
     """Course of a motion, with its parameters checked."""
-    if motion not in MOTIONS:
+    if isinstance(motion, str) and motion not in MOTIONS:
         raise UsageError(f"motion {motion!r} is not known: use one of {', '.join(MOTIONS)}")
-    kind = MOTIONS[motion]
+    kind = MOTIONS[motion] if isinstance(motion, str) else motion
     usual = UNTIMED_READINGS if kind.seconds is None else round(kind.seconds * rate_hz)
     if tilt_deg is not None and kind.tilt_deg is None:
         limited = [name for name, other in MOTIONS.items() if other.tilt_deg is not None]

@@ -16,8 +16,10 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import Any, Final
 
+import msgspec
 import numpy as np
 
+from flinders.apps.live.planned import bodies_data, planned_table
 from flinders.apps.live.simulated import DIP_DEG, FIELD_UT, RATE_HZ, SAID, rocked_and_turned
 from flinders.apps.live.standalone import engine, lines, targets
 from flinders.core.calibration_file import VERSION as SCHEMA
@@ -160,6 +162,8 @@ def page_data() -> dict[str, Any]:
         "lines": lines.data(),
         "chips": chip_settings(),
         "targets": targets.data(),
+        "bodies": bodies_data(),
+        "plans": msgspec.to_builtins(planned_table()),
     }
 
 
@@ -183,6 +187,7 @@ def live_data() -> bytes:
     targets = {"schema": SCHEMA}
     data = {
         "version": VERSION, "model": newest_model(), "unfit": UNFIT, "engine": engine.data(), "targets": targets,
+        "bodies": bodies_data(),
     }  # fmt: skip
     return json.dumps(data, separators=(",", ":"), ensure_ascii=False).encode()
 

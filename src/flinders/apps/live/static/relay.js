@@ -19,7 +19,7 @@ import { readCalibration } from "./standalone/targets.js";
 /** @typedef {import("./standalone/running.js").Finished} Finished */
 /** @typedef {import("./standalone/running.js").Listener} Listener */
 
-/** @typedef {{engine: EngineData, model: import("./standalone/geomag.js").Model, unfit: Record<string, string>, targets: {schema: number}}} ServedData */
+/** @typedef {{engine: EngineData, model: import("./standalone/geomag.js").Model, unfit: Record<string, string>, targets: {schema: number}, bodies: [name: string, description: string][]}} ServedData */
 
 export class RelayLink extends SessionLink {
     /**

@@ -37,6 +37,8 @@ import { calibrationFile, exported, NotExportable, readCalibration, targetsOf } 
  * @property {import("./patterns.js").Rules} lines  with patterns as objects
  * @property {import("./columns.js").ChipSetting[]} chips  of which a count is so much
  * @property {any} targets
+ * @property {[name: string, description: string][]} bodies  that carry a sensor
+ * @property {import("../plan.js").PlannedRecording[]} plans  for each body at some levels of noise
  */
 
 /**

@@ -1,6 +1,8 @@
 /** The page that needs no program: its session is its own, and it begins with a choice of where readings come from. */
 
 import { start } from "../app.js";
+import { byId } from "../dom.js";
+import { askTable, layPlan } from "../plan.js";
 import { Choice } from "./choice.js";
 import { ColumnDialog } from "./columns.js";
 import { Keeper } from "./keeper.js";
@@ -12,6 +14,7 @@ start(async (listener, /** @type {import("./link.js").PageData} */ data, fitter)
     const keeper = await Keeper.open();
     const link = new OwnLink(listener, data, fitter, keeper);
     const choice = new Choice(link, data);
+    layPlan(byId("start-plan", HTMLElement), data.bodies, askTable(data.plans));
     const columns = new ColumnDialog(Object.keys(data.lines.units.PER_UNIT), data.chips);
     link.choose = (unclear) => columns.ask(unclear.asked, unclear.message);
     const restored = async () => {

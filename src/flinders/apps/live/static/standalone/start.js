@@ -33,6 +33,7 @@ const PANEL = `
           <p class="row"><button type="button" id="use-simulation">Simulate a sensor</button></p>
         </section>
       </div>
+      <section class="panel" id="start-plan" aria-label="Plan"></section>
     </section>`;
 
 const BUTTON = `
