@@ -105,7 +105,7 @@ class Nonlinearity:
 
     @property
     def is_proven(self) -> bool:
-        """Whether they are significant."""
+        """Whether the terms are significant."""
         return self.p_value < MAX_P_VALUE
 
     @property
@@ -154,7 +154,7 @@ class AxisLag:
 
     @property
     def is_proven(self) -> bool:
-        """Whether they are significant."""
+        """Whether the lags are significant."""
         return self.p_value < MAX_P_VALUE
 
     @property

@@ -418,7 +418,7 @@ class ToFile:
         self._bytes += len(text.encode())
 
     def sync(self) -> None:
-        """As `Sink.sync`, in the background, and once at a time."""
+        """As `Sink.sync`, in the background; a call during a running sync does nothing."""
         if self._pending is None or self._pending.done():
             self._finish()
             self._pending = self._syncing.submit(os.fsync, self._file)

@@ -29,7 +29,7 @@ BLOCK_STEPS: Final = 64
 def turns(vectors: ArrayLike) -> Floats:
     """(N, 3, 3) rotations by (N, 3) rotation vectors in rad (Rodrigues).
 
-    Equal to `flinders.geometry.rotation.rotations` except for the last bit, which recordings of a seed must keep.
+    Equal to `flinders.geometry.rotation.rotations` except for the last bit, so that recordings of a seed stay the same.
 
     >>> turns([[0.0, 0.0, np.pi / 2]]).round(3)[0].tolist()
     [[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]]

@@ -106,7 +106,7 @@ def recording_for(source: AnyReadings, fit: Fit) -> Recording:
 
 
 def open_with(fit: Fit, recording: AnySource, *, sensor: str | None = None, **reading: Any) -> Recording:
-    """Open a recording in the unit and axes of a calibration, and of several magnetometers its own.
+    """Open a recording in the unit and axes of a calibration; of several magnetometers, that of the calibration.
 
     If the table has the form of one from which the calibration was made, the same columns are read; `reading` has
     parameters of `flinders.open_recording`.
