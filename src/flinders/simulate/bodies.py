@@ -43,7 +43,7 @@ class Body:
 
     name: str
     description: str  #: the body in a few words
-    tilt_deg: float  #: largest tilt that the body reaches; 180 where it can be turned upside down
+    tilt_deg: float  #: largest tilt that the body reaches; 180 if it can be turned upside down
     turning_deg_s: float  #: usual rate of turning, degrees a second
     sway_deg: float  #: root mean square lean away from a constant attitude, about each of two level axes, degrees
     sides: Mapping[Side, str]  #: words for the sides that are lowered
@@ -75,11 +75,11 @@ class Body:
         return path_deg(sequence) / self.turning_deg_s
 
     def steps(self, sequence: Sequence[PoseTurn]) -> list[str]:
-        """Sentences that tell a person how to follow a sequence, one for each attitude."""
+        """Instructions to follow a sequence, one sentence for each attitude."""
         return [self._step(turn, len(list(same))) for turn, same in groupby(sequence)]
 
     def _step(self, turn: PoseTurn, circles: int) -> str:
-        """Sentence for so many circles in one attitude."""
+        """Instruction for a count of circles in one attitude."""
         around = self.circle.format(times=TIMES.get(circles, f"{circles} times"))
         if turn.tilt_deg <= 0.0:
             return f"{around}, level"

@@ -22,7 +22,7 @@ import numpy as np
 
 from flinders.simulate._checks import count
 from flinders.simulate.attitudes import rates, seen_from, turns
-from flinders.simulate.motions import LEANING, RATE_HZ, Motion, Path, Trajectory, wandering
+from flinders.simulate.motions import LEAN_TIME_CONSTANT_S, RATE_HZ, Motion, Path, Trajectory, wandering
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -65,7 +65,7 @@ class PoseTurn:
 
 
 def path_deg(sequence: Sequence[PoseTurn]) -> float:
-    """Degrees that a body rotates in a sequence: a circle for each turn, and the way from one attitude to the next."""
+    """Total rotation of a body in a sequence, in degrees: a circle for each turn, and the changes of attitude."""
     return CIRCLE_DEG * len(sequence) + sum(one.lean_over_deg(other) for one, other in pairwise(sequence))
 
 
@@ -89,7 +89,7 @@ def turn_sequence(
     n = count(round(seconds * rate_hz))
     time = np.arange(n, dtype=np.float64) / rate_hz
     heading, lean = _heading_and_lean(sequence, time / max(seconds, 1.0 / rate_hz))
-    sway = wandering(rng, n, math.exp(-1.0 / (rate_hz * LEANING))) * [1.0, 1.0, 0.0]
+    sway = wandering(rng, n, math.exp(-1.0 / (rate_hz * LEAN_TIME_CONSTANT_S))) * [1.0, 1.0, 0.0]
     sway *= math.radians(sway_deg) / math.sqrt(float(np.mean(sway[:, :2] ** 2)))
     turned = turns(np.outer(heading + rng.uniform(0.0, 2.0 * np.pi), [0.0, 0.0, 1.0]))
     attitudes = turned @ turns(lean) @ turns(sway)

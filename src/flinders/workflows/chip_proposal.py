@@ -1,7 +1,8 @@
-"""Proposal of unit and axes: from the name of a chip, or from counts, their steps and the strength of the field.
+"""Proposal of unit and axes, from the name of a chip, or from counts, their steps and the strength of the field.
 
-A name leaves the settings of one chip. Counts leave those settings of all chips that make the field one of the earth's
-and whose words hold the readings. Where several are left, all are said, and none is chosen. Nothing is applied.
+A name limits the candidates to the settings of one chip. Counts limit them to the settings of all chips that give a
+plausible strength of the earth's field and whose word length fits the readings. If several settings remain, all are
+listed and none is chosen. Nothing is applied.
 
 >>> turned = np.random.default_rng(1).normal(size=(500, 3))
 >>> readings = np.round(300 * turned / np.linalg.norm(turned, axis=1, keepdims=True))
@@ -32,25 +33,25 @@ if TYPE_CHECKING:
     from flinders.errors import Spelling
 
 MIN_READINGS: Final = 30
-"""Readings below which a common step is chance."""
+"""Smallest count of different readings for a common step; with fewer it may be chance."""
 SITE_SHARE: Final = 0.25
-"""Of the field at a known place: what a strength in µT may differ by, with iron on board."""
+"""Largest relative difference of a strength from the field at a known place, with iron on board."""
 RANGE_FACTOR: Final = 1.6
-"""Readings reach so many times the stated range: the HMC5883L's words of 12 bits 1.45 times its ±1.3 G."""
+"""Largest reading over the stated range; the 12-bit words of the HMC5883L reach 1.45 times its ±1.3 G."""
 REGISTER_BITS: Final = 16
-"""Of a word where no source says how many it has."""
+"""Assumed word length if no source states it."""
 MAX_OFFSET: Final = 12.0
-"""Strengths of the field: the largest offset that iron explains; the largest of a real recording here is 6.6."""
+"""Largest offset by iron, in strengths of the field; the largest in our recordings is 6.6."""
 MAX_STEP_ERROR: Final = 0.05
-"""Mean distance of readings from multiples of a step, in steps; numbers of no step have 0.25."""
+"""Largest mean distance of readings from multiples of a step, in steps; it is 0.25 for numbers without a step."""
 PRIMES: Final = (2, 3, 5, 7, 11, 13)
 """Factors by which the step of readings may be larger than a count."""
 MAX_LISTED: Final = 6
-"""Steps that a sentence lists; the fields of a proposal have all."""
+"""Largest count of steps in a sentence; the fields of a proposal have all."""
 MAX_STRENGTHS: Final = 3
-"""Strengths that a sentence lists; of more the least and the largest."""
+"""Largest count of strengths in a sentence; of more only the smallest and the largest are stated."""
 RIVALS: Final = ("HMC5883L", "QMC5883L")
-"""Chips that are sold as each other: where one explains the readings and the other does not, that is worth a word."""
+"""Chips that are sold as each other; the sentence states if only one of them explains the readings."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -60,37 +61,37 @@ class ChipCandidate:
     chip: str  # name of the chip
     setting: str  # name of the setting
     lsb_ut: float  # µT: one count of the chip
-    scale: float  # µT: one of what the recording is written in
-    strength_ut: float | None  # µT: the field by it; None where too little of it is seen
-    is_usual: bool  # whether the chip starts in that setting, or common drivers select it
+    scale: float  # µT: one unit of the recorded numbers
+    strength_ut: float | None  # µT: strength of the field; None if the coverage is too small
+    is_usual: bool  # whether it is the setting at power-up, or that of common drivers
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ChipProposal:
-    """Chips that explain readings, and what to give for unit and axes."""
+    """Chips that explain readings, with the proposed unit and axes."""
 
-    chips: tuple[str, ...]  # names of the chips that are left, those of the same maker together
-    named_by: str  # what names the chip, such as the name of the file; empty where counts alone tell
-    candidates: tuple[ChipCandidate, ...]  # settings that are left; none where the recording states its unit
-    unit: str  # unit to give; empty where none is proposed
-    scale: float | None  # µT of a count to give; None where none or several are left
-    axes: str  # mapping of the axes to give; empty where none is known
-    reason: str  # why, in words
-    advice: str  # what to give, spelled as arguments or options; empty for nothing
+    chips: tuple[str, ...]  # names of the remaining chips, those of the same maker together
+    named_by: str  # source of the chip's name, such as the name of the file; empty if only counts are used
+    candidates: tuple[ChipCandidate, ...]  # remaining settings; empty if the recording states its unit
+    unit: str  # proposed unit; empty for none
+    scale: float | None  # proposed µT per count; None if none or several remain
+    axes: str  # proposed mapping of the axes; empty if unknown
+    reason: str  # reason of the proposal, in words
+    advice: str  # proposed arguments or options; empty for none
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ChipEvidence:
-    """What is known of readings whose chip is asked for."""
+    """Evidence on the chip of some readings."""
 
-    sample: Floats  # (N, 3) readings as they are written
+    sample: Floats  # (N, 3) readings as recorded
     lowest: Floats  # (3,) smallest reading of each axis
     highest: Floats  # (3,) largest reading of each axis
-    strength: float | None  # of the field, in what the readings are written in; None where too little is seen
-    unit: str = COUNTS  # what the recording says it is written in
-    chips: tuple[Chip, ...] = ()  # those that a name leaves
-    named_by: str = ""  # what has that name
-    site_ut: float | None = None  # µT: field at the place, where that is known
+    strength: float | None  # of the field, in the unit of the recorded numbers; None if the coverage is too small
+    unit: str = COUNTS  # stated unit of the recording
+    chips: tuple[Chip, ...] = ()  # chips that match a name
+    named_by: str = ""  # source of that name
+    site_ut: float | None = None  # µT: field at the place, if known
     is_mapped: bool = False  # whether axes were mapped already, by an autopilot or on request
 
     @classmethod
@@ -104,7 +105,7 @@ class ChipEvidence:
         named_by: str = "",
         site_ut: float | None = None,
     ) -> Self:
-        """Take the ends of (N, 3) readings from themselves."""
+        """Create evidence with the ranges of (N, 3) readings."""
         return cls(
             sample=readings,
             lowest=readings.min(axis=0),
@@ -118,14 +119,14 @@ class ChipEvidence:
 
     @property
     def limits_ut(self) -> tuple[float, float]:
-        """Strengths that the field may have."""
+        """Range of plausible strengths of the field, in µT."""
         if self.site_ut is None:
             return EARTH_WITH_ROOM_UT
         return (1 - SITE_SHARE) * self.site_ut, (1 + SITE_SHARE) * self.site_ut
 
 
 def propose_chip(evidence: ChipEvidence, spell: Spelling = in_python) -> ChipProposal | None:
-    """Propose unit and axes; None where neither a name nor the readings tell anything."""
+    """Propose unit and axes; None if neither a name nor the readings give any."""
     if evidence.unit != COUNTS:
         return _propose_axes(evidence, spell) if evidence.chips else None
     step = whole_step(evidence.sample)
@@ -138,7 +139,7 @@ def propose_chip(evidence: ChipEvidence, spell: Spelling = in_python) -> ChipPro
 
 
 def whole_step(readings: Floats) -> float | None:
-    """Return the step between different values of (N, 3) whole numbers; None for fractions, or for too few.
+    """Step between different values of (N, 3) whole numbers; None for fractions, or for too few readings.
 
     >>> steps = np.random.default_rng(1).integers(-40, 40, (60, 3))
     >>> whole_step(steps * 1.0), whole_step(steps * 4.0), whole_step(steps * 0.5), whole_step(steps[:9] * 1.0)
@@ -151,7 +152,7 @@ def whole_step(readings: Floats) -> float | None:
 
 
 def is_in_steps(readings: Floats, step: float) -> bool:
-    """Tell whether (N, 3) readings are multiples of a step and of no larger one, but for the rounding of a last digit.
+    """Whether (N, 3) readings are multiples of a step and of no larger one, except for rounding of the last digit.
 
     >>> readings = np.round(np.random.default_rng(1).integers(-400, 400, (60, 3)) / 1090, 6)
     >>> is_in_steps(readings, 1 / 1090), is_in_steps(readings, 1 / 1370), is_in_steps(readings, 0.5 / 1090)
@@ -166,7 +167,7 @@ def _are_multiples(readings: Floats, step: float) -> bool:
 
 
 def _find_candidates(evidence: ChipEvidence, step: float, of: Iterable[Chip]) -> tuple[ChipCandidate, ...]:
-    """Settings of chips whose words hold the readings and that make the field the earth's, where that is seen."""
+    """Settings of chips whose word length fits the readings and that give a plausible strength, if it is known."""
     low, high = evidence.limits_ut
     left = []
     for chip in of:
@@ -182,7 +183,7 @@ def _find_candidates(evidence: ChipEvidence, step: float, of: Iterable[Chip]) ->
 def _make_candidate(
     evidence: ChipEvidence, step: float, chip: Chip, setting: ChipSetting, *, is_usual: bool
 ) -> ChipCandidate:
-    """Make the candidate of a setting: one step of the readings is one count of it."""
+    """Candidate of a setting, for which one step of the readings is one count."""
     mean_ut = (2 * setting.lsb_ut + (setting.lsb_z_ut or setting.lsb_ut)) / 3
     return ChipCandidate(
         chip=chip.name,
@@ -195,7 +196,7 @@ def _make_candidate(
 
 
 def _holds_readings(evidence: ChipEvidence, step: float, chip: Chip, setting: ChipSetting) -> bool:
-    """Tell whether the words of a setting hold the readings, and iron explains their offset."""
+    """Whether the word length of a setting fits the readings, and iron can explain their offset."""
     low, high = evidence.lowest / step - setting.zero, evidence.highest / step - setting.zero
     word = 2.0 ** ((chip.bits or REGISTER_BITS) - 1)
     if setting.range_ut is not None:
@@ -208,12 +209,12 @@ def _holds_readings(evidence: ChipEvidence, step: float, chip: Chip, setting: Ch
 def _propose_by_name(
     evidence: ChipEvidence, left: Sequence[ChipCandidate], step: float, spell: Spelling
 ) -> ChipProposal:
-    """Propose the settings of a named chip that are left."""
+    """Proposal from the remaining settings of a named chip."""
     names = " or ".join(chip.name for chip in evidence.chips)
     strength, scale = evidence.strength, _common_scale(left)
     if strength is None:
         usual = ", ".join(_setting_words(each) for each in left if each.is_usual)
-        reason = f"{evidence.named_by} names {names}; too little of the field is seen to tell its setting"
+        reason = f"{evidence.named_by} names {names}; the coverage is too small to determine its setting"
         reason += f" (usual: {usual})" if usual else ""
         scale = None
     elif not left:
@@ -238,7 +239,7 @@ def _propose_by_name(
 def _propose_by_counts(
     evidence: ChipEvidence, left: Sequence[ChipCandidate], step: float, spell: Spelling
 ) -> ChipProposal:
-    """Propose the chips whose counts make the field the earth's, by their counts."""
+    """Proposal of the chips whose counts give a plausible strength of the field."""
     low, high = evidence.limits_ut
     shown = [each for each in left if each.is_usual] or left
     groups = groupby(sorted(shown, key=lambda each: each.lsb_ut), key=lambda each: each.lsb_ut)
@@ -253,7 +254,7 @@ def _propose_by_counts(
 
 
 def _rival_words(evidence: ChipEvidence, left: Sequence[ChipCandidate], step: float) -> str:
-    """Say of a chip that is sold as another one that is left why it is not."""
+    """Reason why a chip is not among the candidates that is sold as one of them, in words; empty otherwise."""
     names = {each.chip for each in left}
     missing = [name for name in RIVALS if name not in names]
     if len(missing) != 1:
@@ -268,7 +269,7 @@ def _rival_words(evidence: ChipEvidence, left: Sequence[ChipCandidate], step: fl
 
 
 def _propose_by_fractions(evidence: ChipEvidence, spell: Spelling) -> ChipProposal | None:
-    """Propose the unit in which steps of fractions are the count of a chip, and the strength is the earth's."""
+    """Proposal of a unit in which fractional steps are one count of a chip and the strength is plausible."""
     if evidence.strength is None or len(evidence.sample) < MIN_READINGS:
         return None
     low, high = evidence.limits_ut
@@ -306,13 +307,13 @@ def _propose_by_fractions(evidence: ChipEvidence, spell: Spelling) -> ChipPropos
 
 
 def _is_of_one_digit(step: float) -> bool:
-    """Tell whether a step is 1, 2 or 5 of a decimal place, which numbers of few digits have without any chip."""
+    """Whether a step is 1, 2 or 5 of a decimal place, as of numbers with few digits from any chip."""
     digit = step / 10.0 ** np.floor(np.log10(step) + 1e-9)
     return bool(np.any(np.isclose(digit, (1.0, 2.0, 5.0), rtol=1e-4)))
 
 
 def _propose_axes(evidence: ChipEvidence, spell: Spelling) -> ChipProposal:
-    """Say which chip is named, and which mapping its axes may need; steps of known units tell a resolution alone."""
+    """Proposal of axes for a named chip, for readings with a known unit."""
     names = " or ".join(chip.name for chip in evidence.chips)
     reason = f"{evidence.named_by} names {names}; the readings are in {evidence.unit} already"
     return _make_proposal(evidence, (), unit="", scale=None, reason=reason, spell=spell)
@@ -327,7 +328,7 @@ def _make_proposal(
     reason: str,
     spell: Spelling,
 ) -> ChipProposal:
-    """Put a proposal together, with what to give for it."""
+    """Proposal with its advice."""
     names = tuple(dict.fromkeys(each.chip for each in left)) or tuple(chip.name for chip in evidence.chips)
     mapped = next((chip for chip in chips() if names == (chip.name,) and not evidence.is_mapped), None)
     rounded = None if scale is None else float(f"{scale:.6g}")
@@ -346,7 +347,7 @@ def _make_proposal(
 
 
 def _unit_advice(proposal: ChipProposal, spell: Spelling) -> str:
-    """Spell the unit to give; of several scales all, or that the chip is to be named."""
+    """Advice on the unit: the only scale, all of several scales, or to name the chip."""
     if proposal.unit:
         return spell({"unit": proposal.unit, **({} if proposal.scale is None else {"scale": proposal.scale})})
     if not proposal.candidates:
@@ -359,12 +360,12 @@ def _unit_advice(proposal: ChipProposal, spell: Spelling) -> str:
 
 
 def _axes_advice(axes: str, chip: Chip | None, spell: Spelling) -> str:
-    """Spell the mapping of axes to give, and the axes that it leads to."""
+    """Advice on the mapping of axes, with the resulting axes; empty without a mapping."""
     return "" if chip is None or not axes else f"{spell({'axes': axes})} for {chip.axes_are}"
 
 
 def _common_scale(left: Sequence[ChipCandidate]) -> float | None:
-    """Return the µT of a count, where all that is left agrees on it."""
+    """µT per count, if all candidates agree; else None."""
     scales = {each.scale for each in left}
     return scales.pop() if len(scales) == 1 else None
 
@@ -375,7 +376,7 @@ def _setting_words(candidate: ChipCandidate) -> str:
 
 
 def _strength_words(candidates: Sequence[ChipCandidate]) -> str:
-    """Write the strengths that settings make: one, a few, or from the least to the largest."""
+    """Words for the strengths by settings: one, a few, or the range."""
     made = sorted(
         {figures(each.strength_ut or 0.0, 3): each.strength_ut or 0.0 for each in candidates}.items(),
         key=lambda each: each[1],

@@ -1,13 +1,13 @@
-"""The fit to expect of a planned recording: its claim and verdict, before anything is recorded.
+"""Expected fit of a planned recording: its claim and verdict before the recording.
 
-The information of a recording depends on the directions that it covers and on the noise, hardly on the noise that was
-drawn. So the planned motion is simulated for several sensors with usual iron, and each recording is fitted and judged
-by the engine as a real one would be. Prior, widening, findings and verdict are thereby those of `flinders.fit`; nothing
-is computed a second time. In some recordings chance makes white noise look as if it lasted, and their claims are two to
-four times as large; so the lower quartile of the claims is expected. `ExpectedFit.high_error_deg` is their 88 %.
+The information of a recording depends on its directions and on the size of the noise, hardly on the single random
+numbers. So the planned motion is simulated for several sensors with usual iron, and the engine fits and judges each
+recording as a real one. Prior, widening, findings and verdict are those of `flinders.fit`. In some recordings white
+noise appears correlated by chance, and the claims are two to four times as large; so the lower quartile of the claims
+is the expected one. `ExpectedFit.high_error_deg` is their 88 % quantile.
 
 `ExpectedFit.information_error_deg` is the information bound (Cramér–Rao) of the same readings: the error that noise
-and prior leave if residuals are independent. The claim is larger where the motion leaves directions open.
+and prior leave if residuals are independent. The claim is larger if the motion does not cover all directions.
 
 >>> from flinders.simulate.turn_sequence import PoseTurn
 >>> level = expected_fit([PoseTurn()], RecordingSettings(seconds=12.0, noise=0.5, sway_deg=0.1))
@@ -39,27 +39,27 @@ if TYPE_CHECKING:
     from flinders.simulate.turn_sequence import PoseTurn
 
 DRAWS: Final = 17
-"""Simulated recordings of a plan: their lower quartile is the fifth."""
+"""Count of simulated recordings of a plan, the fifth of which is the lower quartile."""
 
 AIDED_DRAWS: Final = 5
-"""The same with aiding sensors, whose fits take longer."""
+"""Count of simulated recordings with aiding sensors, whose fits take longer."""
 
 TYPICAL, HIGH = 0.25, 0.88
-"""Quantiles of the claims: the one to expect, and the one that some recordings reach by chance."""
+"""Quantiles of the claims: the expected one, and the one that some recordings reach by chance."""
 
 MAX_READINGS: Final = 4_000
-"""Readings of a simulated recording; more are averaged into these."""
+"""Largest count of readings of a simulated recording; more are averaged into these."""
 
 MAX_AIDED_READINGS: Final = 600
-"""The same with aiding sensors."""
+"""Largest count of readings of a simulated recording with aiding sensors."""
 
 FIELD_STRENGTH: Final = 50.0
-"""µT, where no place is known."""
+"""µT: field strength if the place is unknown."""
 
 
 @dataclass(frozen=True, slots=True)
 class RecordingSettings:
-    """Duration, noise, rate and site of a planned recording, and the sensors that count in its fit."""
+    """Duration, noise, rate and site of a planned recording, and the sensors that its fit uses."""
 
     seconds: float
     noise: float  #: µT, 1 σ of each axis and reading
@@ -71,14 +71,14 @@ class RecordingSettings:
 
     @property
     def averaged(self) -> int:
-        """Readings that are averaged into one of the simulation."""
+        """Count of readings that are averaged into one reading of the simulation."""
         most = MAX_AIDED_READINGS if self.aiding else MAX_READINGS
         return max(1, math.ceil(self.seconds * self.rate_hz / most))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ExpectedFit:
-    """The fit to expect: of those of the simulated recordings the lower quartile, by verdict and then by error."""
+    """Expected fit: the lower quartile of the fits of simulated recordings, by verdict and then by error."""
 
     fit: Fit
     simulated: Simulated  #: the recording of that fit, with its truth
@@ -92,7 +92,7 @@ class ExpectedFit:
 
     @property
     def is_upside_down(self) -> bool:
-        """Whether the fit takes the sensor for one that is mounted upside down, and states another dip."""
+        """Whether the fit assumes that the sensor is mounted upside down, and states another dip."""
         return self.fit.claim.known_dip_deg * self.simulated.dip_deg < 0.0
 
     @property
@@ -139,12 +139,12 @@ class ExpectedFit:
 def expected_fit(
     sequence: Sequence[PoseTurn], recording: RecordingSettings, *, draws: int | None = None
 ) -> ExpectedFit | None:
-    """Simulate and fit a planned recording; None where most of the simulated recordings give no fit.
+    """Simulate and fit a planned recording; None if most of the simulated recordings give no fit.
 
     Parameters
     ----------
     draws : int, optional
-        Simulated recordings, by default `DRAWS` or `AIDED_DRAWS`.
+        Count of simulated recordings, by default `DRAWS` or `AIDED_DRAWS`.
     """
     count = draws or (AIDED_DRAWS if recording.aiding else DRAWS)
     simulated = [simulate_plan(sequence, recording, seed) for seed in range(count)]
@@ -177,7 +177,7 @@ def simulate_plan(sequence: Sequence[PoseTurn], recording: RecordingSettings, se
 
 
 def fit_planned(simulated: Simulated, recording: RecordingSettings) -> Fit | None:
-    """Fit a simulated recording as a real one, with those sensors that are planned; None where there is no fit."""
+    """Fit a simulated recording as a real one, with the planned sensors; None if there is no fit."""
     samples = simulated.samples
     samples = replace(
         samples,
@@ -193,5 +193,5 @@ def fit_planned(simulated: Simulated, recording: RecordingSettings) -> Fit | Non
 
 
 def dip_of(site: Site | None) -> float:
-    """Dip at a site, degrees; where none is known the usual assumption."""
+    """Dip at a site, degrees; the usual assumption if it is unknown."""
     return ASSUMED_DIP_DEG if site is None or site.inclination_deg is None else site.inclination_deg

@@ -1,8 +1,8 @@
-"""The use case: plan a recording before it is made, and say which heading error to expect of it.
+"""The use case `plan`: the motion and duration of a recording, and its expected heading error.
 
 A body, the noise of its sensor and a target give the motion, its duration and the fit to expect
 (`flinders.workflows.planned_fit`). Of the sequences of turns that the body can follow (`flinders.simulate.bodies`) the
-shortest is taken that gives the best grade: a good verdict; else headings within the target at every tilt of the body;
+shortest with the best grade is selected: a good verdict; else headings within the target at every tilt of the body;
 else while it is level; else the smallest error.
 
 >>> drone = plan("drone", noise="0.5 uT", alternatives=False)
@@ -39,16 +39,16 @@ PlannedAid = Literal["dip", "rate"]
 """Aiding sensors of a plan: accelerometer and gyro."""
 
 REPEATS: Final = (1, 2, 4, 8)
-"""Circles in each attitude that are tried."""
+"""Counts of circles in each attitude that are tried."""
 
 MANY_REPEATS: Final = 4
-"""Circles in each attitude from which on more are tried only where no level heading is within the target."""
+"""Count of circles in each attitude above which more are tried only if no level heading is within the target."""
 
 MAX_SECONDS: Final = 900.0
 """Duration above which no further circles are tried, s."""
 
 MAX_SPEED_RATIO: Final = 2.0
-"""Largest rate of turning over the usual one, where a duration is given."""
+"""Largest ratio of the rate of turning to the usual one, if a duration is given."""
 
 GOOD_RANK, REACHED_RANK, LEVEL_RANK = 3, 2, 1
 """Grades of a good verdict, and of headings within the target at every tilt of the body and while level; see
@@ -155,7 +155,7 @@ def plan(
     aiding: str | Sequence[str] = (),
     alternatives: bool = True,
 ) -> Plan:
-    """Plan a recording: which motion, how long, and which heading error to expect.
+    """Plan a recording: its motion, its duration, and its expected heading error.
 
     Parameters
     ----------
@@ -171,11 +171,11 @@ def plan(
     rate_hz : float
         Readings a second.
     seconds : float, optional
-        Duration of the recording; by default as long as it takes.
+        Duration of the recording; by default that of the selected motion.
     tilt_deg : float, optional
         Largest tilt of the body, degrees, in place of its usual one.
     aiding : str or sequence of str
-        Aiding sensors that will count in the fit: ``dip`` of an accelerometer, ``rate`` of a gyro.
+        Aiding sensors that the fit will use: ``dip`` of an accelerometer, ``rate`` of a gyro.
     alternatives : bool
         Whether twice the time, more tilt and further sensors are tried as well.
 
@@ -185,7 +185,7 @@ def plan(
         For an unknown body, a number out of range, noise without a unit, or a duration in which the body cannot turn
         once around. `UnitError` for an unknown unit.
     FitError
-        Where no motion of the body gives a fit, as noise is too large.
+        If no motion of the body gives a fit, because the noise is too large.
     """
     body = body if not isinstance(body, str) else body_of(body)
     aids = aids_of(aiding)
@@ -281,14 +281,14 @@ def noise_of_chip(name: str) -> float:
 
 
 def _above_zero(value: float, what: str, unit: str) -> float:
-    """Let through a finite number above zero."""
+    """Return a finite number above zero; raise `UsageError` for others."""
     if not 0.0 < value < math.inf:
         raise UsageError(f"{what} is {value:g}{unit}: need a number above 0")
     return float(value)
 
 
 def _within(value: float, what: str, most: float) -> float:
-    """Let through an angle from zero to a limit."""
+    """Return an angle from zero to a limit; raise `UsageError` for others."""
     if not 0.0 <= value <= most:
         raise UsageError(f"{what} is {value:g}°: need 0° to {most:g}°")
     return float(value)
@@ -297,7 +297,7 @@ def _within(value: float, what: str, most: float) -> float:
 def _choose(
     body: Body, tilt_deg: float, seconds: float | None, recording: RecordingSettings, repeats: Sequence[int] = REPEATS
 ) -> _Choice | None:
-    """The motion of the best grade; of those the shortest, or of one duration the one with the smallest error.
+    """The motion with the best grade: the shortest of these, or for a given duration the one with the smallest error.
 
     More circles are tried where one in each attitude is not enough.
     """
@@ -330,7 +330,7 @@ def _is_better(one: _Choice, other: _Choice, tilt_deg: float, *, by_error: bool)
 
 
 def _candidates(body: Body, tilt_deg: float, seconds: float | None, times: int) -> Iterator[_Candidate]:
-    """Motions with so many circles in each attitude, the shortest first; of a given duration as many as fit.
+    """Yield motions with `times` circles in each attitude, the shortest first; for a given duration as many as fit.
 
     Raises
     ------
@@ -352,7 +352,7 @@ def _candidates(body: Body, tilt_deg: float, seconds: float | None, times: int) 
 
 
 def _circles(body: Body, sequence: tuple[PoseTurn, ...], seconds: float) -> tuple[PoseTurn, ...]:
-    """The sequence with as many circles in each attitude as the body turns in a time at its usual rate."""
+    """The sequence with as many circles in each attitude as fit a duration at the usual rate."""
     times = max([1, *(each for each in REPEATS if body.seconds(sequence) * each <= seconds)])
     return tuple(turn for turn in sequence for _ in range(times))
 
