@@ -38,8 +38,9 @@ def docstrings(path: Path, tree: ast.Module) -> Iterator[str]:
                 yield f"{path.relative_to(ROOT)} {name}\n{text.split(chr(10) + '>>>')[0]}"
     for before, after in zip(tree.body, tree.body[1:], strict=False):
         names = ast.unparse(before.target) if isinstance(before, ast.AnnAssign) else ""
-        if names and isinstance(after, ast.Expr) and isinstance(after.value, ast.Constant):
-            yield f"{path.relative_to(ROOT)} {ast.unparse(before)[:100]}\n{after.value.value}"
+        text = after.value.value if isinstance(after, ast.Expr) and isinstance(after.value, ast.Constant) else None
+        if names and isinstance(text, str):
+            yield f"{path.relative_to(ROOT)} {ast.unparse(before)[:100]}\n{text}"
 
 
 def messages(path: Path, tree: ast.Module) -> Iterator[str]:
