@@ -6,7 +6,7 @@
  * rotation. With an accelerometer up is up, and magnetic north is away from the viewer.
  */
 
-import { corrected, cross, dot, unit } from "./vectors.js";
+import { correctReading, cross, dot, unit } from "./vectors.js";
 
 /** @typedef {import("./vectors.js").Vector} Vector */
 /** @typedef {readonly [Vector, Vector, Vector]} Rotation  three rows */
@@ -55,7 +55,7 @@ export function rotation({ axis: [x, y, z], angle }) {
  * @param {Vector} to
  * @returns {Turn}
  */
-export function between(from, to) {
+export function turnBetween(from, to) {
     const normal = cross(from, to);
     const sine = Math.hypot(...normal);
     const aside = sine > 1e-6 ? normal : cross(from, Math.abs(from[2]) < 0.9 ? [0, 0, 1] : [1, 0, 0]);
@@ -76,11 +76,11 @@ export class Attitude {
      * @param {import("../view.d.ts").Shown} shown
      */
     follow({ raw, acceleration }, shown) {
-        const field = unit(corrected(raw, shown));
+        const field = unit(correctReading(raw, shown));
         const upright = acceleration && level(field, unit(acceleration));
         this.isUpright = Boolean(upright);
         if (upright) this.rotation = upright;
-        else if (this.field) this.rotation = product(this.rotation, rotation(between(field, this.field)));
+        else if (this.field) this.rotation = product(this.rotation, rotation(turnBetween(field, this.field)));
         this.field = field;
     }
 }

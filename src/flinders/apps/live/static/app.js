@@ -6,7 +6,7 @@
  * numbers four times, the dials and the sphere with each frame.
  */
 
-import { byId, element, icon, Refusal, remember, remembered, setIcon, setList, setText } from "./dom.js";
+import { byId, element, icon, Refusal, remember, recall, setIcon, setList, setText } from "./dom.js";
 import { Finish } from "./finish.js";
 import { listen, rows, setSingleKeys, singleKeys } from "./keys.js";
 import { legendOf, legendRow } from "./legend.js";
@@ -17,7 +17,7 @@ import { Fitter } from "./standalone/fitter.js";
 import { errors, goesOn, Store } from "./store.js";
 import { ems, gauge } from "./views/gauge.js";
 import { Guide, LeadView } from "./views/lead.js";
-import { brief, capital, counted, degrees, duration, frequency, ICONS, isGoodWhileLevel, PHASES, REASONS, sentence, sinceWords, things, WHILE_LEVEL } from "./views/words.js";
+import { brief, capital, countText, degrees, duration, frequency, ICONS, isGoodWhileLevel, PHASES, REASONS, sentence, sinceWords, things, WHILE_LEVEL } from "./views/words.js";
 import { drawChanged, lay, markHovered } from "./widgets.js";
 
 /** @typedef {import("./messages.d.ts").Command} Command */
@@ -234,7 +234,7 @@ function drawPhase(state) {
     const words = state.words.startsWith(`${phaseTitle}: `) ? capital(state.words.slice(phaseTitle.length + 2)) : state.words; // "Good: …"
     if (strong) setText(strong, phaseTitle);
     const shown = state.phase === "waiting" || isStill(state, store.view) ? "" : words; // which the middle of the page says
-    setText(byId("phase-words", HTMLElement), state.phase === "wrong" ? gravest(state) : shown);
+    setText(byId("phase-words", HTMLElement), state.phase === "wrong" ? gravestFault(state) : shown);
     const others = state.reasons.filter(({ code }) => code !== state.told);
     setList(byId("reasons", HTMLElement), others, (reason) => {
         const row = element("li", sentence(reason.advice));
@@ -249,7 +249,7 @@ function drawPhase(state) {
  * @param {State} state
  * @returns {string}
  */
-function gravest({ reasons, words }) {
+function gravestFault({ reasons, words }) {
     const reason = reasons.find(({ severity }) => severity === "warning");
     const title = reason && REASONS[reason.code];
     const [, details] = brief(words);
@@ -267,8 +267,8 @@ function drawSource({ phase, source, readings, rejected, excluded_readings, fini
         readings > 0 && seconds !== null ? duration(seconds) : "",
         readings > 0 ? things(readings, "reading") : "",
         rejected > 0 ? `${things(rejected, "outlier")}` : "",
-        excluded_readings > 0 ? `${counted(excluded_readings)} left out` : "",
-        finished && finished.since > 0 ? `${counted(finished.since)} since Finish` : "",
+        excluded_readings > 0 ? `${countText(excluded_readings)} left out` : "",
+        finished && finished.since > 0 ? `${countText(finished.since)} since Finish` : "",
     ];
     const words = counts.filter(Boolean).join(" · ");
     setText(byId("source-words", HTMLElement), words);
@@ -345,7 +345,7 @@ async function startScene() {
     if (sceneAsked || !tiles) return;
     sceneAsked = true;
     const host = byId("scene", HTMLElement);
-    await painted();
+    await nextPaint();
     try {
         const { Scene: Made } = await import("./views/scene.js");
         scene = new Made(host, { tiles, theme: theme(), interactive: true });
@@ -368,7 +368,7 @@ async function startScene() {
 }
 
 /** Until what has been drawn so far is on the screen; of a page that nobody looks at, a second. */
-function painted() {
+function nextPaint() {
     return new Promise((resolve) => {
         requestAnimationFrame(() => requestAnimationFrame(() => window.setTimeout(resolve)));
         window.setTimeout(resolve, 1000);
@@ -428,10 +428,10 @@ function mode() {
 /** @param {number} which */
 function chooseMode(which) {
     modes[which].checked = true;
-    modeChosen();
+    applyMode();
 }
 
-function modeChosen() {
+function applyMode() {
     scene?.setMode(mode());
     drawLegend();
 }
@@ -536,7 +536,7 @@ byId("goal", HTMLSelectElement).addEventListener("change", () => {
     const goal = byId("goal", HTMLSelectElement).value === "attitude" ? "attitude" : "heading";
     send({ type: "goal", goal });
 });
-for (const choice of modes) choice.addEventListener("change", modeChosen);
+for (const choice of modes) choice.addEventListener("change", applyMode);
 
 const togglePause = () => {
     if (store.state && store.state.opened === null) send({ type: "pause", paused: !store.state.paused });
@@ -652,10 +652,10 @@ function toggleTheme() {
     const next = theme() === "dark" ? "light" : "dark";
     document.documentElement.dataset.theme = next;
     remember(THEME, next);
-    themed();
+    applyTheme();
 }
 
-function themed() {
+function applyTheme() {
     setIcon(byId("theme", HTMLElement), theme() === "dark" ? "sun" : "moon");
     scene?.setTheme(theme());
     drawAll();
@@ -710,11 +710,11 @@ const single = byId("single-keys", HTMLInputElement);
 single.checked = singleKeys();
 single.addEventListener("change", () => setSingleKeys(single.checked));
 window.matchMedia("(prefers-color-scheme: light)").addEventListener("change", (event) => {
-    if (remembered(THEME) !== null) return;
+    if (recall(THEME) !== null) return;
     document.documentElement.dataset.theme = event.matches ? "light" : "dark";
-    themed();
+    applyTheme();
 });
-themed();
+applyTheme();
 new ResizeObserver(([{ target }]) => {
     document.documentElement.style.setProperty("--foot", `${Math.ceil(target.getBoundingClientRect().height)}px`);
 }).observe(byId("advice", HTMLElement)); // which on a phone lies over the foot of the page

@@ -22,7 +22,7 @@ const BEFORE_A_UNIT = /(\d) (?=[%°µσ]|(?:k?Hz|kB|Mi?B|mG|nT|uT|min|[hsmg])\b)
  * A text in which numbers and their units stay on one line.
  * @param {string} text
  */
-function unbroken(text) {
+function joinUnits(text) {
     return text.replace(BEFORE_A_UNIT, "$1\u00a0");
 }
 
@@ -32,7 +32,7 @@ function unbroken(text) {
  * @param {string} text
  */
 export function setText(element, text) {
-    const shown = unbroken(text);
+    const shown = joinUnits(text);
     if (element.textContent !== shown) element.textContent = shown;
 }
 
@@ -44,7 +44,7 @@ export function setText(element, text) {
  */
 export function element(name, content = "", kind = "") {
     const made = document.createElement(name);
-    if (content) made.append(...[content].flat().map((part) => (typeof part === "string" ? unbroken(part) : part)));
+    if (content) made.append(...[content].flat().map((part) => (typeof part === "string" ? joinUnits(part) : part)));
     if (kind) made.className = kind;
     return made;
 }
@@ -54,7 +54,7 @@ export function element(name, content = "", kind = "") {
  * @param {string} key
  * @returns {string | null}
  */
-export function remembered(key) {
+export function recall(key) {
     try {
         return localStorage.getItem(key);
     } catch {

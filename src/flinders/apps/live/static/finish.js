@@ -2,10 +2,10 @@
 
 import { drawCard } from "./card.js";
 import { canCollect, errors } from "./store.js";
-import { byId, bytesOf, element, icon, Refusal, remember, remembered, save, setIcon, setList, setText } from "./dom.js";
+import { byId, bytesOf, element, icon, Refusal, remember, recall, save, setIcon, setList, setText } from "./dom.js";
 import { hexadecimal } from "./standalone/targets.js";
 import { table } from "./views/table.js";
-import { clock, counted, degrees, ICONS, isGoodWhileLevel, measured, PHASES, sentence, significant, sinceWords, things, VERDICTS, WHILE_LEVEL } from "./views/words.js";
+import { clock, countText, degrees, ICONS, isGoodWhileLevel, measuredText, PHASES, sentence, significant, sinceWords, things, VERDICTS, WHILE_LEVEL } from "./views/words.js";
 
 /** @typedef {import("./messages.d.ts").SessionState} State */
 /** @typedef {import("../../../static/view.d.ts").View} View */
@@ -139,7 +139,7 @@ export class Finish {
      */
     setTargets(targets) {
         const known = (/** @type {string | null} */ chosen) => targets.some(({ name }) => name === chosen);
-        const chosen = [this.targets.value, remembered(LAST_TARGET), targets[0]?.name ?? ""].find(known);
+        const chosen = [this.targets.value, recall(LAST_TARGET), targets[0]?.name ?? ""].find(known);
         this.targets.replaceChildren(
             ...targets.map(({ name, title, suffix }) => {
                 const option = element("option", `${title} (${suffix})`);
@@ -214,7 +214,7 @@ export class Finish {
         for (const id of ["take", "preview", "export-warnings"]) byId(id, HTMLElement).hidden = Boolean(this.finished && !view?.offset);
         byId("details", HTMLElement).hidden = !view?.offset;
         setList(byId("findings", HTMLElement), view?.findings ?? [], (finding) => {
-            const row = noted(ICONS[finding.severity] ?? "info", finding.advice);
+            const row = listRow(ICONS[finding.severity] ?? "info", finding.advice);
             row.dataset.severity = finding.severity;
             return row;
         });
@@ -268,10 +268,10 @@ export class Finish {
                   ["all headings within (95 %)", degrees(error?.bound_95)],
                   ["heading error, rms (1 σ)", degrees(error?.rms)],
                   ["without calibration, worst", degrees(raw?.worst)],
-                  ["tilt within the target", tilted(view.attitude_limit_deg)],
-                  [view.field_strength_known ? "field strength" : "field strength, relative", withUnit(measured(view.field_strength, view.noise).value, view.unit)],
+                  ["tilt within the target", tiltText(view.attitude_limit_deg)],
+                  [view.field_strength_known ? "field strength" : "field strength, relative", withUnit(measuredText(view.field_strength, view.noise).value, view.unit)],
                   ["noise (1 σ)", withUnit(significant(view.noise, 3), view.unit)],
-                  ["readings used", counted(view.samples)],
+                  ["readings used", countText(view.samples)],
                   ["method", view.method],
               ]
             : [];
@@ -306,7 +306,7 @@ export class Finish {
         host.scrollTop = preview ? heightAbove(host, text) : 0;
         const known = this.finished?.view?.findings.map(({ advice }) => advice) ?? [];
         const warnings = preview?.warnings.filter((warning) => !known.includes(warning)) ?? [];
-        setList(byId("export-warnings", HTMLElement), warnings, (warning) => noted("limited", warning));
+        setList(byId("export-warnings", HTMLElement), warnings, (warning) => listRow("limited", warning));
         this.allow();
     }
 
@@ -403,7 +403,7 @@ function heightAbove(host, text) {
  * @param {string} words
  * @returns {HTMLElement}
  */
-function noted(name, words) {
+function listRow(name, words) {
     return element("li", [icon(name), element("span", sentence(words))]);
 }
 
@@ -432,7 +432,7 @@ export function judged(finished, state) {
  * @param {number | null} deg
  * @returns {string}
  */
-export function tilted(deg) {
+export function tiltText(deg) {
     if (deg === null) return "–";
     return deg >= 179.5 ? "any" : deg <= 0 ? "none" : `${Math.floor(deg)}°`;
 }

@@ -1,6 +1,6 @@
 /** Keyboard shortcuts: one table, which the help shows too. */
 
-import { element, remember, remembered } from "./dom.js";
+import { element, remember, recall } from "./dom.js";
 
 /**
  * A shortcut.
@@ -14,7 +14,7 @@ const STORE = "flinders-single-keys";
 
 /** Whether single keys act; a person who speaks to the computer, or types by accident, can switch them off. */
 export function singleKeys() {
-    return remembered(STORE) !== "off";
+    return recall(STORE) !== "off";
 }
 
 /** @param {boolean} on */

@@ -7,7 +7,7 @@ import { Connection } from "./connection.js";
 import { Refusal } from "./dom.js";
 import { passedIn } from "./standalone/passed.js";
 import { SessionLink, tableOf } from "./standalone/running.js";
-import { Series, Session, stated } from "./standalone/session.js";
+import { Series, Session, knownSite } from "./standalone/session.js";
 import { Unreadable } from "./standalone/tables.js";
 import { readCalibration } from "./standalone/targets.js";
 
@@ -48,9 +48,9 @@ export class RelayLink extends SessionLink {
         /** Number of the calibration that was finished. */
         this.finished = "";
         this.connection = new Connection(address, {
-            onLink: (state, seconds) => this.#linked(state, seconds),
-            onMessage: (message) => this.#heard(message),
-            onFrame: (frame) => this.#passed(frame),
+            onLink: (state, seconds) => this.#onLink(state, seconds),
+            onMessage: (message) => this.#onMessage(message),
+            onFrame: (frame) => this.#onFrame(frame),
         });
     }
 
@@ -125,17 +125,17 @@ export class RelayLink extends SessionLink {
     }
 
     /** @param {"open" | "lost" | "trying"} state @param {number} seconds */
-    #linked(state, seconds) {
+    #onLink(state, seconds) {
         if (state === "open") return; // the readings have yet to come
         this.isHeard = false;
         this.listener.onLink(state, seconds);
     }
 
     /** @param {FromServer} message */
-    #heard(message) {
+    #onMessage(message) {
         switch (message.type) {
             case "welcome":
-                this.#welcomed(message);
+                this.#onWelcome(message);
                 break;
             case "kept":
                 if (message.heard >= this.sent) this.#adopt(message.edits);
@@ -159,7 +159,7 @@ export class RelayLink extends SessionLink {
     }
 
     /** @param {Welcome} welcome */
-    #welcomed(welcome) {
+    #onWelcome(welcome) {
         if (this.welcome && this.welcome.session !== welcome.session) this.#forget();
         this.welcome = welcome;
         this.sent = 0;
@@ -180,7 +180,7 @@ export class RelayLink extends SessionLink {
     /** @param {import("./wire.d.ts").Edits} edits  that the server keeps */
     #adopt(edits) {
         const { session } = this;
-        const kept = JSON.stringify({ ...edits, site: edits.site && stated(edits.site) });
+        const kept = JSON.stringify({ ...edits, site: edits.site && knownSite(edits.site) });
         if (kept !== JSON.stringify(session.edits)) session.adopt(this.now, edits);
         this.told = JSON.stringify(session.edits);
     }
@@ -199,7 +199,7 @@ export class RelayLink extends SessionLink {
     }
 
     /** @param {ArrayBuffer} bytes */
-    #passed(bytes) {
+    #onFrame(bytes) {
         const { passed, unit, frame, generation, isLast } = passedIn(bytes);
         if (generation > this.generation) {
             this.session.restart();

@@ -1,6 +1,6 @@
 /** Sounds for who turns a sensor and does not look: a new area, a step that is done, good, wrong. Off until switched on. */
 
-import { remember, remembered } from "./dom.js";
+import { remember, recall } from "./dom.js";
 
 /** @typedef {import("./messages.d.ts").SessionState} State */
 /** @typedef {import("../../../static/view.d.ts").View} View */
@@ -49,7 +49,7 @@ export class Sounds {
         /** @type {Heard | null} */
         this.heard = null;
         this.at = -Infinity;
-        this.isOn = remembered(KEY) === "on";
+        this.isOn = recall(KEY) === "on";
         box.checked = this.isOn;
         box.addEventListener("change", () => this.switch(box.checked));
     }

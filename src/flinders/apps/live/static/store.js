@@ -158,9 +158,9 @@ function reserve(points, count, accelerated) {
     let room = points.time.length;
     while (room < count) room *= 2;
     if (room > points.time.length) {
-        points.time = grown(points.time, room);
-        points.field = grown(points.field, 3 * room);
-        if (points.acceleration) points.acceleration = grown(points.acceleration, 3 * room);
+        points.time = enlarge(points.time, room);
+        points.field = enlarge(points.field, 3 * room);
+        if (points.acceleration) points.acceleration = enlarge(points.acceleration, 3 * room);
     }
     if (accelerated && !points.acceleration) points.acceleration = new Float32Array(3 * room).fill(NaN);
 }
@@ -170,7 +170,7 @@ function reserve(points, count, accelerated) {
  * @param {number} length
  * @returns {Float32Array}
  */
-function grown(numbers, length) {
+function enlarge(numbers, length) {
     const larger = new Float32Array(length);
     larger.set(numbers);
     return larger;

@@ -100,7 +100,7 @@ export function isIdle({ worstDeg, afterDeg }, { numbers }) {
  * @param {Frame} frame
  * @returns {View}
  */
-export function guided(view, fit, readings, isFlat, goal, frame) {
+export function withPath(view, fit, readings, isFlat, goal, frame) {
     if (fit.plane) return view;
     const { surface, claimed, data, engine } = fit;
     const isRough = isFlat || engine.directionWorstDeg(surface, claimed, fit.headingError.dipDeg) > KNOWN_DEG;

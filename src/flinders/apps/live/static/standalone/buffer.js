@@ -159,9 +159,9 @@ export class ReadingBuffer {
     #reserve(count) {
         if (count <= this.times.length) return;
         const room = Math.max(count, Math.min(2 * this.times.length, this.most));
-        this.times = grown(this.times, room);
-        this.fields = grown(this.fields, 3 * room);
-        if (this.accelerations) this.accelerations = grown(this.accelerations, 3 * room);
+        this.times = enlarge(this.times, room);
+        this.fields = enlarge(this.fields, 3 * room);
+        if (this.accelerations) this.accelerations = enlarge(this.accelerations, 3 * room);
     }
 
     /**
@@ -210,7 +210,7 @@ export class ReadingBuffer {
  * @param {Float64Array} numbers
  * @param {number} length
  */
-function grown(numbers, length) {
+function enlarge(numbers, length) {
     const larger = new Float64Array(length);
     larger.set(numbers);
     return larger;
@@ -238,7 +238,7 @@ function firstFrom(numbers, value, above) {
  * @param {readonly Span[]} spans
  * @returns {Span[]}
  */
-export function merged(spans) {
+export function mergeSpans(spans) {
     /** @type {Span[]} */
     const united = [];
     for (const [start, end] of [...spans].sort(([a, b], [c, d]) => a - c || b - d)) {
@@ -279,27 +279,27 @@ export class Exclusions {
     }
 
     /** @param {Span} span */
-    excluding(span) {
-        return this.#then(merged([...this.spans, span]));
+    exclude(span) {
+        return this.#then(mergeSpans([...this.spans, span]));
     }
 
     /** @param {Span} span */
-    restoring(span) {
+    restore(span) {
         return this.#then(without(this.spans, span));
     }
 
     /** As another page has them: one step, taken here too. @param {Span[]} spans */
-    becoming(spans) {
+    replaceSpans(spans) {
         const isSame = (/** @type {Exclusions} */ step) => JSON.stringify(step.spans) === JSON.stringify(spans);
-        return [this.undone(), this.redone()].find(isSame) ?? this.#then(spans);
+        return [this.undo(), this.redo()].find(isSame) ?? this.#then(spans);
     }
 
-    undone() {
+    undo() {
         const before = this.past.at(-1);
         return before ? new Exclusions(before, this.past.slice(0, -1), [...this.future, this.spans]) : this;
     }
 
-    redone() {
+    redo() {
         const after = this.future.at(-1);
         return after ? new Exclusions(after, [...this.past, this.spans], this.future.slice(0, -1)) : this;
     }

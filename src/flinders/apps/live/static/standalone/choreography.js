@@ -8,7 +8,7 @@
  */
 
 import { product, rotated, rotation } from "../../../../static/views/turn.js";
-import { corrected, cross, dot, minus, unit } from "../../../../static/views/vectors.js";
+import { correctReading, cross, dot, minus, unit } from "../../../../static/views/vectors.js";
 import { farOf, seenOf } from "./gaps.js";
 
 /** @typedef {import("../../../../static/view.d.ts").View} View */
@@ -92,7 +92,7 @@ const ON_ITS_SIDE = rotation({ axis: AWAY, angle: QUARTER });
 const NOSE_DOWN = rotation({ axis: ACROSS, angle: -QUARTER });
 
 /** @param {Rotation} hold @param {Vector} axis @param {string} words @param {number} [share] @returns {Turning} */
-const held = (hold, axis, words, share = 1) => ({ hold, axis, words, share, isHeld: true });
+const holdTurn = (hold, axis, words, share = 1) => ({ hold, axis, words, share, isHeld: true });
 
 /** @param {Rotation} hold @param {Vector} axis @param {string} words @param {number} [share] @returns {Turning} */
 const asItIs = (hold, axis, words, share = 1) => ({ hold, axis, words, share, isHeld: false });
@@ -101,7 +101,7 @@ const asItIs = (hold, axis, words, share = 1) => ({ hold, axis, words, share, is
 const IN_THE_HAND = [
     asItIs(FACING, AWAY, "Turn it half around, like a wheel.", HALF_TURN),
     asItIs(FACING, ACROSS, "Now tip it away from you, half over.", HALF_TURN),
-    held(EDGE, AWAY, "Now its edge towards you, and half around, like a wheel.", HALF_TURN),
+    holdTurn(EDGE, AWAY, "Now its edge towards you, and half around, like a wheel.", HALF_TURN),
 ];
 
 /** What to do with each body, turn by turn. @type {Readonly<Record<Body, readonly Turning[]>>} */
@@ -109,22 +109,22 @@ export const SEQUENCES = {
     board: IN_THE_HAND,
     phone: IN_THE_HAND,
     drone: [
-        held(LEVEL, UP, "Hold it level, one at each end, and walk it once around."),
-        held(ON_ITS_SIDE, UP, "Now on its side, and once around."),
-        held(NOSE_DOWN, UP, "Now nose down, and once around."),
+        holdTurn(LEVEL, UP, "Hold it level, one at each end, and walk it once around."),
+        holdTurn(ON_ITS_SIDE, UP, "Now on its side, and once around."),
+        holdTurn(NOSE_DOWN, UP, "Now nose down, and once around."),
     ],
     car: [
-        held(LEVEL, UP, "Drive one slow circle on level ground, away from other cars."),
-        held(LEVEL, UP, "Now one more slow circle, the other way around."),
+        holdTurn(LEVEL, UP, "Drive one slow circle on level ground, away from other cars."),
+        holdTurn(LEVEL, UP, "Now one more slow circle, the other way around."),
     ],
     boat: [
-        held(LEVEL, UP, "Steer one slow circle on calm water, of two minutes or more."),
-        held(LEVEL, UP, "Now one more slow circle, the other way around."),
+        holdTurn(LEVEL, UP, "Steer one slow circle on calm water, of two minutes or more."),
+        holdTurn(LEVEL, UP, "Now one more slow circle, the other way around."),
     ],
     instrument: [
         asItIs(LEVEL, AWAY, "Roll it half around, like a barrel.", HALF_TURN),
         asItIs(LEVEL, ACROSS, "Now tip it, front down first, half over.", HALF_TURN),
-        held(FACING, AWAY, "Now its face towards you, and half around, like a wheel.", HALF_TURN),
+        holdTurn(FACING, AWAY, "Now its face towards you, and half around, like a wheel.", HALF_TURN),
     ],
 };
 
@@ -158,7 +158,7 @@ export function advance(before, { time, field, acceleration }, view) {
     let now = before;
     for (let j = 0; j < time.length && !isOver(now); j += 1) {
         const gravity = acceleration && at(acceleration, j);
-        now = turned(read(now, time[j], at(field, j), gravity, strength));
+        now = advanceStep(read(now, time[j], at(field, j), gravity, strength));
     }
     return now;
 }
@@ -170,7 +170,7 @@ export function advance(before, { time, field, acceleration }, view) {
  * @param {readonly number[]} centres  of the tiles
  * @returns {Choreography}
  */
-export function judged(before, view, centres) {
+export function skipNeedless(before, view, centres) {
     let now = before;
     while (!isOver(now) && !isNeeded(now, view, centres)) now = next(now, [...now.axes, axisOf(now)]);
     return now;
@@ -188,7 +188,7 @@ export function isOver({ body, step }) {
  */
 export function progress(choreography) {
     if (isOver(choreography)) return 1;
-    return Math.min(bent(choreography) / wholeOf(choreography), 1);
+    return Math.min(bendAngle(choreography) / wholeOf(choreography), 1);
 }
 
 /**
@@ -197,7 +197,7 @@ export function progress(choreography) {
  * @param {Choreography} now
  * @returns {number}
  */
-function bent(now) {
+function bendAngle(now) {
     const { field, gravity, strength } = now;
     return Math.max(length(newOf(field.bend, now)) * shareOf(field.beads, strength), length(newOf(gravity.bend, now)));
 }
@@ -240,8 +240,8 @@ function acrossOf(beads) {
  * @param {Choreography} now
  * @returns {Choreography}  at the next step, if the turn is whole
  */
-function turned(now) {
-    if (bent(now) >= wholeOf(now)) return next(now, [...now.axes, axisOf(now)]);
+function advanceStep(now) {
+    if (bendAngle(now) >= wholeOf(now)) return next(now, [...now.axes, axisOf(now)]);
     const most = now.body === "drone" ? LARGE_S : LONGEST_S;
     return !staysLevel(now.body) && now.moving_s > most ? next(now, now.axes) : now;
 }
@@ -261,8 +261,8 @@ function next(now, axes) {
  */
 function read(before, time, field, gravity, strength) {
     if (!field.every(Number.isFinite)) return before;
-    const reach = reached(before.reach, field);
-    const jitter = shaken(before.jitter, field);
+    const reach = extendReach(before.reach, field);
+    const jitter = addJitter(before.jitter, field);
     const clear = Math.min(CLEAR * noiseOf(jitter), strength === null ? Infinity : WIDEST * strength);
     const apart = Math.max(APART * (strength ?? halfOf(reach)), clear);
     const path = along(before.field, field, apart);
@@ -314,7 +314,7 @@ function isNeeded({ body, step, field, axes }, view, centres) {
     if (step >= ENOUGH && body !== "drone") return false;
     if (length(field.bend) < HALF || axes.some((axis) => areAlike(axis, newestBend(field.beads)))) return true; // the turn before goes on
     const { shown } = view;
-    const beads = field.beads.map((bead) => unit(corrected(bead, shown)));
+    const beads = field.beads.map((bead) => unit(correctReading(bead, shown)));
     const bend = newestBend(beads);
     if (length(bend) < BEGUN) return true;
     const seen = seenOf(view, centres);
@@ -356,7 +356,7 @@ function sum(one, other) {
  * @param {Vector} field
  * @returns {Choreography["jitter"]}
  */
-function shaken({ before, squares, count }, field) {
+function addJitter({ before, squares, count }, field) {
     const [one, two] = before;
     if (!two) return { before: [field, ...before], squares, count };
     const off = field.reduce((sum, part, i) => sum + (part - 2 * one[i] + two[i]) ** 2, 0) / 18;
@@ -370,7 +370,7 @@ function noiseOf({ squares, count }) {
 }
 
 /** @param {Choreography["reach"]} reach @param {Vector} field */
-function reached(reach, field) {
+function extendReach(reach, field) {
     if (!reach) return { low: field, high: field };
     const { low, high } = reach;
     if (field.every((part, i) => part >= low[i] && part <= high[i])) return reach;

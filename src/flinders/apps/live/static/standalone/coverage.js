@@ -10,7 +10,7 @@ import { apply } from "./linear.js";
  * @param {Surface} surface
  * @returns {Float64Array}
  */
-export function corrected(field, { centre, inverse }) {
+export function correctedVectors(field, { centre, inverse }) {
     const out = new Float64Array(field.length);
     for (let i = 0; i < field.length; i += 3) {
         const [x, y, z] = apply(inverse, [field[i] - centre[0], field[i + 1] - centre[1], field[i + 2] - centre[2]]);

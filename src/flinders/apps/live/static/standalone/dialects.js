@@ -5,7 +5,7 @@
  */
 
 import { midnights, secondsOfDay } from "./clocks.js";
-import { ahead, counted, largest, whole } from "./patterns.js";
+import { ahead, countKeys, largest, whole } from "./patterns.js";
 import { Unreadable } from "./tables.js";
 
 /** @typedef {import("./names.js").Names} Names */
@@ -79,7 +79,7 @@ class Marked {
  * @param {string[]} lines
  * @returns {Dialect | null}
  */
-export function marked(prints, rules, lines) {
+export function markedDialect(prints, rules, lines) {
     for (const form of [rules._RAW, rules._UNI]) {
         const counts = new Marked(prints, { ...form, counts: [] });
         const rows = lines.map((line) => counts.row(line)).filter((row) => row?.length);
@@ -122,9 +122,9 @@ class JsonLines {
     row(line) {
         const record = recordOf(line);
         if (record === null || Array.isArray(record) !== !this.names.length) return null;
-        if (Array.isArray(record)) return record.length ? record.map(written) : null;
+        if (Array.isArray(record)) return record.length ? record.map(cellText) : null;
         const leaves = flat(record);
-        return this.names.some((name) => leaves.has(name)) ? this.names.map((name) => written(leaves.get(name))) : null;
+        return this.names.some((name) => leaves.has(name)) ? this.names.map((name) => cellText(leaves.get(name))) : null;
     }
 }
 
@@ -145,7 +145,7 @@ export function jsonLines(prints, rules, lines) {
         const numbers = values.filter(isNumber);
         if (numbers.length >= rules.LEAST) keys.push(Array.isArray(record) ? "" : [...flat(record).keys()].join("\n"));
     }
-    const counts = counted(keys);
+    const counts = countKeys(keys);
     const split = (/** @type {string} */ key) => (key ? key.split("\n") : []);
     const best = largest([...counts.keys()], (key) => [Boolean(prints.names.magnetometer(split(key))), counts.get(key) ?? 0]);
     return best === undefined ? null : new JsonLines(prints, split(best));
@@ -157,7 +157,7 @@ export function jsonLines(prints, rules, lines) {
  */
 function recordOf(line) {
     if (!/^\s*[[{]/.test(line)) return null;
-    const record = parsed(line);
+    const record = parseJson(line);
     const isPlain = Array.isArray(record) && record.every((value) => value === null || typeof value !== "object");
     return isPlain || (record && !Array.isArray(record)) ? record : null;
 }
@@ -166,7 +166,7 @@ function recordOf(line) {
  * @param {string} text
  * @returns {any} null where it is broken.
  */
-export function parsed(text) {
+export function parseJson(text) {
     try {
         return JSON.parse(text);
     } catch {
@@ -191,7 +191,7 @@ function flat(record, before = "") {
 }
 
 /** @param {any} value */
-function written(value) {
+function cellText(value) {
     return value === null || value === undefined ? "" : String(value);
 }
 
@@ -232,7 +232,7 @@ class Stamped {
  * @param {boolean} isMarked
  * @returns {Dialect | null}
  */
-export function stamped(rules, lines, behind, table, isMarked) {
+export function stampedDialect(rules, lines, behind, table, isMarked) {
     const filled = lines.filter((line) => line.trim());
     const stamps = filled.map((line) => ahead(rules.wrapped.STAMP, line)).filter((stamp) => stamp !== null);
     if (!stamps.length || stamps.length < rules.wrapped.MOST * filled.length) return null;
@@ -262,7 +262,7 @@ class Heading {
      * A line with the label that it belongs to in front; nothing for a line that is a label itself.
      * @param {string} line
      */
-    joined(line) {
+    joinHeading(line) {
         if (this.isHeading(line)) {
             this.label = line;
             this.isTaken = false;
@@ -312,7 +312,7 @@ class Labelled {
     /** @param {string} line */
     row(line) {
         const { kinds, closing, needed, hasHeadings, labels, signs } = this.form;
-        if (hasHeadings) line = this.heading.joined(line);
+        if (hasHeadings) line = this.heading.joinHeading(line);
         if (!line) return hasHeadings ? [] : null;
         const { numbers, gaps } = line.length <= this.rules.LONGEST ? this.prints.cut(line) : { numbers: [], gaps: [] };
         const kind = gaps.length > 1 ? this.prints.namesOf(gaps).join("\n") : "";
@@ -336,18 +336,18 @@ class Labelled {
  * @param {boolean} isMarked
  * @returns {Dialect | null}
  */
-export function labelled(prints, rules, lines, isMarked) {
+export function labelledDialect(prints, rules, lines, isMarked) {
     const { OFTEN, LEAST_SHARE, LONGEST, PLAIN } = rules;
     const filled = lines.filter((line) => line.trim() && !prints.isComment(line) && line.length <= LONGEST);
     const heading = new Heading(prints, rules);
-    const headed = filled.map((line) => heading.joined(line)).filter(Boolean).map((line) => printedOf(prints, rules, line));
+    const headed = filled.map((line) => heading.joinHeading(line)).filter(Boolean).map((line) => printedOf(prints, rules, line));
     const alone = filled.map((line) => printedOf(prints, rules, line));
-    const hasHeadings = areHeaded(prints, heading, alone, headed);
+    const hasHeadings = haveHeadings(prints, heading, alone, headed);
     const all = hasHeadings ? headed : alone;
-    const ofThree = counted(all.filter(({ numbers }) => numbers.length >= PLAIN.length).map(({ kind }) => kind));
+    const ofThree = countKeys(all.filter(({ numbers }) => numbers.length >= PLAIN.length).map(({ kind }) => kind));
     const enough = OFTEN * Math.max(0, ...ofThree.values());
     const read = all.filter(({ numbers, isSetting, isPlain }) => numbers.length && !isSetting && !(isPlain && !isMarked));
-    const counts = counted(read.map(({ kind }) => kind));
+    const counts = countKeys(read.map(({ kind }) => kind));
     const kinds = [...new Set(read.filter(({ isLabelled }) => isLabelled || !isMarked).map(({ kind }) => kind))];
     const often = (/** @type {number} */ least) => kinds.filter((kind) => (counts.get(kind) ?? 0) >= least);
     const able = often(enough).filter((kind) => mayBeReadings(prints, rules, [kind], read));
@@ -370,9 +370,9 @@ export function labelled(prints, rules, lines, isMarked) {
  * @param {Printed[]} alone
  * @param {Printed[]} headed
  */
-function areHeaded(prints, heading, alone, headed) {
+function haveHeadings(prints, heading, alone, headed) {
     const headings = alone.filter(({ text }) => heading.isHeading(text)).map(({ text }) => text);
-    const counts = counted(alone.filter(({ names }) => names.some(Boolean)).map(({ kind }) => kind));
+    const counts = countKeys(alone.filter(({ names }) => names.some(Boolean)).map(({ kind }) => kind));
     if (2 * headings.length <= Math.max(0, ...counts.values())) return false;
     const kinds = new Set(alone.map(({ kind }) => kind));
     const isKnown = headed.some(({ kind, names }) => !kinds.has(kind) && names.some((name) => prints.names.meaning(name).kind));
@@ -390,7 +390,7 @@ function labelsOf(rules, { kinds, closing, needed }, read) {
     const labels = new Map();
     for (const [kind, start] of [...kinds]) {
         const lines = read.filter((line) => line.kind === kind);
-        const counts = counted(lines.map(({ label }) => label));
+        const counts = countKeys(lines.map(({ label }) => label));
         const often = [...counts.keys()].filter((label) => (counts.get(label) ?? 0) >= rules.SELDOM * lines.length);
         if (!often.length || often.length > rules.MAX_LABELS) continue;
         labels.set(kind, often[0]);
@@ -495,7 +495,7 @@ function magnetometerKind({ names }, rules, kinds, counts) {
 function lineByLine(prints, rules, closing, counts, read) {
     const own = closing.split("\n");
     const rows = read.filter(({ kind }) => kind === closing).map(({ numbers }) => numbers);
-    const names = timed(own, rows);
+    const names = namesWithTime(own, rows);
     const kinds = new Map([[closing, 0]]);
     for (const [kind, count] of counts) {
         const columns = kind.split("\n");
@@ -543,10 +543,10 @@ function axisByAxis(prints, rules, kinds, read) {
 function byPlace(prints, rules, read, enough, all) {
     const keyOf = (/** @type {Printed} */ { kind, gaps }) => [kind, ...gaps.slice(0, -1)].join("\n\n");
     const silent = read.filter(({ names }) => saysNothing(prints, rules, names));
-    const alike = counted(silent.map(keyOf));
+    const alike = countKeys(silent.map(keyOf));
     const best = largest([...alike.keys()], (key) => [alike.get(key) ?? 0]);
     const count = best === undefined ? 0 : alike.get(best) ?? 0;
-    const beside = counted(all.filter(({ numbers }) => numbers.length < rules.PLAIN.length).map(({ gaps }) => gaps.join("\n")));
+    const beside = countKeys(all.filter(({ numbers }) => numbers.length < rules.PLAIN.length).map(({ gaps }) => gaps.join("\n")));
     const regular = [...beside.values()].filter((lines) => lines >= rules.OFTEN * count).reduce((sum, lines) => sum + lines, 0);
     const least = Math.max(enough, rules.OFTEN * (all.length - regular));
     if (!count || count < least || [...alike.values()].filter((other) => other > rules.OFTEN * count).length > 1) return null;
@@ -558,7 +558,7 @@ function byPlace(prints, rules, read, enough, all) {
     if (rows.length >= rules.MIN_ROWS && axes.filter(varies).length < 2) return null;
     const { names: kind, gaps } = lines[0];
     const isOfThree = kind.length === rules.PLAIN.length;
-    const names = timed(kind, rows);
+    const names = namesWithTime(kind, rows);
     if (!isOfThree && prints.names.meaning(names[0]).kind !== rules.TIME) return null;
     const unit = unitAlone(rules, kind);
     return new Labelled(prints, rules, {
@@ -603,7 +603,7 @@ function unitAlone(rules, kind) {
  * @param {string[]} kind
  * @param {string[][]} rows
  */
-function timed(kind, rows) {
+function namesWithTime(kind, rows) {
     if (kind[0]) return [...kind];
     const first = rows.map((row) => Number(row[0]));
     const steps = new Set(first.slice(1).map((value, i) => value - first[i]));

@@ -117,7 +117,7 @@ const WRITE = {
  * @returns {Promise<Engine>}
  */
 export async function loadEngine(source, layouts) {
-    const bytes = source instanceof URL ? await fetched(source) : source;
+    const bytes = source instanceof URL ? await fetchBytes(source) : source;
     const { instance } = await WebAssembly.instantiate(bytes, {});
     return new Engine(instance, layouts);
 }
@@ -126,7 +126,7 @@ export async function loadEngine(source, layouts) {
  * @param {URL} address
  * @returns {Promise<ArrayBuffer>}
  */
-async function fetched(address) {
+async function fetchBytes(address) {
     const answer = await fetch(address);
     if (!answer.ok) throw new Error(`the engine cannot be loaded: ${address.pathname} gave ${answer.status}`);
     return answer.arrayBuffer();
@@ -148,9 +148,9 @@ export class Engine {
         if (exports.flinders_record_size() !== layouts.record.size || exports.flinders_judgement_size() !== layouts.judgement.size) {
             throw new Error("the engine is of another release than the page: load the page anew");
         }
-        this.free = aligned(exports.__heap_base.value);
+        this.free = alignAddress(exports.__heap_base.value);
         /** Address of each struct. */
-        this.at = Object.fromEntries(Object.entries(layouts).map(([name, { size }]) => [name, this.#reserved(size)]));
+        this.at = Object.fromEntries(Object.entries(layouts).map(([name, { size }]) => [name, this.#reserve(size)]));
     }
 
     /**
@@ -163,10 +163,10 @@ export class Engine {
     fit(field, time, options = {}) {
         const rows = field.length / 3;
         const size = this.call.flinders_workspace_size(rows);
-        const [fieldAt, timeAt, workspace] = this.#lent(field, time ?? 0, size);
+        const [fieldAt, timeAt, workspace] = this.#lend(field, time ?? 0, size);
         this.#choose(options);
         this.call.flinders_fit(fieldAt, time ? timeAt : 0, rows, this.at.options, workspace, size, this.at.record);
-        return this.#decoded("record");
+        return this.#decode("record");
     }
 
     /**
@@ -180,13 +180,13 @@ export class Engine {
     refresh(field, time, { centre, shape, covariance, distortion }, options = {}) {
         const rows = field.length / 3;
         const size = this.call.flinders_workspace_size(rows);
-        const [centreAt, shapeAt, covarianceAt] = this.#lent(centre, shape, covariance ?? 0);
+        const [centreAt, shapeAt, covarianceAt] = this.#lend(centre, shape, covariance ?? 0);
         this.call.flinders_earlier_of(centreAt, shapeAt, covariance ? covarianceAt : 0, distortion, 1, 0, this.at.earlier);
-        const [fieldAt, timeAt, workspace] = this.#lent(field, time ?? 0, size);
+        const [fieldAt, timeAt, workspace] = this.#lend(field, time ?? 0, size);
         this.#choose(options);
         const given = [fieldAt, time ? timeAt : 0, rows, this.at.options, this.at.earlier];
         this.call.flinders_refresh(...given, workspace, size, this.at.record);
-        return this.#decoded("record");
+        return this.#decode("record");
     }
 
     /**
@@ -198,12 +198,12 @@ export class Engine {
      */
     compare(first, second, dipDeg) {
         const { size } = this.layouts.calibrated;
-        const [other] = this.#lent(size);
+        const [other] = this.#lend(size);
         this.#write("calibrated", second);
         new Uint8Array(this.memory.buffer).copyWithin(other, this.at.calibrated, this.at.calibrated + size);
         this.#write("calibrated", first);
         this.call.flinders_compare(this.at.calibrated, other, dipDeg, this.at.difference);
-        return this.#decoded("difference");
+        return this.#decode("difference");
     }
 
     /**
@@ -225,7 +225,7 @@ export class Engine {
      * @returns {number[]}
      */
     withStructure(shape, covariance, structureDeg, dipDeg) {
-        const [shapeAt, covarianceAt, out] = this.#lent(shape, covariance, 8 * 81);
+        const [shapeAt, covarianceAt, out] = this.#lend(shape, covariance, 8 * 81);
         this.call.flinders_with_structure(shapeAt, covarianceAt, structureDeg, dipDeg, out);
         return this.#numbers(out, 81);
     }
@@ -237,7 +237,7 @@ export class Engine {
      * @returns {number}
      */
     turnDeg(field, shape) {
-        const [fieldAt, shapeAt] = this.#lent(field, shape);
+        const [fieldAt, shapeAt] = this.#lend(field, shape);
         return this.call.flinders_turn_deg(fieldAt, field.length / 3, shapeAt);
     }
 
@@ -249,7 +249,7 @@ export class Engine {
     rests(field) {
         const rows = field.length / 3;
         const size = this.call.flinders_workspace_size(rows);
-        const [fieldAt, bounds, leftOut, workspace] = this.#lent(field, 4 * rows, 4, size);
+        const [fieldAt, bounds, leftOut, workspace] = this.#lend(field, 4 * rows, 4, size);
         const count = this.call.flinders_rests(fieldAt, rows, 0, 0, workspace, size, bounds, leftOut);
         const found = new BigInt64Array(this.memory.buffer, bounds, 2 * count);
         return {
@@ -269,9 +269,9 @@ export class Engine {
     drift(field, centre, shape, dipDeg) {
         const rows = field.length / 3;
         const size = this.call.flinders_workspace_size(rows);
-        const [fieldAt, surface, workspace] = this.#lent(field, [...centre, ...shape], size);
+        const [fieldAt, surface, workspace] = this.#lend(field, [...centre, ...shape], size);
         this.call.flinders_drift(fieldAt, rows, surface, surface + 24, dipDeg, workspace, size, this.at.record);
-        return this.#decoded("record");
+        return this.#decode("record");
     }
 
     /**
@@ -283,7 +283,7 @@ export class Engine {
      */
     distances(field, centre, shape) {
         const rows = field.length / 3;
-        const [fieldAt, out] = this.#lent(field, 8 * rows);
+        const [fieldAt, out] = this.#lend(field, 8 * rows);
         this.#write("record", { centre, shape });
         this.call.flinders_distances(fieldAt, rows, this.at.record, out);
         return new Float64Array(this.memory.buffer, out, rows).slice();
@@ -300,7 +300,7 @@ export class Engine {
         this.call.flinders_default_request(this.at.request);
         this.#write("request", asked);
         this.call.flinders_judge(this.at.record, this.at.request, this.at.judgement);
-        return { record: this.#decoded("record"), judgement: this.#decoded("judgement") };
+        return { record: this.#decode("record"), judgement: this.#decode("judgement") };
     }
 
     /**
@@ -312,7 +312,7 @@ export class Engine {
      * @returns {number}
      */
     tiltedWorstDeg(shape, covariance, dipDeg, tiltDeg) {
-        const [shapeAt, covarianceAt, out] = this.#lent(shape, covariance, 16);
+        const [shapeAt, covarianceAt, out] = this.#lend(shape, covariance, 16);
         this.call.flinders_tilted_error(shapeAt, covarianceAt, dipDeg, tiltDeg, 0, out, out + 8);
         return this.#numbers(out, 2)[1];
     }
@@ -324,7 +324,7 @@ export class Engine {
      * @returns {number}
      */
     uncorrectedWorstDeg({ centre, shape }, dipDeg) {
-        const [centreAt, shapeAt, out] = this.#lent(centre, shape, 16);
+        const [centreAt, shapeAt, out] = this.#lend(centre, shape, 16);
         this.call.flinders_uncorrected_error(centreAt, shapeAt, dipDeg, 0, out, out + 8);
         return this.#numbers(out, 2)[1];
     }
@@ -338,7 +338,7 @@ export class Engine {
      * @returns {number}
      */
     attitudeLimitDeg(shape, covariance, dipDeg, limitDeg) {
-        const [shapeAt, covarianceAt, out] = this.#lent(shape, covariance, 8);
+        const [shapeAt, covarianceAt, out] = this.#lend(shape, covariance, 8);
         this.call.flinders_attitude_limit(shapeAt, covarianceAt, dipDeg, limitDeg, 0, out);
         return this.#numbers(out, 1)[0];
     }
@@ -353,7 +353,7 @@ export class Engine {
     directionWorstDeg({ centre, shape }, covariance, dipDeg) {
         this.#write("record", { centre, shape, covariance });
         this.call.flinders_heading_errors(this.at.record, dipDeg);
-        return this.#decoded("record").direction_worst_deg;
+        return this.#decode("record").direction_worst_deg;
     }
 
     /**
@@ -364,7 +364,7 @@ export class Engine {
      * @returns {{headingDeg: number[], deviationDeg: number[], sigmaDeg: number[]}}
      */
     levelTurn({ centre, shape }, covariance, dipDeg) {
-        const [centreAt, shapeAt, covarianceAt, ...out] = this.#lent(centre, shape, covariance, 8 * TURN, 8 * TURN, 8 * TURN);
+        const [centreAt, shapeAt, covarianceAt, ...out] = this.#lend(centre, shape, covariance, 8 * TURN, 8 * TURN, 8 * TURN);
         this.call.flinders_level_turn(centreAt, shapeAt, covarianceAt, dipDeg, 0, ...out);
         const [headingDeg, deviationDeg, sigmaDeg] = out.map((at) => this.#numbers(at, TURN));
         return { headingDeg, deviationDeg, sigmaDeg };
@@ -380,7 +380,7 @@ export class Engine {
      */
     attitudeErrorsDeg(shape, covariance, dipDeg, directions) {
         const count = directions.length / 3;
-        const [shapeAt, covarianceAt, towards, out] = this.#lent(shape, covariance, directions, 8 * count);
+        const [shapeAt, covarianceAt, towards, out] = this.#lend(shape, covariance, directions, 8 * count);
         this.call.flinders_attitude_errors(shapeAt, covarianceAt, dipDeg, towards, count, out);
         return this.#numbers(out, count);
     }
@@ -394,7 +394,7 @@ export class Engine {
      * @returns {number[]}
      */
     matrixSigmas(matrix, shape, covariance, isKnown) {
-        const [matrixAt, shapeAt, covarianceAt, out] = this.#lent(matrix, shape, covariance, 72);
+        const [matrixAt, shapeAt, covarianceAt, out] = this.#lend(matrix, shape, covariance, 72);
         this.call.flinders_matrix_sigmas(matrixAt, shapeAt, covarianceAt, Number(isKnown), out);
         return this.#numbers(out, 9);
     }
@@ -408,9 +408,9 @@ export class Engine {
      * @returns {Belief}
      */
     believe({ centre, shape }, covariance, noise, counts) {
-        const [centreAt, shapeAt, covarianceAt, countsAt] = this.#lent(centre, shape, covariance, counts);
+        const [centreAt, shapeAt, covarianceAt, countsAt] = this.#lend(centre, shape, covariance, counts);
         this.call.flinders_believe(centreAt, shapeAt, covarianceAt, noise, countsAt, this.at.belief);
-        return this.#decoded("belief");
+        return this.#decode("belief");
     }
 
     /**
@@ -419,8 +419,8 @@ export class Engine {
      * @returns {Belief | null}
      */
     rough(field) {
-        const [fieldAt] = this.#lent(field);
-        return this.call.flinders_rough(fieldAt, field.length / 3, this.at.belief) ? null : this.#decoded("belief");
+        const [fieldAt] = this.#lend(field);
+        return this.call.flinders_rough(fieldAt, field.length / 3, this.at.belief) ? null : this.#decode("belief");
     }
 
     /**
@@ -433,7 +433,7 @@ export class Engine {
         this.#write("belief", belief);
         this.#write("goal", wanted);
         this.call.flinders_guidance(this.at.belief, this.at.goal, 0, this.at.advice);
-        return this.#decoded("advice");
+        return this.#decode("advice");
     }
 
     /**
@@ -445,11 +445,11 @@ export class Engine {
      * @returns {{count: number, waypoints: number[], worst_deg: number, after_deg: number}}
      */
     path(belief, wanted, here, readingsPerDeg) {
-        const [hereAt] = this.#lent(here);
+        const [hereAt] = this.#lend(here);
         this.#write("belief", belief);
         this.#write("goal", wanted);
         this.call.flinders_path(this.at.belief, this.at.goal, hereAt, readingsPerDeg, this.at.route);
-        return this.#decoded("route");
+        return this.#decode("route");
     }
 
     /**
@@ -460,7 +460,7 @@ export class Engine {
      * @returns {number}
      */
     pose(wanted, direction, frame) {
-        const [directionAt] = this.#lent(direction);
+        const [directionAt] = this.#lend(direction);
         this.#write("goal", wanted);
         return this.call.flinders_pose_towards(FRAMES[frame], this.at.goal, directionAt);
     }
@@ -474,7 +474,7 @@ export class Engine {
     unmovedDeg(field, [weakest, strongest]) {
         const rows = field.length / 3;
         const size = this.call.flinders_workspace_size(rows);
-        const [fieldAt, out, workspace] = this.#lent(field, 8, size);
+        const [fieldAt, out, workspace] = this.#lend(field, 8, size);
         this.call.flinders_unmoved(fieldAt, rows, weakest, strongest, workspace, size, out);
         const angle = new Float64Array(this.memory.buffer, out, 1)[0];
         return Number.isNaN(angle) ? null : angle;
@@ -486,7 +486,7 @@ export class Engine {
      * @returns {boolean}
      */
     wasTurned([weakest, strongest]) {
-        const [out] = this.#lent(1);
+        const [out] = this.#lend(1);
         this.call.flinders_turned(this.at.record, 1, weakest, strongest, out);
         return new Uint8Array(this.memory.buffer, out, 1)[0] === 1;
     }
@@ -498,7 +498,7 @@ export class Engine {
      * @returns {Uint8Array}
      */
     leftOut(far, dense) {
-        const [farAt, out] = this.#lent(far.length, far.length);
+        const [farAt, out] = this.#lend(far.length, far.length);
         new Uint8Array(this.memory.buffer, farAt, far.length).set(far);
         this.call.flinders_left_out(farAt, far.length, dense, out);
         return new Uint8Array(this.memory.buffer, out, far.length).slice();
@@ -517,13 +517,13 @@ export class Engine {
         const rows = distances.length;
         const { size } = this.layouts.outlier;
         const columns = [distances, ...(time ? [first, last].map((rows) => Float64Array.from(rows, (row) => time[row])) : [])];
-        const [runs, outAt, firstAt, lastAt, ...columnsAt] = this.#lent(listed * size, rows, 8 * rows, 8 * rows, ...columns);
+        const [runs, outAt, firstAt, lastAt, ...columnsAt] = this.#lend(listed * size, rows, 8 * rows, 8 * rows, ...columns);
         new Uint8Array(this.memory.buffer, outAt, rows).set(out);
         new BigInt64Array(this.memory.buffer, firstAt, rows).set(first.map(BigInt));
         new BigInt64Array(this.memory.buffer, lastAt, rows).set(last.map(BigInt));
         const [near, start = 0, end = 0] = columnsAt;
         const count = this.call.flinders_list_outliers(near, outAt, rows, firstAt, lastAt, start, end, runs, 0);
-        const found = Array.from({ length: count }, (_, i) => this.#decoded("outlier", runs + i * size));
+        const found = Array.from({ length: count }, (_, i) => this.#decode("outlier", runs + i * size));
         return found.map((run) => ({ ...run, first: run.first + 1, last: run.last + 1 }));
     }
 
@@ -537,9 +537,9 @@ export class Engine {
     axisSwap(field, noise, { swaps, numbers }) {
         const rows = field.length / 3;
         const size = this.call.flinders_swap_workspace_size(rows);
-        const [fieldAt, moments, workspace] = this.#lent(field, 8 * rows, size);
+        const [fieldAt, moments, workspace] = this.#lend(field, 8 * rows, size);
         this.call.flinders_axis_swap(fieldAt, rows, noise, numbers.SWAP_MAX_NOISE, workspace, size, moments, this.at.change);
-        const change = this.#decoded("change");
+        const change = this.#decode("change");
         if (change.swap < 0) return null;
         const behind = new BigInt64Array(this.memory.buffer, moments, change.moments);
         return { axes: swaps[change.swap], rows: Array.from(behind, Number), gain: change.gain };
@@ -551,7 +551,7 @@ export class Engine {
      * @returns {number}
      */
     levelness(acceleration) {
-        const [at] = this.#lent(acceleration);
+        const [at] = this.#lend(acceleration);
         return this.call.flinders_levelness(at, acceleration.length / 3);
     }
 
@@ -566,7 +566,7 @@ export class Engine {
     atSite(field, record, site, felt = null) {
         const rows = field.length / 3;
         const size = this.call.flinders_workspace_size(rows);
-        const [fieldAt, feltAt, workspace] = this.#lent(field, felt ?? 0, size);
+        const [fieldAt, feltAt, workspace] = this.#lend(field, felt ?? 0, size);
         this.#write("record", record);
         const vertical = felt ? this.at.vertical : 0;
         if (felt) {
@@ -577,7 +577,7 @@ export class Engine {
         const known = Object.entries(site).filter(([name]) => name in this.layouts.site.fields);
         this.#write("site", Object.fromEntries(known.map(([name, value]) => [name, Number(value ?? NaN)])));
         this.call.flinders_at_site(fieldAt, rows, vertical, this.at.site, workspace, size, this.at.record);
-        return this.#decoded("record");
+        return this.#decode("record");
     }
 
     /**
@@ -599,9 +599,9 @@ export class Engine {
     coverage(field, { centre, shape, rejected_beyond: within }) {
         const rows = field.length / 3;
         const size = this.call.flinders_workspace_size(rows);
-        const [fieldAt, surface, workspace] = this.#lent(field, [...centre, ...shape], size);
+        const [fieldAt, surface, workspace] = this.#lend(field, [...centre, ...shape], size);
         this.call.flinders_coverage_of(fieldAt, rows, surface, surface + 24, within, workspace, size, this.at.coverage);
-        return this.#decoded("coverage");
+        return this.#decode("coverage");
     }
 
     /**
@@ -619,9 +619,9 @@ export class Engine {
      * @param {number} size
      * @returns {number}
      */
-    #reserved(size) {
+    #reserve(size) {
         const at = this.free;
-        this.free = aligned(at + size);
+        this.free = alignAddress(at + size);
         return at;
     }
 
@@ -640,11 +640,11 @@ export class Engine {
      * @param {(ArrayLike<number> | number)[]} parts
      * @returns {number[]}
      */
-    #lent(...parts) {
+    #lend(...parts) {
         let end = this.free;
         const places = parts.map((part) => {
             const at = end;
-            end = aligned(at + (typeof part === "number" ? part : 8 * part.length));
+            end = alignAddress(at + (typeof part === "number" ? part : 8 * part.length));
             return at;
         });
         const missing = end - this.memory.buffer.byteLength;
@@ -685,7 +685,7 @@ export class Engine {
      * @param {number} [at] Where it lies.
      * @returns {any}
      */
-    #decoded(struct, at = this.at[struct]) {
+    #decode(struct, at = this.at[struct]) {
         const view = new DataView(this.memory.buffer, at);
         const fields = Object.entries(this.layouts[struct].fields).map(([name, [offset, kind, count]]) => {
             const width = WIDTHS[kind];
@@ -700,6 +700,6 @@ export class Engine {
  * @param {number} address
  * @returns {number}
  */
-function aligned(address) {
+function alignAddress(address) {
     return Math.ceil(address / ALIGNED) * ALIGNED;
 }

@@ -1,10 +1,10 @@
 /** A fit of what the page shows, its verdict and what speaks against it. */
 
-import { guided } from "./advice.js";
+import { withPath } from "./advice.js";
 import { Fit, fitOf } from "./fit.js";
 import { AT_ONCE, ofFit, ofMotion, ofRefusal } from "./reasons.js";
 import { findingsOf, verdictOf } from "./findings.js";
-import { compared, otherRecording, renewedOf } from "./previous.js";
+import { comparePrevious, otherRecording, renewedOf } from "./previous.js";
 import { viewOf } from "./view.js";
 
 /** @typedef {import("../messages.d.ts").Reason} Reason */
@@ -63,8 +63,8 @@ export function evaluate(engine, data, asked) {
     const readings = { field, time };
     if (!(fit instanceof Fit)) {
         const reasons = ofRefusal(fit).concat(ofMotion(readings, null, false));
-        const state = previous && compared(previous, null, data, asked);
-        return { view: null, reasons: ordered(reasons), refusal: fit.words, refusalCode: fit.code, alarms: [], used: 0, rejected: 0, coverage: 0, record: null, previous: state };
+        const state = previous && comparePrevious(previous, null, data, asked);
+        return { view: null, reasons: sortReasons(reasons), refusal: fit.words, refusalCode: fit.code, alarms: [], used: 0, rejected: 0, coverage: 0, record: null, previous: state };
     }
     const findings = findingsOf(fit);
     const view = viewOf(fit, findings, { field, numbers, goal, frame });
@@ -73,8 +73,8 @@ export function evaluate(engine, data, asked) {
     const alarms = found.filter(({ severity, code }) => severity === "warning" && !AT_ONCE.includes(code));
     const used = view.tiles_seen.reduce((sum, count) => sum + count, 0) || time.length;
     return {
-        view: whileLevel(isFollowed ? guided(view, fit, readings, isFlat, goal, frame) : view, fit, goal),
-        reasons: ordered([...ofMotion(readings, fit, isFlat), ...found]),
+        view: whileLevel(isFollowed ? withPath(view, fit, readings, isFlat, goal, frame) : view, fit, goal),
+        reasons: sortReasons([...ofMotion(readings, fit, isFlat), ...found]),
         refusal: "",
         refusalCode: "",
         alarms: alarms.map(({ code }) => code),
@@ -82,7 +82,7 @@ export function evaluate(engine, data, asked) {
         rejected: time.length - used,
         coverage: fit.record.coverage,
         record: view.verdict === "refused" ? null : recordOf(fit, findings, view),
-        previous: previous && compared(previous, view.verdict === "refused" ? null : fit, data, asked),
+        previous: previous && comparePrevious(previous, view.verdict === "refused" ? null : fit, data, asked),
     };
 }
 
@@ -118,7 +118,7 @@ function whileLevel(view, fit, goal) {
  * @param {Reason[]} reasons
  * @returns {Reason[]}
  */
-function ordered(reasons) {
+function sortReasons(reasons) {
     return reasons.sort((one, other) => Number(one.severity !== "warning") - Number(other.severity !== "warning"));
 }
 

@@ -5,9 +5,9 @@
 
 import { nextMovement } from "./advice.js";
 import { longestRuns, outlierRows, runWords } from "./outliers.js";
-import { figures, general, grouped } from "./numbers.js";
+import { figures, general, groupText } from "./numbers.js";
 import { longestRests, restWords } from "./rests.js";
-import { angle, counted, filled, UPSIDE_DOWN } from "./wording.js";
+import { angle, countWords, fillTemplate, UPSIDE_DOWN } from "./wording.js";
 
 /** @typedef {import("./data.d.ts").EngineData} EngineData */
 /** @typedef {import("./data.d.ts").Severity} Severity */
@@ -69,7 +69,7 @@ export function verdictOf(fit) {
  */
 export function adviceOf({ code, values }, data) {
     const said = data.rows.find((row) => row.code === code)?.said ?? code;
-    return filled(said, (name) => (WORDS[name] ? WORDS[name](values, data) : values[name]));
+    return fillTemplate(said, (name) => (WORDS[name] ? WORDS[name](values, data) : values[name]));
 }
 
 /**
@@ -79,7 +79,7 @@ export function adviceOf({ code, values }, data) {
  * @returns {string}
  */
 export function whyOf(finding, data) {
-    return plainly(finding, data.rows.find(({ code }) => code === finding.code)?.why ?? finding.code, data);
+    return fillWords(finding, data.rows.find(({ code }) => code === finding.code)?.why ?? finding.code, data);
 }
 
 /**
@@ -89,7 +89,7 @@ export function whyOf(finding, data) {
  * @returns {string}
  */
 export function remedyOf(finding, data) {
-    const words = plainly(finding, data.rows.find(({ code }) => code === finding.code)?.remedy ?? "", data);
+    const words = fillWords(finding, data.rows.find(({ code }) => code === finding.code)?.remedy ?? "", data);
     return words && `${words.charAt(0).toUpperCase()}${words.slice(1).replace(/\.$/, "")}.`;
 }
 
@@ -100,10 +100,10 @@ export function remedyOf(finding, data) {
  * @param {EngineData} data
  * @returns {string}
  */
-function plainly({ number, limit, values }, words, data) {
+function fillWords({ number, limit, values }, words, data) {
     /** @type {Values} */
-    const stated = { ...values, number, limit, angle: angle(number), seconds: figures(number) };
-    return filled(words, (name) => (WORDS[name] ? WORDS[name](values, data) : stated[name]));
+    const findingOf = { ...values, number, limit, angle: angle(number), seconds: figures(number) };
+    return fillTemplate(words, (name) => (WORDS[name] ? WORDS[name](values, data) : findingOf[name]));
 }
 
 /**
@@ -176,7 +176,7 @@ const WORDS = {
     movement: ({ next_movement: next }, data) => stepWords(next, data),
     remedy: ({ next_step: next }, data) => stepWords(next, data),
     why_large: ({ next_step: [name] }, { reasons }) => reasons[name],
-    because,
+    because: causeWords,
     length: ({ corrected_length: strength, unit }) => `${figures(strength, 4)} ${unit}`,
     rings: ({ unobserved }) => (unobserved === 1 ? ", as two rings of readings would" : ""),
     where_flat: whereFlat,
@@ -192,14 +192,14 @@ const WORDS = {
     axis_lag: lagWords,
     swap: swapWords,
     halves: () => "",
-    leave,
-    outliers: ({ outlier_count: count }) => counted(count, "reading"),
-    runs: ({ outlier_runs: runs, outlier_run_count: count }) => listed(runs.map(runWords), count),
+    leave: remedyWords,
+    outliers: ({ outlier_count: count }) => countWords(count, "reading"),
+    runs: ({ outlier_runs: runs, outlier_run_count: count }) => listSome(runs.map(runWords), count),
     again,
-    rests: ({ rest_spans: rests, rest_count: count }) => listed(rests.map(restWords), count),
+    rests: ({ rest_spans: rests, rest_count: count }) => listSome(rests.map(restWords), count),
     rests_treated: ({ are_rests_left_out: areOut }) => (areOut ? "are left out" : "count as one reading each"),
     rails: ({ rail_ends: ends }) => ends.map(railWords).join(", "),
-    often: ({ backward_steps: times }) => (times === 1 ? "once" : `${grouped(times)} times`),
+    often: ({ backward_steps: times }) => (times === 1 ? "once" : `${groupText(times)} times`),
 };
 
 /** Names of what sentences may take beside the quantities. */
@@ -277,8 +277,8 @@ function whereFlat({ breadth, flatness_limit: limit }) {
 /** @param {Values} values */
 function independentReadings({ independent, samples }) {
     const alike = "the others repeat them or share their errors";
-    const others = independent === samples ? "" : ` (of ${grouped(samples)}; ${alike})`;
-    return `${counted(independent, "independent reading")}${others}`;
+    const others = independent === samples ? "" : ` (of ${groupText(samples)}; ${alike})`;
+    return `${countWords(independent, "independent reading")}${others}`;
 }
 
 /**
@@ -310,7 +310,7 @@ function isCorrelated(worst, textbook, isCovered) {
 }
 
 /** @param {Values} values */
-function because({ worst_deg: worst, structure_deg: structure, textbook_deg: textbook, is_covered: isCovered }) {
+function causeWords({ worst_deg: worst, structure_deg: structure, textbook_deg: textbook, is_covered: isCovered }) {
     if (2 * structure ** 2 > worst ** 2) return `, ${figures(structure)}° of it because residuals depend on the direction`;
     return isCorrelated(worst, textbook, Boolean(isCovered)) ? `, ${figures(textbook)}° if residuals were independent` : "";
 }
@@ -332,12 +332,12 @@ function lagWords({ late_axis: axis, late_by: by, is_timed: isTimed }) {
 /** @param {Values} values */
 function swapWords({ swapped_axes: axes, swap_row: row, swap_count: count }) {
     const what = axes.length === 1 ? `the sign of ${axes} turned` : `${axes[0]} and ${axes[1]} changed places`;
-    const again = count > 1 ? ` and back and forth, ${counted(count - 1, "time")} more` : "";
-    return `${grouped(row)} on, ${what}${again}`;
+    const repeatWords = count > 1 ? ` and back and forth, ${countWords(count - 1, "time")} more` : "";
+    return `${groupText(row)} on, ${what}${repeatWords}`;
 }
 
 /** @param {Values} values */
-function leave({ is_better: is, is_covered: isCovered }) {
+function remedyWords({ is_better: is, is_covered: isCovered }) {
     if (is) return "the calibration is worth having";
     return isCovered ? "leave them as they are" : "leave them as they are, or turn the sensor further";
 }
@@ -361,6 +361,6 @@ function railWords([axis, end, value, share]) {
  * @param {number} count
  * @returns {string}
  */
-function listed(some, count) {
+function listSome(some, count) {
     return some.join("; ") + (count > some.length ? "; …" : "");
 }

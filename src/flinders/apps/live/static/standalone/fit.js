@@ -2,10 +2,10 @@
  * One recording fitted and judged: `flinders.fitting.calibrate`, for a magnetometer alone. The engine fits and judges.
  */
 
-import { inverted } from "./linear.js";
+import { inverseOf } from "./linear.js";
 import { NO_RESTS, fittedOnce } from "./rests.js";
 import { general } from "./numbers.js";
-import { filled } from "./wording.js";
+import { fillTemplate } from "./wording.js";
 
 /** @typedef {import("./data.d.ts").EngineData} EngineData */
 /** @typedef {import("./engine.js").Engine} Engine */
@@ -136,7 +136,7 @@ export class Fit {
  */
 export function surfaceOf(centre, shape) {
     const [a, b, c, d, e, f] = shape;
-    const { inverse, determinant } = inverted([a, d, e, d, b, f, e, f, c]);
+    const { inverse, determinant } = inverseOf([a, d, e, d, b, f, e, f, c]);
     return { centre, shape, inverse, radius: Math.cbrt(determinant) };
 }
 
@@ -166,17 +166,17 @@ export function fitOf(engine, data, request) {
         if (angle !== null) return { code: "unmoved", words: unmovedWords(angle, data.said["every-way"], data) };
     }
     const isFree = freeOf(field, whole);
-    const [some, when] = whole.rails ? [chosen(field, isFree, 3), time && chosen(time, isFree, 1)] : [field, time];
+    const [some, when] = whole.rails ? [chosenRows(field, isFree, 3), time && chosenRows(time, isFree, 1)] : [field, time];
     const fitted = whole.rails ? fit(some, when) : whole;
     if (fitted.status) return { code: CODES[fitted.status] ?? "", words: engine.message(fitted.status) };
     const rests = fitted.rests ? engine.rests(some) : NO_RESTS;
     const once = fittedOnce(some, rests);
-    const felt = acceleration && fitted.plane ? fittedOnce(chosen(acceleration, isFree, 3), rests).field : null;
+    const felt = acceleration && fitted.plane ? fittedOnce(chosenRows(acceleration, isFree, 3), rests).field : null;
     const isPlaced = !renewed && Boolean(request.site || felt);
     const record = isPlaced ? engine.atSite(once.field, fitted, request.site ?? {}, felt) : fitted;
     const isAlone = wasTurned && !isPlaced;
     const left = { ...leftOf(engine, data, record, { some, when, isFree, rests, once }), isAlone };
-    return judged(engine, data, request, withWhole(record, whole, left, engine, data), left, some);
+    return judgeFit(engine, data, request, withWhole(record, whole, left, engine, data), left, some);
 }
 
 /**
@@ -200,7 +200,7 @@ function strengthOf(engine, record, renewed) {
  * @param {Float64Array} some Readings at no end of an axis.
  * @returns {Fit}
  */
-function judged(engine, data, request, record, left, some) {
+function judgeFit(engine, data, request, record, left, some) {
     const strength = strengthOf(engine, record, request.renewed ?? null);
     const known = strength === null ? {} : { field_strength: strength, is_strength_known: 1 };
     const asked = { target_deg: request.targetDeg, is_microtesla: Number(request.unit !== "counts"), ...known };
@@ -236,7 +236,7 @@ function withWhole(record, whole, left, engine, data) {
         : { fitted: whole.rows, fitted_repeats: whole.repeats, fitted_distinct: whole.distinct };
     const isPlain = left.isAlone && !record.hides_plane && !record.unobserved;
     const faults = isPlain ? {} : { nonlinear_deg: NaN, lag_deg: NaN };
-    const found = { ...faults, ...covered(record, left), ...driftOf(record, left, engine, data), ...farthestOf(left) };
+    const found = { ...faults, ...coverageOf(record, left), ...driftOf(record, left, engine, data), ...farthestOf(left) };
     return /** @type {Fitted} */ ({ ...record, ...ofAll, ...fitted, ...found });
 }
 
@@ -245,7 +245,7 @@ function withWhole(record, whole, left, engine, data) {
  * @param {Fitted} record
  * @param {Left} left
  */
-function covered({ site_strength }, { coverage: { share, upright, hole_deg, hole } }) {
+function coverageOf({ site_strength }, { coverage: { share, upright, hole_deg, hole } }) {
     return Number.isNaN(site_strength) ? {} : { coverage: share, upright, hole_deg, hole };
 }
 
@@ -298,7 +298,7 @@ function leftOf(engine, data, record, { some, when, isFree, rests, once }) {
     const own = engine.distances(once.field, record.centre, record.shape);
     const isOut = new Uint8Array(some.length / 3);
     once.first.forEach((first, i) => isOut.fill(out[i], first, once.last[i] + 1));
-    const near = chosen(once.field, Uint8Array.from(own, (distance) => Number(Math.abs(distance) <= limit)), 3);
+    const near = chosenRows(once.field, Uint8Array.from(own, (distance) => Number(Math.abs(distance) <= limit)), 3);
     const outliers = engine.outliers(distances, out, once, when, data.listed);
     let next = 0;
     return {
@@ -341,7 +341,7 @@ function freeOf(field, record) {
  * @param {number} width
  * @returns {Float64Array}
  */
-function chosen(numbers, isChosen, width) {
+function chosenRows(numbers, isChosen, width) {
     return numbers.filter((_, i) => isChosen[Math.floor(i / width)]);
 }
 
@@ -368,7 +368,7 @@ function railsOf(record) {
  * @returns {string}
  */
 function unmovedWords(angle, how, { said }) {
-    return filled(said.unmoved, (name) => (name === "angle" ? roundedUp(angle) : how));
+    return fillTemplate(said.unmoved, (name) => (name === "angle" ? roundedUp(angle) : how));
 }
 
 /**

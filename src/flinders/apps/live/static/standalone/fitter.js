@@ -16,7 +16,7 @@ export class Fitter {
         this.asked = 0;
         this.failure = "";
         this.worker = new Worker(script, { type: "module" });
-        this.worker.addEventListener("message", ({ data }) => this.#answered(data));
+        this.worker.addEventListener("message", ({ data }) => this.#onAnswer(data));
         this.worker.addEventListener("error", (event) => this.#fail(event.message || "its script cannot be loaded"));
         this.worker.postMessage({ address, data });
     }
@@ -27,7 +27,7 @@ export class Fitter {
      * @returns {Promise<Timed>}
      */
     fit(task) {
-        if (this.failure) return Promise.resolve(refused(task, this.failure));
+        if (this.failure) return Promise.resolve(refusalResult(task, this.failure));
         const number = ++this.asked;
         return new Promise((done) => {
             this.running.set(number, { task, done });
@@ -36,17 +36,17 @@ export class Fitter {
     }
 
     /** @param {{number: number, fault?: string} & Timed} answer */
-    #answered({ number, fault, evaluated, seconds }) {
+    #onAnswer({ number, fault, evaluated, seconds }) {
         const asked = this.running.get(number);
         if (!asked) return;
         this.running.delete(number);
-        asked.done(fault === undefined ? { evaluated, seconds } : refused(asked.task, faultOf(fault)));
+        asked.done(fault === undefined ? { evaluated, seconds } : refusalResult(asked.task, faultOf(fault)));
     }
 
     /** @param {string} words  why the worker cannot run */
     #fail(words) {
         this.failure = faultOf(words);
-        for (const { task, done } of this.running.values()) done(refused(task, this.failure));
+        for (const { task, done } of this.running.values()) done(refusalResult(task, this.failure));
         this.running.clear();
     }
 }
@@ -61,7 +61,7 @@ function faultOf(words) {
  * @param {string} refusal
  * @returns {Timed}
  */
-function refused({ key }, refusal) {
+function refusalResult({ key }, refusal) {
     const evaluated = { key, view: null, refusal, refusalCode: "", reasons: [], used: 0, rejected: 0, coverage: 0, alarms: [], record: null, previous: null };
     return { evaluated, seconds: 1 };
 }

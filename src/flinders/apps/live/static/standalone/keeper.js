@@ -34,8 +34,8 @@ export class Keeper {
     static async open() {
         const keeper = new Keeper(null); // as long as another page has it, or storage is switched off
         const open = async () => {
-            await locked(NAME);
-            keeper.database = await opened(NAME);
+            await acquireLock(NAME);
+            keeper.database = await openDatabase(NAME);
             keeper.onOpen();
         };
         await Promise.race([open().catch(() => {}), new Promise((done) => setTimeout(done, RELEASE_MS))]);
@@ -68,7 +68,7 @@ export class Keeper {
         this.waiting = [];
         if (!this.database || waiting.length === 0) return;
         const transaction = this.database.transaction(NAME, "readwrite");
-        transaction.objectStore(NAME).add(united(waiting));
+        transaction.objectStore(NAME).add(mergeParts(waiting));
         transaction.addEventListener("abort", () => {
             this.database = null;
             this.onFull();
@@ -96,14 +96,14 @@ export class Keeper {
         if (!this.database) return null;
         const numbered = IDBKeyRange.bound(0, Infinity);
         const parts = /** @type {Kept[]} */ (await answer(this.database.transaction(NAME).objectStore(NAME).getAll(numbered)));
-        return parts.length > 0 ? united(parts) : null;
+        return parts.length > 0 ? mergeParts(parts) : null;
     }
 }
 
 /** @param {Kept[]} parts @returns {Kept} */
-function united(parts) {
-    const [time, field] = [joined(parts.map((part) => part.time)), joined(parts.map((part) => part.field))];
-    const felt = () => joined(parts.map((part) => part.acceleration ?? new Float64Array(part.field.length).fill(NaN)));
+function mergeParts(parts) {
+    const [time, field] = [joinArrays(parts.map((part) => part.time)), joinArrays(parts.map((part) => part.field))];
+    const felt = () => joinArrays(parts.map((part) => part.acceleration ?? new Float64Array(part.field.length).fill(NaN)));
     return { ...parts[0], time, field, acceleration: parts.some((part) => part.acceleration) ? felt() : null };
 }
 
@@ -111,7 +111,7 @@ function united(parts) {
  * @param {Float64Array[]} parts
  * @returns {Float64Array}
  */
-function joined(parts) {
+function joinArrays(parts) {
     const all = new Float64Array(parts.reduce((sum, { length }) => sum + length, 0));
     let at = 0;
     for (const part of parts) {
@@ -127,7 +127,7 @@ function joined(parts) {
  * @param {string} name
  * @returns {Promise<void>}
  */
-function locked(name) {
+function acquireLock(name) {
     return new Promise((done, failed) => {
         const whileOpen = () => {
             done();
@@ -141,7 +141,7 @@ function locked(name) {
  * @param {string} name
  * @returns {Promise<IDBDatabase>}
  */
-function opened(name) {
+function openDatabase(name) {
     const request = indexedDB.open(name, 1);
     request.addEventListener("upgradeneeded", () => request.result.createObjectStore(name, { autoIncrement: true }));
     return answer(request);

@@ -56,9 +56,9 @@ async function start() {
         lose(`This page could not be loaded: ${error instanceof Error ? error.message : error}.`);
         return;
     }
-    document.addEventListener("keydown", keyed);
-    serial.addEventListener("keydown", typed);
-    operator.addEventListener("keydown", named);
+    document.addEventListener("keydown", onKey);
+    serial.addEventListener("keydown", onSerialKey);
+    operator.addEventListener("keydown", onNameKey);
     serial.addEventListener("blur", () => window.setTimeout(attend));
     byId("theme", HTMLElement).addEventListener("click", turnTheme);
     window.setInterval(refresh, ASK_MS);
@@ -147,7 +147,7 @@ function attend() {
 }
 
 /** @param {KeyboardEvent} event */
-function keyed(event) {
+function onKey(event) {
     if (event.repeat || !state) return;
     if (event.key === "Escape") {
         event.preventDefault();
@@ -161,7 +161,7 @@ function keyed(event) {
 }
 
 /** A scanner types a serial number, and Enter or Tab. @param {KeyboardEvent} event */
-function typed(event) {
+function onSerialKey(event) {
     const isEnter = event.key === "Enter" || (event.key === "Tab" && serial.value !== "");
     const isSpace = event.key === " " && serial.value === "";
     if (!isEnter && !isSpace && event.key !== "Tab") return;
@@ -175,7 +175,7 @@ function typed(event) {
 }
 
 /** @param {KeyboardEvent} event */
-function named(event) {
+function onNameKey(event) {
     if (event.key === "Enter" || event.key === "Tab") {
         event.preventDefault();
         ask({ do: "operator", name: operator.value });
@@ -231,14 +231,14 @@ async function finish() {
 }
 
 /** Seconds since the test began, as far as they are known. */
-function elapsed() {
+function elapsedSeconds() {
     return state ? state.seconds + (performance.now() - heardAt) / 1000 : 0;
 }
 
 /** The timed step to make now, and the next; what is wrong goes before. */
 function drawStep() {
     const { steps } = facts.motion;
-    let left = elapsed();
+    let left = elapsedSeconds();
     const place = steps.findIndex(({ seconds }) => (left -= seconds) < 0);
     const step = steps[place < 0 ? steps.length - 1 : place];
     const next = place < 0 ? undefined : steps[place + 1];
@@ -251,11 +251,11 @@ function drawStep() {
 
 function drawProgress() {
     if (!state) return;
-    const share = Math.min(elapsed() / state.time_s, 1);
+    const share = Math.min(elapsedSeconds() / state.time_s, 1);
     const bar = byId("bar", HTMLElement);
     bar.style.width = `${(100 * share).toFixed(1)}%`;
     bar.setAttribute("aria-valuenow", String(Math.round(100 * share)));
-    setText(byId("time-left", HTMLElement), `${duration(Math.max(state.time_s - elapsed(), 0))} left`);
+    setText(byId("time-left", HTMLElement), `${duration(Math.max(state.time_s - elapsedSeconds(), 0))} left`);
     const { worst } = errors(store.view, "heading");
     setText(byId("error-now", HTMLElement), worst === null || worst >= ANY_ANGLE_DEG ? "" : `Heading error ${degrees(worst)}, target ${degrees(facts.target_deg)}`);
 }

@@ -80,14 +80,14 @@ export class Brush {
         const wide = this.place ? Math.abs(xOf(this.place, to) - xOf(this.place, this.from)) : 0;
         this.span = wide < 3 ? null : [Math.min(this.from, to), Math.max(this.from, to)];
         this.from = null;
-        this.changed();
+        this.notifySpan();
     }
 
     /** The finger scrolls instead. */
     cancel() {
         this.from = null;
         this.span = null;
-        this.changed();
+        this.notifySpan();
     }
 
     /** @param {KeyboardEvent} event */
@@ -106,7 +106,7 @@ export class Brush {
         } else return;
         event.preventDefault();
         event.stopPropagation();
-        this.changed();
+        this.notifySpan();
     }
 
     /**
@@ -118,7 +118,7 @@ export class Brush {
         this.redraw();
     }
 
-    changed() {
+    notifySpan() {
         this.redraw();
         if (this.span) this.tell(...this.span);
         else this.tell(null, null);

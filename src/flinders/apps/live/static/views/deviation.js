@@ -45,7 +45,7 @@ function drawDeviation(panel, view, target, isRaw) {
 function drawRaw(panel, turn, box, toX) {
     const largest = Math.max(...turn.before_deg.map(Math.abs));
     const toY = degreeAxis(panel, box, [Math.min(roundUp(1.05 * Math.max(largest, 1e-3)), 180)], true);
-    const raw = closed(turn.before_deg).flatMap((value, i, all) => {
+    const raw = closeCurve(turn.before_deg).flatMap((value, i, all) => {
         const wraps = i > 0 && Math.abs((value ?? 0) - (all[i - 1] ?? 0)) > 180;
         const point = /** @type {const} */ ([toX(headingsOf(turn)[i]), toY(value ?? NaN)]);
         return wraps ? [/** @type {const} */ ([NaN, NaN]), point] : [point];
@@ -67,7 +67,7 @@ function drawLeft(panel, turn, target, box, toX) {
     const top = Math.max(largestOf(sigmas), target ?? 0);
     const end = roundUp(1.2 * (Number.isFinite(top) && top > 0 ? top : 1));
     const toY = degreeAxis(panel, box, target && target > 0.4 * end ? [target, end] : [end], false);
-    const curve = closed(sigmas).map((value, i) => /** @type {const} */ ([toX(headingsOf(turn)[i]), toY(value ?? NaN)]));
+    const curve = closeCurve(sigmas).map((value, i) => /** @type {const} */ ([toX(headingsOf(turn)[i]), toY(value ?? NaN)]));
     if (sigmas.length > 0 && !sigmas.some((value) => value === null)) {
         panel.draw("path", { class: "band", d: `${path(curve)}L${box.right} ${toY(0)}L${box.left} ${toY(0)}Z` });
         panel.draw("path", { class: "corrected", d: path(curve) });
@@ -92,7 +92,7 @@ function largestOf(values) {
 }
 
 /** @param {readonly (number | null)[]} values All round, with the first again at the end. */
-const closed = (values) => [...values, values[0]];
+const closeCurve = (values) => [...values, values[0]];
 
 /** @param {Turn} turn */
 const headingsOf = (turn) => [...turn.heading_deg, 360];

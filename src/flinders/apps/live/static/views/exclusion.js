@@ -95,7 +95,7 @@ export class Exclusion {
      * @param {number | null} start_s
      * @param {number | null} end_s
      */
-    marked(start_s, end_s) {
+    showMark(start_s, end_s) {
         const none = start_s === null || end_s === null;
         this.fields.hidden = none;
         setText(this.exclude, none ? "Leave out…" : "Leave out");
@@ -106,7 +106,7 @@ export class Exclusion {
 
     unmark() {
         this.mark(null, null);
-        this.marked(null, null);
+        this.showMark(null, null);
     }
 
     /** @returns {{start_s: number, end_s: number} | null} */
@@ -136,7 +136,7 @@ export class Exclusion {
             this.page.notify("info", "There are no readings yet to leave out.");
             return;
         }
-        this.marked(0.45 * end, 0.55 * end);
+        this.showMark(0.45 * end, 0.55 * end);
         this.mark(0.45 * end, 0.55 * end);
         this.from.select();
     }

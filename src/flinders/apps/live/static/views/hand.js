@@ -7,7 +7,7 @@
 
 import { NAMES, SHAPES } from "./bodies.js";
 import { svg } from "./plot.js";
-import { Attitude, between, LEVEL, product, rotated, rotation } from "../../../../static/views/turn.js";
+import { Attitude, turnBetween, LEVEL, product, rotated, rotation } from "../../../../static/views/turn.js";
 import { cross, dot, minus } from "../../../../static/views/vectors.js";
 
 /** @typedef {import("../../../../static/views/vectors.js").Vector} Vector */
@@ -90,18 +90,18 @@ export class Hand {
     #draw = () => {
         if (!this.picture) return;
         const { body, angle, now, parts } = this.picture;
-        const share = this.calm ? 1 : eased(((performance.now() - this.begun) % (PERIOD + WAITS)) / PERIOD);
+        const share = this.calm ? 1 : easeShare(((performance.now() - this.begun) % (PERIOD + WAITS)) / PERIOD);
         const to = Math.min(angle, now + Math.min(AHEAD, angle));
         if (isEdgeOn(this.view, this.#attitude(now))) this.view = viewOf(this.picture);
-        this.#put(this.ghost, body, this.#turned(now + share * (to - now)));
-        this.#put(this.solid, body, this.#turned(now));
+        this.#put(this.ghost, body, this.#viewedRotation(now + share * (to - now)));
+        this.#put(this.solid, body, this.#viewedRotation(now));
         this.#arrow(Math.max(to - now, 0));
         this.ring.replaceChildren(...rings(parts));
         this.timer = window.setTimeout(() => requestAnimationFrame(this.#draw), this.calm ? 5 * STEP : STEP);
     };
 
     /** From axes of the body to those of the picture, so far into the turn. @param {number} angle */
-    #turned(angle) {
+    #viewedRotation(angle) {
         return product(this.view, this.#attitude(angle));
     }
 
@@ -113,7 +113,7 @@ export class Hand {
 
     /** @param {SVGElement} group @param {Body} body @param {Rotation} seen */
     #put(group, body, seen) {
-        group.replaceChildren(...drawn(SHAPES[body], seen));
+        group.replaceChildren(...visibleFaces(SHAPES[body], seen));
     }
 
     /** The arrow runs around the axis, before the body where it is nearer. @param {number} angle */
@@ -136,7 +136,7 @@ export class Hand {
  * @returns {SVGElement}
  */
 export function portrait(body) {
-    const solid = svg("g", { class: "solid" }, drawn(SHAPES[body], product(viewFrom(0.55, 0.75), LEVEL)));
+    const solid = svg("g", { class: "solid" }, visibleFaces(SHAPES[body], product(viewFrom(0.55, 0.75), LEVEL)));
     return svg("svg", { class: "portrait", viewBox: "-60 -46 120 92", "aria-hidden": "true" }, [solid]);
 }
 
@@ -148,7 +148,7 @@ export function portrait(body) {
  * @returns {{axis: Vector, angle: number}}  in axes of who holds it
  */
 export function turnTowards(hold, target, field) {
-    const { axis, angle } = between(target, field);
+    const { axis, angle } = turnBetween(target, field);
     return { axis: rotated(hold, axis), angle };
 }
 
@@ -163,7 +163,7 @@ export function nameOf(body) {
  * @param {Rotation} seen
  * @returns {SVGElement[]}
  */
-function drawn(faces, seen) {
+function visibleFaces(faces, seen) {
     const shown = faces.map((face) => ({ face, corners: face.corners.map((corner) => rotated(seen, corner)) }));
     const depth = (/** @type {readonly Vector[]} */ corners) => corners.reduce((sum, corner) => sum + corner[2], 0) / corners.length;
     const front = shown.filter(({ corners }) => normalOf(corners)[2] > 0);
@@ -262,7 +262,7 @@ function viewFrom(aside, above) {
 }
 
 /** @param {number} share */
-function eased(share) {
+function easeShare(share) {
     const part = Math.min(Math.max(share, 0), 1);
     return part * part * (3 - 2 * part);
 }

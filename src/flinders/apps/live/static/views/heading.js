@@ -7,7 +7,7 @@
 
 import { element, setText } from "../dom.js";
 import { svg } from "./plot.js";
-import { corrected, cross } from "../../../../static/views/vectors.js";
+import { correctReading, cross } from "../../../../static/views/vectors.js";
 import { compass } from "./words.js";
 
 /** @typedef {import("../../../../static/views/vectors.js").Vector} Vector */
@@ -31,7 +31,7 @@ function headingOf(field, acceleration) {
     const force = acceleration ? Math.hypot(...acceleration) : 0;
     if (!acceleration || !(force > 0) || !Number.isFinite(force)) {
         const flat = Math.hypot(field[0], field[1]);
-        return { deg: flat > 0 ? turned(Math.atan2(-field[1], field[0])) : null, tilt_deg: null };
+        return { deg: flat > 0 ? positiveDegrees(Math.atan2(-field[1], field[0])) : null, tilt_deg: null };
     }
     const down = /** @type {[number, number, number]} */ (acceleration.map((part) => -part / force));
     const east = cross(down, field);
@@ -39,7 +39,7 @@ function headingOf(field, acceleration) {
     const tilt_deg = (Math.acos(Math.min(1, Math.max(-1, down[2]))) * 180) / Math.PI;
     if (!(Math.hypot(...east) > 0)) return { deg: null, tilt_deg };
     // Both are as long as the level part of the field, so that their ratio is the tangent of the heading.
-    return { deg: Math.hypot(east[0], north[0]) > 0 ? turned(Math.atan2(east[0], north[0])) : null, tilt_deg };
+    return { deg: Math.hypot(east[0], north[0]) > 0 ? positiveDegrees(Math.atan2(east[0], north[0])) : null, tilt_deg };
 }
 
 /**
@@ -56,7 +56,7 @@ function difference(from, to) {
  * @param {number} angle Radians.
  * @returns {number} Degrees, 0 to 360.
  */
-function turned(angle) {
+function positiveDegrees(angle) {
     return (((angle * 180) / Math.PI) % 360 + 360) % 360;
 }
 
@@ -131,7 +131,7 @@ export const heading = {
         const acceleration = now?.acceleration ?? null;
         const calibration = view?.offset && view.matrix ? { offset: view.offset, matrix: view.matrix } : null;
         const before = now ? headingOf(now.raw, acceleration) : null;
-        const after = now && calibration ? headingOf(corrected(now.raw, calibration), acceleration) : null;
+        const after = now && calibration ? headingOf(correctReading(now.raw, calibration), acceleration) : null;
         dial(host, { raw_deg: before?.deg ?? null, corrected_deg: after?.deg ?? null, tilt: before?.tilt_deg ?? null });
     },
     css: `

@@ -1,8 +1,8 @@
 /** What to do now, on the page: the sentence, the thing in the hand, how far the turn has come, and what is in the hand. */
 
-import { byId, element, remember, remembered, setIcon, setText } from "../dom.js";
+import { byId, element, remember, recall, setIcon, setText } from "../dom.js";
 import { goesOn } from "../store.js";
-import { advance, begin, BODIES, judged, SEQUENCES } from "../standalone/choreography.js";
+import { advance, begin, BODIES, skipNeedless, SEQUENCES } from "../standalone/choreography.js";
 import { lead } from "../standalone/lead.js";
 import { Hand, nameOf, portrait, turnTowards } from "./hand.js";
 import { DRAWN, LEVEL, product } from "../../../../static/views/turn.js";
@@ -27,7 +27,7 @@ const ICONS = { wait: "next", turn: "next", arrow: "next", around: "next", done:
 /** Keeps up the choreography as readings come, and the one lead. */
 export class Guide {
     /** @type {Body | null} as somebody chose it */
-    chosen = BODIES.find((body) => body === remembered(KEY)) ?? null;
+    chosen = BODIES.find((body) => body === recall(KEY)) ?? null;
     choreography = begin(this.chosen ?? "board");
     /** @type {Lead | null} */
     lead = null;
@@ -50,7 +50,7 @@ export class Guide {
         if (goesOn(state) && !state.paused) this.#read(points, view);
         this.taken = points.count;
         const { centres } = hello.tiles;
-        this.choreography = judged(this.choreography, view, centres);
+        this.choreography = skipNeedless(this.choreography, view, centres);
         this.lead = lead(this.lead, { at, state, view, choreography: this.choreography, raw: now?.raw ?? null, centres });
         return this.lead;
     }

@@ -13,7 +13,7 @@ const NONE = "\u2013";
  * @param {number} decimals
  * @returns {string}
  */
-export function fixed(value, decimals) {
+export function fixedText(value, decimals) {
     if (value === null || value === undefined || !Number.isFinite(value)) return NONE;
     const text = value.toFixed(Math.max(0, Math.min(decimals, 12)));
     return (Number(text) === 0 ? text.replace("-", "") : text).replace("-", MINUS);
@@ -39,10 +39,10 @@ export function decimals(value, sigma) {
  * @param {number | null | undefined} sigma
  * @returns {{value: string, sigma: string}} The uncertainty is empty where it is not known.
  */
-export function measured(value, sigma) {
+export function measuredText(value, sigma) {
     const places = decimals(value, sigma);
     const known = sigma !== null && sigma !== undefined && Number.isFinite(sigma);
-    return { value: fixed(value, places), sigma: known ? fixed(sigma, places) : "" };
+    return { value: fixedText(value, places), sigma: known ? fixedText(sigma, places) : "" };
 }
 
 /**
@@ -52,8 +52,8 @@ export function measured(value, sigma) {
  * @returns {string}
  */
 export function significant(value, digits) {
-    if (!value || !Number.isFinite(value)) return fixed(value, 0);
-    return fixed(value, digits - 1 - Math.floor(Math.log10(Math.abs(value)) + 1e-9));
+    if (!value || !Number.isFinite(value)) return fixedText(value, 0);
+    return fixedText(value, digits - 1 - Math.floor(Math.log10(Math.abs(value)) + 1e-9));
 }
 
 /**
@@ -83,7 +83,7 @@ export function compass(deg) {
  * @param {number} count
  * @returns {string}
  */
-export function counted(count) {
+export function countText(count) {
     return String(Math.round(count)).replace(/\B(?=(\d{3})+$)/g, ",");
 }
 
@@ -94,7 +94,7 @@ export function counted(count) {
  * @returns {string}
  */
 export function things(count, thing) {
-    return `${counted(count)} ${thing}${count === 1 ? "" : "s"}`;
+    return `${countText(count)} ${thing}${count === 1 ? "" : "s"}`;
 }
 
 /**
@@ -170,7 +170,7 @@ export function sinceWords({ finished, source, recording, reasons }) {
  * @returns {string}
  */
 export function frequency(rate) {
-    return Number.isFinite(rate) && rate > 0 ? `${fixed(rate, rate >= 9.95 ? 0 : 1)} Hz` : "";
+    return Number.isFinite(rate) && rate > 0 ? `${fixedText(rate, rate >= 9.95 ? 0 : 1)} Hz` : "";
 }
 
 /**
