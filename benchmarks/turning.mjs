@@ -11,7 +11,7 @@ const { modules, wasm, data, asked } = JSON.parse(readFileSync(0, "utf-8"));
 const load = (name) => import(pathToFileURL(`${modules}/${name}`));
 const names = ["standalone/engine.js", "standalone/evaluate.js", "standalone/session.js", "standalone/state.js"];
 const [{ loadEngine }, { evaluate }, { Session }, { sessionState }] = await Promise.all(names.map(load));
-const [{ advance, begin, skipNeedless, SEQUENCES }, { lead }, { product, rotated, rotation, turnBetween }, { correctReading, unit }] =
+const [{ advance, begin, skipNeedless, SEQUENCES }, { lead }, { product, rotated, rotation, between }, { correctReading, unit }] =
     await Promise.all(["standalone/choreography.js", "standalone/lead.js", "../../../static/views/turn.js", "../../../static/views/vectors.js"].map(load));
 const { tiles } = await load("standalone/tiles.js");
 const engine = await loadEngine(readFileSync(wasm), data.engine.layouts);
@@ -161,7 +161,7 @@ class Follower {
     }
     /** Turn so that the field goes to where the drawing has its ghost, as far as the hand meets the axis. */
     aim(target, here) {
-        const { axis, angle } = turnBetween(target, here);
+        const { axis, angle } = between(target, here);
         this.missedAt = null;
         this.axis = unit(axis.map((part, i) => part + this.miss[i]));
         this.left = Math.max(angle * this.chance.uniform(0.85, 1.25), 0.4);

@@ -19,7 +19,7 @@
  * @property {number} count  pieces that are in use
  */
 
-import { turnBetween, rotated, rotation } from "./turn.js";
+import { between, rotated, rotation } from "./turn.js";
 import { cross, dot, minus, unit } from "./vectors.js";
 
 /**
@@ -276,7 +276,7 @@ export function arrow(from, to, out) {
  * @returns {import("./vectors.js").Vector}
  */
 export function towards(from, to, most) {
-    const turn = turnBetween(from, to);
+    const turn = between(from, to);
     return turn.angle > most ? rotated(rotation({ ...turn, angle: most }), from) : to;
 }
 

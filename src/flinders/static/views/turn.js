@@ -55,7 +55,7 @@ export function rotation({ axis: [x, y, z], angle }) {
  * @param {Vector} to
  * @returns {Turn}
  */
-export function turnBetween(from, to) {
+export function between(from, to) {
     const normal = cross(from, to);
     const sine = Math.hypot(...normal);
     const aside = sine > 1e-6 ? normal : cross(from, Math.abs(from[2]) < 0.9 ? [0, 0, 1] : [1, 0, 0]);
@@ -80,7 +80,7 @@ export class Attitude {
         const upright = acceleration && level(field, unit(acceleration));
         this.isUpright = Boolean(upright);
         if (upright) this.rotation = upright;
-        else if (this.field) this.rotation = product(this.rotation, rotation(turnBetween(field, this.field)));
+        else if (this.field) this.rotation = product(this.rotation, rotation(between(field, this.field)));
         this.field = field;
     }
 }

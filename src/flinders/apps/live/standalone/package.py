@@ -34,7 +34,7 @@ ROTATION_REFUSAL: Final = (
     "{name} turns readings into the axes of the body, which this page cannot: renew it with flinders refresh"
 )
 """Reason why the page cannot renew a calibration with a rotation."""
-REFUSALS: Final = {**refreshing.REFUSALS, "turned": ROTATION_REFUSAL}
+REFUSALS: Final = {**refreshing.UNFIT, "turned": ROTATION_REFUSAL}
 """Sentences on calibrations that the page cannot renew, by reason."""
 
 VERSION: Final = version("flinders")

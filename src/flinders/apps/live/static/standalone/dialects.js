@@ -1,7 +1,8 @@
 /**
- * Lines that are no table, and how each becomes a row of one. The rows are those of `readers/dialects/`.
+ * Dialects: formats of lines other than tables, each converted to rows of a table. The rows are those of
+ * `readers/dialects/`.
  *
- * A dialect is recognised by the first lines, and takes one line at a time then.
+ * A dialect is recognised by the first lines, and then converts one line at a time.
  */
 
 import { midnights, secondsOfDay } from "./clocks.js";
@@ -14,18 +15,18 @@ import { Unreadable } from "./tables.js";
 /** @typedef {import("./printed.js").Prints} Prints */
 
 /**
- * How lines become rows.
+ * Conversion of lines to rows.
  * @typedef {object} Dialect
- * @property {string} words What the lines are, for people.
- * @property {string[]} names Of the columns; empty where the lines do not state them.
- * @property {(line: string) => string[] | null} row The cells of a reading, none for a part of one, null for another line.
- * @property {() => Dialect} fresh The same before its first line.
+ * @property {string} words Name of the format, for the user.
+ * @property {string[]} names Of the columns; empty if the lines do not state them.
+ * @property {(line: string) => string[] | null} row Cells of a reading, empty for a part of one, null for another line.
+ * @property {() => Dialect} fresh Return a copy in its initial state.
  */
 
 /** @typedef {(lines: string[]) => Dialect | null} Recognise */
 
 /**
- * A line with labels, cut.
+ * A line with labels, split into its parts.
  * @typedef {object} Printed
  * @property {string} kind Names of its numbers, one a line; lines of one kind have the same.
  * @property {string} label The words before and between its numbers.
@@ -38,7 +39,7 @@ import { Unreadable } from "./tables.js";
  * @property {boolean} isSetting
  */
 
-// Lines whose beginning says what is in them
+// Lines whose beginning states their content
 
 class Marked {
     /**
@@ -73,7 +74,7 @@ class Marked {
 }
 
 /**
- * Lines for MotionCal among others: `Raw:` in counts, `Uni:` in units.
+ * Dialect of MotionCal's and Adafruit's lines: `Raw:` in counts, `Uni:` in units.
  * @param {Prints} prints
  * @param {Constants} rules
  * @param {string[]} lines
@@ -129,7 +130,7 @@ class JsonLines {
 }
 
 /**
- * Records with three numbers; of those with different keys, the most frequent that have a magnetometer's.
+ * Dialect of records with three numbers; of records with different keys, the most frequent with a magnetometer's.
  * @param {Prints} prints
  * @param {Constants} rules
  * @param {string[]} lines
@@ -164,7 +165,7 @@ function recordOf(line) {
 
 /**
  * @param {string} text
- * @returns {any} null where it is broken.
+ * @returns {any} null for invalid JSON.
  */
 export function parseJson(text) {
     try {
@@ -175,7 +176,7 @@ export function parseJson(text) {
 }
 
 /**
- * What is inside objects and lists, with dots in its name: `mag.x`, `mag.y.0`.
+ * Values inside objects and lists, with dotted names: `mag.x`, `mag.y.0`.
  * @param {object} record
  * @param {string} before
  * @returns {Map<string, any>}
@@ -195,7 +196,7 @@ function cellText(value) {
     return value === null || value === undefined ? "" : String(value);
 }
 
-// Lines behind a time stamp
+// Lines with a time stamp in front
 
 class Stamped {
     /**
@@ -243,11 +244,11 @@ export function stampedDialect(rules, lines, behind, table, isMarked) {
     return inner && new Stamped(rules, inner);
 }
 
-// Lines in which labels say what the numbers are
+// Lines with labelled numbers
 
 class Heading {
     /**
-     * A label in a line of its own: of the numbers in the next line, or of the lines below with an axis each.
+     * A label in its own line, for the numbers in the next line, or for the lines below with one axis each.
      * @param {Prints} prints
      * @param {Constants} rules
      */
@@ -259,7 +260,7 @@ class Heading {
     }
 
     /**
-     * A line with the label that it belongs to in front; nothing for a line that is a label itself.
+     * A line with its label in front; empty for a line that is a label itself.
      * @param {string} line
      */
     joinHeading(line) {
@@ -288,12 +289,12 @@ class Labelled {
      * @param {object} form
      * @param {string} form.words
      * @param {string[]} form.names
-     * @param {Map<string, number>} form.kinds Those that are read, and where the numbers of each are in the row.
+     * @param {Map<string, number>} form.kinds Kinds that are read, and the position of their numbers in the row.
      * @param {string} form.closing The one that ends a reading.
      * @param {number[]} form.needed
      * @param {boolean} [form.hasHeadings]
-     * @param {Map<string, string>} [form.labels] Of each kind, where it has one and no other.
-     * @param {string[]} [form.signs] What is before and between the numbers, where that alone is known.
+     * @param {Map<string, string>} [form.labels] Label of each kind that has exactly one.
+     * @param {string[]} [form.signs] Text before and between the numbers, if only that is known.
      */
     constructor(prints, rules, form) {
         this.prints = prints;
@@ -364,7 +365,7 @@ export function labelledDialect(prints, rules, lines, isMarked) {
 }
 
 /**
- * Whether labels are in lines of their own above the numbers: often, and several or such as mean something.
+ * Whether labels stand in lines of their own above the numbers: often enough, and several or known ones.
  * @param {Prints} prints
  * @param {Heading} heading
  * @param {Printed[]} alone
@@ -380,7 +381,7 @@ function haveHeadings(prints, heading, alone, headed) {
 }
 
 /**
- * The label of each kind that is read; another kind than the magnetometer's with those of several sensors is left out.
+ * Label of each kind that is read; leaves out kinds with labels of several sensors, except the magnetometer's.
  * @param {Constants} rules
  * @param {{kinds: Map<string, number>, closing: string, needed: number[]}} form
  * @param {Printed[]} read
@@ -406,7 +407,7 @@ function labelsOf(rules, { kinds, closing, needed }, read) {
 }
 
 /**
- * Whether numbers may be a magnetometer's, unless their names say so: none is a clock or a counter, nor are all constant.
+ * Whether numbers may be a magnetometer's, by name, or as none is a clock or counter and not all are constant.
  * @param {Prints} prints
  * @param {Constants} rules
  * @param {string[]} kinds
@@ -426,7 +427,7 @@ function mayBeReadings({ names }, rules, kinds, read) {
 }
 
 /**
- * Whether a column rises in even steps, as a clock or a counter does.
+ * Whether a column rises in even steps, like a clock or a counter.
  * @param {Constants} rules
  * @param {number[]} values
  */
@@ -464,7 +465,7 @@ function printedOf(prints, rules, line) {
 }
 
 /**
- * The kind that names a magnetometer: the rawest, of those one that states its unit, then the most frequent.
+ * The kind of line that names a magnetometer: the rawest, then one with a unit, then the most frequent.
  * @param {Prints} prints
  * @param {Constants} rules
  * @param {string[]} kinds
@@ -485,7 +486,7 @@ function magnetometerKind({ names }, rules, kinds, counts) {
 }
 
 /**
- * The magnetometer's numbers first in the row, then those of lines with a time or an acceleration that come before.
+ * Dialect whose rows have the magnetometer's numbers first, then those of earlier lines with a time or an acceleration.
  * @param {Prints} prints
  * @param {Constants} rules
  * @param {string} closing
@@ -509,7 +510,7 @@ function lineByLine(prints, rules, closing, counts, read) {
 }
 
 /**
- * Lines that have an axis each; that of z ends the reading.
+ * Dialect of lines with one axis each; the line of z ends a reading.
  * @param {Prints} prints
  * @param {Constants} rules
  * @param {string[]} kinds
@@ -532,7 +533,7 @@ function axisByAxis(prints, rules, kinds, read) {
 }
 
 /**
- * Lines of three numbers, or of four of which the first is the time, whatever is between them.
+ * Dialect of lines of three numbers, or of four with the time first, with any text between them.
  * @param {Prints} prints
  * @param {Constants} rules
  * @param {Printed[]} read
@@ -572,7 +573,7 @@ function byPlace(prints, rules, read, enough, all) {
 }
 
 /**
- * Whether the numbers of a line, three or four, are of no other quantity.
+ * Whether no label of a line's three or four numbers names another quantity.
  * @param {Prints} prints
  * @param {Constants} rules
  * @param {string[]} kind
@@ -588,7 +589,7 @@ function saysNothing(prints, rules, kind) {
 }
 
 /**
- * The unit behind the last three numbers, where no label is before them: `1 2 3 mT`.
+ * The unit after the last three numbers without labels: `1 2 3 mT`.
  * @param {Constants} rules
  * @param {string[]} kind
  */
@@ -599,7 +600,7 @@ function unitAlone(rules, kind) {
 }
 
 /**
- * Names of numbers, of which a first without a label is the time where it ascends and does not just count.
+ * Names of numbers; a first one without a label is the time if it ascends and is not a counter.
  * @param {string[]} kind
  * @param {string[][]} rows
  */

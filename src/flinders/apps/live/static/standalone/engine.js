@@ -1,12 +1,12 @@
 /**
- * The C engine in the browser: readings in, the record of a fit out, the same numbers as those of the library.
+ * The C engine in the browser: readings in, the record of a fit out, with the same numbers as the library.
  *
- * The module imports nothing. What it works on lies in its memory behind `__heap_base`: options, a record, and for each
- * call readings, times and a workspace. Where fields of a struct lie is data, taken from flinders.h when the page is made.
+ * The module imports nothing. Its data is in its memory after `__heap_base`: options, a record, and for each call
+ * readings, times and a workspace. The layouts of structs are data, taken from flinders.h when the page is made.
  */
 
 /**
- * Where the fields of a struct lie: its bytes, and of each field the offset, the kind (u1, i4, i8, f8) and the count.
+ * Layout of a struct: its size in bytes, and offset, kind (u1, i4, i8, f8) and count of each field.
  * @typedef {{size: number, fields: Record<string, [number, "u1" | "i4" | "i8" | "f8", number]>}} Layout
  */
 
@@ -17,7 +17,7 @@
  */
 
 /**
- * A record of the engine by the names of `flinders_record`; arrays where a field has several numbers.
+ * A record of the engine by the names of `flinders_record`; arrays for fields with several numbers.
  * @typedef {Record<string, number> & Record<ArrayField, number[]>} Fitted
  * @typedef {"end_counts" | "swaps" | "first_swap" | "centre" | "shape" | "covariance" | "textbook" | "majority_centre" |
  *     "majority_shape" | "mean" | "principal_variances" | "lowest" | "highest" | "hole" | "drift_offset" |
@@ -28,16 +28,16 @@
  * Options of a fit that differ from their defaults.
  * @typedef {object} FitOptions
  * @property {number} [dipDeg] Inclination of the field, -89 to 89.
- * @property {number} [robust] Reject outliers: 0 never, 1 where residuals ask for it, 2 always.
- * @property {boolean} [hasStatistics] Look at the recording as a whole, too.
- * @property {number} [level] Look for a level turn: 0 not, 1, or 2 where an accelerometer shows one.
+ * @property {number} [robust] Reject outliers: 0 never, 1 if residuals indicate them, 2 always.
+ * @property {boolean} [hasStatistics] Compute statistics of the whole recording, too.
+ * @property {number} [level] Detect a level turn: 0 no, 1 yes, 2 an accelerometer shows one.
  */
 
 /**
- * What is known before the next reading, as `flinders_belief`.
+ * Estimate before the next reading, as `flinders_belief`.
  * @typedef {{centre: number[], shape: number[], covariance: ArrayLike<number>, variance: number, readings: number}} Belief
  *
- * What further readings are for, as `flinders_goal`.
+ * Goal of further readings, as `flinders_goal`.
  * @typedef {{is_attitude: number, dip_deg: number, down: number[], target_deg: number}} Wanted
  */
 
@@ -45,26 +45,26 @@
  * Axes that changed their sign or their place while a recording was made.
  * @typedef {object} AxisSwap
  * @property {string} axes
- * @property {number[]} rows Readings, counted from 0, from each of which on it is so, or is so no longer.
- * @property {number} gain How many times closer to an ellipsoid all readings lie once it is undone.
+ * @property {number[]} rows Readings, counted from 0, at which the swap begins or ends.
+ * @property {number} gain Factor by which undoing the swap reduces the residuals.
  */
 
 /** @typedef {[weakest: number, strongest: number]} Strengths Of the field, in the unit of the readings; 0 and infinity: unknown. */
 
 /**
- * What is asked of a judgement, as `flinders_request`.
+ * Inputs of a judgement, as `flinders_request`.
  * @typedef {{target_deg: number, field_strength: number, is_strength_known: number, is_microtesla: number,
  *     shrinks: number}} Asked
  *
- * What a fit is worth, as `flinders_judgement`.
+ * Judgement of a fit, as `flinders_judgement`.
  * @typedef {object} Judgement
  * @property {number} verdict
  * @property {number} conditions
  * @property {number} asks
  * @property {number[]} severities Of each finding.
- * @property {number[]} causes 1 + the finding that each follows from, of a cause itself; 0: of others.
- * @property {number[]} shown Of those that follow from no other.
- * @property {number[]} order These, the most important first.
+ * @property {number[]} causes 1 + the finding that each follows from, or itself for a cause; 0 for others.
+ * @property {number[]} shown Severities of findings that follow from no other.
+ * @property {number[]} order These findings, the most important first.
  * @property {number[]} quantities
  * @property {number} rms_deg
  * @property {number} worst_deg
@@ -75,22 +75,22 @@
 
 /** @typedef {{readings: number[], share: number, upright: number, hole_deg: number, hole: number[]}} Coverage */
 /**
- * What an earlier calibration tells of a sensor whose hard iron has changed.
+ * Prior from an earlier calibration for a sensor whose hard iron has changed.
  * @typedef {Surface & {covariance: number[] | null, distortion: number}} Earlier
  */
 
 /**
- * A calibration that is compared with another; a covariance of zeros is that of an exact one, and a strength of 0 not known.
+ * A calibration to compare; zero covariance means exact, and a strength of 0 means unknown.
  * @typedef {Surface & {covariance: ArrayLike<number>, strength: number}} Calibrated
  *
- * How far two calibrations are apart, as `flinders_difference`.
+ * Difference of two calibrations, as `flinders_difference`.
  * @typedef {{worst_deg: number, sigma_deg: number, bound_deg: number, p_value: number, freedom: number}} Difference
  */
 
-/** An ellipsoid, as readings make it. @typedef {{centre: number[], shape: number[]}} Surface */
+/** Ellipsoid of readings. @typedef {{centre: number[], shape: number[]}} Surface */
 
 const ALIGNED = 16;
-const FRAMES = { vehicle: 0, sensor: 1 }; // axes that attitudes are named in
+const FRAMES = { vehicle: 0, sensor: 1 }; // axes for the names of attitudes
 const PAGE = 65_536;
 const TURN = 72; // headings of a turn
 const WIDTHS = { u1: 1, i4: 4, i8: 8, f8: 8 };
@@ -158,7 +158,7 @@ export class Engine {
      * @param {Float64Array} field Three numbers a reading.
      * @param {Float64Array | null} time Seconds, or null.
      * @param {FitOptions} [options]
-     * @returns {Fitted} With `status` 0, or why there is none: see `message`.
+     * @returns {Fitted} With `status` 0, or the reason for no fit, see `message`.
      */
     fit(field, time, options = {}) {
         const rows = field.length / 3;
@@ -190,7 +190,7 @@ export class Engine {
     }
 
     /**
-     * How far two calibrations of one sensor are apart.
+     * Difference of two calibrations of one sensor.
      * @param {Calibrated} first
      * @param {Calibrated} second
      * @param {number} dipDeg
@@ -210,14 +210,14 @@ export class Engine {
      * Whether the difference of two calibrations is within a target.
      * @param {Difference} apart
      * @param {number} targetDeg
-     * @returns {number} Place in the answers of the program's data.
+     * @returns {number} Index in the answers of the program's data.
      */
     answer({ worst_deg, sigma_deg, bound_deg, p_value }, targetDeg) {
         return this.call.flinders_holds(worst_deg, sigma_deg, bound_deg, p_value, targetDeg);
     }
 
     /**
-     * A covariance with what belongs to the direction, and makes so much of a level heading.
+     * Covariance with added structure error, given as an error of the level heading.
      * @param {number[]} shape
      * @param {ArrayLike<number>} covariance
      * @param {number} structureDeg
@@ -231,7 +231,7 @@ export class Engine {
     }
 
     /**
-     * Largest angle of readings from their mean, by a shape that is known.
+     * Largest angle of readings from their mean, with a known shape.
      * @param {Float64Array} field
      * @param {number[]} shape
      * @returns {number}
@@ -290,9 +290,9 @@ export class Engine {
     }
 
     /**
-     * What a fit is worth; its record is claimed.
+     * Judge a fit; the returned record has the final covariance.
      * @param {Fitted} record
-     * @param {Partial<Asked>} asked What differs from the defaults.
+     * @param {Partial<Asked>} asked Values that differ from the defaults.
      * @returns {{record: Fitted, judgement: Judgement}}
      */
     judge(record, asked) {
@@ -318,7 +318,7 @@ export class Engine {
     }
 
     /**
-     * Heading error of a level vehicle whose readings are used as they come, at the worst heading.
+     * Heading error of a level vehicle with raw readings, at the worst heading.
      * @param {Surface} surface
      * @param {number} dipDeg
      * @returns {number}
@@ -330,7 +330,7 @@ export class Engine {
     }
 
     /**
-     * Tilt up to which the worst heading error is within a limit.
+     * Largest tilt with a worst heading error within a limit.
      * @param {number[]} shape
      * @param {ArrayLike<number>} covariance
      * @param {number} dipDeg
@@ -357,7 +357,7 @@ export class Engine {
     }
 
     /**
-     * A level turn: headings, what readings as they come are off by, and the heading error of the calibration at each.
+     * A level turn: headings, the deviation of raw readings, and the heading error of the calibration at each.
      * @param {Surface} surface
      * @param {ArrayLike<number>} covariance
      * @param {number} dipDeg
@@ -371,7 +371,7 @@ export class Engine {
     }
 
     /**
-     * Errors where the corrected field points along directions: of the heading, at the worst attitude that brings it there.
+     * Heading errors for directions of the corrected field, at the worst attitude with that direction.
      * @param {number[]} shape
      * @param {ArrayLike<number>} covariance
      * @param {number} dipDeg
@@ -386,7 +386,7 @@ export class Engine {
     }
 
     /**
-     * Standard deviations of the entries of a matrix that corrects readings, row by row, to the field strength or the radius.
+     * Standard deviations of the entries of a correction matrix, row by row, scaled to the field strength or the radius.
      * @param {ArrayLike<number>} matrix
      * @param {number[]} shape
      * @param {ArrayLike<number>} covariance
@@ -400,7 +400,7 @@ export class Engine {
     }
 
     /**
-     * What a fit claims.
+     * Estimate of a fit.
      * @param {{centre: number[], shape: number[]}} surface
      * @param {ArrayLike<number>} covariance
      * @param {number} noise
@@ -414,7 +414,7 @@ export class Engine {
     }
 
     /**
-     * A sphere through readings that no fit can do anything with yet; null where they do not tell its centre.
+     * A sphere through readings that are too few for a fit; null if its centre is undetermined.
      * @param {Float64Array} field
      * @returns {Belief | null}
      */
@@ -424,7 +424,7 @@ export class Engine {
     }
 
     /**
-     * Where the next hundredth of the readings would tell most.
+     * Direction of the most useful next hundredth of the readings.
      * @param {Belief} belief
      * @param {Wanted} wanted
      * @returns {{direction: number[], worst_deg: number, after_deg: number}}
@@ -437,7 +437,7 @@ export class Engine {
     }
 
     /**
-     * The path of the field from where it points now.
+     * The path of the field from its present direction.
      * @param {Belief} belief
      * @param {Wanted} wanted
      * @param {number[]} here
@@ -453,7 +453,7 @@ export class Engine {
     }
 
     /**
-     * The simplest attitude that meets the field near a direction, by its number in a frame.
+     * Number of the simplest attitude with the field near a direction, in a frame.
      * @param {Wanted} wanted
      * @param {number[]} direction
      * @param {"sensor" | "vehicle"} frame
@@ -466,7 +466,7 @@ export class Engine {
     }
 
     /**
-     * Angle within which all readings of a sensor lie that was hardly turned; null of one that was.
+     * Angle that contains all readings of a sensor that was hardly turned; null if it was turned.
      * @param {Float64Array} field
      * @param {Strengths} strengths
      * @returns {number | null}
@@ -481,7 +481,7 @@ export class Engine {
     }
 
     /**
-     * Whether the record of the last fit shows by itself a turn out of one plane, at no end of the sensor's range.
+     * Whether the record of the last fit shows a turn out of one plane, within the sensor's range.
      * @param {Strengths} strengths
      * @returns {boolean}
      */
@@ -492,7 +492,7 @@ export class Engine {
     }
 
     /**
-     * Which readings a fit leaves out: those that are far, and those in a run of far ones and around it.
+     * Readings that a fit leaves out: far ones, and those inside and around a run of far ones.
      * @param {Uint8Array} far 1 or 0 of each reading.
      * @param {number} dense Of the record.
      * @returns {Uint8Array}
@@ -505,7 +505,7 @@ export class Engine {
     }
 
     /**
-     * The runs of what a fit leaves out.
+     * Runs of readings that a fit leaves out.
      * @param {Float64Array} distances From the surface.
      * @param {Uint8Array} out Whether each reading is left out.
      * @param {import("./rests.js").Once} once First and last row of each reading.
@@ -528,7 +528,7 @@ export class Engine {
     }
 
     /**
-     * Look for the moments at which axes changed; null where nothing did, or nothing that can be told.
+     * Find moments at which axes changed; null without a detectable change.
      * @param {Float64Array} field
      * @param {number} noise Of the fit.
      * @param {import("./data.d.ts").EngineData} data
@@ -546,7 +546,7 @@ export class Engine {
     }
 
     /**
-     * What accelerations show of a level turn about z: 0 that there is none, 2 that there is, 1 nothing.
+     * Evidence of accelerations on a level turn about z: 0 against it, 2 for it, 1 none.
      * @param {Float64Array} acceleration Three numbers a reading, NaN where they are missing.
      * @returns {number}
      */
@@ -556,11 +556,11 @@ export class Engine {
     }
 
     /**
-     * Let the field of a place count in a fit, before it is judged.
-     * @param {Float64Array} field The readings that the fit goes by.
+     * Include the field of a place in a fit, before its judgement.
+     * @param {Float64Array} field Readings of the fit.
      * @param {Fitted} record
      * @param {import("./session.js").Site} site
-     * @param {Float64Array | null} [felt] What an accelerometer measured with them.
+     * @param {Float64Array | null} [felt] Accelerations of the readings.
      * @returns {Fitted}
      */
     atSite(field, record, site, felt = null) {
@@ -581,7 +581,7 @@ export class Engine {
     }
 
     /**
-     * Whether a fit rests on the strength of the field at a place.
+     * Whether a fit uses the strength of the field at a place.
      * @param {Fitted} record
      * @returns {boolean}
      */
@@ -593,7 +593,7 @@ export class Engine {
     /**
      * Readings in each of a hundred cells of the sphere, equal in area, and the largest gap between them.
      * @param {Float64Array} field
-     * @param {Fitted} record Of these readings; what it rejects is left out.
+     * @param {Fitted} record Record of these readings; rejected ones are left out.
      * @returns {Coverage}
      */
     coverage(field, { centre, shape, rejected_beyond: within }) {
@@ -615,7 +615,7 @@ export class Engine {
     }
 
     /**
-     * Address of a part of memory that stays.
+     * Address of a permanent part of memory.
      * @param {number} size
      * @returns {number}
      */
@@ -636,7 +636,7 @@ export class Engine {
     }
 
     /**
-     * Addresses of parts of memory until the next call: of numbers, which are put there, or of so many bytes.
+     * Addresses of temporary parts of memory, valid until the next call: copies of arrays, or a number of bytes.
      * @param {(ArrayLike<number> | number)[]} parts
      * @returns {number[]}
      */
@@ -682,7 +682,7 @@ export class Engine {
     /**
      * Fields of a struct by their names.
      * @param {keyof Layouts} struct
-     * @param {number} [at] Where it lies.
+     * @param {number} [at] Its address.
      * @returns {any}
      */
     #decode(struct, at = this.at[struct]) {

@@ -1,6 +1,6 @@
 /**
- * What there is to know of a judged fit: findings with the values that their sentences take, and the sentences of the
- * catalogue of findings: `flinders.fitting.verdict` and `flinders.findings.words`.
+ * Findings of a judged fit with the values of their sentences, and the sentences of the catalogue, as in
+ * `flinders.fitting.verdict` and `flinders.findings.words`.
  */
 
 import { nextMovement } from "./advice.js";
@@ -15,24 +15,24 @@ import { angle, countWords, fillTemplate, UPSIDE_DOWN } from "./wording.js";
 /** Numbers, names, and lists of either, by name. @typedef {Record<string, any>} Values */
 
 /**
- * Something to know about a fit.
+ * A finding on a fit.
  * @typedef {object} Finding
  * @property {string} code
  * @property {Severity} severity
  * @property {number} number
  * @property {number} limit
- * @property {Values} values All that its sentence takes.
- * @property {string | null} follows_from Code of the finding that it follows from.
+ * @property {Values} values Values of its sentence.
+ * @property {string | null} follows_from Code of its cause.
  */
 
 const TILTS = [10, 30, 90];
-/** By the engine's numbers. @type {("" | Severity)[]} */
+/** Severities by the engine's numbers. @type {("" | Severity)[]} */
 const SEVERITIES = ["", "note", "limits", "refuses"];
 /** @type {("good" | "limited" | "refused")[]} */
 const VERDICTS = ["good", "good", "limited", "refused"];
 
 /**
- * What there is to know of a fit, the most severe first.
+ * Findings of a fit, the most severe first.
  * @param {Fit} fit
  * @returns {Finding[]}
  */
@@ -43,7 +43,7 @@ export function findingsOf(fit) {
 }
 
 /**
- * Findings that follow from no other, causes first; a cause is as severe as what follows from it.
+ * Findings that follow from no other, causes first; a cause has the severity of its consequences.
  * @param {Fit} fit
  * @returns {Finding[]}
  */
@@ -62,7 +62,7 @@ export function verdictOf(fit) {
 }
 
 /**
- * What was found, and what to do, in a sentence.
+ * Sentence on a finding and its remedy.
  * @param {Finding} finding
  * @param {EngineData} data
  * @returns {string}
@@ -73,7 +73,7 @@ export function adviceOf({ code, values }, data) {
 }
 
 /**
- * What it means for whoever uses the compass, in a sentence.
+ * Sentence on the effect of a finding for the user of the compass.
  * @param {Finding} finding
  * @param {EngineData} data
  * @returns {string}
@@ -83,7 +83,7 @@ export function whyOf(finding, data) {
 }
 
 /**
- * What that person does about it, in a sentence; empty where there is nothing to do.
+ * Sentence on the user's remedy; empty without one.
  * @param {Finding} finding
  * @param {EngineData} data
  * @returns {string}
@@ -94,7 +94,7 @@ export function remedyOf(finding, data) {
 }
 
 /**
- * Plain words of a finding, with its number and limit.
+ * Fill the plain words of a finding with its number and limit.
  * @param {Finding} finding
  * @param {string} words
  * @param {EngineData} data
@@ -127,7 +127,7 @@ function stated(fit, rule, severity) {
 }
 
 /**
- * A quantity of the judgement, or another value; NaN where there is none.
+ * A quantity of the judgement, or another value; NaN if missing.
  * @param {Fit} fit
  * @param {string} name
  * @returns {any}
@@ -137,7 +137,7 @@ function valueOf(fit, name) {
     return Number.isNaN(quantity) && VALUES[name] ? VALUES[name](fit) : quantity;
 }
 
-/** Values of findings beside the quantities. @type {Record<string, (fit: Fit) => any>} */
+/** Values of findings in addition to the quantities. @type {Record<string, (fit: Fit) => any>} */
 const VALUES = {
     attitude_limit_deg: ({ attitudeLimitDeg }) => attitudeLimitDeg,
     tilted: tiltedErrors,
@@ -170,7 +170,7 @@ const VALUES = {
     are_rests_left_out: ({ left }) => Number(left.rests.areLeftOut),
 };
 
-/** Words made of values, by the names that sentences have for them. @type {Record<string, (values: Values, data: EngineData) => string>} */
+/** Words made from values, by their names in sentences. @type {Record<string, (values: Values, data: EngineData) => string>} */
 const WORDS = {
     attitudes,
     movement: ({ next_movement: next }, data) => stepWords(next, data),
@@ -202,11 +202,11 @@ const WORDS = {
     often: ({ backward_steps: times }) => (times === 1 ? "once" : `${groupText(times)} times`),
 };
 
-/** Names of what sentences may take beside the quantities. */
+/** Names of further values in sentences. */
 export const NAMES = { values: Object.keys(VALUES), words: Object.keys(WORDS) };
 
 /**
- * The first tilt beyond which a heading is not within the target, and the last, with the worst error at each.
+ * First tilt with a heading error beyond the target, and the last tilt, with the worst error at each.
  * @param {Fit} fit
  * @returns {number[][]}
  */
@@ -217,7 +217,7 @@ function tiltedErrors(fit) {
 }
 
 /**
- * Whether the shape across the plane of a turn is not known.
+ * Whether the shape across the plane of a turn is unknown.
  * @param {Fit} fit
  */
 function isSkewed({ covariance, surface, data: { numbers } }) {
@@ -246,7 +246,7 @@ function isBetter({ quantities, data: { numbers } }) {
 }
 
 /**
- * Up to which tilt the heading is within the target, and how fast it degrades beyond.
+ * Words on the largest tilt within the target, and the errors beyond.
  * @param {Values} values
  * @returns {string}
  */
@@ -282,7 +282,7 @@ function independentReadings({ independent, samples }) {
 }
 
 /**
- * What would make the heading error smaller, likewise.
+ * The next step to reduce the heading error, with the number of a pose.
  * @param {Fit} fit
  * @returns {[string] | [string, number]}
  */
@@ -292,7 +292,7 @@ function nextStep(fit) {
 }
 
 /**
- * Whether no direction is far from the nearest reading.
+ * Whether every direction is near a reading.
  * @param {Fit} fit
  */
 function isCovered({ record, data: { numbers } }) {
@@ -300,7 +300,7 @@ function isCovered({ record, data: { numbers } }) {
 }
 
 /**
- * Whether a heading error is large because residuals are correlated, and not because directions are missing.
+ * Whether correlated residuals, and not missing directions, cause a large heading error.
  * @param {number} worst
  * @param {number} textbook
  * @param {boolean} isCovered
@@ -356,7 +356,7 @@ function railWords([axis, end, value, share]) {
 }
 
 /**
- * Some of so many.
+ * Listed items with the number of the others.
  * @param {string[]} some
  * @param {number} count
  * @returns {string}

@@ -1,4 +1,4 @@
-/** Fits in a worker of their own, so that none blocks drawing. */
+/** Runs fits in a worker, so that they do not block drawing. */
 
 /** @typedef {import("./session.js").Evaluated} Evaluated */
 /** @typedef {import("./session.js").Task} Task */
@@ -22,7 +22,7 @@ export class Fitter {
     }
 
     /**
-     * Fit, and say how long that took. A fault of ours is a refusal that says so.
+     * Fit a task; returns the result and its duration. An internal error becomes a refusal.
      * @param {Task} task
      * @returns {Promise<Timed>}
      */
@@ -43,7 +43,7 @@ export class Fitter {
         asked.done(fault === undefined ? { evaluated, seconds } : refusalResult(asked.task, faultOf(fault)));
     }
 
-    /** @param {string} words  why the worker cannot run */
+    /** @param {string} words  reason why the worker cannot run */
     #fail(words) {
         this.failure = faultOf(words);
         for (const { task, done } of this.running.values()) done(refusalResult(task, this.failure));
@@ -51,7 +51,7 @@ export class Fitter {
     }
 }
 
-/** @param {string} words @returns {string} What to say of a fault that is none of the readings. */
+/** @param {string} words @returns {string} Message for an internal error. */
 function faultOf(words) {
     return `these readings could not be fitted in this browser (${words}): save them, and use flinders calibrate`;
 }

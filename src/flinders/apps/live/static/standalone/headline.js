@@ -37,7 +37,7 @@ export function headline(fit, shown, verdict) {
 }
 
 /**
- * Which lead a verdict has.
+ * Kind of the first sentence of a verdict.
  * @param {Fit} fit
  * @param {Finding | undefined} cause
  * @param {Verdict} verdict
@@ -56,7 +56,7 @@ function kindOf(fit, cause, verdict) {
 }
 
 /**
- * The worst heading error, 1 σ, and its bound; with the digits that tell it from the target.
+ * The worst heading error, 1 σ, and its bound, with enough digits to differ from the target.
  * @param {Fit} fit
  * @returns {string}
  */

@@ -7,7 +7,7 @@
  */
 
 import { goesOn } from "../store.js";
-import { turnBetween, DRAWN, rotated } from "../../../../static/views/turn.js";
+import { between, DRAWN, rotated } from "../../../../static/views/turn.js";
 import { correctReading, dot, unit } from "../../../../static/views/vectors.js";
 import { brief, REASONS, sentence } from "../views/words.js";
 import { isOver, progress, SEQUENCES, staysLevel } from "./choreography.js";
@@ -97,7 +97,7 @@ function wantedLead(known) {
     const direction = targetOf(known);
     if (!direction && state.phase === "limited") return plain("done", ENOUGH);
     if (!direction || !view?.shown || !raw) return plain("around", AROUND);
-    const { axis } = turnBetween(direction, unit(correctReading(raw, view.shown)));
+    const { axis } = between(direction, unit(correctReading(raw, view.shown)));
     return plain("arrow", `Now ${turnAbout(rotated(DRAWN[view.guidance?.frame ?? "sensor"], axis), body)}.`, direction);
 }
 

@@ -1,7 +1,7 @@
 /**
- * What may be in the hand, as flat faces: to the right (x), to its front or top (y), out of its face or roof (z).
+ * Bodies in the hand as flat faces: x to the right, y to the front or top, z out of the face or roof.
  *
- * A face is seen from the side that its corners run around counter-clockwise; marks lie on a face, and are seen with it.
+ * A face is visible from the side with counter-clockwise corners; marks on a face are visible with it.
  */
 
 /** @typedef {import("../../../../static/views/vectors.js").Vector} Vector */
@@ -10,7 +10,7 @@
 /**
  * @typedef {object} Face
  * @property {readonly Vector[]} corners
- * @property {string} kind  its class: what it is made of
+ * @property {string} kind  its class: the material
  * @property {readonly Face[]} marks  drawn on it
  */
 
@@ -131,5 +131,5 @@ function instrument() {
 /** Faces of each body. @type {Readonly<Record<Body, readonly Face[]>>} */
 export const SHAPES = { board: board(), phone: phone(), drone: drone(), car: car(), boat: boat(), instrument: instrument() };
 
-/** What each is called. @type {Readonly<Record<Body, string>>} */
+/** Names of the bodies. @type {Readonly<Record<Body, string>>} */
 export const NAMES = { board: "Board", phone: "Phone", drone: "Drone", car: "Car, robot", boat: "Boat", instrument: "Instrument" };

@@ -1,5 +1,5 @@
 /**
- * Two compass roses side by side: what the raw sensor says and what the corrected one says.
+ * Two compass roses: the heading of the raw and of the corrected sensor.
  *
  * Axes are forward, right, down. The heading is ψ = atan2(−m_y, m_x) of the field in level axes; where there is an
  * acceleration (specific force, at rest −g on z), level is found from it, and otherwise the sensor is taken as level.
@@ -15,12 +15,12 @@ import { compass } from "./words.js";
 /**
  * A heading, and how far the sensor is tilted.
  * @typedef {object} Heading
- * @property {number | null} deg Clockwise from magnetic north, 0 to 360; null where the field or the force has none.
+ * @property {number | null} deg Clockwise from magnetic north, 0 to 360; null if undefined.
  * @property {number | null} tilt_deg Null without acceleration.
  */
 
 /**
- * The heading that a field vector tells.
+ * Heading of a field vector.
  *
  * East is down × field and north is east × down; the forward axis seen in those two is the heading.
  * @param {Vector} field
@@ -38,12 +38,12 @@ function headingOf(field, acceleration) {
     const north = cross(east, down);
     const tilt_deg = (Math.acos(Math.min(1, Math.max(-1, down[2]))) * 180) / Math.PI;
     if (!(Math.hypot(...east) > 0)) return { deg: null, tilt_deg };
-    // Both are as long as the level part of the field, so that their ratio is the tangent of the heading.
+    // Both have the length of the horizontal field, so that their ratio is the tangent of the heading.
     return { deg: Math.hypot(east[0], north[0]) > 0 ? positiveDegrees(Math.atan2(east[0], north[0])) : null, tilt_deg };
 }
 
 /**
- * The smaller way from one heading to another, −180 to 180 degrees.
+ * Difference of two headings, −180 to 180 degrees.
  * @param {number} from
  * @param {number} to
  * @returns {number}

@@ -20,12 +20,12 @@ const PAIRS = /** @type {const} */ ([
     [1, 2, "y", "z"],
 ]);
 
-/** Readings that are looked at to find what the axes span. */
+/** Most readings used to find the extent of the axes. */
 const LOOKED_AT = 1500;
 
 /**
- * XY, XZ and YZ: raw readings with the outline of their ellipsoid, corrected ones with the circle that they should lie
- * in. A host that is tall enough gets a row before and a row after; a flat one gets both in each square.
+ * Draw XY, XZ and YZ: raw readings with the outline of their ellipsoid, corrected readings with the circle that bounds
+ * them. A tall host has a row before and a row after correction; a flat one has both in each square.
  * @param {Chart} chart
  * @param {Points} points
  * @param {View | null} view
@@ -69,14 +69,14 @@ function drawProjections(chart, points, view, state) {
 }
 
 /**
- * Where a square is, and where in it a reading is drawn.
+ * A square, and the places of a reading in it.
  * @typedef {{box: {x: number, y: number, side: number}, places: (reading: number) => import("./charts.js").Place[]}} Square
  */
 
 /** @typedef {{centre: number[], half: number}} Domain */
 
 /**
- * What the squares of a row show: one scale for all three, so that circles stay comparable.
+ * Extent of the squares of a row, with one scale for all three.
  * @param {Points} points
  * @param {Uint8Array} kinds
  * @param {Shown | null} shown
@@ -175,7 +175,7 @@ function drawSquare(chart, image, box, pair, domain, what) {
  * @param {readonly [number, number, string, string]} pair
  * @param {{toX: (value: number) => number, toY: (value: number) => number}} to
  * @param {{points: Points, kinds: Uint8Array, shown: Shown | null, row: string}} what
- * @returns {[number, number][]} Where rejected readings are to be crossed.
+ * @returns {[number, number][]} Places of rejected readings, for crosses.
  */
 function rasterSquare(chart, image, box, [across, up], { toX, toY }, { points, kinds, shown, row }) {
     const { panel, before, after } = chart;

@@ -1,4 +1,4 @@
-/** How far readings lie off the sphere, as a histogram. */
+/** Histogram of the distances of readings from the sphere. */
 
 import { element, setText } from "../dom.js";
 import { drawChart, nothing, tick } from "./charts.js";
@@ -55,11 +55,11 @@ function drawHistogram(chart, view, points) {
 }
 
 /**
- * How far a reading lies off the sphere.
+ * Distance of a reading from the sphere.
  * @param {number} j
  * @param {Points} points
  * @param {View | null} view
- * @returns {number} 0 where there is no sphere.
+ * @returns {number} 0 without a sphere.
  */
 function residualOf(j, { field }, view) {
     const shown = view?.shown;

@@ -18,7 +18,7 @@ import { clock, fixedText } from "./words.js";
 /** @typedef {import("./plot.js").Span} Span */
 
 /**
- * Where readings are drawn: their lengths, which of them count, and the places of times and lengths.
+ * Readings of the drawing: lengths, which of them count, and the scales of time and length.
  * @typedef {object} Drawn
  * @property {Points} points
  * @property {Uint8Array} kinds
@@ -167,13 +167,13 @@ function lengths(points, shown) {
         const a = r[0] * x + r[1] * y + r[2] * z;
         const b = s[0] * x + s[1] * y + s[2] * z;
         const c = t[0] * x + t[1] * y + t[2] * z;
-        norms[j] = Math.sqrt(a * a + b * b + c * c); // Math.hypot is many times slower
+        norms[j] = Math.sqrt(a * a + b * b + c * c); // Math.hypot is much slower
     }
     return norms;
 }
 
 /**
- * What the axis of field strength spans: nearly all of the used readings, so that one wild reading does not flatten it.
+ * Span of the axis of field strength: nearly all of the used readings, so that a single outlier does not flatten it.
  * @param {Float32Array} raw
  * @param {Uint8Array} kinds
  * @param {Shown | null} shown

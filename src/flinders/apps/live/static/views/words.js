@@ -1,14 +1,14 @@
 /**
- * Numbers and times as people read them. Nothing here touches the page.
+ * Numbers and times in words, without access to the page.
  *
- * A number is written to the digits that its uncertainty leaves: measured(-12.3456, 0.042) is "−12.346 ± 0.042".
+ * Numbers have the digits that their uncertainty supports: measuredText(-12.3456, 0.042) is "−12.346" and "0.042".
  */
 
 const MINUS = "\u2212";
 const NONE = "\u2013";
 
 /**
- * A number with so many decimals and a true minus sign; a dash where there is none.
+ * A number with fixed decimals and a true minus sign; a dash for no number.
  * @param {number | null | undefined} value
  * @param {number} decimals
  * @returns {string}
@@ -20,7 +20,7 @@ export function fixedText(value, decimals) {
 }
 
 /**
- * How many decimals show two significant digits of an uncertainty, or four of a value where there is none.
+ * Decimals for two significant digits of an uncertainty, or for four of a value without one.
  * @param {number | null | undefined} value
  * @param {number | null | undefined} sigma
  * @returns {number}
@@ -37,7 +37,7 @@ export function decimals(value, sigma) {
  * A number with its uncertainty (1 σ), two digits of it.
  * @param {number | null | undefined} value
  * @param {number | null | undefined} sigma
- * @returns {{value: string, sigma: string}} The uncertainty is empty where it is not known.
+ * @returns {{value: string, sigma: string}} The uncertainty is empty if unknown.
  */
 export function measuredText(value, sigma) {
     const places = decimals(value, sigma);
@@ -118,9 +118,9 @@ export function sentence(words) {
 }
 
 /**
- * What is found and what to do, without the long list in brackets; and that list, such as of times.
+ * Split a sentence into its text and a long list in brackets, such as of times.
  * @param {string} words
- * @returns {[string, string]} The list is empty where there is none.
+ * @returns {[string, string]} The list is empty if there is none.
  */
 export function brief(words) {
     const [, before, list, after] = /^([^]*?) \(([^()]{25,})\)([^]*)$/.exec(words) ?? ["", words, "", ""];
@@ -150,7 +150,7 @@ export function clock(seconds) {
 }
 
 /**
- * What goes on after Finish; nothing before.
+ * Sentence on the session after Finish; empty before.
  * @param {import("../messages.d.ts").SessionState} state
  * @returns {string}
  */
@@ -186,11 +186,11 @@ export const PHASES = Object.freeze({
 });
 
 /**
- * What is wrong, by the code of a reason: short enough to be read at a glance. The reason itself says what to do.
+ * Faults by the code of a reason, short enough for a glance. The reason itself states the remedy.
  * @type {Readonly<Record<string, string>>}
  */
 export const REASONS = Object.freeze({
-    gone: "The sensor is gone.",
+    gone: "The sensor is disconnected.",
     "nothing-arrives": "No readings arrive.",
     stale: "The readings no longer change.",
     "stuck-axis": "An axis is stuck.",
@@ -205,7 +205,7 @@ export const REASONS = Object.freeze({
     "soft-iron-changed": "The soft iron no longer fits.",
     "recordings-differ": "The recordings differ.",
     "axis-swap": "An axis changed its sign or place.",
-    alternating: "Every second reading is off to the other side.",
+    alternating: "Readings alternate between two values.",
     "attitude-dependent": "Something magnetic moves with the attitude.",
     outliers: "Many readings are outliers.",
     structure: "The readings do not fit an ellipsoid.",
@@ -224,11 +224,11 @@ export const VERDICTS = Object.freeze({
     refused: "Refused",
 });
 
-/** The title of a limited fit that lacks nothing but tilt. */
+/** Title of a fit that is limited only for tilted attitudes. */
 export const WHILE_LEVEL = "Good while level";
 
 /**
- * Whether level headings are the goal and good, and nothing but the other attitudes is not known.
+ * Whether level headings are the goal and good, and only tilted attitudes are unknown.
  * @param {import("../../../../static/view.d.ts").View | null} view
  * @param {string} goal
  * @returns {boolean}
