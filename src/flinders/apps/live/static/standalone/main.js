@@ -1,4 +1,4 @@
-/** The page that needs no program: its session is its own, and it begins with a choice of where readings come from. */
+/** The page without a server: it runs its own session, and begins with the choice of a source. */
 
 import { start } from "../app.js";
 import { Choice } from "./choice.js";
@@ -19,17 +19,17 @@ start(async (listener, /** @type {import("./link.js").PageData} */ data, fitter)
         choice.follow();
     };
     keeper.onOpen = () => {
-        if (link.isUsed) keeper.database = null; // it has readings of another page
+        if (link.isUsed) keeper.database = null; // the database has readings of another page
         else restored();
     };
     guard(link, keeper);
-    navigator.serviceWorker?.register("sw.js").catch(() => {}); // without it the page works, but not offline
+    navigator.serviceWorker?.register("sw.js").catch(() => {}); // without a worker, the page works only online
     restored();
     return link;
 });
 
 /**
- * Ask before readings are lost, and write down what waits.
+ * Ask before closing the page would lose readings, and write queued readings.
  * @param {OwnLink} link
  * @param {Keeper} keeper
  */
