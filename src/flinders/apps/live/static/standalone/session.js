@@ -460,7 +460,7 @@ export class Session {
             case "exclude":
                 return this.#exclude(command.start_s, command.end_s);
             case "restore":
-                return this.#edit((exclusions) => exclusions.restore([command.start_s, command.end_s]));
+                return this.#edit((exclusions) => exclusions.restoring([command.start_s, command.end_s]));
             case "undo":
                 return this.#edit((exclusions) => exclusions.undo());
             case "redo":
@@ -580,7 +580,7 @@ export class Session {
         if (buffer.total === 0) return [];
         /** @type {Span} */
         const span = [Math.max(start, Math.min(buffer.time[0], 0)), Math.min(end, buffer.seconds)];
-        return span[0] > span[1] ? [] : this.#edit((exclusions) => exclusions.exclude(span));
+        return span[0] > span[1] ? [] : this.#edit((exclusions) => exclusions.excluding(span));
     }
 
     /**
@@ -598,7 +598,7 @@ export class Session {
             this.revision += 1;
             return [];
         }
-        if (live.pausedAt !== null && seconds > live.pausedAt) live.exclusions = live.exclusions.exclude([live.pausedAt, seconds]);
+        if (live.pausedAt !== null && seconds > live.pausedAt) live.exclusions = live.exclusions.excluding([live.pausedAt, seconds]);
         live.pausedAt = null;
         this.#refit();
         return [];
