@@ -1,11 +1,11 @@
-/** Matrices of three rows of three, row by row. */
+/** 3 × 3 matrices, stored row by row. */
 
 /**
  * Inverse and determinant.
  * @param {ArrayLike<number>} m
  * @returns {{inverse: number[], determinant: number}}
  */
-export function inverted(m) {
+export function inverseOf(m) {
     const minor = (/** @type {number} */ i, /** @type {number} */ j, /** @type {number} */ k, /** @type {number} */ l) => m[i] * m[l] - m[j] * m[k];
     const adjugate = [
         minor(4, 5, 7, 8), -minor(1, 2, 7, 8), minor(1, 2, 4, 5),
@@ -17,7 +17,7 @@ export function inverted(m) {
 }
 
 /**
- * Product of three rows with a vector.
+ * Product of a matrix and a vector.
  * @param {ArrayLike<number>} m
  * @param {ArrayLike<number>} v
  * @returns {number[]}
@@ -28,7 +28,7 @@ export function apply(m, v) {
 }
 
 /**
- * Product of two matrices of three rows of three.
+ * Product of two matrices.
  * @param {ArrayLike<number>} a
  * @param {ArrayLike<number>} b
  * @returns {number[]}
@@ -44,6 +44,6 @@ export function product(a, b) {
  * @param {ArrayLike<number>} m
  * @returns {number[]}
  */
-export function transposed(m) {
+export function transpose(m) {
     return [0, 3, 6, 1, 4, 7, 2, 5, 8].map((k) => m[k]);
 }

@@ -1,15 +1,15 @@
 /**
- * Patterns as `page.json` has them, and what Python's `re` and `str` do with patterns and texts.
+ * Patterns of `page.json`, and functions like those of Python's `re` and `str`.
  *
- * @typedef {Record<string, any>} Constants The constants of a module of the library, by their names.
- * @typedef {Record<string, Constants>} Rules Those of all modules that read text, by `MODULES` of `standalone/lines.py`.
+ * @typedef {Record<string, any>} Constants Constants of a module of the library, by name.
+ * @typedef {Record<string, Constants>} Rules Constants of the modules that read text, by `MODULES` of `standalone/lines.py`.
  */
 
 /** @type {WeakMap<RegExp, Map<string, RegExp>>} */
 const variants = new WeakMap();
 
 /**
- * Data with their patterns as regular expressions.
+ * Data with patterns converted to regular expressions.
  * @param {any} value
  * @returns {any}
  */
@@ -22,7 +22,7 @@ export function revived(value) {
 }
 
 /**
- * The match of a pattern that is all of a text: `fullmatch`.
+ * Match of a whole text: `fullmatch`.
  * @param {RegExp} pattern
  * @param {string} text
  */
@@ -31,7 +31,7 @@ export function whole(pattern, text) {
 }
 
 /**
- * The match at the start of a text: `match`.
+ * Match at the start of a text: `match`.
  * @param {RegExp} pattern
  * @param {string} text
  */
@@ -54,7 +54,7 @@ export function every(pattern, text) {
  * @param {string | ((match: string, ...groups: any[]) => string)} by
  * @param {string} text
  */
-export function replaced(pattern, by, text) {
+export function replaceAll(pattern, by, text) {
     return text.replace(global(pattern), /** @type {any} */ (by));
 }
 
@@ -63,15 +63,15 @@ export function replaced(pattern, by, text) {
  * @param {string} text
  * @param {string} letters
  */
-export function stripped(text, letters) {
-    return strippedEnd(strippedStart(text, letters), letters);
+export function stripLetters(text, letters) {
+    return stripEnd(stripStart(text, letters), letters);
 }
 
 /**
  * @param {string} text
  * @param {string} letters
  */
-export function strippedStart(text, letters) {
+export function stripStart(text, letters) {
     let start = 0;
     while (start < text.length && letters.includes(text[start])) start++;
     return text.slice(start);
@@ -81,26 +81,26 @@ export function strippedStart(text, letters) {
  * @param {string} text
  * @param {string} letters
  */
-export function strippedEnd(text, letters) {
+export function stripEnd(text, letters) {
     let end = text.length;
     while (end > 0 && letters.includes(text[end - 1])) end--;
     return text.slice(0, end);
 }
 
 /**
- * How often each key is there, in the order of the first.
+ * Count of each key, in the order of first occurrence.
  * @template Key
  * @param {Iterable<Key>} keys
  * @returns {Map<Key, number>}
  */
-export function counted(keys) {
+export function countKeys(keys) {
     const counts = new Map();
     for (const key of keys) counts.set(key, (counts.get(key) ?? 0) + 1);
     return counts;
 }
 
 /**
- * The first entry for which a key is largest; undefined where there is none.
+ * First entry with the largest key; undefined without entries.
  * @template Entry
  * @param {readonly Entry[]} entries
  * @param {(entry: Entry) => (number | boolean)[]} key
@@ -108,23 +108,23 @@ export function counted(keys) {
  */
 export function largest(entries, key) {
     let best = entries[0];
-    for (const entry of entries.slice(1)) if (compared(key(entry), key(best)) > 0) best = entry;
+    for (const entry of entries.slice(1)) if (compareKeys(key(entry), key(best)) > 0) best = entry;
     return best;
 }
 
 /**
  * @param {(number | boolean)[]} one
  * @param {(number | boolean)[]} other
- * @returns {number} Below 0 where `one` comes first.
+ * @returns {number} Negative if `one` is first.
  */
-function compared(one, other) {
+function compareKeys(one, other) {
     const place = one.findIndex((value, i) => value !== other[i]);
     return place < 0 ? 0 : Number(one[place]) - Number(other[place]);
 }
 
 /**
  * @param {number[]} values
- * @returns {number} NaN where there are none.
+ * @returns {number} NaN without values.
  */
 export function median(values) {
     const sorted = values.filter((value) => !Number.isNaN(value)).sort((a, b) => a - b);

@@ -1,17 +1,17 @@
-/** A printed line: its numbers, and the names that labels and units give them. The rows are those of `readers/_tokenizer.py`. */
+/** Splits a printed line into numbers, and names them by labels and units. The tables are those of `readers/_tokenizer.py`. */
 
-import { ahead, replaced, stripped, strippedEnd, strippedStart, whole } from "./patterns.js";
+import { ahead, replaceAll, stripLetters, stripEnd, stripStart, whole } from "./patterns.js";
 
 /** @typedef {import("./names.js").Names} Names */
 /** @typedef {import("./patterns.js").Rules} Rules */
 
 /**
- * A line, cut into its numbers and what is before, between and behind them.
+ * A line, split into its numbers and the text before, between and after them.
  * @typedef {{numbers: string[], gaps: string[]}} Cut
  */
 
-/** Kinds of lines whose names are remembered. */
-const REMEMBERED = 1024;
+/** Most kinds of lines with cached names. */
+const MAX_CACHED_KINDS = 1024;
 const NUMBER = /^[-+]?(?:\d+\.?\d*|\.\d+)(?:e[-+]?\d+)?$/i;
 const INFINITE = /^([-+]?)inf(?:inity)?$/i;
 
@@ -28,7 +28,7 @@ export class Prints {
     }
 
     /**
-     * A cell as a number: NaN where it is empty or says so, null where it is text.
+     * A cell as a number: NaN if empty or `nan`, null for text.
      * @param {string} cell
      * @param {string} [decimal]
      * @returns {number | null}
@@ -58,12 +58,12 @@ export class Prints {
      * @returns {string[]}
      */
     split(text, delimiter) {
-        if (delimiter === this.rules.SPACES) return this.unglued(text.replaceAll('"', "")).split(/\s+/).filter(Boolean);
+        if (delimiter === this.rules.SPACES) return this.splitColumns(text.replaceAll('"', "")).split(/\s+/).filter(Boolean);
         return text.includes('"') ? quotedCells(text, delimiter) : text.split(delimiter);
     }
 
     /**
-     * Whether a line has as many cells as the others; a delimiter at its end does no harm.
+     * Whether a line has the width of the others; a delimiter at its end is allowed.
      * @param {string[]} cells
      * @param {number} width
      */
@@ -77,11 +77,11 @@ export class Prints {
      */
     cut(line) {
         const { _COLOURS, _CHECK_SUM, _TELEPLOT, _NUMBERED, _REMARKED, _DIGITS, MOMENT, _LOOSE_SIGN, _CUT } = this.rules;
-        if (line.startsWith("$")) line = replaced(_CHECK_SUM, "", line);
-        line = replaced(_TELEPLOT, "$1", replaced(_COLOURS, "", line));
-        line = replaced(_NUMBERED, "$1$2", replaced(MOMENT, " ", this.unglued(line)));
-        line = replaced(_REMARKED, (remark) => replaced(_DIGITS, "#", remark), line);
-        const pieces = (line.includes("- ") ? replaced(_LOOSE_SIGN, " -", line) : line).split(_CUT);
+        if (line.startsWith("$")) line = replaceAll(_CHECK_SUM, "", line);
+        line = replaceAll(_TELEPLOT, "$1", replaceAll(_COLOURS, "", line));
+        line = replaceAll(_NUMBERED, "$1$2", replaceAll(MOMENT, " ", this.splitColumns(line)));
+        line = replaceAll(_REMARKED, (remark) => replaceAll(_DIGITS, "#", remark), line);
+        const pieces = (line.includes("- ") ? replaceAll(_LOOSE_SIGN, " -", line) : line).split(_CUT);
         return {
             numbers: pieces.filter((_, i) => i % 2).map((number) => this.decimal(number)),
             gaps: pieces.filter((_, i) => i % 2 === 0).map((gap) => gap.trim()),
@@ -89,7 +89,7 @@ export class Prints {
     }
 
     /**
-     * A number in decimal: a hexadecimal one with all of its digits is signed, an overflow is `nan`.
+     * A number in decimal; a hexadecimal one of full width is signed, and an overflow is `nan`.
      * @param {string} number
      */
     decimal(number) {
@@ -103,16 +103,16 @@ export class Prints {
     }
 
     /**
-     * Decimals in columns of a fixed width, which a minus has filled up, as words.
+     * Separate decimals in columns of fixed width that touch because of a minus sign.
      * @param {string} text
      */
-    unglued(text) {
+    splitColumns(text) {
         if (!text.includes("-")) return text;
-        return replaced(this.rules.GLUED, (match) => match[0] + match.slice(1).replaceAll("-", " -"), text);
+        return replaceAll(this.rules.GLUED, (match) => match[0] + match.slice(1).replaceAll("-", " -"), text);
     }
 
     /**
-     * Names of the numbers of a line by label, axis and unit; empty where no label is.
+     * Names of the numbers of a line by label, axis and unit; empty without a label.
      * @param {string[]} gaps
      * @returns {string[]}
      */
@@ -120,8 +120,8 @@ export class Prints {
         const key = gaps.join("\n");
         let names = this.known.get(key);
         if (!names) {
-            if (this.known.size >= REMEMBERED) this.known.clear();
-            this.known.set(key, (names = this.named(gaps)));
+            if (this.known.size >= MAX_CACHED_KINDS) this.known.clear();
+            this.known.set(key, (names = this.namesFromGaps(gaps)));
         }
         return names;
     }
@@ -130,7 +130,7 @@ export class Prints {
      * @param {string[]} gaps
      * @returns {string[]}
      */
-    named(gaps) {
+    namesFromGaps(gaps) {
         const behind = gaps.slice(1).map((gap) => this.unitAndLabel(gap));
         const first = whole(this.rules._TICKS, gaps[0]) ? "time (ms)" : this.label(gaps[0]);
         const labels = [first, ...behind.slice(0, -1).map(({ label }) => label)];
@@ -147,21 +147,21 @@ export class Prints {
             for (let place = first; place < first + count; place++) units[place] ||= stated;
             names.push(...own.names);
         }
-        const all = shared(names, units);
+        const all = shareUnit(names, units);
         return names.map((name, place) => (all[place] ? `${name} (${all[place]})` : name));
     }
 
     /**
-     * All words before and between the numbers of a line, which are the same in all lines of one sensor.
+     * All words before and between the numbers, which identify the lines of one sensor.
      * @param {string[]} gaps
      */
     labelOf(gaps) {
-        const text = replaced(this.rules._LEVEL, "", gaps.slice(0, -1).join(" "));
+        const text = replaceAll(this.rules._LEVEL, "", gaps.slice(0, -1).join(" "));
         return text.replace(/[^\p{L}\p{N}]/gu, "").toLowerCase();
     }
 
     /**
-     * Whether signs of a label are between the numbers, and not commas only.
+     * Whether the text between numbers has signs of a label, and not only commas.
      * @param {string[]} gaps
      */
     isLabelled(gaps) {
@@ -170,31 +170,31 @@ export class Prints {
     }
 
     /**
-     * What is between two numbers: the unit of the first, and the label of the second.
+     * Split the text between two numbers into the unit of the first and the label of the second.
      * @param {string} gap
      */
     unitAndLabel(gap) {
-        const text = strippedStart(gap, this.rules._BEHIND);
+        const text = stripStart(gap, this.rules._BEHIND);
         const unit = ahead(this.rules._UNIT_AHEAD, text);
         return unit ? { unit: unit[1], label: this.label(text.slice(unit[0].length)) } : { unit: "", label: this.label(text) };
     }
 
     /**
-     * The words of a label; brackets around a unit at its end stay.
+     * The words of a label, with brackets around a unit at its end.
      * @param {string} gap
      */
     label(gap) {
         const { _REMARK, _SENSOR_AND_UNIT, _UNIT_INSIDE, _BETWEEN, _BEFORE, _BRACKET, _EDGE, _LEVEL } = this.rules;
-        const bare = strippedEnd(replaced(_LEVEL, "", gap), _BEFORE);
-        const whole = replaced(_SENSOR_AND_UNIT, " $1 ($2)", replaced(_REMARK, "", bare));
+        const bare = stripEnd(replaceAll(_LEVEL, "", gap), _BEFORE);
+        const whole = replaceAll(_SENSOR_AND_UNIT, " $1 ($2)", replaceAll(_REMARK, "", bare));
         const inside = _UNIT_INSIDE.exec(whole);
-        const text = inside ? whole : replaced(_BRACKET, (_, remark) => this.remark(remark), whole);
-        const words = stripped(replaced(_BETWEEN, " ", stripped(replaced(_UNIT_INSIDE, " ", text), _EDGE)), _EDGE);
+        const text = inside ? whole : replaceAll(_BRACKET, (_, remark) => this.remark(remark), whole);
+        const words = stripLetters(replaceAll(_BETWEEN, " ", stripLetters(replaceAll(_UNIT_INSIDE, " ", text), _EDGE)), _EDGE);
         return inside ? `${words} (${inside[1]})`.trimStart() : words;
     }
 
     /**
-     * What a remark in brackets adds to a label: words that tell readings apart, as `raw` and `left` do.
+     * Words of a remark in brackets that distinguish readings, such as `raw` and `left`.
      * @param {string} remark
      */
     remark(remark) {
@@ -211,7 +211,7 @@ export class Prints {
     }
 
     /**
-     * Names of the numbers behind one label, and the sensor that a label of an axis alone belongs to from here on.
+     * Names of the numbers after one label, and the sensor for following labels that are only an axis.
      * @param {string} label
      * @param {number} count
      * @param {string} sensor
@@ -219,7 +219,7 @@ export class Prints {
      */
     axes(label, count, sensor) {
         const { _XYZ, _EDGE, QUANTITY, _AXIS, _AXIS_AHEAD, _FILLING } = this.rules;
-        const bare = stripped(replaced(_XYZ, "", label), _EDGE);
+        const bare = stripLetters(replaceAll(_XYZ, "", label), _EDGE);
         if (count === 3 && (label || sensor)) {
             const named = QUANTITY.test(bare) ? bare : bare ? this.knownWords(bare, " x") : "";
             return { names: ["x", "y", "z"].map((axis) => `${named} ${axis}`.trimStart()), sensor: named };
@@ -230,19 +230,19 @@ export class Prints {
         }
         const before = whole(_AXIS_AHEAD, label);
         if (before && (before[2] || !before[3])) {
-            const words = replaced(_FILLING, " ", `${before[2] ?? ""} ${before[3]}`).split(/\s+/).filter(Boolean);
+            const words = replaceAll(_FILLING, " ", `${before[2] ?? ""} ${before[3]}`).split(/\s+/).filter(Boolean);
             label = [...words, before[1]].join(" ");
             if (before[2]?.toLowerCase() === "norm") return { names: [label], sensor };
         }
         const axis = _AXIS.exec(label);
         if (!axis) return { names: [label ? this.knownWords(label) : ""], sensor: "" };
-        const own = stripped(label.slice(0, axis.index), _EDGE);
+        const own = stripLetters(label.slice(0, axis.index), _EDGE);
         const words = QUANTITY.test(own) ? own : this.knownWords(own, ` ${axis[1]}`, "") || sensor;
         return { names: [`${words} ${axis[1]}`.trimStart()], sensor: words };
     }
 
     /**
-     * The last words of a label that mean something, all of them first; else its last word.
+     * The longest known ending of a label; else its last word.
      * @param {string} label
      * @param {string} [ending]
      * @param {string} [otherwise]
@@ -260,7 +260,7 @@ export class Prints {
 }
 
 /**
- * Where each label is, and how many numbers follow it without one of their own.
+ * Position of each label, and the number of unlabelled numbers after it.
  * @param {string[]} labels
  * @returns {[number, number][]}
  */
@@ -270,11 +270,11 @@ function runs(labels) {
 }
 
 /**
- * Units, with the one unit of three axes in a row given to all of them.
+ * Units, with the unit of three consecutive axes copied to all three.
  * @param {string[]} names
  * @param {string[]} units
  */
-function shared(names, units) {
+function shareUnit(names, units) {
     const known = [...units];
     const axes = names.map((name) => name.slice(-1).toLowerCase());
     for (let place = 0; place + 2 < names.length; place++) {

@@ -1,4 +1,4 @@
-/** The first view of the page that needs no program: the choice of a source, in place of the board. */
+/** First view of the page without a server: the choice of a source. */
 
 import { adopt, byId } from "../dom.js";
 
@@ -37,7 +37,7 @@ const PANEL = `
     </section>`;
 
 const BUTTON = `
-    <button type="button" id="connect" title="Where readings come from"><svg class="icon" aria-hidden="true"><use href="#i-send"/></svg><span>Source</span></button>`;
+    <button type="button" id="connect" title="Source of the readings"><svg class="icon" aria-hidden="true"><use href="#i-send"/></svg><span>Source</span></button>`;
 
 const CSS = `
 [data-start] :is(.board > :not(.start), .source, #open, #pause, #clear, #finish) { display: none; }
@@ -59,7 +59,7 @@ const CSS = `
 .start .answer { margin: 0; font-size: 1rem; font-weight: 550; }
 .start .answer:empty { display: none; }`;
 
-/** Put the choice onto the page, which is then one that runs alone. */
+/** Add the choice to the page, and mark the page as one without a server. */
 export function layChoice() {
     document.documentElement.toggleAttribute("data-alone", true);
     adopt(CSS);

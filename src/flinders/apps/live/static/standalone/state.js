@@ -1,8 +1,8 @@
-/** What the page shows of a session: its state in words and numbers. */
+/** State of a session in words and numbers, for the page. */
 
 import { capital, clock } from "../views/words.js";
 import { strideFor } from "./buffer.js";
-import { figures, fixed, general } from "./numbers.js";
+import { figures, fixedText, general } from "./numbers.js";
 import { labelOf } from "./session.js";
 import { ANY_ANGLE_DEG } from "./wording.js";
 
@@ -56,14 +56,14 @@ export function sessionState(session) {
 }
 
 /**
- * The dip, of a place to a tenth of a degree.
+ * Dip to show; that of a place is rounded to 0.1°.
  * @param {number | null} typed
  * @param {number} dipDeg
  * @returns {number}
  */
 function shownDip(typed, dipDeg) {
-    const isExact = typed !== null && Number(fixed(typed, 2)) === typed;
-    return isExact ? typed : Number(fixed(dipDeg, 1));
+    const isExact = typed !== null && Number(fixedText(typed, 2)) === typed;
+    return isExact ? typed : Number(fixedText(dipDeg, 1));
 }
 
 /**
@@ -80,12 +80,12 @@ function rateHz({ arrivals, at, rules }) {
 }
 
 /**
- * Phase of the session, a sentence about it, the code of the reason that it says, and the reasons against it.
+ * Phase of the session, a sentence about it, the code of the reason in that sentence, and all reasons against it.
  * @param {Session} session
  * @returns {[State["phase"], string, string | null, Reason[]]}
  */
 function phaseOf(session) {
-    const reasons = [...(session.opened ? [] : ofLink(session)), ...settled(session), ...unrecorded(session)];
+    const reasons = [...(session.opened ? [] : ofLink(session)), ...currentReasons(session), ...recordingReasons(session)];
     const wrong = reasons.find(({ severity }) => severity === "warning");
     if (wrong) return ["wrong", sentence(wrong.advice), wrong.code, reasons];
     if (session.shown.buffer.total === 0 && session.source.link !== "ended") {
@@ -97,7 +97,7 @@ function phaseOf(session) {
 }
 
 /**
- * The same where the newest fit is worse than one that is kept: the latter holds, and what speaks against the former is told.
+ * Phase while a kept fit replaces the worse newest fit, whose reasons are shown as information.
  * @param {Session} session
  * @param {import("./session.js").Kept} kept
  * @returns {[State["phase"], string, string | null, Reason[]]}
@@ -118,11 +118,11 @@ function errorOf({ goal }) {
 }
 
 /**
- * Reasons of the newest fit; a finding that more turning may end is no warning yet.
+ * Reasons of the newest fit; findings that further turning may end are not warnings yet.
  * @param {Session} session
  * @returns {Reason[]}
  */
-function settled(session) {
+function currentReasons(session) {
     /** @type {(reason: Reason) => Reason} */
     const soFar = ({ code, advice }) => ({ code, advice: `so far ${advice}`, severity: "info", spans: [] });
     const reasons = session.shown.evaluated.reasons.map((reason) => (session.isSettled(reason.code) ? reason : soFar(reason)));
@@ -130,7 +130,7 @@ function settled(session) {
 }
 
 /**
- * How far the newest fit has come.
+ * Phase and sentence of the newest fit.
  * @param {Session} session
  * @param {View} view
  * @returns {[State["phase"], string]}
@@ -155,7 +155,7 @@ function ofView(session, view) {
 }
 
 /**
- * Whether the readings are all that count: of a log, of a playback that has ended, of a calibration that is finished.
+ * Whether no further readings count: for a log, an ended playback or a finished calibration.
  * @param {Session} session
  */
 function isEnded({ opened, source, shown }) {
@@ -163,7 +163,7 @@ function isEnded({ opened, source, shown }) {
 }
 
 /**
- * What all headings are within, where that is the goal.
+ * Words on the bound of all headings, if that is the goal.
  * @param {Session} session
  * @param {View} view
  */
@@ -172,7 +172,7 @@ function bound({ goal }, { heading_error_deg: error }) {
 }
 
 /**
- * Whether it takes no further fit to say that the target is reached: several did, or one is kept, or there will be no other.
+ * Whether no further fit is needed to report the target as reached: several fits agree, one is kept, or it is final.
  * @param {Session} session
  */
 function isSure({ shown, isRepeated, isOver }) {
@@ -180,7 +180,7 @@ function isSure({ shown, isRepeated, isOver }) {
 }
 
 /**
- * What to say while there are no numbers, and the code of the reason that it is.
+ * Sentence while there is no fit, and the code of its reason.
  * @param {Session} session
  * @returns {[string, string | null]}
  */
@@ -198,16 +198,16 @@ function beforeAFit(session) {
 }
 
 /**
- * Why what arrives cannot be written down.
+ * Reason why readings cannot be recorded.
  * @param {Session} session
  * @returns {Reason[]}
  */
-function unrecorded({ unrecorded: advice }) {
+function recordingReasons({ unrecorded: advice }) {
     return advice ? [{ code: "not-recorded", advice, severity: "info", spans: [] }] : [];
 }
 
 /**
- * Reasons why no readings arrive; to a calibration that is finished that makes no difference.
+ * Reasons why no readings arrive; only information if the calibration is finished.
  * @param {Session} session
  * @returns {Reason[]}
  */
@@ -227,19 +227,19 @@ function ofLink({ source, live: { buffer, finishedS }, at, arrivedAt, rules }) {
 }
 
 /**
- * How long no reading has come, and what to check.
+ * Sentence on the time without a reading, with checks.
  * @param {string} name
  * @param {number} since
  */
 function nothingArrives(name, since) {
     return (
-        `no reading has come for ${fixed(since, 0)} s from ${name}: check that the sensor is on and prints ` +
+        `no reading has come for ${fixedText(since, 0)} s from ${name}: check that the sensor is on and prints ` +
         "its readings, and that port, cable and baud rate are right"
     );
 }
 
 /**
- * Begin with a capital, unless it begins with a name: that of a file or port is written as it is.
+ * Capitalise a sentence, unless it begins with the name of a file or port.
  * @param {string} words
  */
 function sentence(words) {
@@ -247,7 +247,7 @@ function sentence(words) {
     return `${/^\p{L}+$/u.test(first) ? capital(words) : words}`.replace(/\.+$/, "") + ".";
 }
 
-/** @param {Session} session @returns {number} Every so many readings one is shown. */
+/** @param {Session} session @returns {number} One of this number of readings is shown. */
 export function shownStride({ shown: { buffer }, rules }) {
     return Math.max(buffer.stride, strideFor(buffer.total, rules.shown));
 }

@@ -1,7 +1,7 @@
-/** Tables: delimiter, decimal sign and header, and which columns are the magnetometer and the time. As `readers/_layout.py`. */
+/** Tables: delimiter, decimal sign and header, and which columns are the magnetometer and the time. Like `readers/_layout.py`. */
 
 import { clocksOf, midnights } from "./clocks.js";
-import { counted, largest, median, replaced, stripped, whole } from "./patterns.js";
+import { countKeys, largest, median, replaceAll, stripLetters, whole } from "./patterns.js";
 
 /** @typedef {import("./clocks.js").Clock} Clock */
 /** @typedef {import("./names.js").Meaning} Meaning */
@@ -10,26 +10,26 @@ import { counted, largest, median, replaced, stripped, whole } from "./patterns.
 /** @typedef {import("./printed.js").Prints} Prints */
 
 /**
- * The columns that are read.
+ * The columns to read.
  * @typedef {object} Columns
  * @property {number[]} field Places of x, y and z.
  * @property {string[]} names Of these, or their numbers from 1.
  * @property {string} unit The recorded one: `uT`, `mG` … or `counts`.
- * @property {number} [scale] µT of a count, where somebody says it.
- * @property {number[] | null} acceleration Places of what an accelerometer measured.
- * @property {Sensor | null} only The rows that are read, where a column says which sensor each is of.
+ * @property {number} [scale] µT of a count, if the user states it.
+ * @property {number[] | null} acceleration Places of the acceleration.
+ * @property {Sensor | null} only The rows to read, if a column names the sensor of each row.
  * @property {{cell: number, name: string, factor: number, start: number, fraction: number | null, clock: Clock | null} | null} time
- *     Its place, seconds in one unit, where it starts, the place of nanoseconds that belong to it, and how it is read where
- *     it is no number.
+ *     Its place, seconds in one unit, its start, the place of nanoseconds that belong to it, and its clock if it is not a
+ *     number.
  */
 
 /**
- * A column that says which sensor each row is of, and its word of the magnetometer.
+ * A column with the sensor of each row, and its word for the magnetometer.
  * @typedef {{cell: number, word: string}} Sensor
  */
 
 /**
- * How a table is written.
+ * Format of a table.
  * @typedef {object} Layout
  * @property {string} delimiter
  * @property {string} decimal
@@ -40,48 +40,48 @@ import { counted, largest, median, replaced, stripped, whole } from "./patterns.
  */
 
 /**
- * Which columns somebody says are the magnetometer's: places of x, y and z, and their unit.
+ * The user's choice of the magnetometer's columns: places of x, y and z, and their unit.
  * @typedef {{field: number[], unit: string, scale?: number}} Choice
  */
 
 /**
- * What somebody has to see to say that.
+ * Names and first rows to show for that choice.
  * @typedef {{names: string[], rows: string[][]}} Asked
  */
 
-/** What reads more than this page. */
+/** Hint at commands that read more formats. */
 export const MORE_WITH = "`flinders calibrate FILE` reads more, and so does `flinders live --replay FILE`";
 
-/** A text in which no readings are recognised: says why, and what to do. */
+/** A text without recognised readings; the message states the reason and a remedy. */
 export class Unreadable extends Error {}
 
-/** Lines of several sensors, of which none is read. */
+/** Lines of several sensors without a clear choice. */
 export class Several extends Unreadable {}
 
-/** A table that does not tell which columns are the magnetometer: somebody can. */
+/** A table with ambiguous columns, which the user can choose. */
 export class Unclear extends Unreadable {
     /**
      * @param {string} message
-     * @param {readonly string[]} names Nothing where it has no header.
+     * @param {readonly string[]} names Empty without a header.
      */
     constructor(message, names) {
         super(message);
         this.names = names;
-        /** @type {string[][]} The first rows, where they are known. */
+        /** @type {string[][]} The first rows, if known. */
         this.rows = [];
     }
 
     /** @returns {Asked} */
-    get asked() {
+    get question() {
         const names = this.names.length ? [...this.names] : (this.rows[0] ?? []).map((_, place) => `${place + 1}`);
-        return { names, rows: this.rows.slice(0, SHOWN) };
+        return { names, rows: this.rows.slice(0, SHOWN_ROWS) };
     }
 }
 
-/** Rows that somebody is shown. */
-const SHOWN = 5;
-/** Of the name of a column, at most. */
-const WORDS = 3;
+/** Rows to show for the choice. */
+const SHOWN_ROWS = 5;
+/** Most words of a column's name. */
+const MAX_NAME_WORDS = 3;
 
 export class Tables {
     /**
@@ -98,13 +98,13 @@ export class Tables {
     }
 
     /**
-     * How a table is laid out, by its first lines.
+     * Layout of a table, from its first lines.
      * @param {string[]} texts
      * @param {Choice | null} [choice]
      * @param {string[]} [every] All lines.
      * @returns {Layout}
      */
-    laidOut(texts, choice = null, every = texts) {
+    layoutOf(texts, choice = null, every = texts) {
         const lines = texts.flatMap((text, place) => (text.trim() && !this.prints.isComment(text) ? [{ text, place }] : []));
         if (!lines.length) throw new Unreadable("it holds no lines of numbers: need one reading a line");
         for (const some of [lines.slice(0, this.layout.TRIED), lines]) {
@@ -123,12 +123,12 @@ export class Tables {
     }
 
     /**
-     * Whether lines are a table with names above its columns, parted by more than spaces.
+     * Whether lines are a table with column names, separated by more than spaces.
      * @param {string[]} texts
      */
     isTable(texts) {
         try {
-            const { header, delimiter } = this.laidOut(texts.slice(0, this.layout.TRIED));
+            const { header, delimiter } = this.layoutOf(texts.slice(0, this.layout.TRIED));
             return header.length > 0 && delimiter !== this.rules.tokenizer.SPACES;
         } catch (error) {
             if (error instanceof Unreadable) return error instanceof Several || (error instanceof Unclear && error.names.length > 0);
@@ -147,7 +147,7 @@ export class Tables {
     }
 
     /**
-     * Lines cut at a delimiter, and of these the ones that hold three numbers, and more numbers than words.
+     * Lines split at a delimiter that hold three numbers, and more numbers than words.
      * @param {{text: string, place: number}[]} lines
      * @param {[string, string]} signs
      */
@@ -176,7 +176,7 @@ export class Tables {
     table(texts, { delimiter, decimal, rows: all }, choice, every) {
         const only = this.sensorOf([...all.values()]);
         const rows = only ? new Map([...all].filter(([, cells]) => this.isOf(only, cells))) : all;
-        const widths = counted([...rows.values()].map((cells) => cells.length));
+        const widths = countKeys([...rows.values()].map((cells) => cells.length));
         let width = /** @type {number} */ (largest([...widths.keys()], (each) => [widths.get(each) ?? 0]));
         const often = widths.get(width) ?? 0;
         if (width > this.layout.MOST_COLUMNS) {
@@ -204,7 +204,7 @@ export class Tables {
      * @param {readonly string[][]} rows
      * @param {string} decimal
      */
-    valued(rows, decimal) {
+    numbersOf(rows, decimal) {
         const some = rows.slice(0, this.layout.SAMPLED);
         const values = some.map((cells) => cells.map((cell) => this.prints.number(cell, decimal) ?? NaN));
         const isText = (/** @type {number} */ place) =>
@@ -218,11 +218,11 @@ export class Tables {
     }
 
     /**
-     * The nearest line above the readings that names a magnetometer, or else columns at all.
+     * The nearest line above the readings that names a magnetometer, else any columns.
      * @param {string[]} above
      * @param {string} delimiter
-     * @param {number} filled Cells of a line that hold something.
-     * @param {number} width All of them.
+     * @param {number} filled Number of non-empty cells of a line.
+     * @param {number} width Number of all cells.
      * @returns {{place: number, names: string[]}}
      */
     header(above, delimiter, filled, width) {
@@ -253,18 +253,18 @@ export class Tables {
     }
 
     /**
-     * Whether names are a header and no sentence.
+     * Whether names are a header, and not a sentence.
      * @param {string[]} names
      * @param {string} delimiter
      */
     couldName(names, delimiter) {
-        const isName = (/** @type {string} */ name) => this.prints.number(name) === null && name.split(" ").length <= WORDS;
+        const isName = (/** @type {string} */ name) => this.prints.number(name) === null && name.split(" ").length <= MAX_NAME_WORDS;
         const isText = names.some(Boolean) && names.every((name) => !name || isName(name));
         return isText && (delimiter !== this.rules.tokenizer.SPACES || names.some((name) => this.names.meaning(name).kind));
     }
 
     /**
-     * A row of units between the header and the readings, one a column.
+     * Row of units, one a column, between the header and the readings.
      * @param {string[]} below
      * @param {string} delimiter
      * @param {number} width
@@ -281,24 +281,24 @@ export class Tables {
     }
 
     /**
-     * The columns that are read of a table with these names, or none, and first rows.
+     * Columns to read of a table with some names, or none, and first rows.
      * @param {readonly string[]} names
      * @param {readonly string[][]} rows
      * @param {string} decimal
      * @param {Choice | null} choice
-     * @param {{units?: readonly string[], only: Sensor | null}} known The units of a row below the header.
+     * @param {{units?: readonly string[], only: Sensor | null}} known Units from a row below the header.
      * @returns {Columns}
-     * @throws {Unclear} Where names do not tell, and nobody has said.
+     * @throws {Unclear} If names are ambiguous, and no choice is given.
      */
     columns(names, rows, decimal, choice, { units = [], only }) {
-        const { values, clocks } = this.valued(rows, decimal);
+        const { values, clocks } = this.numbersOf(rows, decimal);
         try {
             const scale = choice?.scale;
             if (!names.length) return { ...this.byPlace(values, clocks, choice, only), only, scale };
             const columns = this.byName(names, values, units, clocks, choice);
             return { ...columns, only, scale, unit: scale ? columns.unit : this.unitInColumn(names, rows, columns.unit) };
         } catch (error) {
-            if (error instanceof Unclear) error.rows = rows.slice(0, SHOWN);
+            if (error instanceof Unclear) error.rows = rows.slice(0, SHOWN_ROWS);
             throw error;
         }
     }
@@ -315,7 +315,7 @@ export class Tables {
         if (!choice) this.refusePulses(names);
         const meanings = this.meaningsOf(names, values, units, clocks);
         const found = choice ? null : this.names.magnetometer(names, meanings);
-        if (!found && !choice) throw new Unclear(`no magnetometer among the columns ${shown(names)}`, names);
+        if (!found && !choice) throw new Unclear(`no magnetometer among the columns ${namesText(names)}`, names);
         const field = choice?.field ?? /** @type {import("./names.js").Vector} */ (found).cells;
         const own = field.map((cell) => names[cell].trim());
         if (!choice) this.refuseUnclear(names, own);
@@ -351,7 +351,7 @@ export class Tables {
     }
 
     /**
-     * The accelerometer that is read beside a magnetometer.
+     * The accelerometer to read with a magnetometer.
      * @param {readonly string[]} names
      * @param {readonly Meaning[]} meanings
      * @param {number[]} field
@@ -385,14 +385,14 @@ export class Tables {
         }
         const isAhead = isTimed || isClock(column(0));
         const first = clock?.cell ?? (isAhead && field[0] > free[0] ? free[0] : -1);
-        const time = first < 0 ? null : { ...this.timed(first, `${first + 1}`, clock ? "s" : "", values), clock: clock ?? null };
+        const time = first < 0 ? null : { ...this.timeColumn(first, `${first + 1}`, clock ? "s" : "", values), clock: clock ?? null };
         const names = field.map((cell) => `${cell + 1}`);
         const isCut = first >= 0 && this.isCut(column(first));
         return { field, names, unit: choice?.unit || this.rules.units.COUNTS, time: isCut ? null : time, acceleration: null };
     }
 
     /**
-     * The time of a table; null where it has none that can be used.
+     * Time column of a table; null without a usable one.
      * @param {readonly string[]} names
      * @param {readonly Meaning[]} meanings
      * @param {number[][]} values
@@ -408,7 +408,7 @@ export class Tables {
         for (const place of places.toSorted((one, other) => meanings[one].rank - meanings[other].rank)) {
             const clock = clocks.find(({ cell }) => cell === place) ?? null;
             const { unit } = meanings[place];
-            const time = { ...this.timed(place, names[place].trim() || `${place + 1}`, unit, values), clock };
+            const time = { ...this.timeColumn(place, names[place].trim() || `${place + 1}`, unit, values), clock };
             if (parted.includes(place)) return { ...time, fraction: place + 1 };
             const column = values.map((row) => row[place]);
             const known = column.filter(Number.isFinite);
@@ -421,7 +421,7 @@ export class Tables {
     }
 
     /**
-     * Whether a column is of whole seconds, and the next of the nanoseconds that belong to them.
+     * Whether a column has whole seconds, and the next one their nanoseconds.
      * @param {readonly string[]} names
      * @param {number} place
      * @param {number[][]} values
@@ -435,7 +435,7 @@ export class Tables {
     }
 
     /**
-     * Whether a time was written with too few digits: many readings share each.
+     * Whether times have too few digits, so that many readings share each.
      * @param {number[]} column
      */
     isCut(column) {
@@ -453,7 +453,7 @@ export class Tables {
      * @param {string} unit
      * @param {number[][]} values
      */
-    timed(cell, name, unit, values) {
+    timeColumn(cell, name, unit, values) {
         const { FACTORS, TIME } = this.rules.names;
         const times = values.map((row) => row[cell]).filter(Number.isFinite);
         const factor = unit ? FACTORS[TIME][unit] : this.secondsInOne(times);
@@ -462,7 +462,7 @@ export class Tables {
     }
 
     /**
-     * Seconds in one of a unit that is not stated, by the size of times, then by their steps.
+     * Seconds in the unit of times, inferred from the size of times, then from their steps.
      * @param {number[]} times
      */
     secondsInOne(times) {
@@ -476,7 +476,7 @@ export class Tables {
     }
 
     /**
-     * The unit that messages of ROS and the app Sensor Logger have without saying so.
+     * Unit by convention of ROS messages and the app Sensor Logger.
      * @param {readonly string[]} names
      * @param {string} first
      */
@@ -490,7 +490,7 @@ export class Tables {
     }
 
     /**
-     * Refuse names that do not tell which columns are the magnetometer, and readings that were corrected already.
+     * Refuse names with an ambiguous magnetometer, and readings that were already corrected.
      * @param {readonly string[]} names
      * @param {string[]} own
      */
@@ -498,7 +498,7 @@ export class Tables {
         const folded = names.map((name) => name.trim().toLowerCase());
         const bare = this.names.vectors(names, this.rules.names.FIELD).filter(({ cells }) => this.names.isBare(names[cells[0]]));
         if (this.names.isBare(own[0]) && (bare.length > 1 || folded.includes("w"))) {
-            throw new Unclear(`names do not tell which columns are the magnetometer: ${shown(names)}`, names);
+            throw new Unclear(`names do not tell which columns are the magnetometer: ${namesText(names)}`, names);
         }
         if (own[0].toLowerCase().startsWith("magadc")) {
             throw new Unreadable("it is a blackbox log, whose readings may be corrected already: `flinders calibrate` reads it");
@@ -514,14 +514,14 @@ export class Tables {
         const folded = trimmed.map((name) => name.toLowerCase());
         const afterSet = trimmed.filter((name) => this.rules.names.SET.test(name));
         const reset = (/** @type {string} */ word) => word.replace(/set/i, "reset");
-        const afterReset = afterSet.map((name) => replaced(this.rules.names.SET, reset, name).toLowerCase());
+        const afterReset = afterSet.map((name) => replaceAll(this.rules.names.SET, reset, name).toLowerCase());
         if (afterReset.some((name) => folded.includes(name))) {
             throw new Unreadable("it has readings after set and after reset pulses: `flinders calibrate` takes both");
         }
     }
 
     /**
-     * The unit that a column of words says where names do not.
+     * Unit from a column of words, if names do not state it.
      * @param {readonly string[]} names
      * @param {readonly string[][]} rows
      * @param {string} unit
@@ -531,11 +531,11 @@ export class Tables {
         const place = names.findIndex((name) => whole(this.layout._UNITS, name.trim()));
         const [word, ...others] = new Set(place < 0 ? [] : rows.map((row) => row[place].trim()));
         if (unit !== COUNTS || !word || others.length || this.layout._OTHER_UNITS.includes(word)) return unit;
-        return SPELLINGS[replaced(PARTED, "$1", word).toLowerCase()] ?? unit;
+        return SPELLINGS[replaceAll(PARTED, "$1", word).toLowerCase()] ?? unit;
     }
 
     /**
-     * Refuse a table in which a column says which of several devices each line is of.
+     * Refuse a table with a column that names several devices.
      * @param {readonly string[]} names
      * @param {() => string[][]} every
      * @param {Sensor | null} only
@@ -546,7 +546,7 @@ export class Tables {
             const isInstance = name.trim() === INSTANCE && names.includes(CLOCK_OF_INSTANCES);
             if (place === only?.cell || !(isInstance || this.namesDevice(name))) continue;
             const rows = every().filter((row) => !only || this.isOf(only, row));
-            const counts = counted(rows.map((row) => this.wordOf(row[place])));
+            const counts = countKeys(rows.map((row) => this.wordOf(row[place])));
             const often = [...counts.keys()].filter((word) => word && (counts.get(word) ?? 0) >= MIN_READINGS);
             if (often.length < 2 || counts.size > MAX_DEVICES) continue;
             throw new Several(`column ${name.trim()} says which sensor each line is of (${often.join(", ")}): keep the lines of one; ${MORE_WITH}`);
@@ -554,11 +554,11 @@ export class Tables {
     }
 
     /**
-     * Whether a column may say by its name which device a row is of.
+     * Whether the name of a column is one for devices.
      * @param {string} name
      */
     namesDevice(name) {
-        const words = this.names.parted(name).words.map((word) => word.toLowerCase());
+        const words = this.names.splitName(name).words.map((word) => word.toLowerCase());
         const { kind, axis } = this.names.meaning(name);
         const { _OTHER, _DEVICE, _SENSOR } = this.rules.devices;
         const isUnit = whole(this.layout._UNITS, name.trim());
@@ -566,7 +566,7 @@ export class Tables {
     }
 
     /**
-     * The column of words that name a magnetometer in some rows and another sensor in others.
+     * Column of words that name a magnetometer in some rows and another sensor in others.
      * @param {readonly string[][]} rows
      * @returns {Sensor | null}
      */
@@ -588,7 +588,7 @@ export class Tables {
     }
 
     /**
-     * Whether a row is of the sensor that is read.
+     * Whether a row is of the sensor to read.
      * @param {Sensor} only
      * @param {readonly string[]} row
      */
@@ -596,13 +596,13 @@ export class Tables {
         return this.wordOf(row[cell]) === word;
     }
 
-    /** @param {string | undefined} cell  As words of devices and sensors are compared. */
+    /** @param {string | undefined} cell  Normalised word, for comparison. */
     wordOf(cell) {
-        return stripped(cell ?? "", this.rules.devices._AROUND);
+        return stripLetters(cell ?? "", this.rules.devices._AROUND);
     }
 
     /**
-     * Refuse readings in which commas or points part thousands.
+     * Refuse readings with thousands separators.
      * @param {string[][]} rows
      * @param {Columns} columns
      * @param {string} decimal
@@ -619,7 +619,7 @@ export class Tables {
     }
 }
 
-/** @param {number[]} column Whether it ascends, and does not count rows. */
+/** @param {number[]} column Whether it ascends, and is not a counter of rows. */
 function isClock(column) {
     const values = column.filter(Number.isFinite);
     return ascends(values) && stepsOf(values).some((step) => step !== 1);
@@ -639,7 +639,7 @@ function stepsOf(values) {
  * @param {readonly string[]} names
  * @returns {string}
  */
-function shown(names) {
+function namesText(names) {
     const more = names.length > 24 ? `, and ${names.length - 24} others` : "";
     return names.slice(0, 24).join(", ") + more;
 }

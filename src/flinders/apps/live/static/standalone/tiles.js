@@ -1,4 +1,4 @@
-/** The sphere in 642 near-hexagonal tiles, in the order of `geometry/sphere.py`. */
+/** Divides the sphere into 642 near-hexagonal tiles, in the order of `geometry/sphere.py`. */
 
 import { cross, dot, minus, unit } from "../../../../static/views/vectors.js";
 
@@ -7,7 +7,7 @@ import { cross, dot, minus, unit } from "../../../../static/views/vectors.js";
 /** @typedef {[number, number, number]} Triangle  Numbers of its vertices, anticlockwise seen from outside. */
 
 const BISECTIONS = 3;
-/** Moves of all centres onto their centroids. */
+/** Number of moves of all centres to their centroids. */
 const ROUNDS = 20;
 
 /** @type {TilesView | null} */
@@ -21,7 +21,7 @@ export function tiles() {
 /** @returns {TilesView} */
 function makeTiles() {
     let [centres, triangles] = icosahedron();
-    for (let i = 0; i < BISECTIONS; i++) [centres, triangles] = bisected(centres, triangles);
+    for (let i = 0; i < BISECTIONS; i++) [centres, triangles] = bisect(centres, triangles);
     const rings = ringsOf(centres, triangles);
     const cornersOf = () => {
         const all = triangles.map(([a, b, c]) => unit(cross(minus(centres[b], centres[a]), minus(centres[c], centres[a]))));
@@ -55,12 +55,12 @@ function icosahedron() {
 }
 
 /**
- * Halve all edges: four triangles for each.
+ * Bisect all edges, so that each triangle becomes four.
  * @param {Vector[]} vertices
  * @param {Triangle[]} triangles
  * @returns {[Vector[], Triangle[]]}
  */
-function bisected(vertices, triangles) {
+function bisect(vertices, triangles) {
     const keyOf = (/** @type {number} */ a, /** @type {number} */ b) => Math.min(a, b) * vertices.length + Math.max(a, b);
     const keys = triangles.flatMap(([a, b, c]) => [keyOf(a, b), keyOf(b, c), keyOf(c, a)]);
     const edges = [...new Set(keys)].sort((one, other) => one - other);

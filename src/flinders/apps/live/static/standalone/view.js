@@ -1,7 +1,7 @@
-/** What the page draws of one fit, as `flinders.report.view` puts it together. */
+/** View of a fit for the page, as in `flinders.report.view`. */
 
 import { guide, isIdle, nextMovement } from "./advice.js";
-import { corrected, threes, tileCounts, tilesOf } from "./coverage.js";
+import { correctedVectors, threes, tileCounts, tilesOf } from "./coverage.js";
 import { adviceOf, firstCauses, stepWords, verdictOf } from "./findings.js";
 import { headline } from "./headline.js";
 import { tiles } from "./tiles.js";
@@ -30,10 +30,10 @@ export function viewOf(fit, findings, { field, numbers, goal, frame }) {
     const shown = firstCauses(fit);
     const isFlat = findings.some(({ code }) => code === "one-plane");
     const used = isFlat ? new Float64Array(0) : field.filter((_, i) => !fit.left.isOut[Math.floor(i / 3)]);
-    const vectors = corrected(used, fit.surface);
+    const vectors = correctedVectors(used, fit.surface);
     const { centres } = tiles();
     const errors = fit.engine.attitudeErrorsDeg(fit.surface.shape, fit.claimed, fit.headingError.dipDeg, centres);
-    const shownErrors = errors.map((error) => (!isFlat && error < ANY_ANGLE_DEG ? rounded(error) : null));
+    const shownErrors = errors.map((error) => (!isFlat && error < ANY_ANGLE_DEG ? roundDegrees(error) : null));
     const turn = fit.turn;
     return {
         verdict,
@@ -47,8 +47,8 @@ export function viewOf(fit, findings, { field, numbers, goal, frame }) {
         tiles_deg: shownErrors,
         tiles_seen: tileCounts(vectors, centres),
         rejected: rejectedRuns(fit, numbers),
-        ...(verdict === "refused" ? UNTOLD : copied(fit, turn)),
-        ...(isFlat ? UNDRAWN : { ...drawn(fit, vectors), ...claimed(fit, turn, errors, goal, frame) }),
+        ...(verdict === "refused" ? UNTOLD : correctionView(fit, turn)),
+        ...(isFlat ? UNDRAWN : { ...surfaceView(fit, vectors), ...claimView(fit, turn, errors, goal, frame) }),
     };
 }
 
@@ -60,7 +60,7 @@ export function viewOf(fit, findings, { field, numbers, goal, frame }) {
  */
 function viewOfFinding(finding, data) {
     const { code, severity, number, limit } = finding;
-    return { code, severity, number: known(number), limit: known(limit), advice: adviceOf(finding, data) };
+    return { code, severity, number: finiteOrNull(number), limit: finiteOrNull(limit), advice: adviceOf(finding, data) };
 }
 
 const UNTOLD = {
@@ -73,11 +73,11 @@ const UNDRAWN = {
 }; // prettier-ignore
 
 /**
- * A number that JSON can have.
+ * A number for JSON: null if not finite.
  * @param {number} number
  * @returns {number | null}
  */
-function known(number) {
+function finiteOrNull(number) {
     return Number.isFinite(number) ? number : null;
 }
 
@@ -90,7 +90,7 @@ function rootMeanSquare(numbers) {
  * @param {number} degrees
  * @returns {number}
  */
-function rounded(degrees) {
+function roundDegrees(degrees) {
     return Math.round(degrees * 1e4) / 1e4;
 }
 
@@ -111,11 +111,11 @@ function triple(numbers) {
 }
 
 /**
- * The correction: what somebody could copy, which a refused fit does not give.
+ * The correction for copying, which a refused fit does not have.
  * @param {Fit} fit
  * @param {Fit["turn"]} turn
  */
-function copied({ engine, surface, strength, isStrengthKnown, covariance }, { deviationDeg }) {
+function correctionView({ engine, surface, strength, isStrengthKnown, covariance }, { deviationDeg }) {
     const matrix = surface.inverse.map((part) => strength * part);
     return {
         field_strength: strength,
@@ -128,11 +128,11 @@ function copied({ engine, surface, strength, isStrengthKnown, covariance }, { de
 }
 
 /**
- * What rests on a surface.
+ * Parts of the view that depend on the surface.
  * @param {Fit} fit
  * @param {Float64Array} vectors Of the readings used.
  */
-function drawn({ surface, strength, noise, plane }, vectors) {
+function surfaceView({ surface, strength, noise, plane }, vectors) {
     return {
         noise,
         residuals: histogram(lengthsOff(vectors, plane), strength, noise),
@@ -145,7 +145,7 @@ function drawn({ surface, strength, noise, plane }, vectors) {
 }
 
 /**
- * How much longer corrected readings are than the field; of a level turn, than their mean in its plane.
+ * Lengths of corrected readings relative to the field; for a level turn, to their mean in its plane.
  * @param {Float64Array} vectors
  * @param {Fit["plane"]} plane
  * @returns {number[]}
@@ -157,7 +157,7 @@ function lengthsOff(vectors, plane) {
 }
 
 /**
- * How far corrected readings are from the sphere, counted.
+ * Histogram of the distances of corrected readings from the sphere.
  * @param {number[]} lengths In units of the radius.
  * @param {number} radius
  * @param {number} noise
@@ -173,14 +173,14 @@ function histogram(lengths, radius, noise) {
 }
 
 /**
- * What rests on a covariance as well.
+ * Parts of the view that also depend on the covariance.
  * @param {Fit} fit
  * @param {Fit["turn"]} turn
  * @param {number[]} errors
  * @param {Goal} goal
  * @param {Frame} frame
  */
-function claimed(fit, { headingDeg, deviationDeg, sigmaDeg }, errors, goal, frame) {
+function claimView(fit, { headingDeg, deviationDeg, sigmaDeg }, errors, goal, frame) {
     const { headingError } = fit;
     return {
         heading_error_deg: {
@@ -197,9 +197,9 @@ function claimed(fit, { headingDeg, deviationDeg, sigmaDeg }, errors, goal, fram
             worst: Math.max(...errors),
         },
         turn: {
-            heading_deg: headingDeg.map(rounded),
-            before_deg: deviationDeg.map(rounded),
-            sigma_deg: sigmaDeg.map(rounded),
+            heading_deg: headingDeg.map(roundDegrees),
+            before_deg: deviationDeg.map(roundDegrees),
+            sigma_deg: sigmaDeg.map(roundDegrees),
         },
         level_deg: fit.plane && goal === "heading" ? levelErrors(fit, { headingDeg, sigmaDeg }) : null,
         guidance: guidance(fit, goal, frame),
@@ -207,7 +207,7 @@ function claimed(fit, { headingDeg, deviationDeg, sigmaDeg }, errors, goal, fram
 }
 
 /**
- * Heading error of a level vehicle on the tiles that its field meets; null on the others.
+ * Heading errors of a level vehicle on the tiles of its field; null on the others.
  * @param {Fit} fit
  * @param {{headingDeg: number[], sigmaDeg: number[]}} turn
  * @returns {(number | null)[]}
@@ -222,14 +222,14 @@ function levelErrors({ headingError }, { headingDeg, sigmaDeg }) {
         return [Math.cos(dip) * north, -Math.cos(dip) * east, Math.sin(dip)];
     });
     tilesOf(Float64Array.from(directions), centres).forEach((tile, i) => {
-        const error = rounded(sigmaDeg[i]);
+        const error = roundDegrees(sigmaDeg[i]);
         if (error < ANY_ANGLE_DEG) errors[tile] = Math.max(errors[tile] ?? 0, error);
     });
     return errors;
 }
 
 /**
- * Which way to turn next, for one of the goals.
+ * Advice on the next turn, for a goal.
  * @param {Fit} fit
  * @param {Goal} goal
  * @param {Frame} frame
@@ -251,7 +251,7 @@ function guidance(fit, goal, frame) {
 }
 
 /**
- * First and last reading of each run that was left out, by their numbers.
+ * Numbers of the first and last reading of each run left out.
  * @param {Fit} fit
  * @param {ArrayLike<number> | null} numbers
  * @returns {[number, number][]}

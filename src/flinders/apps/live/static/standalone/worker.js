@@ -1,4 +1,4 @@
-/** The worker that fits: it has the engine, and answers one task after the other. */
+/** Worker with the engine, which runs one task after the other. */
 
 import { loadEngine } from "./engine.js";
 import { evaluate } from "./evaluate.js";
@@ -13,23 +13,23 @@ let ready;
 
 self.addEventListener("message", async (/** @type {MessageEvent<Start | Fit>} */ { data: asked }) => {
     if ("number" in asked) {
-        self.postMessage(await answered(asked));
+        self.postMessage(await answerTask(asked));
         return;
     }
-    ready = begun(asked);
-    ready.catch(() => {}); // which the answer to each task says
+    ready = loadParts(asked);
+    ready.catch(() => {}); // the answer to each task reports it
 });
 
 /** @param {Start} start */
-async function begun({ address, data }) {
+async function loadParts({ address, data }) {
     return { engine: await loadEngine(new URL(address), data.layouts), data };
 }
 
 /**
- * The answer to a task; a fault of ours, or of the browser, is words.
+ * Answer a task; an internal error is answered with its message.
  * @param {Fit} fit
  */
-async function answered({ number, task }) {
+async function answerTask({ number, task }) {
     try {
         const { engine, data } = await ready;
         const begin = performance.now();
