@@ -28,7 +28,7 @@
     │   ├── OutOfScale               out-of-scale      4    readings outside the range of any magnetometer
     │   ├── NotAnEllipsoid           not-an-ellipsoid  4    the quadric through the readings is open
     │   ├── MissingPose              missing-pose      4    still poses that do not determine an accelerometer's errors
-    │   ├── Undetermined             undetermined      4    readings that do not determine all parameters, without a prior
+    │   ├── Undetermined             undetermined      4    readings that leave parameters open, without a prior
     │   ├── NeedsSamples             needs-samples     4    sums were given where the method needs the readings
     │   ├── NeedsRecording           needs-recording   4    a calibration file was given, which keeps no readings
     │   └── Refused                  refused           4    a fit exists, its verdict is "refused"

@@ -306,7 +306,7 @@ def _translate_errors(path: str | os.PathLike[str]) -> Iterator[None]:
     except FileExistsError:
         raise OutputExists(path) from None
     except FileNotFoundError:
-        raise OutputError(f"{path}: cannot be written: no such folder: create the folder, or check the name") from None
+        raise OutputError(f"{path}: cannot be written: no such folder: create it, or check the name") from None
     except OSError as error:
         raise OutputError(f"{path}: cannot be written: {reason(error)}") from None
 
