@@ -45,7 +45,7 @@ SMALL_OPTIONS: Final = ("-Os", "-fno-vectorize", "-fno-slp-vectorize")
 SMALL_LOOP_OPTIONS: Final = ("-fno-unroll-loops",)
 """Options for browsers, for loops over all readings: 5 kB less to transfer; a fit takes a tenth longer than 1.1 ms."""
 
-PAGE_MODULE: Final = HERE.parent / "apps/live/static/standalone/engine.js"
+PAGE: Final = HERE.parent / "apps/live/static/standalone/engine.js"
 """Module of the page that calls the engine in browsers."""
 
 TEST_FUNCTIONS: Final = ("flinders_is_checked",)
@@ -145,7 +145,7 @@ def functions() -> list[str]:
 
 def called_by_page() -> list[str]:
     """Functions of the module for browsers: those that the page calls, and `TEST_FUNCTIONS`."""
-    called = set(PAGE_MODULE.read_text(encoding="utf-8").replace("(", ".").split("."))
+    called = set(PAGE.read_text(encoding="utf-8").replace("(", ".").split("."))
     return [name for name in functions() if name in called or name in TEST_FUNCTIONS]
 
 
@@ -190,8 +190,8 @@ def library(directory: Path | None = None, *, options: Sequence[str] = (), targe
                 shutil.copyfile(licence, made.parent / name)
         except OSError as error:
             raise NoCompiler(
-                f"the engine cannot be compiled into {made.parent} ({error.strerror}): set the variable "
-                "FLINDERS_NATIVE_BUILD to a folder that can be written"
+                f"the engine cannot be compiled into {made.parent} ({error.strerror}): name a folder with write "
+                "permission in the variable FLINDERS_NATIVE_BUILD"
             ) from error
     return made
 
