@@ -190,8 +190,8 @@ def library(directory: Path | None = None, *, options: Sequence[str] = (), targe
                 shutil.copyfile(licence, made.parent / name)
         except OSError as error:
             raise NoCompiler(
-                f"the engine cannot be compiled into {made.parent} ({error.strerror}): name a folder with write "
-                "permission in the variable FLINDERS_NATIVE_BUILD"
+                f"the engine cannot be compiled into {made.parent} ({error.strerror}): name a folder that can be "
+                "written to, in the variable FLINDERS_NATIVE_BUILD"
             ) from error
     return made
 
