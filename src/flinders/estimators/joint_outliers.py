@@ -1,10 +1,10 @@
-"""Readings that do not belong to a joint fit: what is left out, and the fit without it.
+"""Outliers of a joint fit, and the fit without them.
 
-A reading is far where its residual is many times the median; with it go its neighbours, as for a fit of the magnitude
-(`flinders.estimators.outliers`). Where a body hardly leans, a few readings near a magnet move the offset along its
-vertical by more than all others hold it, and then hardly stick out: the fit has to start where large residuals count
-less (`JointProblem.robust`), and not where least squares end. Of a level turn the ellipse in its plane shows them, and
-the fit starts without them: along the vertical even such weights let them pull it far.
+A reading is an outlier if its residual is many times the median; its neighbours are left out as well, as in a fit of
+the magnitude (`flinders.estimators.outliers`). If a body hardly tilts, a few readings near a magnet can change the
+offset along its vertical more than all others, and then have small residuals. Therefore the fit starts with reduced
+weights of large residuals (`JointProblem.robust`) instead of least squares. For a level turn even such weights are not
+enough along the vertical; there the ellipse in the plane shows the outliers, and the fit starts without them.
 """
 
 from __future__ import annotations
@@ -30,25 +30,26 @@ if TYPE_CHECKING:
     from flinders.likelihood.observations import ObservationGroup
 
 FAR: Final = 6.0
-"""Times the median residual beyond which a reading does not belong to the rest."""
+"""Residual of an outlier, as a multiple of the median residual."""
 
 FEWEST_LEFT: Final = 0.8
-"""Share of the readings that have to belong: where fewer do, the model is wrong and not the readings."""
+"""Smallest fraction of inliers; with fewer, the model is wrong, and no reading is left out."""
 
 ROUNDS: Final = 4
-"""Of a fit, and of looking for readings that do not belong to it."""
+"""Largest number of fits and searches for outliers."""
 
 
 def without_outliers(problem: JointProblem, iterate: JointIterate, steps: int) -> JointIterate:
-    """Leave out readings that do not belong to the rest, and fit the others, until they are the same again.
+    """Fit without outliers, and find outliers again, until they no longer change.
 
     Parameters
     ----------
     problem : JointProblem
+        The problem with all readings.
     iterate : JointIterate
-        Where to begin, near enough for outliers to be seen.
+        Start, near enough for outliers to have large residuals.
     steps : int
-        Of each fit, at most.
+        Largest number of steps of each fit.
     """
     for attempt in range(ROUNDS):
         groups = _inliers(iterate)
@@ -60,7 +61,7 @@ def without_outliers(problem: JointProblem, iterate: JointIterate, steps: int) -
 
 
 def leaving_out(problem: JointProblem, outliers: Sequence[Outlier]) -> JointProblem:
-    """The problem in which runs of readings count nothing."""
+    """The problem with weight 0 for runs of outliers."""
     weight = np.ones(1 + max(int(group.rows.max()) for group in problem.groups))
     for run in outliers:
         weight[run.first - 1 : run.last] = 0.0
@@ -68,7 +69,7 @@ def leaving_out(problem: JointProblem, outliers: Sequence[Outlier]) -> JointProb
 
 
 def _inliers(iterate: JointIterate) -> tuple[ObservationGroup, ...]:
-    """Groups in which readings that do not belong count nothing; with neighbours or alone, as enough are left."""
+    """Groups with weight 0 for outliers and their neighbours, or for outliers alone if too few would remain."""
     rows = np.concatenate([group.rows.ravel() for group in iterate.groups])
     far = np.zeros(int(rows.max()) + 1, dtype=bool)
     far[rows] = _is_far(iterate)
@@ -78,7 +79,7 @@ def _inliers(iterate: JointIterate) -> tuple[ObservationGroup, ...]:
 
 
 def _is_far(iterate: JointIterate) -> NDArray[np.bool_]:
-    """(N,) readings of all groups whose residual is far beyond the usual."""
+    """(N,) whether the residual of each reading of all groups is that of an outlier."""
     parts = zip(iterate.groups, iterate.directions, strict=True)
     length = np.concatenate([lengths(residuals_of(group, iterate.at, known)[0]).ravel() for group, known in parts])
     usual = max(float(np.median(length)), iterate.weights.noise * 1e-3)
@@ -86,5 +87,5 @@ def _is_far(iterate: JointIterate) -> NDArray[np.bool_]:
 
 
 def _weighed(group: ObservationGroup, weight: Floats) -> ObservationGroup:
-    """A group with (W, n) weights of readings, and of the verticals or attitudes recorded with them."""
+    """Set the (W, n) weights of a group's readings, and of their verticals or attitudes."""
     return replace(group, weight=weight, trust=None if group.trust is None else group.trust * weight)

@@ -1,16 +1,15 @@
-"""Whether gyro and accelerometer speak of the body that the magnetometer is on: their unit, their axes, their motion.
+"""Check of a gyro's and an accelerometer's unit, axes and motion against the magnetometer.
 
-Before a term is used it is tried on stretches of the recording: read in each unit in which a rate can be written, and
-along each of the 48 ways in which axes can be exchanged or point the other way. What fits many times better than what
-was recorded is a mistake in the wiring or the log, and is told. With y = S⁻¹x, of the shape S that the magnetometer
-finds by itself, and an unknown offset β,
+Before a term is used it is tested on intervals of the recording, with each unit in which a rate can be written, and
+with each of the 48 signed permutations of axes. If one of them fits much better than the recorded one, the wiring or
+the log has an error, which is reported. With y = S⁻¹x for the shape S of the magnetometer alone, and an unknown offset
+β,
 
-    D (y₁ − β) = ΔRᵀ D (y₀ − β)        of a gyro, from the beginning of a stretch to its end
-    dᵀ D (y − β) = sin I               of an accelerometer, whose vertical is d
+    D (y₁ − β) = ΔRᵀ D (y₀ − β)        of a gyro, from the beginning of an interval to its end
+    dᵀ D (y − β) = sin I               of an accelerometer with the vertical d
 
-are linear in β (and sin I), so that each way D is a small linear fit, and a magnetometer that says nothing of its own
-offset does no harm. Stretches are as long as the field takes to move by ten degrees or so: the noise of readings is
-less than that.
+are linear in β (and sin I). So each permutation D needs only a small linear fit, and the magnetometer's own offset need
+not be known. Intervals are long enough for the field to move by about ten degrees, more than the noise of readings.
 
 >>> import dataclasses
 >>> from flinders import simulate
@@ -39,71 +38,71 @@ if TYPE_CHECKING:
     from flinders.core.samples import Samples
 
 STRETCHES_S: Final = (0.4, 0.8, 1.6, 3.2, 6.4)
-"""How long a body may be followed."""
+"""Lengths of intervals in s, which are tried in this order."""
 
 MOVED: Final = 0.2
-"""Chord, of a field of one, by which it should have moved in the middle stretch: eleven degrees."""
+"""Smallest median change of the field in an interval, as the chord of a unit field: eleven degrees."""
 
 MANY: Final = 2000
-"""Stretches, or verticals, that are looked at."""
+"""Largest number of intervals, or of verticals."""
 
 MOST: Final = 12_000
-"""Readings in those stretches."""
+"""Largest number of readings in all intervals."""
 
 FEW: Final = 12
-"""Fewer of them tell nothing."""
+"""Smallest number of intervals, or of verticals."""
 
 MARGIN: Final = 2.0
-"""Times better than what was recorded that another reading of it has to be."""
+"""Ratio of residuals from which another unit or permutation fits much better than the recorded one."""
 
 ALIKE: Final = 1.4
-"""Times the smallest residual up to which another way fits as well."""
+"""Largest ratio to the smallest residual at which another unit or permutation fits equally well."""
 
 RAD_S: Final = "rad/s"
 SCALES: Final = {
     RAD_S: 1.0,
     "°/s": np.pi / 180.0,
-    "mrad/s (or its times are in ms)": 1e-3,
+    "mrad/s (or the times are in ms)": 1e-3,
     "m°/s": np.pi / 180e3,
     "rad/s that was taken for °/s": 180.0 / np.pi,
 }
-"""What a column of rates may be in, and what it is multiplied by to be in rad/s."""
+"""Possible units of a column of rates, and their factors to rad/s."""
 
 EXPLAINED: Final = 0.5
-"""Of how far the field moves: a gyro that is read aright leaves less, and then no other unit is tried."""
+"""Largest residual of a gyro in the correct unit, relative to the motion of the field; no other unit is then tried."""
 
 REVERSED: Final = Axes(signs=(-1, -1, -1))
-"""All signs the other way round."""
+"""Mapping that reverses all axes."""
 
 
 @dataclass(frozen=True, slots=True)
 class Mounted:
-    """What fits best."""
+    """Axes and unit of an instrument that fit the magnetometer best."""
 
-    # take the magnetometer's readings into the axes of the other instrument; a mirror image where one is left-handed
+    # mapping from the magnetometer's axes to those of the instrument; a mirror image if one is left-handed
     axes: Axes = field(default_factory=Axes)
-    unit: str = RAD_S  # of `SCALES`
-    better: float = 1.0  # how many times smaller the residual is than with what was recorded; 1 where that stays
-    is_clear: bool = True  # nothing else as simple fits as well
+    unit: str = RAD_S  # name in `SCALES`
+    better: float = 1.0  # ratio of the residual as recorded to the best one; 1 if the recorded one is kept
+    is_clear: bool = True  # whether no other equally simple mapping fits as well
     misses: tuple[float, ...] = ()  # residual of each of `TURNS`, in the recorded unit
-    # of how far the field moves, what the best of a gyro leaves; 0 of one that was not looked at, or hardly moved
+    # residual of the best mapping of a gyro, relative to the motion of the field; 0 if not tested, or hardly moved
     left: float = 0.0
 
     @property
     def is_as_recorded(self) -> bool:
-        """Nothing fits much better."""
+        """Whether nothing fits much better than the recorded axes and unit."""
         return self.better == 1.0
 
     def allows(self, axes: Axes) -> bool:
-        """Whether a way to sit fits about as well as the best; a mirror image as the same with all signs reversed."""
+        """Whether a mapping fits about as well as the best one; a mirror image is taken with all axes reversed."""
         turn = axes.opposite if axes.is_mirror else axes
         return not self.misses or self.misses[TURNS.index(turn)] <= MARGIN * min(self.misses)
 
 
 def by_rate(samples: Samples, ellipsoid: Ellipsoid) -> Mounted:
-    """In which unit and along which axes a gyro turns the field as it moves; as recorded unless another is far better.
+    """Unit and axes in which a gyro explains the motion of the field; the recorded ones unless others fit much better.
 
-    `samples`: with time and rate; `ellipsoid`: what the magnetometer finds by itself; only its shape is used.
+    `samples`: with time and rate; `ellipsoid`: that of the magnetometer alone; only its shape is used.
     """
     if samples.rate is None or samples.time is None:
         return Mounted()
@@ -114,7 +113,7 @@ def by_rate(samples: Samples, ellipsoid: Ellipsoid) -> Mounted:
 
 
 def _read(samples: Samples, ellipsoid: Ellipsoid) -> Mounted:
-    """What fits best with the shape of one ellipsoid."""
+    """Best unit and axes of a gyro for the shape of one ellipsoid."""
     first, last, rate, interval = _segments(samples, ellipsoid)
     if len(first) < FEW:
         return Mounted()
@@ -128,15 +127,15 @@ def _read(samples: Samples, ellipsoid: Ellipsoid) -> Mounted:
 
 
 def _sphere(field: Floats) -> Ellipsoid:
-    """One about readings of which nothing better is known, as where they lie in a plane."""
+    """Sphere about readings whose ellipsoid is not known, such as readings in a plane."""
     middle = field.mean(axis=0)
     return Ellipsoid(middle, float(np.sqrt(np.mean(np.sum((field - middle) ** 2, axis=1)))) * np.eye(3))
 
 
 def by_vertical(samples: Samples, ellipsoid: Ellipsoid) -> Mounted:
-    """Along which axes the field keeps its angle to an accelerometer's vertical; parameters as those of `by_rate`.
+    """Axes in which the field has a constant angle to an accelerometer's vertical; parameters as in `by_rate`.
 
-    A vertical that points up keeps an angle as well: an accelerometer with all signs reversed is not distinguished.
+    An accelerometer with all axes reversed is not distinguished, as the angle to an upward vertical is constant, too.
     """
     if samples.acceleration is None:
         return Mounted()
@@ -154,11 +153,11 @@ def by_vertical(samples: Samples, ellipsoid: Ellipsoid) -> Mounted:
 
 
 def second_axis(rate: Floats) -> float:
-    """How much a body turns about its second axis, of how much about its first: 0 where all is about one.
+    """Ratio of a body's rotation about its second principal axis to that about its first; 0 for one axis.
 
-    Each rate is compared with the next, so that the gyro's noise counts for nothing.
+    Products of consecutive rates are used, which do not contain the gyro's white noise.
 
-    `rate`: (N, 3), rad/s, without the gyro's bias, in order.
+    `rate`: (N, 3) in rad/s, without the gyro's bias, in time order.
 
     >>> second_axis(np.outer(np.linspace(-1, 1, 50), [0.0, 0.0, 1.0]))
     0.0
@@ -171,7 +170,7 @@ def second_axis(rate: Floats) -> float:
 
 
 def _missed(first: Floats, last: Floats, rate: Floats, interval: Floats, unit: str) -> dict[tuple[str, Axes], float]:
-    """Root mean square distance of the field from where a gyro says, in one unit and each of the 48 ways."""
+    """Root mean square residual of the field's motion by a gyro, in one unit and each of the 48 permutations."""
     misses: dict[tuple[str, Axes], float] = {}
     for sign in (1, -1):
         turned = gyro.integrated(sign * SCALES[unit] * rate, interval, np.zeros(3)).rotations[:, -1]
@@ -185,7 +184,7 @@ def _missed(first: Floats, last: Floats, rate: Floats, interval: Floats, unit: s
 
 
 def _simplest(misses: dict[tuple[str, Axes], float]) -> Mounted:
-    """What was recorded unless something fits far better; then the simplest of what fits as well as the best."""
+    """The recorded axes and unit, unless others fit much better: then the simplest of those with the best fit."""
     recorded, best = misses[RAD_S, Axes()], min(misses.values())
     turned = tuple(misses[RAD_S, axes] for axes in TURNS)
     if recorded <= MARGIN * best:
@@ -198,7 +197,7 @@ def _simplest(misses: dict[tuple[str, Axes], float]) -> Mounted:
 
 
 def _steps(unit: str, axes: Axes) -> int:
-    """How far from what was recorded: 1 for a unit or all signs, 2 for other axes, 3 for a mirror, 4 for both."""
+    """Rank of a deviation from the recording: 1 for a unit or all signs, 2 for axes, 3 for a mirror, 4 for both."""
     is_signed = axes.order == (0, 1, 2) and axes.signs in ((1, 1, 1), (-1, -1, -1))
     if unit != RAD_S:
         return 1 if is_signed else 4
@@ -206,20 +205,20 @@ def _steps(unit: str, axes: Axes) -> int:
 
 
 def _left(design: Floats, targets: Floats) -> Floats:
-    """(K,) root mean square of what a linear fit to (M, k) leaves of each of (M, K) columns."""
+    """(K,) root mean square residuals of (M, K) targets after a linear fit of a (M, k) design."""
     fitted = design @ np.linalg.lstsq(design, targets, rcond=1e-6)[0]
     left: Floats = np.sqrt(np.mean((targets - fitted) ** 2, axis=0))
     return left
 
 
 def _rounded(field: Floats, ellipsoid: Ellipsoid) -> Floats:
-    """(N, 3) readings about the ellipsoid's centre, its shape removed."""
+    """(N, 3) readings mapped to about the unit sphere by an ellipsoid."""
     seen: Floats = np.linalg.solve(ellipsoid.shape, (field - ellipsoid.centre).T).T
     return seen
 
 
 def _segments(samples: Samples, ellipsoid: Ellipsoid) -> tuple[Floats, Floats, Floats, Floats]:
-    """Readings (W, 3) at the beginning and the end of stretches, and what the gyro says in between."""
+    """(W, 3) readings at the beginning and the end of intervals, with (W, n, 3) rates and (W, n) time steps between."""
     segments: tuple[Floats, Floats, Floats, Floats] = (
         np.empty((0, 3)), np.empty((0, 3)), np.empty((0, 1, 3)), np.empty((0, 1)),
     )  # fmt: skip
