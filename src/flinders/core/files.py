@@ -4,7 +4,7 @@ A file is first written to a temporary file in the same folder, which is renamed
 on the disk. No reader sees a partial file, and an interrupted run leaves none.
 
 A compressed file of a few kilobytes can expand until the disk or the memory is full. A stream of more than
-`MIN_RATIO_BYTES` bytes is refused during decompression once it exceeds `MAX_RATIO` times its compressed size; a chunk
+`LARGE` bytes is refused during decompression once it exceeds `MOST_RATIO` times its compressed size; a chunk
 that has to be in memory as a whole is refused at `MOST_PIECE` bytes.
 
 >>> import zlib
@@ -51,7 +51,7 @@ REASONS: Final = {
 }
 """Reason and remedy for errors of the operating system, by their number."""
 
-MIN_RATIO_BYTES, MAX_RATIO = 16 << 20, 250
+LARGE, MOST_RATIO = 16 << 20, 250
 """Size in bytes from which the ratio is checked, and the largest ratio of decompressed to compressed size.
 
 A table of digits compresses to a fifth, zeros to a thousandth.
@@ -96,7 +96,7 @@ def read_bytes(path: str | os.PathLike[str], *, largest: int, what: str, refused
 
 def is_bomb(unpacked: int, packed: int) -> bool:
     """Whether `packed` bytes expand to `unpacked` bytes, more than any table of readings does."""
-    return unpacked > MIN_RATIO_BYTES and unpacked > MAX_RATIO * packed
+    return unpacked > LARGE and unpacked > MOST_RATIO * packed
 
 
 def metered(
@@ -115,7 +115,7 @@ def metered(
     most : int, optional
         Largest total size in bytes.
     ratio : bool
-        Also check `MAX_RATIO`. Arrays may exceed it: zeros compress to a thousandth.
+        Also check `MOST_RATIO`. Arrays may exceed it: zeros compress to a thousandth.
     """
     done = 0
     for chunk in chunks:

@@ -36,7 +36,7 @@ if TYPE_CHECKING:
     from flinders.estimators.minmax import MinMax as MinMax
     from flinders.estimators.robust import Robust as Robust
 
-FIRST: Final = (
+FIRST_METHODS: Final = (
     "auto", "likelihood", "robust", "level", "consistent", "li", "algebraic", "ellipsoid", "axes", "sphere", "minmax",
     "two-step", "alonso-shuster", "sequential", "ekf", "ellipse", "two-axis",
 )  # fmt: skip
@@ -65,11 +65,11 @@ def _names() -> tuple[str, ...]:
     """Names of all methods, the one to try first at the top."""
     names = {stem.replace("_", "-") for stem in _modules()}
     there = {name for name in names if _row(name)}
-    listed = [name for name in FIRST if name in there]
+    listed = [name for name in FIRST_METHODS if name in there]
     return (*listed, *sorted(there.difference(listed)))
 
 
-class _ByName(Mapping[str, T]):
+class _RowMapping(Mapping[str, T]):
     """Mapping from the names of methods to a part of their rows.
 
     Parameters
@@ -94,10 +94,10 @@ class _ByName(Mapping[str, T]):
         return len(_names())
 
 
-ROWS: Final[Mapping[str, Method]] = _ByName(lambda row: row)
+ROWS: Final[Mapping[str, Method]] = _RowMapping(lambda row: row)
 """Rows of all methods by name, with use and source."""
 
-METHODS: Final[Mapping[str, type[Estimator]]] = _ByName(lambda row: row.kind)
+METHODS: Final[Mapping[str, type[Estimator]]] = _RowMapping(lambda row: row.kind)
 """Classes of all methods by name, the one to try first at the top."""
 
 

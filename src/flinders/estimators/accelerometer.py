@@ -38,10 +38,10 @@ from flinders.likelihood.robust import huber, robust_sigma
 if TYPE_CHECKING:
     from flinders.arrays import Floats
 
-STEPS: Final = 5
+NEWTON_STEPS: Final = 5
 """Number of Gauss–Newton steps; two are usually enough, as the errors are small."""
 
-FINEST_LENGTH: Final = 1e-4
+MIN_LENGTH_SIGMA: Final = 1e-4
 """Smallest standard deviation of the length of gravity, relative to gravity."""
 
 
@@ -56,14 +56,14 @@ def known_before(acceleration: Floats, prior: AccelerometerPrior) -> Acceleromet
     scale = float(np.median(lengths(force)))
     force = force / scale
     errors = prior.mean
-    for _ in range(STEPS):
+    for _ in range(NEWTON_STEPS):
         corrected = (errors[:3] - force) @ (np.eye(3) + symmetric(errors[3:]))
         residuals = 1.0 - lengths(corrected)
-        sigma = max(robust_sigma(residuals), FINEST_LENGTH)
-        weights = huber(residuals / sigma) / (sigma**2 * _in_a_row(residuals))
+        sigma = max(robust_sigma(residuals), MIN_LENGTH_SIGMA)
+        weights = huber(residuals / sigma) / (sigma**2 * _correlation_length(residuals))
         along = corrected / np.maximum(1.0 - residuals, 1e-300)[:, np.newaxis]
         jacobian = _gradients(along, along)
-        root, reliability = _reliable(jacobian, along, weights, sigma)
+        root, reliability = _reliability(jacobian, along, weights, sigma)
         precision = prior.precision + (root * reliability**2) @ root.T
         seen = root @ (reliability * np.linalg.solve(root, jacobian.T @ (weights * residuals)))
         errors = errors + np.linalg.solve(precision, prior.precision @ (prior.mean - errors) + seen)
@@ -83,7 +83,7 @@ def _gradients(first: Floats, second: Floats) -> Floats:
     return np.concatenate([first, by_symmetric(first, second)], axis=1)
 
 
-def _reliable(jacobian: Floats, along: Floats, weights: Floats, sigma: float) -> tuple[Floats, Floats]:
+def _reliability(jacobian: Floats, along: Floats, weights: Floats, sigma: float) -> tuple[Floats, Floats]:
     """(9, 9) root of the information, and (9,) reliability of its columns: the share not due to noise across gravity.
 
     Noise in the Jacobian shrinks the estimate by this share, for a level body to zero (errors in variables, W. A.
@@ -99,7 +99,7 @@ def _reliable(jacobian: Floats, along: Floats, weights: Floats, sigma: float) ->
     return lower @ turned, np.where(shares < MOST, np.clip(1.0 - shares, 0.0, 1.0), 0.0)
 
 
-def _in_a_row(residuals: Floats) -> float:
+def _correlation_length(residuals: Floats) -> float:
     """Correlation length of consecutive residuals: their number per independent residual."""
     middle = residuals - residuals.mean()
     alone = Residuals(middle, np.zeros((len(middle), 1)), [np.arange(len(middle))])

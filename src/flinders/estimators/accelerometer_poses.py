@@ -59,25 +59,25 @@ GAIN_SIGMA: Final = 0.2
 """Prior standard deviation of a gain, relative to that of the median length."""
 ORTHOGONALITY_SIGMA: Final = 0.01
 """Prior standard deviation of half the angle error between two axes in rad; data sheets say 1 to 2 % cross-axis."""
-OPEN: Final = 0.02
+MIN_UNDETERMINED_SIGMA: Final = 0.02
 """Smallest standard deviation of an undetermined offset, relative to gravity, or gain; it gives a tilt of 1°."""
-SEEN: Final = 0.5
+MAX_DETERMINED_RATIO: Final = 0.5
 """Largest standard deviation of a determined misalignment, relative to ORTHOGONALITY_SIGMA."""
-FINEST: Final = 1e-4
+MIN_POSE_SIGMA: Final = 1e-4
 """Smallest standard deviation of the mean of a pose, relative to gravity, as offsets and tables move."""
-BY_HAND: Final = 0.05
+PLACEMENT_SIGMA_RAD: Final = 0.05
 """Accuracy in rad with which a side can be put up again by hand, in the choice of the next side."""
-STEPS: Final = 20
+NEWTON_STEPS: Final = 20
 """Number of Gauss–Newton steps."""
 MIN_POSES: Final = 6
 """Smallest number of poses that determine offsets and gains."""
 MIN_READINGS: Final = 60
 """Smallest number of readings of a slowly turned device, each of which counts as a pose."""
-SURE: Final = 0.01
+EXCESS_PROBABILITY: Final = 0.01
 """Probability of larger residuals by chance below which the covariance is widened."""
-MOST_LEFT: Final = 0.05
+MAX_RMS_RESIDUAL: Final = 0.05
 """Largest rms residual of the lengths of poses, relative to gravity."""
-NEARLY: Final = 0.1
+MAX_GRAVITY_DIFFERENCE: Final = 0.1
 """Largest relative difference between the median length of uncalibrated readings and gravity in a unit."""
 
 SIDES: Final = np.concatenate([np.eye(3), -np.eye(3)])
@@ -99,7 +99,7 @@ class AccelerometerEstimate:
     @property
     def sees_misalignment(self) -> bool:
         """Whether the poses determine the misalignment of the axes."""
-        return bool(np.sqrt(np.diag(self.covariance)[6:].max()) < SEEN * ORTHOGONALITY_SIGMA)
+        return bool(np.sqrt(np.diag(self.covariance)[6:].max()) < MAX_DETERMINED_RATIO * ORTHOGONALITY_SIGMA)
 
     @cached_property
     def tilt_error(self) -> TiltError:
@@ -114,7 +114,7 @@ class AccelerometerEstimate:
     @property
     def open_parameters(self) -> int:
         """Number of offsets and gains, of six, that the poses do not determine."""
-        return int(np.count_nonzero(np.sqrt(np.diag(self.covariance)[:6]) > OPEN))
+        return int(np.count_nonzero(np.sqrt(np.diag(self.covariance)[:6]) > MIN_UNDETERMINED_SIGMA))
 
     def triad(self) -> Triad:
         """Correction of the accelerometer, in the unit that follows from the length of gravity."""
@@ -131,7 +131,9 @@ class AccelerometerEstimate:
         moved = turns(self.errors, np.concatenate([SIDES, attitudes]))
         tilts = np.einsum("nki,nkj->ij", moved, moved)
         seen = row @ self.covariance
-        shrunk: Floats = np.einsum("ni,ij,nj->n", seen, tilts, seen) / (np.einsum("ni,ni->n", seen, row) + BY_HAND**2)
+        shrunk: Floats = np.einsum("ni,ij,nj->n", seen, tilts, seen) / (
+            np.einsum("ni,ni->n", seen, row) + PLACEMENT_SIGMA_RAD**2
+        )
         return shrunk
 
 
@@ -153,20 +155,20 @@ def from_poses(poses: StillPoses, *, gravity: float = STANDARD_GRAVITY) -> Accel
     if not len(poses):
         raise MissingPose("no still pose was found: put the device down on each of its six sides for 2 s")
     scale, before = poses.scale, _prior()
-    force, sigma = poses.mean / scale, np.hypot(poses.noise / scale, FINEST)
+    force, sigma = poses.mean / scale, np.hypot(poses.noise / scale, MIN_POSE_SIGMA)
     errors = before.mean
-    for _ in range(STEPS):
+    for _ in range(NEWTON_STEPS):
         residuals, jacobian = _equations(force, errors)
         weighted = jacobian.T / sigma**2
         precision = before.precision + weighted @ jacobian
         gradient = before.precision @ (before.mean - errors) + weighted @ residuals
         errors = errors + np.linalg.solve(precision, gradient)
     residuals, jacobian = _equations(force, errors)
-    _refuse_far(residuals)
+    _refuse_residuals(residuals)
     covariance = np.linalg.inv(before.precision + (jacobian.T / sigma**2) @ jacobian)
     found = AccelerometerEstimate(errors, covariance, scale, len(poses), gravity=gravity)
-    _refuse_open(found)
-    return _widened(found, residuals, jacobian, sigma)
+    _refuse_undetermined(found)
+    return _widen(found, residuals, jacobian, sigma)
 
 
 def from_readings(acceleration: Floats, *, gravity: float = STANDARD_GRAVITY) -> AccelerometerEstimate:
@@ -180,7 +182,7 @@ def from_readings(acceleration: Floats, *, gravity: float = STANDARD_GRAVITY) ->
     after = known_before(known, _prior())
     scale = float(np.median(lengths(known)))
     found = AccelerometerEstimate(after.mean, np.linalg.inv(after.precision), scale, len(known), gravity=gravity)
-    _refuse_open(found)
+    _refuse_undetermined(found)
     return found
 
 
@@ -191,7 +193,9 @@ def unit_of(scale: float) -> InertialUnit:
     ('m/s2', 'g', 'mg', 'counts')
     """
     names: tuple[InertialUnit, ...] = ("m/s2", "g", "mg")
-    return next((name for name in names if abs(scale * SIZES[name] / STANDARD_GRAVITY - 1.0) < NEARLY), "counts")
+    return next(
+        (name for name in names if abs(scale * SIZES[name] / STANDARD_GRAVITY - 1.0) < MAX_GRAVITY_DIFFERENCE), "counts"
+    )
 
 
 def _prior() -> AccelerometerPrior:
@@ -210,7 +214,7 @@ def _equations(force: Floats, errors: Floats) -> tuple[Floats, Floats]:
     return 1.0 - length, np.concatenate([along @ whole, by_symmetric(along, felt)], axis=1)
 
 
-def _refuse_open(found: AccelerometerEstimate) -> None:
+def _refuse_undetermined(found: AccelerometerEstimate) -> None:
     """Raise `MissingPose` if an offset or a gain is not determined."""
     if found.open_parameters:
         side = found.next_side
@@ -224,10 +228,10 @@ def _refuse_open(found: AccelerometerEstimate) -> None:
         )
 
 
-def _refuse_far(residuals: Floats) -> None:
+def _refuse_residuals(residuals: Floats) -> None:
     """Raise `FitError` if the lengths of the poses differ after the fit, as for another sensor."""
     left = float(np.sqrt(np.mean(residuals**2)))
-    if not left < MOST_LEFT:
+    if not left < MAX_RMS_RESIDUAL:
         raise FitError(
             f"lengths of the still poses differ by {left:.0%} for any offsets and gains: give the columns of an "
             "accelerometer, and for an analog one subtract its reading at zero acceleration",
@@ -236,7 +240,7 @@ def _refuse_far(residuals: Floats) -> None:
         )
 
 
-def _widened(found: AccelerometerEstimate, residuals: Floats, jacobian: Floats, sigma: Floats) -> AccelerometerEstimate:
+def _widen(found: AccelerometerEstimate, residuals: Floats, jacobian: Floats, sigma: Floats) -> AccelerometerEstimate:
     """Widen the covariance of an estimate if its residuals are larger than the noise of the poses explains."""
     used = np.einsum("pi,ij,pj->", jacobian / sigma[:, np.newaxis], found.covariance, jacobian / sigma[:, np.newaxis])
     freedom = len(residuals) - float(used)
@@ -253,6 +257,6 @@ def _widened(found: AccelerometerEstimate, residuals: Floats, jacobian: Floats, 
 
 
 def _chi_square_limit(freedom: float) -> float:
-    """χ² that is exceeded by chance with probability `SURE` (E. B. Wilson, M. M. Hilferty, PNAS 17 (1931) 684)."""
+    """χ² exceeded by chance with `EXCESS_PROBABILITY` (E. B. Wilson, M. M. Hilferty, PNAS 17 (1931) 684)."""
     part = 2.0 / (9.0 * freedom)
     return freedom * (1.0 - part + 2.326 * math.sqrt(part)) ** 3

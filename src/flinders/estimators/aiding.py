@@ -11,8 +11,7 @@ sphere is subtracted, as for `Likelihood`. The start has reduced weights for lar
 (`flinders.estimators.joint_outliers`).
 
 When to use it: if the body cannot be turned in all directions, and there is a gyro, an accelerometer, or an attitude
-that is independent of this compass. The claims include all that the recording does not determine; for example, a gyro
-does not determine the rotation about an axis if all turns are about that axis.
+that is independent of this compass. A gyro does not observe the rotation about the only axis of a recording's turns.
 
 >>> from flinders import simulate
 >>> drive = simulate.tumble(seed=1, motion="flight", n=1500)
@@ -68,31 +67,31 @@ if TYPE_CHECKING:
 AIDS: Final = {term.name: term.words for term in TERMS.values()}
 """Terms of aiding sensors and the principle of each, in words."""
 
-UNSEEN: Final = 0.5
+MAX_OBSERVED_RATIO: Final = 0.5
 """Ratio of the variance of a rotation to that of its prior from which the rotation is not observed."""
 
-SPANNED, SAME_SPAN = 3, 0.2
+MAX_SPAN_ESTIMATES, MAX_SPAN_CHANGE = 3, 0.2
 """Largest number of estimates of the correlation length of verticals, and change of its logarithm at convergence."""
 
-WALKED: Final = 4
+MAX_WALK_ESTIMATES: Final = 4
 """Largest number of estimates of a gyro's random walk, which is underestimated before the bias correction."""
 
-STILL: Final = 0.1
+MIN_WALK_STEP: Final = 0.1
 """Largest step by the bias correction for a walk, in standard deviations, that is not taken."""
 
 FAR_SCALES: Final = 5.0
 """Largest scale error of a gyro, in standard deviations of its prior; a larger one is an artefact and is not used."""
 
-SEARCHED: Final = 2000
+SEARCH_READINGS: Final = 2000
 """Readings with which starts are compared; the fit then uses all readings."""
 
 SEARCH_STEPS, APPROACH_STEPS = 20, 8
 """Steps for a long recording, from each start with some readings, and from the best one with all readings."""
 
-GLANCE: Final = 2
+LONG_CORRECTION_STEPS: Final = 2
 """Correction steps for a long recording before the correlation of verticals, which changes weights, is estimated."""
 
-FEWEST: Final = 12  # smallest number of readings
+MIN_READINGS: Final = 12  # smallest number of readings
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -135,7 +134,7 @@ class Aided:
     @property
     def sees_rotation(self) -> bool:
         """Whether the rotation from the magnetometer to the body is observed about at least one axis."""
-        return "rotation" in self.layout and bool(np.any(self.rotation_seen < UNSEEN))
+        return "rotation" in self.layout and bool(np.any(self.rotation_seen < MAX_OBSERVED_RATIO))
 
     @property
     def rotation_covariance(self) -> Floats | None:
@@ -223,13 +222,13 @@ def solve(
         Whether an error of a fraction of a standard deviation is acceptable, as for a check; saves steps.
     """
     refuse_without(samples, terms)
-    samples = _rested(samples)
+    samples = _average_rests(samples)
     accelerometer = _accelerometer(samples, terms, acceleration_bias, acceleration_gain)
-    put = _Prepared(samples, tuple(terms), site, rotation, spread, window_s, accelerometer, shape, is_rough)
-    aided = _solved(put, gyro_scale, start, near).finished()
+    put = _Inputs(samples, tuple(terms), site, rotation, spread, window_s, accelerometer, shape, is_rough)
+    aided = _solve_from_starts(put, gyro_scale, start, near).compute_claims()
     off = float(np.abs(aided.parameters.gyro_scale).max())
     if gyro_scale > 0.0 and off > FAR_SCALES * gyro_scale:
-        return replace(_solved(put, 0.0, start, near).finished(), scales_off=off)
+        return replace(_solve_from_starts(put, 0.0, start, near).compute_claims(), scales_off=off)
     return aided
 
 
@@ -244,14 +243,14 @@ def parameters_of(
     acceleration_gain: float = GAIN_SIGMA,
 ) -> Parameters:
     """Parameters from part of the readings of another fit, as in `solve`, but without the slow claims."""
-    samples = _rested(samples)
+    samples = _average_rests(samples)
     accelerometer = _accelerometer(samples, terms, acceleration_bias, acceleration_gain)
-    put = _Prepared(samples, tuple(terms), None, rotation, prior.SPREAD, gyro.WINDOW_S, accelerometer)
-    solved_for = _solved(put, gyro_scale, None, near)
+    put = _Inputs(samples, tuple(terms), None, rotation, prior.SPREAD, gyro.WINDOW_S, accelerometer)
+    solved_for = _solve_from_starts(put, gyro_scale, None, near)
     return bias_corrected(solved_for.problem.freed(), solved_for.iterate)[0].at
 
 
-def _rested(samples: Samples) -> Samples:
+def _average_rests(samples: Samples) -> Samples:
     """Samples with rests as one reading or none, at which gyro windows end, and with short gyro gaps bridged."""
     samples = replace(samples, rate=gyro.bridged(samples.time, samples.rate)[0])
     rests = Rests.of(samples)
@@ -263,7 +262,7 @@ def _rested(samples: Samples) -> Samples:
     return once
 
 
-class _Prepared(NamedTuple):
+class _Inputs(NamedTuple):
     """Arguments of `solve`, except the gyro's scales."""
 
     samples: Samples
@@ -284,16 +283,16 @@ class _Prepared(NamedTuple):
         )  # fmt: skip
 
 
-class _Solved(NamedTuple):
+class _Solution(NamedTuple):
     """Solution from the best start without outliers, and the shift of the gyro's time."""
 
     problem: JointProblem
     iterate: JointIterate
     late_s: float  # s: shift of the rate, in whole intervals
 
-    def finished(self) -> Aided:
+    def compute_claims(self) -> Aided:
         """Correct the bias, and compute the claims."""
-        aided = _finished(self.problem.freed(), self.iterate)
+        aided = _compute_claims(self.problem.freed(), self.iterate)
         whole = replace(aided.parameters, delay=aided.parameters.delay + self.late_s)
         return replace(aided, parameters=whole)
 
@@ -305,31 +304,33 @@ def _accelerometer(samples: Samples, terms: Sequence[str], bias: float, gain: fl
     return known_before(samples.acceleration, AccelerometerPrior.of(bias=bias, gain=gain))
 
 
-def _solved(put: _Prepared, gyro_scale: float, start: Ellipsoid | None, near: Aided | None) -> _Solved:
+def _solve_from_starts(put: _Inputs, gyro_scale: float, start: Ellipsoid | None, near: Aided | None) -> _Solution:
     """Solve from each start until the residuals of one are only noise.
 
     Raises `TooFewSamples`, `NotAnEllipsoid` or `FitError` as `solve`.
     """
-    if len(put.samples) < FEWEST:
-        raise TooFewSamples(found=len(put.samples), needed=FEWEST, method="aided")
+    if len(put.samples) < MIN_READINGS:
+        raise TooFewSamples(found=len(put.samples), needed=MIN_READINGS, method="aided")
     problem = put.problem(gyro_scale)
-    _refuse_nothing(problem, put.samples)
+    _refuse_empty_column(problem, put.samples)
     search_steps, steps = (SEARCH_STEPS, APPROACH_STEPS) if problem.is_long else (STEPS, STEPS)
     alone = found_alone(put.samples.field) if start is None else None
-    starts = [start] if start is not None else _starts(put.samples, put.site, alone)
-    some = _searched(_to_search(problem, alone).thinned(SEARCHED), _begins(problem, starts, near), search_steps)
+    starts = [start] if start is not None else _start_ellipsoids(put.samples, put.site, alone)
+    some = _search(
+        _search_problem(problem, alone).thinned(SEARCH_READINGS), _start_parameters(problem, starts, near), search_steps
+    )
     best = without_outliers(problem, initial(problem, some.at), steps)
     late = _whole_intervals(best.at.delay, problem.interval)
     if not late or put.samples.rate is None:
-        return _Solved(problem, best, 0.0)
+        return _Solution(problem, best, 0.0)
     late_s = late * problem.interval
-    behind = put._replace(samples=replace(put.samples, rate=_moved_back(put.samples.rate, late))).problem(gyro_scale)
+    behind = put._replace(samples=replace(put.samples, rate=_shift_rate(put.samples.rate, late))).problem(gyro_scale)
     at = replace(best.at, delay=best.at.delay - late_s)
     begin = initial(behind, behind.begin_near(at, problem.layout))
-    return _Solved(behind, without_outliers(behind, begin, steps), late_s)
+    return _Solution(behind, without_outliers(behind, begin, steps), late_s)
 
 
-def _searched(problem: JointProblem, begins: Iterable[Parameters], steps: int) -> JointIterate:
+def _search(problem: JointProblem, begins: Iterable[Parameters], steps: int) -> JointIterate:
     """Best solution from several starts; stops at the first whose residuals are only noise.
 
     Raises `NotAnEllipsoid` if there is no start.
@@ -346,7 +347,7 @@ def _searched(problem: JointProblem, begins: Iterable[Parameters], steps: int) -
     return best
 
 
-def _to_search(problem: JointProblem, alone: Estimate | None) -> JointProblem:
+def _search_problem(problem: JointProblem, alone: Estimate | None) -> JointProblem:
     """The problem for the search of a start: with reduced weights of large residuals, or without known outliers.
 
     The latter is used for a level turn with attitudes, which determine the direction at each reading.
@@ -356,21 +357,21 @@ def _to_search(problem: JointProblem, alone: Estimate | None) -> JointProblem:
     return leaving_out(problem, alone.outliers)
 
 
-def _begins(problem: JointProblem, starts: Iterable[Ellipsoid], near: Aided | None) -> Iterator[Parameters]:
+def _start_parameters(problem: JointProblem, starts: Iterable[Ellipsoid], near: Aided | None) -> Iterator[Parameters]:
     """Yield parameters to start from: those of another fit, and from ellipsoids."""
     if near is not None:
         yield problem.begin_near(near.parameters, near.layout)
     yield from map(problem.begin, starts)
 
 
-def _starts(samples: Samples, site: Site | None, alone: Estimate | None) -> Iterator[Ellipsoid]:
+def _start_ellipsoids(samples: Samples, site: Site | None, alone: Estimate | None) -> Iterator[Ellipsoid]:
     """Yield ellipsoids to start from: that of the magnetometer alone, and spheres about the readings."""
     if alone is not None and not alone.plane and not alone.unobserved:
         yield alone.ellipsoid
     yield from spheres_about(samples.field, None if site is None else site.strength)
 
 
-def _refuse_nothing(problem: JointProblem, samples: Samples) -> None:
+def _refuse_empty_column(problem: JointProblem, samples: Samples) -> None:
     """Refuse an aiding column without valid values.
 
     Raises `FitError`, which names the column.
@@ -390,10 +391,10 @@ def _whole_intervals(delay_s: float, interval_s: float) -> int:
     return round(delay_s / interval_s) if interval_s > 0.0 else 0
 
 
-def _moved_back(rate: Floats, rows: int) -> Floats:
+def _shift_rate(rate: Floats, rows: int) -> Floats:
     """(N, 3) rates shifted by `rows` readings to later times; NaN where none was recorded.
 
-    >>> _moved_back(np.array([[1.0], [2.0], [3.0]]), 1).ravel()
+    >>> _shift_rate(np.array([[1.0], [2.0], [3.0]]), 1).ravel()
     array([nan,  1.,  2.])
     """
     moved = np.roll(rate, rows, axis=0).astype(float)
@@ -416,15 +417,15 @@ def refuse_without(samples: Samples, terms: Iterable[str]) -> None:
                 )
 
 
-def _finished(problem: JointProblem, iterate: JointIterate) -> Aided:
+def _compute_claims(problem: JointProblem, iterate: JointIterate) -> Aided:
     """Subtract the bias by the sphere's curvature, and compute the claims."""
-    steps = GLANCE if problem.is_long else CORRECTED
-    iterate, equations = _spanned(problem, *bias_corrected(problem, iterate, steps=steps))
+    steps = LONG_CORRECTION_STEPS if problem.is_long else CORRECTED
+    iterate, equations = _weight_verticals(problem, *bias_corrected(problem, iterate, steps=steps))
     inverse = _inverse(equations)
     walk = random_walk_of(problem, iterate, inverse)
-    for _ in range(WALKED):
+    for _ in range(MAX_WALK_ESTIMATES):
         iterate = replace(iterate, weights=iterate.weights._replace(own=walk.own))
-        if (problem.is_long and walk.variance == 0.0) or _left(equations, walk.bent) < STILL:
+        if (problem.is_long and walk.variance == 0.0) or _next_step_length(equations, walk.bent) < MIN_WALK_STEP:
             break
         iterate, equations = bias_corrected(problem, iterate, walk.bent)
         inverse = _inverse(equations)
@@ -453,17 +454,19 @@ def _finished(problem: JointProblem, iterate: JointIterate) -> Aided:
         math.sqrt(walk.variance / max(problem.interval, 1e-9)),
         seen,
         scatter.excess_variance,
-        _site_off(problem, iterate, covariance),
+        _site_difference(problem, iterate, covariance),
         gravity_reading=1.0 if problem.accelerometer is None else problem.accelerometer.scale,
     )
 
 
-def _spanned(problem: JointProblem, iterate: JointIterate, equations: Equations) -> tuple[JointIterate, Equations]:
+def _weight_verticals(
+    problem: JointProblem, iterate: JointIterate, equations: Equations
+) -> tuple[JointIterate, Equations]:
     """Weight verticals by their correlation length, so that correlated ones do not outweigh the priors."""
-    for _ in range(SPANNED):
+    for _ in range(MAX_SPAN_ESTIMATES):
         span = span_of(iterate)
-        is_same = abs(math.log(span.readings / iterate.weights.span)) < SAME_SPAN
-        if is_same and (not problem.is_long or _left(equations) < EASED):
+        is_same = abs(math.log(span.readings / iterate.weights.span)) < MAX_SPAN_CHANGE
+        if is_same and (not problem.is_long or _next_step_length(equations) < EASED):
             break
         if not is_same:
             iterate = replace(iterate, weights=iterate.weights._replace(span=span.readings))
@@ -473,7 +476,7 @@ def _spanned(problem: JointProblem, iterate: JointIterate, equations: Equations)
     return iterate, equations
 
 
-def _left(equations: Equations, bias: Floats | float = 0.0) -> float:
+def _next_step_length(equations: Equations, bias: Floats | float = 0.0) -> float:
     """Length of the next step in standard deviations."""
     gradient = equations.unbiased(bias).gradient + equations.prior.gradient
     return math.sqrt(max(float(gradient @ _inverse(equations) @ gradient), 0.0))
@@ -484,7 +487,7 @@ def _inverse(equations: Equations) -> Floats:
     return replace(equations.prior, matrix=equations.matrix + equations.prior.matrix).inverse()
 
 
-def _site_off(problem: JointProblem, iterate: JointIterate, covariance: Floats) -> float | None:
+def _site_difference(problem: JointProblem, iterate: JointIterate, covariance: Floats) -> float | None:
     """Difference of the estimated dip from that of the site, in the latter's standard deviations, or None."""
     if problem.site is None or problem.site.sine is None:
         return None

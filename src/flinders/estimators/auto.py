@@ -90,7 +90,7 @@ class Auto:
 
     def recorded(self, readings: Readings, *, statistics: int = 1) -> Records:
         """Record of the engine for the fit of `estimate`, of readings in memory."""
-        robust, level = 2 if self.robust else 1, levelness(readings)
+        robust, level = 2 if self.robust else 1, level_option(readings)
         return recorded(readings, self.prior, robust=robust, level=level, dip_deg=self.dip_deg, statistics=statistics)
 
     def _from_sums(self, readings: Readings) -> Estimate:
@@ -102,7 +102,7 @@ class Auto:
         return Consistent().estimate(readings)
 
 
-def levelness(readings: Readings) -> int:
+def level_option(readings: Readings) -> int:
     """Option ``level`` of the engine by an accelerometer: 0 for no level turn, 2 for a level turn, 1 if not known."""
     recording = readings.recording
     if not isinstance(recording, Samples) or recording.acceleration is None:

@@ -121,13 +121,13 @@ def beyond_chance(difference: Floats, covariance: Floats) -> Floats:
     return beyond
 
 
-LONGEST_LAG: Final = 1000
+MAX_LAG: Final = 1000
 """Largest lag in readings: twenty seconds at 50 Hz, longer than a turn by hand."""
 
-PARTNERS: Final = 0.75
+MIN_PAIR_SHARE: Final = 0.75
 """Smallest number of pairs at a lag, relative to the number of readings; with fewer the sum would be too small."""
 
-SIGNIFICANT: Final = 2.0
+MIN_CORRELATION_ERRORS: Final = 2.0
 """Smallest significant correlation in standard errors."""
 
 BLOCKS: Final = 8
@@ -162,23 +162,23 @@ class Residuals:
     def autocovariance(self) -> Floats:
         """(K,) autocovariance C(0), C(1), … to the lag at which it is below its noise; C(0) for white residuals."""
         total = len(self.distances)
-        most = self._longest_lag()
-        if abs(self.lag_one()) < SIGNIFICANT / np.sqrt(total) or most < 2:
+        most = self._max_lag()
+        if abs(self.lag_one()) < MIN_CORRELATION_ERRORS / np.sqrt(total) or most < 2:
             return self.variance()
         sums = np.zeros(most)
         for segment in self.segments:
             spectrum = np.fft.rfft(self.distances[segment], 2 * len(segment))
             products = np.fft.irfft(np.abs(spectrum) ** 2)[: min(most, len(segment))]
             sums[: len(products)] += products
-        sunk = np.flatnonzero(sums < SIGNIFICANT / np.sqrt(total) * sums[0])
+        sunk = np.flatnonzero(sums < MIN_CORRELATION_ERRORS / np.sqrt(total) * sums[0])
         return sums[: sunk[0] if len(sunk) else most] / total
 
-    def _longest_lag(self) -> int:
+    def _max_lag(self) -> int:
         """Largest lag at which enough readings have a partner in their segment."""
         lengths = np.array([len(segment) for segment in self.segments])
-        lags = np.arange(1, min(int(lengths.max()), LONGEST_LAG) + 1)
+        lags = np.arange(1, min(int(lengths.max()), MAX_LAG) + 1)
         partners = np.maximum(lengths - lags[:, np.newaxis], 0).sum(axis=1)
-        return int(np.count_nonzero(partners >= PARTNERS * lengths.sum()))
+        return int(np.count_nonzero(partners >= MIN_PAIR_SHARE * lengths.sum()))
 
     def scatter(self, autocovariance: Floats) -> Floats:
         """(9, 9) scatter Σᵢⱼ JᵢJⱼᵀ C(i − j), with the products of Jacobians interpolated between a few lags."""
@@ -190,7 +190,7 @@ class Residuals:
                 rows = self.jacobian[segment]
                 product = rows[:-lag].T @ rows[lag:]
                 total += weight * (product + product.T)
-        return total if not lags else _not_below(total, white)
+        return total if not lags else _raise_eigenvalues(total, white)
 
     def excess_variance(self, scatter: Floats) -> float:
         """Factor by which the scatter of blocks exceeds a (9, 9) scatter of the whole, in variance; at least 1.
@@ -199,7 +199,7 @@ class Residuals:
         9 − Σ tr (N⁻¹Nᵦ)² about a fit, and a variance of twice that sum. The result is the largest ratio of q to its
         mean, of eight and of four blocks, that chance does not explain.
         """
-        values, vectors = _principal(scatter)
+        values, vectors = _principal_axes(scatter)
         rows = self.jacobian @ (vectors / np.sqrt(values))  # in which B is the unit matrix
         blocks = np.array_split(np.arange(len(rows)), BLOCKS)
         gradients = np.stack([self.distances[block] @ rows[block] for block in blocks])
@@ -232,13 +232,13 @@ def largest_excess(gradients: Floats, squares: Floats, inverse: Floats) -> float
     return largest
 
 
-def _not_below(scatter: Floats, white: Floats) -> Floats:
+def _raise_eigenvalues(scatter: Floats, white: Floats) -> Floats:
     """Bound the eigenvalues of a scatter matrix from below, relative to the scatter of white residuals.
 
     A truncated autocovariance is not positive definite, and few independent readings give a noisy sum. In units of the
     white scatter, the eigenvalues are raised to at least one, and to at least a quarter of their mean.
     """
-    values, vectors = _principal(white)
+    values, vectors = _principal_axes(white)
     inverse = vectors / np.sqrt(values)
     inflation, turned = np.linalg.eigh(inverse.T @ scatter @ inverse)
     inflation = np.maximum(inflation, max(1.0, float(inflation.mean()) / 4.0))
@@ -247,7 +247,7 @@ def _not_below(scatter: Floats, white: Floats) -> Floats:
     return bounded
 
 
-def _principal(matrix: Floats) -> tuple[Floats, Floats]:
+def _principal_axes(matrix: Floats) -> tuple[Floats, Floats]:
     """(k,) values and (9, k) V with VᵀMV = diag(values) for a symmetric M, without directions of rounding."""
     diagonal = np.diag(matrix)
     observed = diagonal > ROUNDING * float(diagonal.max())

@@ -69,13 +69,13 @@ HELD: Final = 500_000
 A longer recording is read again in each pass, and fits use every second, third … reading."""
 
 
-def _consumed(blocks: deque[Samples]) -> Iterator[Samples]:
+def _release_blocks(blocks: deque[Samples]) -> Iterator[Samples]:
     """Yield blocks, and release each from memory."""
     while blocks:
         yield blocks.popleft()
 
 
-def together(recordings: Sequence[Recording]) -> tuple[Recording, Sequence[Recording]]:
+def join_with_parts(recordings: Sequence[Recording]) -> tuple[Recording, Sequence[Recording]]:
     """Join several recordings; returns the whole and its parts.
 
     If all are in memory and not too long, the whole is in memory and the parts are views of it. Otherwise the whole
@@ -124,7 +124,7 @@ class WithinRange(Wrapped):
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Flat(Wrapped):
+class PlanarRecording(Wrapped):
     """A recording projected to a plane: x and y are the axes of the plane, z is constant."""
 
     recording: Recording
@@ -142,7 +142,7 @@ class Flat(Wrapped):
 
 def laid_flat(readings: Readings, plane: Plane, height: float = 0.0) -> Readings:
     """Readings projected to a plane at a constant height; their summary stays that of all readings."""
-    return readings.through(lambda recording: Flat(recording, plane, height))
+    return readings.through(lambda recording: PlanarRecording(recording, plane, height))
 
 
 def within_range(readings: Readings) -> Readings:
@@ -232,14 +232,14 @@ class Readings:
             begun.append(block)
             rows += len(block)
             if rows > room:
-                return cls(Summary.over(chain(_consumed(begun), blocks)), recording)
+                return cls(Summary.over(chain(_release_blocks(begun), blocks)), recording)
         whole = concatenated(begun, recording)
         return cls(Summary.deferred(whole), whole)
 
     @classmethod
     def _of_parts(cls, summary: Summary, parts: Sequence[Readings]) -> Self:
         """Join the readings of several recordings."""
-        whole, each = together([part.recording for part in parts if part.recording is not None])
+        whole, each = join_with_parts([part.recording for part in parts if part.recording is not None])
         return cls(summary, whole, tuple(replace(part, recording=own) for part, own in zip(parts, each, strict=True)))
 
     def __len__(self) -> int:
@@ -390,7 +390,7 @@ def recording_of(
         if columns is not None:
             raise UsageError("columns are chosen when a recording is read: leave them out", hint={"columns": None})
         return cast("Recording | Summary", source), name
-    if not _is_read(source):
+    if not _needs_reader(source):
         if columns is not None:
             raise UsageError("an array has no named columns: give only those of the magnetometer, (N, 3)")
         return Samples.of(source, unit=unit or COUNTS, axes=axes or Axes()), name
@@ -407,7 +407,7 @@ def recording_of(
     return recording, getattr(recording, "name", "") or name
 
 
-def _is_read(source: object) -> bool:
+def _needs_reader(source: object) -> bool:
     """Whether a source is for `flinders.read`; the readers are not imported for an array."""
     if isinstance(source, np.ndarray):
         return source.dtype.names is not None

@@ -70,10 +70,10 @@ if TYPE_CHECKING:
     from flinders.estimators.time_delay import Lag
     from flinders.geometry.ellipsoid import Ellipsoid
 
-LEANT: Final = 0.5
+MIN_LEVERAGE: Final = 0.5
 """Leverage from which a reading determines the surface near it more than all others together."""
 
-MOST_LEVERAGE: Final = 0.99
+MAX_LEVERAGE: Final = 0.99
 """Largest leverage in the estimate of a reading's error, which diverges at 1."""
 
 
@@ -164,10 +164,10 @@ def fit_disturbances(
         return DisturbanceFit((), *nothing, without.at.ellipsoid, without.noise, without.noise, (), constant)
     lags, near = lags_of(logged, moving, prior_spread)
     problem = DisturbanceProblem(logged, moving, prior_spread, proven_lags(lags))
-    return _identified(problem, settle(problem, near), lags, without, constant)
+    return _make_fit(problem, settle(problem, near), lags, without, constant)
 
 
-def _identified(
+def _make_fit(
     problem: DisturbanceProblem, solved: Solved, lags: dict[str, Lag], without: Solved, constant: tuple[str, ...]
 ) -> DisturbanceFit:
     """Make the result, with a covariance by the residuals."""
@@ -176,7 +176,7 @@ def _identified(
     matrix = residuals.jacobian.T @ residuals.jacobian / solved.noise**2 + believed
     inverse = NormalEquations(matrix, np.zeros(len(matrix)), 0.0, 0).inverse()
     scatter = residuals.scatter(residuals.autocovariance()) / solved.noise**4
-    covariance = _metered(problem, solved, inverse @ (scatter + believed) @ inverse, inverse)
+    covariance = _add_meter_errors(problem, solved, inverse @ (scatter + believed) @ inverse, inverse)
     plain = NormalEquations(matrix[:9, :9], np.zeros(9), 0.0, 0).inverse()
     disturbances = _disturbances(problem, solved)
     return DisturbanceFit(
@@ -185,15 +185,15 @@ def _identified(
         -plain @ matrix[:9, 9:],
         solved.at.ellipsoid,
         solved.noise,
-        _noise_on(without, solved.used),
+        _rms_over(without, solved.used),
         tuple(_estimate(problem, solved, (inverse, covariance), each, lags.get(each.name)) for each in disturbances),
         constant,
-        _along(problem),
-        _leaning(solved, matrix),
+        _motor_slopes(problem),
+        _leverage_covariance(solved, matrix),
     )
 
 
-def _leaning(solved: Solved, matrix: Floats) -> Floats:
+def _leverage_covariance(solved: Solved, matrix: Floats) -> Floats:
     """(9, 9) covariance of offset and shape, for known disturbances, by readings of high leverage.
 
     A reading of leverage h pulls the surface to itself; its error is estimated from its distance s as s/(1 − h). The
@@ -202,8 +202,8 @@ def _leaning(solved: Solved, matrix: Floats) -> Floats:
     """
     rows, distances = solved.jacobian[solved.used], solved.distances[solved.used]
     inverse = NormalEquations(matrix, np.zeros(len(matrix)), 0.0, len(rows)).inverse() / solved.noise**2
-    leverage = np.minimum(np.einsum("ij,jk,ik->i", rows, inverse, rows), MOST_LEVERAGE)
-    leant = leverage > LEANT
+    leverage = np.minimum(np.einsum("ij,jk,ik->i", rows, inverse, rows), MAX_LEVERAGE)
+    leant = leverage > MIN_LEVERAGE
     off = distances[leant] / (1.0 - leverage[leant])
     plain = NormalEquations(matrix[:9, :9], np.zeros(9), 0.0, len(rows)).inverse() / solved.noise**2
     moved = (rows[leant, :9] * off[:, np.newaxis]) @ plain
@@ -211,7 +211,7 @@ def _leaning(solved: Solved, matrix: Floats) -> Floats:
     return sensitivity
 
 
-def _metered(problem: DisturbanceProblem, solved: Solved, covariance: Floats, inverse: Floats) -> Floats:
+def _add_meter_errors(problem: DisturbanceProblem, solved: Solved, covariance: Floats, inverse: Floats) -> Floats:
     """(9 + K, 9 + K) covariance with the effect of noise and rounding of the meters.
 
     A rounding error is constant while the meter shows one value, so it also has a common effect on these readings.
@@ -220,7 +220,7 @@ def _metered(problem: DisturbanceProblem, solved: Solved, covariance: Floats, in
     normals = solved.jacobian[used, :3]
     squares, turned = np.linalg.eigh(normals.T @ normals)
     per_variance = turned * np.sqrt(np.maximum(squares, 0.0)) / solved.noise
-    noises = _noises(problem, solved)
+    noises = _meter_noises(problem, solved)
     meters, pulled = [], np.zeros_like(inverse)
     for place, name in enumerate(problem.names):
         rounded, setting = rounding(problem.logged.values[name], name)
@@ -236,7 +236,7 @@ def _metered(problem: DisturbanceProblem, solved: Solved, covariance: Floats, in
     return widened(covariance, inverse, coefficients, meters) + pulled
 
 
-def _noises(problem: DisturbanceProblem, solved: Solved) -> dict[str, Noise]:
+def _meter_noises(problem: DisturbanceProblem, solved: Solved) -> dict[str, Noise]:
     """Noise of each meter; meters of single motors have a common noise."""
     used, departures, noises = solved.used, problem.departures, {}
     for place, name in enumerate(problem.names):
@@ -247,7 +247,7 @@ def _noises(problem: DisturbanceProblem, solved: Solved) -> dict[str, Noise]:
     return noises
 
 
-def _along(problem: DisturbanceProblem) -> Floats:
+def _motor_slopes(problem: DisturbanceProblem) -> Floats:
     """(D, D) slopes through zero between the columns of motors of one kind; otherwise the unit matrix."""
     departures = problem.departures
     products = departures.T @ departures
@@ -304,7 +304,7 @@ def _estimate(
     )
 
 
-def _noise_on(solved: Solved, used: NDArray[np.bool_]) -> float:
+def _rms_over(solved: Solved, used: NDArray[np.bool_]) -> float:
     """Root mean square distance of a solution over the readings that another solution used."""
     return float(np.sqrt(np.mean(solved.distances[used] ** 2)))
 

@@ -48,31 +48,31 @@ if TYPE_CHECKING:
     from flinders.estimators.regressors import Logged
     from flinders.likelihood.solver import Equations
 
-ROUGHLY: Final = 1_000
+MAX_START_READINGS: Final = 1_000
 """Largest number of readings for the search of a start."""
 
-NO_WORSE: Final = 0.01
+MAX_COST_INCREASE: Final = 0.01
 """Largest increase of χ² by an accepted step, as the Jacobian is that of the surface instead of the cost."""
 
-SETTLED: Final = 1e-5
+LAST_STEP_SIGMAS: Final = 1e-5
 """Length of the last step in standard deviations; steps converge slowly if a disturbance follows the attitude."""
 
-FINEST: Final = 1e-9
+MIN_SCALE: Final = 1e-9
 """Smallest scale of the residuals, relative to the radius."""
 
-FAR: Final = 4.0
+OUTLIER_SIGMAS: Final = 4.0
 """Distance of an outlier in robust standard deviations."""
 
-CAUCHY: Final = 2.4
+CAUCHY_SIGMAS: Final = 2.4
 """Distance in robust standard deviations at which the weight of a reading is one half at first."""
 
-FEWEST_KEPT: Final = 0.5
+MIN_INLIER_SHARE: Final = 0.5
 """Smallest fraction of the readings that are inliers."""
 
 WEAK: Final = 1.0
 """Prior standard deviation of a disturbance over its recorded range, relative to the field."""
 
-GROWTH: Final = 0.005
+GROWTH_SIGMA: Final = 0.005
 """Prior standard deviation of the relative growth of the scale per °C."""
 
 
@@ -141,7 +141,7 @@ class CompensatedReadings:
         """Robust standard deviation of the distances of inliers."""
         distances = self.distances(at)
         counted = distances if self.inliers is None else distances[self.inliers]
-        return max(robust_sigma(counted), FINEST * at.ellipsoid.radius)
+        return max(robust_sigma(counted), MIN_SCALE * at.ellipsoid.radius)
 
     def at(self, _: DisturbedSurface) -> Self:
         """The same observations, which do not depend on the parameters."""
@@ -150,7 +150,7 @@ class CompensatedReadings:
     def linearised(self, at: DisturbedSurface, _: Floats, __: ParameterLayout, scale: float) -> Linearised:
         """Normal equations of iteratively reweighted least squares, without own directions."""
         scaled = self.distances(at) / scale
-        weights = 1.0 / (1.0 + (scaled / CAUCHY) ** 2) if self.inliers is None else self.inliers.astype(float)
+        weights = 1.0 / (1.0 + (scaled / CAUCHY_SIGMAS) ** 2) if self.inliers is None else self.inliers.astype(float)
         rows = self.jacobian(at) / scale
         weighted = rows * weights[:, np.newaxis]
         return Linearised.without_directions(weighted.T @ rows, weighted.T @ scaled, self._loss(scaled))
@@ -162,7 +162,7 @@ class CompensatedReadings:
     def _loss(self, scaled: Floats) -> float:
         """Σ ρ of (N,) scaled distances."""
         if self.inliers is None:
-            return float(CAUCHY**2 * np.log1p((scaled / CAUCHY) ** 2).sum())
+            return float(CAUCHY_SIGMAS**2 * np.log1p((scaled / CAUCHY_SIGMAS) ** 2).sum())
         return float(scaled[self.inliers] @ scaled[self.inliers])
 
 
@@ -175,8 +175,8 @@ class _Fit:
 
     readings: CompensatedReadings
     spread: float  # of the prior of the shape
-    tolerance: ClassVar[float] = NO_WORSE
-    settled: ClassVar[float] = SETTLED
+    tolerance: ClassVar[float] = MAX_COST_INCREASE
+    settled: ClassVar[float] = LAST_STEP_SIGMAS
 
     @property
     def layout(self) -> ParameterLayout:
@@ -190,7 +190,7 @@ class _Fit:
         ranges = np.maximum(np.abs(self.readings.departures).max(axis=0, initial=0.0), np.finfo(float).tiny)
         precision = np.repeat((ranges / (WEAK * at.ellipsoid.radius)) ** 2, 3)
         if self.readings.warmth is not None:
-            precision = np.append(precision, 1.0 / GROWTH**2)
+            precision = np.append(precision, 1.0 / GROWTH_SIGMA**2)
         values = np.append(at.disturbances.ravel(), [] if self.readings.warmth is None else [at.slope])
         matrix[:9, :9], gradient[:9] = shape.matrix, shape.gradient
         matrix[9:, 9:], gradient[9:] = np.diag(precision), -precision * values
@@ -251,11 +251,11 @@ class Solved:
 def settle(problem: DisturbanceProblem, start: Solved | None = None) -> Solved:
     """Solve robustly from the best of a few starts or from `start`, then without outliers."""
     readings = problem.readings
-    at = _start(readings.thinned(ROUGHLY), problem.spread) if start is None else start.at
-    used = _near(readings.distances(at))
+    at = _start(readings.thinned(MAX_START_READINGS), problem.spread) if start is None else start.at
+    used = _find_inliers(readings.distances(at))
     for _ in range(3):
         at = _Fit(replace(readings, inliers=used), problem.spread).solved(at)
-        again = _near(readings.distances(at))
+        again = _find_inliers(readings.distances(at))
         if np.array_equal(again, used):
             break
         used = again
@@ -266,12 +266,12 @@ def _start(readings: CompensatedReadings, spread: float) -> DisturbedSurface:
     """Best solution from two spheres: about readings, and about readings compensated by steps of the disturbances."""
     shifts: list[Floats] = [np.zeros((readings.departures.shape[1], 3))]
     if readings.departures.shape[1]:
-        shifts.append(_by_steps(readings))
+        shifts.append(_shifts_from_steps(readings))
     solutions = [_Fit(readings, spread).solved(_sphere(readings, shift)) for shift in shifts]
     return min(solutions, key=lambda at: robust_sigma(readings.distances(at)))
 
 
-def _by_steps(readings: CompensatedReadings) -> Floats:
+def _shifts_from_steps(readings: CompensatedReadings) -> Floats:
     """(K, 3) P from differences of neighbouring readings, as the attitude hardly changes while a disturbance jumps."""
     wide = max(1, len(readings.field) // 2000)
     steps, moved = (values[wide:] - values[:-wide] for values in (readings.departures, readings.field))
@@ -279,10 +279,10 @@ def _by_steps(readings: CompensatedReadings) -> Floats:
     return shifts
 
 
-def _near(distances: Floats) -> NDArray[np.bool_]:
+def _find_inliers(distances: Floats) -> NDArray[np.bool_]:
     """(N,) whether each reading is an inlier, by its distance from the surface."""
     size = np.abs(distances)
-    limit = max(FAR * robust_sigma(distances), float(np.quantile(size, FEWEST_KEPT)))
+    limit = max(OUTLIER_SIGMAS * robust_sigma(distances), float(np.quantile(size, MIN_INLIER_SHARE)))
     near: NDArray[np.bool_] = size <= max(limit, np.finfo(float).tiny)
     return near
 

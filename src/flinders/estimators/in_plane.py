@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     from flinders.estimators.data import Readings
     from flinders.geometry.plane import Plane
 
-_ENTRIES = ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))
+_ENTRY_PAIRS = ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))
 
 
 class NotAnEllipse(NotAnEllipsoid):
@@ -106,7 +106,7 @@ def lifted(
     shape = level.shape / np.cos(dip)
     if field_strength is not None:
         shape[2, 2] = field_strength
-    lift = lift_of(float(dip))
+    lift = lift_matrix(float(dip))
     order = order_of(plane)
     unclaimed = np.hypot(float(readings.summary.moments.mean[order[2]]), shape[2, 2])
     there = [order.index(axis) for axis in range(3)]
@@ -125,7 +125,7 @@ def lifted(
     )
 
 
-def lift_of(dip: float) -> Floats:
+def lift_matrix(dip: float) -> Floats:
     """(9, 9) matrix from the parameters of an equator to those of the ellipsoid with this ellipse at a dip in rad."""
     lift = np.eye(9)
     lift[3:, 3:] /= np.cos(dip)
@@ -144,5 +144,5 @@ def lifted_covariance(covariance: Floats, lift: Floats, unclaimed: float) -> Flo
 
 def _parameters(there: list[int]) -> list[int]:
     """Indices, in the nine parameters of the plane's frame, of the sensor's parameters in order."""
-    entries = [_ENTRIES.index((min(pair), max(pair))) for pair in ((there[i], there[j]) for i, j in _ENTRIES)]
+    entries = [_ENTRY_PAIRS.index((min(pair), max(pair))) for pair in ((there[i], there[j]) for i, j in _ENTRY_PAIRS)]
     return [*there, *(3 + entry for entry in entries)]

@@ -53,7 +53,7 @@ if TYPE_CHECKING:
     from flinders.arrays import Floats
     from flinders.likelihood.joint import JointIterate, JointProblem
 
-INFORMATION_READINGS: Final = 2000
+MAX_INFORMATION_READINGS: Final = 2000
 """Largest number of readings from which spurious information is computed."""
 
 MOST: Final = 0.9
@@ -64,11 +64,11 @@ def spurious_information_of(problem: JointProblem, iterate: JointIterate) -> Flo
     """(P, P) spurious information by noise in the normal matrix."""
     size = problem.layout.size
     total = np.zeros((size, size))
-    every = max(1, -(-sum(group.rows.size for group in iterate.groups) // INFORMATION_READINGS))
+    every = max(1, -(-sum(group.rows.size for group in iterate.groups) // MAX_INFORMATION_READINGS))
     for group, directions in zip(iterate.groups, iterate.directions, strict=True):
         some, towards = group.every(every), directions[::every]
         seen = len(directions) / len(towards)
-        for first, second in _moved(some, towards, problem, iterate):
+        for first, second in _noisy_jacobians(some, towards, problem, iterate):
             moved = 0.5 * (first - second).transpose(3, 1, 0, 2).reshape(size, -1)
             total += seen * (moved @ moved.T)
     return total
@@ -93,7 +93,7 @@ def without(matrix: Floats, spurious: Floats, believed: Floats) -> Floats:
     return less
 
 
-def _moved(
+def _noisy_jacobians(
     group: ObservationGroup, directions: Floats, problem: JointProblem, iterate: JointIterate
 ) -> Iterator[tuple[Floats, Floats]]:
     """Yield pairs of Jacobians with each kind of noise changed by plus and minus one standard deviation."""
@@ -116,24 +116,24 @@ def _moved(
         yield jacobian(replace(group, down=up), directions), jacobian(replace(group, down=down), directions)
 
 
-MOST_WALKED: Final = 0.1
+MAX_WALK_RAD: Final = 0.1
 """Largest random walk in rad within a window for the bias correction, which is of second order."""
 
-MOST_LIFTED: Final = 0.8
+MAX_WALK_SHARE: Final = 0.8
 """Largest fraction of the variance of verticals' residuals that is attributed to a walk."""
 
-COARSE: Final = 25
+WALK_STEPS: Final = 25
 """Number of steps in a window from which the size of a walk is estimated."""
 
-LOOKED_AT: Final = 20_000
+MAX_CORRELATION_READINGS: Final = 20_000
 """Largest number of readings from which the correlation of residuals is estimated."""
 
-FADING: Final = 10 * MARGIN
+FADING_READINGS: Final = 10 * MARGIN
 """Readings before and after outliers in which their field can fade: five seconds at 50 Hz."""
 
 
 @dataclass(slots=True, eq=False)
-class _Evidence:
+class _Sums:
     """Sums over parts of the recording, to which each group is added."""
 
     scatter: Floats  # (P, P): of the gradient
@@ -203,7 +203,7 @@ def span_of(iterate: JointIterate) -> CorrelationLength:
             observed = group.trust > 0.0
             rows.append(group.rows[observed])
             residuals.append(vertical[..., 0][observed] * np.sqrt(group.trust[observed]))
-            left = _left_of(own_of(group, iterate.at, directions, iterate.weights))[observed]
+            left = _share_left(own_of(group, iterate.at, directions, iterate.weights))[observed]
             expected += float(np.sum(left**2 + span * (left - left**2)))
     if not rows:
         return CorrelationLength(1.0, iterate.weights.vertical)
@@ -213,7 +213,7 @@ def span_of(iterate: JointIterate) -> CorrelationLength:
     return CorrelationLength(max(1.0, time_of(alone.autocovariance())), noise)
 
 
-def _left_of(own: Floats) -> Floats:
+def _share_left(own: Floats) -> Floats:
     """(W, n) share of each vertical's residual that the fitted direction leaves, from the Jacobian of `own_of`."""
     upright = orthonormal(own)[0][:, 3]
     left: Floats = 1.0 - np.einsum("wna,wna->wn", upright, upright)
@@ -231,8 +231,8 @@ def random_walk_of(problem: JointProblem, iterate: JointIterate, textbook: Float
         rows = rows_of(group, iterate.at, directions, problem.layout, iterate.weights)
         jacobian, residual = projected(rows)
         pushes = walked.pushes(group, iterate.at, directions, iterate.weights)
-        pulled = _later(jacobian, pushes)
-        walks += _walks(rows, residual, pushes, pulled, textbook)
+        pulled = _sum_later(jacobian, pushes)
+        walks += _walk_score(rows, residual, pushes, pulled, textbook)
         pulled[:, 0] = 0.0  # a window begins where its direction is
         flat = pulled.transpose(3, 2, 0, 1).reshape(size, -1)
         steps += flat @ flat.T
@@ -240,11 +240,11 @@ def random_walk_of(problem: JointProblem, iterate: JointIterate, textbook: Float
         bent += walked.mean_gradient(whole, group, iterate.at, directions, problem.layout, iterate.weights)
         longest = max(longest, pushes.shape[2])
         if group.down is not None and group.attitudes is None and group.trust is not None:
-            lifted += _lifted(rows, pushes)
+            lifted += _walk_squares(rows, pushes)
             heights += float(np.count_nonzero(group.trust))
     variance = max(float(walks[0] / walks[1]), 0.0) if walks[1] > 0.0 else 0.0
-    own = 1.0 - min(variance * lifted / max(heights, 1.0), MOST_LIFTED)
-    return DirectionRandomWalk(variance, min(variance, MOST_WALKED**2 / longest) * bent, own, steps)
+    own = 1.0 - min(variance * lifted / max(heights, 1.0), MAX_WALK_SHARE)
+    return DirectionRandomWalk(variance, min(variance, MAX_WALK_RAD**2 / longest) * bent, own, steps)
 
 
 def scatter_of(problem: JointProblem, iterate: JointIterate, walk: DirectionRandomWalk) -> Scatter:
@@ -253,10 +253,10 @@ def scatter_of(problem: JointProblem, iterate: JointIterate, walk: DirectionRand
     `iterate`: state at convergence; `walk`: random walk of the same fit.
     """
     size = problem.layout.size
-    evidence = _Evidence.of(size)
-    fading = _fading_of(iterate.groups)
+    evidence = _Sums.of(size)
+    fading = _near_outliers(iterate.groups)
     readings = len(fading)
-    looked, chosen = _looked_at(iterate.groups)
+    looked, chosen = _choose_groups(iterate.groups)
     for index, (group, directions) in enumerate(zip(iterate.groups, iterate.directions, strict=True)):
         rows = rows_of(group, iterate.at, directions, problem.layout, iterate.weights)
         jacobian, residual = projected(rows)
@@ -265,13 +265,15 @@ def scatter_of(problem: JointProblem, iterate: JointIterate, walk: DirectionRand
         if group.turned is not None:
             evidence.scatter += squares
         elif index in chosen:
-            evidence.scatter += looked * _autocorrelated(rows, _free(rows.own[:, :, 0], iterate.at.direction))
+            evidence.scatter += looked * _autocorrelated_scatter(
+                rows, _free_directions(rows.own[:, :, 0], iterate.at.direction)
+            )
     evidence.scatter += walk.variance * walk.steps
     excess = _excess_variance(evidence)
     return Scatter(evidence.scatter, excess, _fading_scatter(evidence, excess))
 
 
-def _later(rows: Floats, pushes: Floats) -> Floats:
+def _sum_later(rows: Floats, pushes: Floats) -> Floats:
     """(W, n, 3, m) sums over reading j and all later ones of (W, k, n, m) rows times their `pushes`."""
     windows, _, n, width = rows.shape
     products = np.empty((width, 3, windows, n)).transpose(2, 3, 1, 0)
@@ -280,19 +282,19 @@ def _later(rows: Floats, pushes: Floats) -> Floats:
     return summed
 
 
-def _walks(rows: ObservationRows, residual: Floats, pushes: Floats, pulled: Floats, textbook: Floats) -> Floats:
+def _walk_score(rows: ObservationRows, residual: Floats, pushes: Floats, pulled: Floats, textbook: Floats) -> Floats:
     """(2,) score and information of the variance of a walk in rad² per reading; their ratio is the estimate.
 
     For residuals r = P(n + Σ w_j φ_j), where P removes fitted directions and parameters, Σ (w_jᵀr)² has the mean
     Σ w_jᵀPw_j + s Σ (w_jᵀPw_l)². The sums are over a subset of the steps j.
     """
-    stride = max(1, pushes.shape[2] // COARSE)
+    stride = max(1, pushes.shape[2] // WALK_STEPS)
     starts = slice(stride // 2, None, stride)
-    seen = _later(residual[..., np.newaxis], pushes)[:, starts, :, 0]
+    seen = _sum_later(residual[..., np.newaxis], pushes)[:, starts, :, 0]
     own = rows.own.reshape(len(rows.own), -1, 2)
     inverse = inverse_of(np.swapaxes(own, 1, 2) @ own)
-    of_own, of_all = _later(rows.own, pushes)[:, starts], pulled[:, starts]
-    squares = _later(pushes, pushes)[:, starts]
+    of_own, of_all = _sum_later(rows.own, pushes)[:, starts], pulled[:, starts]
+    squares = _sum_later(pushes, pushes)[:, starts]
     lumps = squares.shape[1]
     last = np.maximum.outer(np.arange(lumps), np.arange(lumps))
     gram = squares[:, last].transpose(0, 1, 3, 2, 4).reshape(len(own), 3 * lumps, 3 * lumps)
@@ -302,24 +304,24 @@ def _walks(rows: ObservationRows, residual: Floats, pushes: Floats, pulled: Floa
     return np.array([score, stride * float(np.sum(gram**2))])
 
 
-def _lifted(rows: ObservationRows, pushes: Floats) -> float:
+def _walk_squares(rows: ObservationRows, pushes: Floats) -> float:
     """Sum of the squared residuals of verticals by a walk of 1 rad² per reading, with fitted directions."""
     own = rows.own.reshape(len(rows.own), -1, 2)
     inverse = inverse_of(np.swapaxes(own, 1, 2) @ own)
     upright, raised = rows.own[:, 3:], pushes[:, 3:]
     of_uprights = upright.reshape(len(own), -1, 2)
-    taken = _later(rows.own, pushes) @ inverse[:, np.newaxis]  # (W, n, 3, 2): change of the direction by each step
-    squares = np.trace(_later(raised, raised), axis1=2, axis2=3).sum()
-    crossed = np.sum(_later(upright, raised) * taken)
+    taken = _sum_later(rows.own, pushes) @ inverse[:, np.newaxis]  # (W, n, 3, 2): change of the direction by each step
+    squares = np.trace(_sum_later(raised, raised), axis1=2, axis2=3).sum()
+    crossed = np.sum(_sum_later(upright, raised) * taken)
     of_own = np.swapaxes(of_uprights, 1, 2) @ of_uprights
     return float(squares - 2.0 * crossed + np.sum((taken @ of_own[:, np.newaxis]) * taken))
 
 
-def _looked_at(groups: Sequence[ObservationGroup]) -> tuple[float, set[int]]:
+def _choose_groups(groups: Sequence[ObservationGroup]) -> tuple[float, set[int]]:
     """Ratio of all single readings to those in chosen groups, and the indices of these groups."""
     single = [index for index, group in enumerate(groups) if group.turned is None]
     total = sum(groups[index].rows.size for index in single)
-    every = max(1, -(-total // LOOKED_AT))
+    every = max(1, -(-total // MAX_CORRELATION_READINGS))
     chosen = set(single[::every])
     some = sum(groups[index].rows.size for index in chosen)
     return total / max(some, 1), chosen
@@ -336,7 +338,7 @@ def projected(rows: ObservationRows) -> tuple[Floats, Floats]:
     return jacobian, rows.residual - np.einsum("wkna,wa->wkn", own, pulled)
 
 
-def _add_blocks(evidence: _Evidence, block: NDArray[np.intp], jacobian: Floats, residual: Floats) -> Floats:
+def _add_blocks(evidence: _Sums, block: NDArray[np.intp], jacobian: Floats, residual: Floats) -> Floats:
     """Add gradients and squares of windows to their (W,) blocks of the recording; returns the (P, P) sum of squares."""
     total = np.zeros_like(evidence.scatter)
     for index in np.unique(block):
@@ -349,15 +351,15 @@ def _add_blocks(evidence: _Evidence, block: NDArray[np.intp], jacobian: Floats, 
     return total
 
 
-def _fading_of(groups: Sequence[ObservationGroup]) -> NDArray[np.bool_]:
+def _near_outliers(groups: Sequence[ObservationGroup]) -> NDArray[np.bool_]:
     """(N,) whether each reading is near outliers."""
     outliers = np.zeros(1 + max(int(group.rows.max()) for group in groups), dtype=bool)
     for group in groups:
         outliers[group.rows[group.weight == 0.0]] = True
-    return within(FADING, outliers) if outliers.any() else outliers
+    return within(FADING_READINGS, outliers) if outliers.any() else outliers
 
 
-def _add_fading(evidence: _Evidence, windows: NDArray[np.bool_], jacobian: Floats, residual: Floats) -> None:
+def _add_fading(evidence: _Sums, windows: NDArray[np.bool_], jacobian: Floats, residual: Floats) -> None:
     """Add gradient and squares of (W,) windows near outliers."""
     if windows.any():
         rows = jacobian[windows].transpose(3, 1, 0, 2).reshape(jacobian.shape[-1], -1)
@@ -365,7 +367,7 @@ def _add_fading(evidence: _Evidence, windows: NDArray[np.bool_], jacobian: Float
         evidence.fading_gradient += rows @ np.swapaxes(residual[windows], 0, 1).ravel()
 
 
-def _fading_scatter(evidence: _Evidence, excess: float) -> Floats:
+def _fading_scatter(evidence: _Sums, excess: float) -> Floats:
     """(P, P) scatter by readings near outliers; zero if chance explains their gradient.
 
     With M = N_f/N − (N_f/N)², N_f the squares of those readings and N of all, gᵀg in the scatter's basis has the mean
@@ -383,7 +385,7 @@ def _fading_scatter(evidence: _Evidence, excess: float) -> Floats:
     return added if chance < BY_CHANCE else np.zeros_like(added)
 
 
-def _autocorrelated(rows: ObservationRows, basis: Floats) -> Floats:
+def _autocorrelated_scatter(rows: ObservationRows, basis: Floats) -> Floats:
     """(P, P) scatter of Σ J r of single readings with residuals correlated in time, separately for each kind."""
     jacobian = np.einsum("wkf,wkp->wfp", basis, rows.jacobian[:, :, 0])
     residual = np.einsum("wkf,wk->wf", basis, rows.residual[:, :, 0])
@@ -394,7 +396,7 @@ def _autocorrelated(rows: ObservationRows, basis: Floats) -> Floats:
     return total
 
 
-def _free(own: Floats, direction: Floats) -> Floats:
+def _free_directions(own: Floats, direction: Floats) -> Floats:
     """(W, k, f) directions of residual space that are independent of a reading's own direction.
 
     The first is along the surface's normal. The others are one for a vertical, or two for an attitude, across the
@@ -417,7 +419,7 @@ def _free(own: Floats, direction: Floats) -> Floats:
     return free
 
 
-def _excess_variance(evidence: _Evidence) -> float:
+def _excess_variance(evidence: _Sums) -> float:
     """Factor by which the scatter of parts of the recording exceeds that of the whole, in variance; at least 1.
 
     As `flinders.estimators.covariance.Residuals.excess_variance`, over all parameters.

@@ -29,13 +29,13 @@ if TYPE_CHECKING:
     from flinders.likelihood.joint import JointIterate, JointProblem
     from flinders.likelihood.observations import ObservationGroup
 
-FAR: Final = 6.0
+OUTLIER_RATIO: Final = 6.0
 """Residual of an outlier, as a multiple of the median residual."""
 
-FEWEST_LEFT: Final = 0.8
+MIN_INLIER_SHARE: Final = 0.8
 """Smallest fraction of inliers; with fewer, the model is wrong, and no reading is left out."""
 
-ROUNDS: Final = 4
+MAX_ROUNDS: Final = 4
 """Largest number of fits and searches for outliers."""
 
 
@@ -51,7 +51,7 @@ def without_outliers(problem: JointProblem, iterate: JointIterate, steps: int) -
     steps : int
         Largest number of steps of each fit.
     """
-    for attempt in range(ROUNDS):
+    for attempt in range(MAX_ROUNDS):
         groups = _inliers(iterate)
         pairs = zip(groups, iterate.groups, strict=True)
         if attempt and all(np.array_equal(new.weight, old.weight) for new, old in pairs):
@@ -65,27 +65,27 @@ def leaving_out(problem: JointProblem, outliers: Sequence[Outlier]) -> JointProb
     weight = np.ones(1 + max(int(group.rows.max()) for group in problem.groups))
     for run in outliers:
         weight[run.first - 1 : run.last] = 0.0
-    return replace(problem, groups=tuple(_weighed(group, weight[group.rows]) for group in problem.groups))
+    return replace(problem, groups=tuple(_set_weights(group, weight[group.rows]) for group in problem.groups))
 
 
 def _inliers(iterate: JointIterate) -> tuple[ObservationGroup, ...]:
     """Groups with weight 0 for outliers and their neighbours, or for outliers alone if too few would remain."""
     rows = np.concatenate([group.rows.ravel() for group in iterate.groups])
     far = np.zeros(int(rows.max()) + 1, dtype=bool)
-    far[rows] = _is_far(iterate)
-    enough = (one for one in (~with_runs(far), ~far) if one[rows].mean() > FEWEST_LEFT)
+    far[rows] = _find_outliers(iterate)
+    enough = (one for one in (~with_runs(far), ~far) if one[rows].mean() > MIN_INLIER_SHARE)
     weight = next(enough, np.ones_like(far)).astype(float)
-    return tuple(_weighed(group, weight[group.rows]) for group in iterate.groups)
+    return tuple(_set_weights(group, weight[group.rows]) for group in iterate.groups)
 
 
-def _is_far(iterate: JointIterate) -> NDArray[np.bool_]:
+def _find_outliers(iterate: JointIterate) -> NDArray[np.bool_]:
     """(N,) whether the residual of each reading of all groups is that of an outlier."""
     parts = zip(iterate.groups, iterate.directions, strict=True)
     length = np.concatenate([lengths(residuals_of(group, iterate.at, known)[0]).ravel() for group, known in parts])
     usual = max(float(np.median(length)), iterate.weights.noise * 1e-3)
-    return np.asarray(length > FAR * usual)
+    return np.asarray(length > OUTLIER_RATIO * usual)
 
 
-def _weighed(group: ObservationGroup, weight: Floats) -> ObservationGroup:
+def _set_weights(group: ObservationGroup, weight: Floats) -> ObservationGroup:
     """Set the (W, n) weights of a group's readings, and of their verticals or attitudes."""
     return replace(group, weight=weight, trust=None if group.trust is None else group.trust * weight)

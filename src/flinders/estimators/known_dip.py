@@ -41,7 +41,11 @@ if TYPE_CHECKING:
     from flinders.likelihood.site_field import Site
     from flinders.native.layouts import Records
 
-Z_DOWN: Final = {constant("Z_DOWN"): True, constant("Z_ELSEWHERE"): False, constant("Z_OPEN"): None}
+Z_DOWN_BY_CONSTANT: Final = {
+    constant("Z_DOWN"): True,
+    constant("Z_ELSEWHERE"): False,
+    constant("Z_OPEN"): None,
+}
 """Values of `Estimate.z_down` by the constants of the engine."""
 
 
@@ -77,10 +81,10 @@ def sited(
     """
     if estimate.method != Level.name and (estimate.plane or site is None):
         return estimate  # a two-axis recipe has no claim for the third axis
-    record = _record_of(estimate, dip_deg)
+    record = _make_record(estimate, dip_deg)
     field = readings.thinned(ENOUGH, Level.name) if estimate.plane else np.empty((0, 3))
-    vertical = _vertical(readings, record) if estimate.plane else None
-    known = _known(site, alignment_sigma_deg, z_down=_is_mapped(readings))
+    vertical = _vertical_sums(readings, record) if estimate.plane else None
+    known = _site_row(site, alignment_sigma_deg, z_down=_has_z_down(readings))
     uses_strength = engine().at_site(record, known, field, vertical)
     strengths = SiteStrength(*(float(record[name]) for name in ("site_strength", "strength_found", "strength_sigmas")))
     return replace(
@@ -90,11 +94,11 @@ def sited(
         textbook=None if estimate.textbook is None else record["textbook"].reshape(9, 9).copy(),
         strength=strengths.site if uses_strength else estimate.strength,
         site_strength=None if math.isnan(strengths.site) else strengths,
-        z_down=Z_DOWN[int(record["z_axis"])],
+        z_down=Z_DOWN_BY_CONSTANT[int(record["z_axis"])],
     )
 
 
-def _record_of(estimate: Estimate, dip_deg: float) -> Records:
+def _make_record(estimate: Estimate, dip_deg: float) -> Records:
     """Record of the engine with the surface, covariances, noise and rejection limit of an estimate."""
     record = engine().record()
     record["centre"], record["shape"] = estimate.ellipsoid.centre, upper(estimate.ellipsoid.shape)
@@ -107,7 +111,7 @@ def _record_of(estimate: Estimate, dip_deg: float) -> Records:
     return record
 
 
-def _known(site: Site | None, alignment_sigma_deg: float | None, *, z_down: bool) -> Records:
+def _site_row(site: Site | None, alignment_sigma_deg: float | None, *, z_down: bool) -> Records:
     """Row of `SITE` for the engine."""
     if site is None:
         return engine().site()
@@ -121,7 +125,7 @@ def _known(site: Site | None, alignment_sigma_deg: float | None, *, z_down: bool
     )
 
 
-def _vertical(readings: Readings, record: Records) -> Records | None:
+def _vertical_sums(readings: Readings, record: Records) -> Records | None:
     """Sums of accelerometer readings of a level turn; None without an accelerometer."""
     if readings.recording is None:
         return None
@@ -133,7 +137,7 @@ def _vertical(readings: Readings, record: Records) -> Records | None:
     return vertical
 
 
-def _is_mapped(readings: Readings) -> bool:
+def _has_z_down(readings: Readings) -> bool:
     """Whether z points down because the axes were mapped by the user, or are those of a vehicle."""
     recording = readings.recording
     return recording is not None and (not recording.axes.is_identity or frame_of(recording) == "vehicle")

@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from flinders.estimators.base import Estimate
     from flinders.estimators.data import Readings
 
-TRIMS, TRIMMED = 3, 0.03
+TRIM_COUNT, TRIM_SHARE = 3, 0.03
 """Number of times that readings far from their plane are left out, and the fraction each time, to measure flatness."""
 
 
@@ -101,10 +101,10 @@ def turned_level(field: Floats) -> bool:
     >>> [turned_level(each + 0.5 * rng.standard_normal(each.shape)) for each in (level, swayed)]
     [True, False]
     """
-    for _ in range(TRIMS):
+    for _ in range(TRIM_COUNT):
         axis = np.linalg.eigh(np.cov(field.T))[1][:, 0]
         across = np.abs(field @ axis - np.median(field @ axis))
-        field = field[across <= np.quantile(across, 1.0 - TRIMMED)]
+        field = field[across <= np.quantile(across, 1.0 - TRIM_SHARE)]
     if len(field) < Level.unknowns:
         return False
     covariance = np.cov(field.T)

@@ -32,10 +32,17 @@ if TYPE_CHECKING:
 ENOUGH: Final = 20_000
 """Largest number of readings in the iteration; for a longer recording a last step uses all readings."""
 
-ROBUST, LEVEL = "robust", "level"
+ROBUST_METHOD, LEVEL = "robust", "level"
 """Method of an estimate without outliers, and of a level turn."""
 
-RESIDUALS: Final = ("lag_one", "correlation_time", "distortion", "excess_variance", "noise_lasts", "steps_kurtosis")
+CORRELATION_FIELDS: Final = (
+    "lag_one",
+    "correlation_time",
+    "distortion",
+    "excess_variance",
+    "noise_lasts",
+    "steps_kurtosis",
+)
 """Fields of a record for a `Correlation`, in its order."""
 
 
@@ -148,7 +155,7 @@ def estimated(record: Records, readings: Readings, *, has_statistics: bool = Fal
         If the fit failed.
     """
     plane = PLANES[record["plane"] - 1] if record["plane"] else None
-    method = LEVEL if plane else ROBUST if record["is_robust"] else Likelihood.name
+    method = LEVEL if plane else ROBUST_METHOD if record["is_robust"] else Likelihood.name
     if record["status"] == UNDETERMINED:
         raise Undetermined(int(record["unobserved"]))
     if record["status"]:
@@ -159,7 +166,7 @@ def estimated(record: Records, readings: Readings, *, has_statistics: bool = Fal
         majority = Ellipsoid(record["majority_centre"], symmetric(record["majority_shape"]))
         near = readings if plane is None else laid_flat(readings, plane, float(majority.centre[2]))
         outliers = outliers_among(near, majority, limit, int(record["dense"]))
-    lag_one, time, direction, excess, lasting, steps = (float(record[name]) for name in RESIDUALS)
+    lag_one, time, direction, excess, lasting, steps = (float(record[name]) for name in CORRELATION_FIELDS)
     lasting = 0.0 if math.isnan(lasting) else lasting
     return Estimate(
         Ellipsoid(record["centre"].copy(), symmetric(record["shape"])),

@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 
 Variant: TypeAlias = Literal["mean", "largest", "full-range"]
 
-HALF: Final = 0.5
+HALF_RANGE_LENGTH: Final = 0.5
 """Length of corrected readings for ``full-range``."""
 
 
@@ -112,9 +112,9 @@ class MinMax:
         `trim` also as `Robust`, and `NeedsSamples` if only sums were given.
         """
         readings.require(self.unknowns, self.name)
-        return self._trimmed(readings) if self.trim else self._spanned(readings)
+        return self._by_inliers(readings) if self.trim else self._by_extremes(readings)
 
-    def _spanned(self, readings: Readings) -> Estimate:
+    def _by_extremes(self, readings: Readings) -> Estimate:
         """Fit by the extremes of all readings."""
         health = readings.summary.health
         ellipsoid = spanned(health.lows.values, -health.highs.values)
@@ -129,7 +129,7 @@ class MinMax:
         strength = strength_of(half, self.variant)
         return Estimate(ellipsoid, covariance, noise, self.LABELS[self.variant], strength=strength, estimator=self.name)
 
-    def _trimmed(self, readings: Readings) -> Estimate:
+    def _by_inliers(self, readings: Readings) -> Estimate:
         """Fit by the extremes of the inliers of a robust fit."""
         if readings.recording is None:
             raise NeedsSamples(f"{self.name} with trim")
@@ -143,7 +143,7 @@ class MinMax:
         inliers = type(readings)(Summary.through(near), near)
         inliers.require(self.unknowns, self.name)
         return replace(
-            self._spanned(inliers),
+            self._by_extremes(inliers),
             used=len(inliers.summary),
             rejected_beyond=limit,
             outliers=outliers_among(readings, majority.ellipsoid, limit, NO_RUN),
@@ -157,7 +157,7 @@ def spanned(low: Floats, high: Floats) -> Ellipsoid:
 
 def strength_of(half: Floats, variant: Variant) -> float:
     """Length of corrected readings from (3,) half-ranges."""
-    return {"mean": float(half.mean()), "largest": float(half.max()), "full-range": HALF}[variant]
+    return {"mean": float(half.mean()), "largest": float(half.max()), "full-range": HALF_RANGE_LENGTH}[variant]
 
 
 METHOD: Final = Method(

@@ -37,25 +37,25 @@ if TYPE_CHECKING:
     from flinders.arrays import Floats
     from flinders.core.samples import Samples
 
-STRETCHES_S: Final = (0.4, 0.8, 1.6, 3.2, 6.4)
+INTERVALS_S: Final = (0.4, 0.8, 1.6, 3.2, 6.4)
 """Lengths of intervals in s, which are tried in this order."""
 
-MOVED: Final = 0.2
+MIN_MOTION: Final = 0.2
 """Smallest median change of the field in an interval, as the chord of a unit field: eleven degrees."""
 
-MANY: Final = 2000
+MAX_INTERVALS: Final = 2000
 """Largest number of intervals, or of verticals."""
 
-MOST: Final = 12_000
+MAX_READINGS: Final = 12_000
 """Largest number of readings in all intervals."""
 
-FEW: Final = 12
+MIN_INTERVALS: Final = 12
 """Smallest number of intervals, or of verticals."""
 
-MARGIN: Final = 2.0
+MIN_IMPROVEMENT: Final = 2.0
 """Ratio of residuals from which another unit or permutation fits much better than the recorded one."""
 
-ALIKE: Final = 1.4
+MAX_EQUAL_RATIO: Final = 1.4
 """Largest ratio to the smallest residual at which another unit or permutation fits equally well."""
 
 RAD_S: Final = "rad/s"
@@ -96,7 +96,7 @@ class Mounted:
     def allows(self, axes: Axes) -> bool:
         """Whether a mapping fits about as well as the best one; a mirror image is taken with all axes reversed."""
         turn = axes.opposite if axes.is_mirror else axes
-        return not self.misses or self.misses[TURNS.index(turn)] <= MARGIN * min(self.misses)
+        return not self.misses or self.misses[TURNS.index(turn)] <= MIN_IMPROVEMENT * min(self.misses)
 
 
 def by_rate(samples: Samples, ellipsoid: Ellipsoid) -> Mounted:
@@ -106,24 +106,24 @@ def by_rate(samples: Samples, ellipsoid: Ellipsoid) -> Mounted:
     """
     if samples.rate is None or samples.time is None:
         return Mounted()
-    free = _read(samples, ellipsoid)
+    free = _best_for_shape(samples, ellipsoid)
     if free.left <= EXPLAINED:
         return free
-    return min(free, _read(samples, _sphere(samples.field)), key=lambda one: one.left)
+    return min(free, _best_for_shape(samples, _sphere(samples.field)), key=lambda one: one.left)
 
 
-def _read(samples: Samples, ellipsoid: Ellipsoid) -> Mounted:
+def _best_for_shape(samples: Samples, ellipsoid: Ellipsoid) -> Mounted:
     """Best unit and axes of a gyro for the shape of one ellipsoid."""
     first, last, rate, interval = _segments(samples, ellipsoid)
-    if len(first) < FEW:
+    if len(first) < MIN_INTERVALS:
         return Mounted()
     still = float(np.sqrt(np.mean(np.sum((last - first) ** 2, axis=1))))
-    misses = _missed(first, last, rate, interval, RAD_S)
-    if not misses[RAD_S, Axes()] <= min(EXPLAINED * still, MARGIN * min(misses.values())):
+    misses = _rate_residuals(first, last, rate, interval, RAD_S)
+    if not misses[RAD_S, Axes()] <= min(EXPLAINED * still, MIN_IMPROVEMENT * min(misses.values())):
         for unit in SCALES:
-            misses |= _missed(first, last, rate, interval, unit)
+            misses |= _rate_residuals(first, last, rate, interval, unit)
     left = min(misses.values()) / max(still, 1e-300)
-    return replace(_simplest(misses), left=left if still > MOVED else 0.0)
+    return replace(_choose_simplest(misses), left=left if still > MIN_MOTION else 0.0)
 
 
 def _sphere(field: Floats) -> Ellipsoid:
@@ -141,15 +141,15 @@ def by_vertical(samples: Samples, ellipsoid: Ellipsoid) -> Mounted:
         return Mounted()
     down, trust = dip.verticals(samples.acceleration)
     rows = np.flatnonzero(trust > 0.0)
-    rows = rows[:: max(1, -(-len(rows) // MANY))]
-    if len(rows) < FEW:
+    rows = rows[:: max(1, -(-len(rows) // MAX_INTERVALS))]
+    if len(rows) < MIN_INTERVALS:
         return Mounted()
     weight = np.sqrt(trust[rows] / trust[rows].mean())
-    seen = _rounded(samples.field[rows], ellipsoid)
+    seen = _to_unit_sphere(samples.field[rows], ellipsoid)
     heights = np.stack([np.einsum("ni,ni->n", down[rows], axes.apply(seen)) for axes in TURNS], axis=1)
     design = np.concatenate([down[rows], np.ones((len(rows), 1))], axis=1)
-    left = _left(design * weight[:, np.newaxis], heights * weight[:, np.newaxis])
-    return _simplest({(RAD_S, axes): miss for axes, miss in zip(TURNS, left.tolist(), strict=True)})
+    left = _rms_residuals(design * weight[:, np.newaxis], heights * weight[:, np.newaxis])
+    return _choose_simplest({(RAD_S, axes): miss for axes, miss in zip(TURNS, left.tolist(), strict=True)})
 
 
 def second_axis(rate: Floats) -> float:
@@ -169,7 +169,9 @@ def second_axis(rate: Floats) -> float:
     return float(np.sqrt(values[1] / max(values[2], 1e-300)))
 
 
-def _missed(first: Floats, last: Floats, rate: Floats, interval: Floats, unit: str) -> dict[tuple[str, Axes], float]:
+def _rate_residuals(
+    first: Floats, last: Floats, rate: Floats, interval: Floats, unit: str
+) -> dict[tuple[str, Axes], float]:
     """Root mean square residual of the field's motion by a gyro, in one unit and each of the 48 permutations."""
     misses: dict[tuple[str, Axes], float] = {}
     for sign in (1, -1):
@@ -177,26 +179,26 @@ def _missed(first: Floats, last: Floats, rate: Floats, interval: Floats, unit: s
         back = np.swapaxes(turned, 1, 2)
         targets = [axes.apply(last) - np.einsum("wij,wj->wi", back, axes.apply(first)) for axes in TURNS]
         design = (np.eye(3) - back).reshape(-1, 3)
-        left = np.sqrt(3.0) * _left(design, np.stack(targets, axis=-1).reshape(len(design), -1))
+        left = np.sqrt(3.0) * _rms_residuals(design, np.stack(targets, axis=-1).reshape(len(design), -1))
         signed = TURNS if sign > 0 else [axes.opposite for axes in TURNS]
         misses |= {(unit, axes): miss for axes, miss in zip(signed, left.tolist(), strict=True)}
     return misses
 
 
-def _simplest(misses: dict[tuple[str, Axes], float]) -> Mounted:
+def _choose_simplest(misses: dict[tuple[str, Axes], float]) -> Mounted:
     """The recorded axes and unit, unless others fit much better: then the simplest of those with the best fit."""
     recorded, best = misses[RAD_S, Axes()], min(misses.values())
     turned = tuple(misses[RAD_S, axes] for axes in TURNS)
-    if recorded <= MARGIN * best:
+    if recorded <= MIN_IMPROVEMENT * best:
         return Mounted(misses=turned)
-    alike = [candidate for candidate, miss in misses.items() if miss <= ALIKE * best]
-    least = min(_steps(*candidate) for candidate in alike)
-    plain = [candidate for candidate in alike if _steps(*candidate) == least]
+    alike = [candidate for candidate, miss in misses.items() if miss <= MAX_EQUAL_RATIO * best]
+    least = min(_deviation_rank(*candidate) for candidate in alike)
+    plain = [candidate for candidate in alike if _deviation_rank(*candidate) == least]
     unit, axes = min(plain, key=lambda candidate: misses[candidate])
     return Mounted(axes, unit, recorded / max(misses[unit, axes], 1e-12), len(plain) == 1, turned)
 
 
-def _steps(unit: str, axes: Axes) -> int:
+def _deviation_rank(unit: str, axes: Axes) -> int:
     """Rank of a deviation from the recording: 1 for a unit or all signs, 2 for axes, 3 for a mirror, 4 for both."""
     is_signed = axes.order == (0, 1, 2) and axes.signs in ((1, 1, 1), (-1, -1, -1))
     if unit != RAD_S:
@@ -204,14 +206,14 @@ def _steps(unit: str, axes: Axes) -> int:
     return 1 if is_signed else 3 if axes.is_mirror else 2
 
 
-def _left(design: Floats, targets: Floats) -> Floats:
+def _rms_residuals(design: Floats, targets: Floats) -> Floats:
     """(K,) root mean square residuals of (M, K) targets after a linear fit of a (M, k) design."""
     fitted = design @ np.linalg.lstsq(design, targets, rcond=1e-6)[0]
     left: Floats = np.sqrt(np.mean((targets - fitted) ** 2, axis=0))
     return left
 
 
-def _rounded(field: Floats, ellipsoid: Ellipsoid) -> Floats:
+def _to_unit_sphere(field: Floats, ellipsoid: Ellipsoid) -> Floats:
     """(N, 3) readings mapped to about the unit sphere by an ellipsoid."""
     seen: Floats = np.linalg.solve(ellipsoid.shape, (field - ellipsoid.centre).T).T
     return seen
@@ -224,15 +226,15 @@ def _segments(samples: Samples, ellipsoid: Ellipsoid) -> tuple[Floats, Floats, F
     )  # fmt: skip
     if samples.time is None or samples.rate is None:
         return segments
-    for length in STRETCHES_S:
+    for length in INTERVALS_S:
         rows = gyro.windows(samples.time, samples.rate, window_s=length)
-        rows = rows[:: max(1, -(-len(rows) // MANY), -(-rows.size // MOST))]
-        if len(rows) < FEW:
+        rows = rows[:: max(1, -(-len(rows) // MAX_INTERVALS), -(-rows.size // MAX_READINGS))]
+        if len(rows) < MIN_INTERVALS:
             continue
-        seen = _rounded(samples.field[rows[:, [0, -1]].ravel()], ellipsoid).reshape(-1, 2, 3)
+        seen = _to_unit_sphere(samples.field[rows[:, [0, -1]].ravel()], ellipsoid).reshape(-1, 2, 3)
         steps = np.diff(samples.time[rows], axis=1)
         interval = np.concatenate([steps, steps[:, -1:]], axis=1)
         segments = seen[:, 0], seen[:, 1], np.nan_to_num(samples.rate[rows]), interval
-        if float(np.median(np.linalg.norm(seen[:, 1] - seen[:, 0], axis=1))) >= MOVED:
+        if float(np.median(np.linalg.norm(seen[:, 1] - seen[:, 0], axis=1))) >= MIN_MOTION:
             break
     return segments

@@ -63,31 +63,31 @@ if TYPE_CHECKING:
     from flinders.likelihood.observations import ObservationRows
     from flinders.likelihood.sensors import SensorIterate
 
-ENOUGH: Final = 10_000
+MAX_FIT_TIMES: Final = 10_000
 """Largest number of times in the iteration; for a longer recording a last fit uses all."""
 
-TRIED: Final = 1_000
+MAX_START_TIMES: Final = 1_000
 """Largest number of times with which starts are compared."""
 
-GLANCE: Final = 2_000
+MAX_INFORMATION_TIMES: Final = 2_000
 """Largest number of times from which spurious information is computed."""
 
 MIRROR_MARGIN: Final = 2.0
 """Ratio of residuals from which a mirror image is accepted instead of a rotation."""
 
-LOOKED_AT: Final = 16_384
+MAX_CORRELATION_TIMES: Final = 16_384
 """Largest number of times from which the correlation of residuals is estimated."""
 
-LOUDEST: Final = 0.1
+START_NOISE: Final = 0.1
 """Noise at the start of the solver, relative to the field."""
 
-STRAY: Final = 6.0
+OUTLIER_RATIO: Final = 6.0
 """Residual of an outlier, as a multiple of the sensor's median residual."""
 
-ROUNDS: Final = 6
+MAX_OUTLIER_ROUNDS: Final = 6
 """Largest number of searches for outliers; each leaves out the worst reading at a time."""
 
-FEWEST_LEFT: Final = 0.5
+MIN_INLIER_SHARE: Final = 0.5
 """Smallest fraction of inliers of a sensor; with fewer, no reading is rejected, and its noise estimate grows."""
 
 FEWEST: Final = 24
@@ -170,19 +170,19 @@ def solve(
     if shared < FEWEST:
         raise TooFewSamples(found=int(shared), needed=FEWEST, method="together")
     alone = [found_alone(field) for field in fields] if starts is None else list(starts)
-    few = fields[:, :: max(1, fields.shape[1] // TRIED)]
-    iterates = [_from_start(few, reference, begin, spread) for begin in _begins(few, reference, alone)]
+    few = fields[:, :: max(1, fields.shape[1] // MAX_START_TIMES)]
+    iterates = [_solve_from(few, reference, begin, spread) for begin in _start_parameters(few, reference, alone)]
     best = min((iterate for iterate in iterates if iterate is not None), key=_misfit, default=None)
     if best is None:
         raise NotAnEllipsoid((float("nan"),) * 3, "together")
-    thinned = fields[:, :: max(1, fields.shape[1] // ENOUGH)]
+    thinned = fields[:, :: max(1, fields.shape[1] // MAX_FIT_TIMES)]
     problem = SensorProblem.of(thinned, best.at, reference=reference, spread=spread)
     best = levenberg_marquardt(problem, problem.initial(best.at, best.weights))
     best = _without_outliers(problem, best)
     if thinned.shape[1] < fields.shape[1]:
         problem = SensorProblem.of(fields, best.at, reference=reference, spread=spread)
         best = _without_outliers(problem, problem.initial(best.at, best.weights))
-    return _finished(problem, best, alone, reference)
+    return _compute_claims(problem, best, alone, reference)
 
 
 def mirror_or_rotation(seen: Floats, into: Floats) -> Floats:
@@ -207,31 +207,31 @@ def is_sound(estimate: Estimate) -> bool:
     return not estimate.plane and not estimate.unobserved
 
 
-def _begins(fields: Floats, reference: int, alone: Sequence[Estimate | None]) -> Iterator[Sensors]:
+def _start_parameters(fields: Floats, reference: int, alone: Sequence[Estimate | None]) -> Iterator[Sensors]:
     """Yield parameters to start from: by estimates of each sensor, mapped from the best one if missing; or spheres."""
     sound = [each.ellipsoid if each is not None and is_sound(each) else None for each in alone]
     if all(each is not None for each in sound):
-        yield _turned(fields, reference, [each for each in sound if each is not None])
+        yield _fit_rotations(fields, reference, [each for each in sound if each is not None])
         return
     known = [sensor for sensor, each in enumerate(sound) if each is not None]
     if known:
         noises = [alone[sensor].noise / sound[sensor].radius for sensor in known]  # type: ignore[union-attr]
         best = known[int(np.argmin(noises))]
         mapped = [
-            own if own is not None else _mapped(fields[best], sound[best], fields[sensor])  # type: ignore[arg-type]
+            own if own is not None else _map_ellipsoid(fields[best], sound[best], fields[sensor])  # type: ignore[arg-type]
             for sensor, own in enumerate(sound)
         ]
-        yield _turned(fields, reference, mapped)
+        yield _fit_rotations(fields, reference, mapped)
         return
     for ellipsoid in spheres_about(fields[reference]):
         others = [
-            ellipsoid if sensor == reference else _mapped(fields[reference], ellipsoid, field)
+            ellipsoid if sensor == reference else _map_ellipsoid(fields[reference], ellipsoid, field)
             for sensor, field in enumerate(fields)
         ]
-        yield _turned(fields, reference, others)
+        yield _fit_rotations(fields, reference, others)
 
 
-def _mapped(field: Floats, ellipsoid: Ellipsoid, other: Floats) -> Ellipsoid:
+def _map_ellipsoid(field: Floats, ellipsoid: Ellipsoid, other: Floats) -> Ellipsoid:
     """Ellipsoid of another sensor by the affine map between their readings; a sphere for flat readings."""
     both = np.isfinite(field).all(axis=1) & np.isfinite(other).all(axis=1)
     first, second = field[both], other[both]
@@ -246,7 +246,7 @@ def _mapped(field: Floats, ellipsoid: Ellipsoid, other: Floats) -> Ellipsoid:
     return Ellipsoid(mean + linear @ (ellipsoid.centre - middle), (axes * radii) @ axes.T)
 
 
-def _turned(fields: Floats, reference: int, ellipsoids: Sequence[Ellipsoid]) -> Sensors:
+def _fit_rotations(fields: Floats, reference: int, ellipsoids: Sequence[Ellipsoid]) -> Sensors:
     """Parameters of these ellipsoids, with rotations that fit the directions of each sensor to the reference."""
     seen = [
         (field - ellipsoid.centre) @ np.linalg.inv(ellipsoid.shape)
@@ -257,12 +257,14 @@ def _turned(fields: Floats, reference: int, ellipsoids: Sequence[Ellipsoid]) -> 
         at = Parameters.at(ellipsoid.centre, ellipsoid.shape)
         both = np.isfinite(seen[sensor]).all(axis=1) & np.isfinite(seen[reference]).all(axis=1)
         if sensor != reference and both.any():
-            at = replace(at, rotation=mirror_or_rotation(_unit(seen[sensor][both]), _unit(seen[reference][both])))
+            at = replace(
+                at, rotation=mirror_or_rotation(_unit_vectors(seen[sensor][both]), _unit_vectors(seen[reference][both]))
+            )
         made.append(at)
     return Sensors(tuple(made))
 
 
-def _unit(vectors: Floats) -> Floats:
+def _unit_vectors(vectors: Floats) -> Floats:
     unit: Floats = vectors / np.maximum(np.linalg.norm(vectors, axis=1, keepdims=True), 1e-300)
     return unit
 
@@ -272,18 +274,18 @@ def _misfit(iterate: SensorIterate) -> float:
     return float(np.log(iterate.weights / iterate.at.radii).sum())
 
 
-def _from_start(fields: Floats, reference: int, begin: Sensors, spread: float) -> SensorIterate | None:
+def _solve_from(fields: Floats, reference: int, begin: Sensors, spread: float) -> SensorIterate | None:
     """Solution from a start; None if the solver fails."""
     problem = SensorProblem.of(fields, begin, reference=reference, spread=spread)
     try:
-        return levenberg_marquardt(problem, problem.initial(begin, LOUDEST * begin.radii))
+        return levenberg_marquardt(problem, problem.initial(begin, START_NOISE * begin.radii))
     except np.linalg.LinAlgError:
         return None
 
 
 def _without_outliers(problem: SensorProblem, iterate: SensorIterate) -> SensorIterate:
     """Find outliers, at each time the worst one first, and fit again without them."""
-    for _ in range(ROUNDS):
+    for _ in range(MAX_OUTLIER_ROUNDS):
         inliers = _inliers(problem, iterate)
         if np.array_equal(inliers, iterate.groups[0].inliers):
             break
@@ -296,19 +298,19 @@ def _inliers(problem: SensorProblem, iterate: SensorIterate) -> NDArray[np.bool_
     recorded, counted = problem.group.inliers, iterate.groups[0].inliers
     distances = iterate.groups[0].distances(iterate.at, iterate.directions[0], iterate.weights)
     usual = np.nanmedian(np.where(counted, distances, np.nan), axis=1, keepdims=True)
-    far = recorded & (distances > STRAY * usual)
+    far = recorded & (distances > OUTLIER_RATIO * usual)
     excess = np.where(counted & far, distances / usual, 0.0)
     worst = (excess == excess.max(axis=0)) & (excess > 0.0)
     if len(distances) == 2:
         worst |= far & counted  # of two sensors it is not known which one is wrong
     inliers: NDArray[np.bool_] = recorded & ~worst & ~(~counted & far)
     share = inliers.sum(axis=1) / np.maximum(recorded.sum(axis=1), 1)
-    few = share < FEWEST_LEFT
+    few = share < MIN_INLIER_SHARE
     inliers[few] = recorded[few]
     return inliers
 
 
-def _finished(
+def _compute_claims(
     problem: SensorProblem, iterate: SensorIterate, alone: Sequence[Estimate | None], reference: int
 ) -> Several:
     """Subtract the bias by the sphere's curvature, and compute the claims."""
@@ -335,7 +337,7 @@ def _support(problem: SensorProblem, iterate: SensorIterate, matrix: Floats) -> 
     return Support.of(matrix, lambda: _spurious_information(problem, iterate))
 
 
-def _thinned(iterate: SensorIterate, most: int) -> tuple[SensorIterate, int]:
+def _thin(iterate: SensorIterate, most: int) -> tuple[SensorIterate, int]:
     """The iterate with about `most` times, spread evenly, and the stride."""
     stride = max(1, len(iterate.directions[0]) // most)
     some = replace(iterate, groups=(iterate.groups[0].every(stride),), directions=(iterate.directions[0][::stride],))
@@ -352,7 +354,7 @@ def _spurious_information(problem: SensorProblem, iterate: SensorIterate) -> Flo
 
     J is linear in the direction; its noise along the tangents t_a has the covariance C.
     """
-    some, stride = _thinned(iterate, GLANCE)
+    some, stride = _thin(iterate, MAX_INFORMATION_TIMES)
     rows = _rows(problem, some, some.directions[0])
     along = np.stack(
         [_rows(problem, some, tangent).jacobian for tangent in np.moveaxis(across(some.directions[0]), -1, 0)]
@@ -377,7 +379,7 @@ def _scatter(
     Each component of each sensor is a separate series, as in `flinders.estimators.covariance`. The part of a sensor is
     at least as much larger as in its own estimate, which includes distortions by direction.
     """
-    some, stride = _thinned(iterate, LOOKED_AT)
+    some, stride = _thin(iterate, MAX_CORRELATION_TIMES)
     jacobian, residual = projected(_rows(problem, some, some.directions[0]))
     size = problem.layout.size
     total = np.zeros((size, size))
@@ -388,11 +390,11 @@ def _scatter(
             autocovariance = series.autocovariance()
             white += series.jacobian.T @ series.jacobian
             coloured += series.scatter(autocovariance / max(float(autocovariance[0]), 1e-300))
-        total += max(_wider(own) * white, coloured, key=lambda part: float(np.sum(part * textbook)))
+        total += max(_own_inflation(own) * white, coloured, key=lambda part: float(np.sum(part * textbook)))
     flat = Residuals(residual.ravel(), jacobian.reshape(-1, size), [np.arange(residual.size)])
     return stride * total, flat.excess_variance(total)
 
 
-def _wider(estimate: Estimate | None) -> float:
+def _own_inflation(estimate: Estimate | None) -> float:
     """Ratio of variances of a sensor's own estimate to those for independent residuals, at least 1."""
     return 1.0 if estimate is None or estimate.plane else max(1.0, estimate.variance_inflation())

@@ -40,7 +40,7 @@ if TYPE_CHECKING:
     from flinders.geometry.ellipsoid import Ellipsoid
 
 WINDOW: Final = constant("WINDOW")
-"""Length of the window for runs in readings: a fifth of a second at 50 Hz, shorter than a magnet that passes by hand."""
+"""Length of the window for runs in readings: a fifth of a second at 50 Hz, less than a magnet takes to pass."""
 
 MARGIN: Final = constant("MARGIN")
 """Readings before and after a run that are left out, too: half a second at 50 Hz, in which a magnet's field fades."""
@@ -48,7 +48,7 @@ MARGIN: Final = constant("MARGIN")
 NO_RUN: Final = constant("NO_RUN")
 """Value of `dense` that is larger than a window, for outliers without runs."""
 
-_REACH: Final = MARGIN + WINDOW // 2
+_REACH_READINGS: Final = MARGIN + WINDOW // 2
 """Number of readings before and after a reading that affect whether it is left out."""
 
 
@@ -120,12 +120,12 @@ def outliers_of(
     for block, distances, out in left_out(blocks, ellipsoid, limit, dense):
         rows = np.arange(first_row - 1, first_row - 1 + len(block))
         if out.any():
-            runs = engine().list_outliers(runs, distances, out, *_places(rows, block.time, rests))
+            runs = engine().list_outliers(runs, distances, out, *_rows_and_times(rows, block.time, rests))
         first_row += len(block)
     return [Outlier.of_run(run) for run in runs]
 
 
-def _places(
+def _rows_and_times(
     rows: NDArray[np.int64], time: Floats | None, rests: Rests | None
 ) -> tuple[tuple[NDArray[np.int64], NDArray[np.int64]], tuple[Floats, Floats] | None]:
     """First and last row of each reading in the original recording, and the times of these rows."""
@@ -160,15 +160,15 @@ def left_out(
     """
     ahead = iter(blocks)
     pending = deque(islice(ahead, 1))  # not `itertools.tee`, which releases blocks in groups of 57
-    begun: Floats = np.zeros(_REACH)  # before the first reading nothing is far
+    begun: Floats = np.zeros(_REACH_READINGS)  # before the first reading nothing is far
     known = np.concatenate([begun, *(np.abs(magnitude.distances(block.field, ellipsoid)) for block in pending)])
     while pending:
         block = pending.popleft()
-        needed = _REACH + len(block) + _REACH
+        needed = _REACH_READINGS + len(block) + _REACH_READINGS
         while len(known) < needed and (following := next(ahead, None)) is not None:
             pending.append(following)
             known = np.concatenate([known, np.abs(magnitude.distances(following.field, ellipsoid))])
-        here = slice(_REACH, _REACH + len(block))
+        here = slice(_REACH_READINGS, _REACH_READINGS + len(block))
         far = known[:needed] > limit
         yield block, known[here], engine().left_out(far, dense)[here]
         known = known[len(block) :]

@@ -93,7 +93,7 @@ class Cloud:
         if not len(self):
             return type(self)(other.side, *other._columns)
         side = max(self.side, other.side)
-        a, b = self._coarsen(side), other._coarsen(side)
+        a, b = self._coarsened(side), other._coarsened(side)
         keys, counts, sums, first, last = (np.concatenate(pair) for pair in zip(a._columns, b._columns, strict=True))
         return type(self)(side, *_merge_rows(keys, counts, sums, first, last))._limit_cells()
 
@@ -115,10 +115,10 @@ class Cloud:
         """The same readings in at most `MAX_CELLS` cells."""
         cloud = self
         while len(cloud) > MAX_CELLS:
-            cloud = cloud._coarsen(2.0 * cloud.side)
+            cloud = cloud._coarsened(2.0 * cloud.side)
         return cloud
 
-    def _coarsen(self, side: float) -> Self:
+    def _coarsened(self, side: float) -> Self:
         """The same readings in larger cells; `side` is a power of two times the present side."""
         if side == self.side:
             return self
