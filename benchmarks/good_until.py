@@ -65,7 +65,11 @@ def main() -> None:
 def simulated(units: int) -> dict[tuple[str, int], float]:
     """Share of units that are within twice their claim at the time that is stated."""
     rng = np.random.default_rng(1)
-    hits: dict[str, list[bool]] = {"by the usual rates": [], "early end of their range": [], "by the unit's history": []}
+    hits: dict[str, list[bool]] = {
+        "by the usual rates": [],
+        "early end of their range": [],
+        "by the unit's history": [],
+    }
     for _ in range(units):
         rate = FIELD_UT * float(rng.choice(RATES[0], p=RATES[1]))
         claim_deg = float(np.exp(rng.uniform(np.log(0.05), np.log(1.0))))
