@@ -102,7 +102,7 @@ def main() -> None:
 
 def references() -> None:
     """Print the first table."""
-    print("| recording | readings | reference | difference of offsets, of field | spread | verdict, worst heading error |")
+    print("| recording | readings | reference | offset difference, of field | spread | verdict, worst heading error |")
     print("|---|---:|---|---:|---|---|")
     for reference in REFERENCES:
         print(row(reference))
