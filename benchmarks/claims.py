@@ -320,15 +320,9 @@ def distortion(pool: Executor, trials: int) -> Iterator[str]:
     yield from _head("1 % of the field, by hand", "σ µT", "weighed/9", "its median", "textbook", "robust")
     for sigma in (0.1, 0.5):
         for name, recipe in (
-<<<<<<< HEAD
-            ("belongs to the direction", partial(by_hand, distorted=DISTORTION_SHARE, sigma=sigma)),
+            ("error that depends on the direction", partial(by_hand, distorted=DISTORTION_SHARE, sigma=sigma)),
             ("gradient, path of 1 s", partial(by_hand, gradient=DISTORTION_SHARE, sigma=sigma)),
             ("gradient, path of 3 s", partial(by_hand, gradient=DISTORTION_SHARE, walk_s=3.0, sigma=sigma)),
-=======
-            ("error that depends on the direction", partial(by_hand, distorted=DISTORTED, sigma=sigma)),
-            ("gradient, path of 1 s", partial(by_hand, gradient=DISTORTED, sigma=sigma)),
-            ("gradient, path of 3 s", partial(by_hand, gradient=DISTORTED, walk_s=3.0, sigma=sigma)),
->>>>>>> h-dv1
         ):
             done = _run(pool, recipe, trials, textbook=True)
             yield _row(
@@ -398,13 +392,8 @@ def confidence(pool: Executor, trials: int) -> Iterator[str]:
 
 
 def few(pool: Executor, trials: int) -> Iterator[str]:
-<<<<<<< HEAD
     """Yield the table of few readings, one an attitude; *wrong* as in `benchmarks.adversary`."""
-    yield from _head("readings", "good but for their number", "ratio 50 / 90 %", "wrong", "expected")
-=======
-    """Few readings, one an attitude, good but perhaps for their number: wrong as in `benchmarks.adversary`."""
     yield from _head("readings", "good except for their number", "ratio 50 / 90 %", "wrong", "expected")
->>>>>>> h-dv1
     for count in (10, 12, 15, 16, 18, 20, 24, 30, 40):
         done = [one for one in pool.map(partial(_one_an_attitude, count), range(trials)) if one is not None]
         fifty, ninety = np.quantile([one.true / one.claimed for one in done], [0.5, 0.9])
