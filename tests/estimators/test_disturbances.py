@@ -277,7 +277,7 @@ def test_commands_settle_what_they_read(tmp_path: Path, monkeypatch: pytest.Monk
     assert "HOLDS" in harder
     assert_sentences(harder, about="current")
     assert_sentences(" ".join(harder.split()), about="drift")
-    assert "current goes" in run("heading", "c.json", "harder.csv", "-o", "h.csv")
+    assert_sentences(run("heading", "c.json", "harder.csv", "-o", "h.csv"), about="current")
     assert "takes away" not in run("check", "c.json", "calm.csv", "--fix", "current=0")
     run("calibrate", "flight.csv", "--with", "voltage", code=5)
     run("apply", "c.json", "calm.csv", "--fix", "voltage=3", code=2)
