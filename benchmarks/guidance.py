@@ -200,7 +200,7 @@ def rows(noises: Sequence[float], seeds: int, stray_deg: float, processes: int) 
     with ProcessPoolExecutor(processes) as pool:
         done = list(pool.map(_job, asked, [stray_deg] * len(asked), chunksize=10))
     lines = [
-        "| noise | user | time | turning | time ÷ that of chance | turning ÷ that of chance | true worst error |",
+        "| noise | user | time | turning | of chance's time | of its turning | true worst |",
         "|---|---|---|---|---|---|---|",
     ]
     for noise in noises:

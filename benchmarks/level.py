@@ -152,7 +152,7 @@ def row(scores: Sequence[tuple[list[float], list[float]]]) -> str:
 def turn_table(trials: int) -> Iterator[str]:
     """Yield the table of `level`, with known facts."""
     tilts = " / ".join(f"{tilt:g}" for tilt in TILTS_DEG)
-    yield f"| turn | known | true at {tilts}° | claimed | ratio | claimed within 1° up to | refused |"
+    yield f"| turn | known | true at {tilts}° | claimed | ratio | usable to 1° | refused |"
     yield "|---|---|---|---|---|---:|---:|"
     for title in ("S7", *TURNS):
         for known, (at_site, mounting) in KNOWN_FACTS.items():

@@ -101,7 +101,7 @@ def main() -> None:
 
 def references() -> None:
     """Print the first table."""
-    print("| recording | readings | reference | offset difference, of field | spread | verdict, worst heading error |")
+    print("| recording | readings | reference | offset differs, of field | spread | verdict, worst heading error |")
     print("|---|---:|---|---:|---|---|")
     for reference in REFERENCES:
         print(row(reference))

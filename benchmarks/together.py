@@ -178,7 +178,7 @@ def real_table() -> Iterator[str]:
         return
     log = open_log(Path(data) / "dronekit_log171_3mags" / "log171.bin")
     arm = sorted((Path(data) / "leiria_robot").glob("V_300_path1_*.npz"))
-    yield "| sensor | worst heading alone, ° | together, ° | axes | angle beyond, ° | ± | deviation, ° | clock, ms |"
+    yield "| sensor | worst heading alone, ° | together, ° | axes | but for, ° | ± | off by, ° | clock, ms |"
     yield "|---|---:|---:|---|---:|---:|---:|---:|"
     stated = recorded_site(log)
     yield from _rows(fit_multi({each.name: each for each in log.instruments}, site=stated and stated[0]))
