@@ -43,10 +43,10 @@ REACHES: Final = (
 SMALL_ERROR_DEG: Final = 0.2
 """Heading error in degrees below which a good verdict adds its caveat."""
 
-UNSTATED: Final = "the calibration states no uncertainty"
+UNSTATED_REASON: Final = "the calibration states no uncertainty"
 """Reason for a calibration without findings, such as an imported one."""
 
-LEFT_OUT: Final = "That is the error of the calibration alone: mounting, tilt and iron nearby come on top."
+CAVEAT: Final = "That is the error of the calibration alone: mounting, tilt and iron nearby come on top."
 
 
 class Headline(NamedTuple):
@@ -64,7 +64,7 @@ class Claimed(NamedTuple):
     target_deg: float
 
 
-NOT_CLAIMED: Final = Claimed(math.nan, math.nan, math.nan)
+NO_CLAIM: Final = Claimed(math.nan, math.nan, math.nan)
 
 
 def headline(verdict: Verdict, cause: Finding | None, claimed: Claimed, limit_deg: float) -> Headline:
@@ -83,7 +83,7 @@ def headline(verdict: Verdict, cause: Finding | None, claimed: Claimed, limit_de
     if kind == "attitudes" and limit_deg >= UPSIDE_DOWN:
         kind = "directions"
     reach, beyond = reach_words(limit_deg)
-    why, remedy = (UNSTATED, "") if cause is None else (cause.in_a_sentence, cause.remedy)
+    why, remedy = (UNSTATED_REASON, "") if cause is None else (cause.in_a_sentence, cause.remedy)
     lead = LEADS[kind].format(
         error=error_words(claimed),
         target=f"{claimed.target_deg:g}°",
@@ -92,7 +92,7 @@ def headline(verdict: Verdict, cause: Finding | None, claimed: Claimed, limit_de
         why=f"{why[:1].lower()}{why[1:]}",
     )
     is_small = kind == "good" and claimed.worst_deg < SMALL_ERROR_DEG
-    said = (as_sentence(lead), remedy, LEFT_OUT if is_small else "")
+    said = (as_sentence(lead), remedy, CAVEAT if is_small else "")
     return Headline(" ".join(filter(None, said)), "" if cause is None else cause.code)
 
 
