@@ -64,7 +64,7 @@ NUMBERS: Final = {
     "COVERAGE_LIMIT": limit_of("coverage"),
     "OUTLIERS_LIMIT": limit_of("outliers"),
     "SMALL_ERROR_DEG": SMALL_ERROR_DEG,
-    **_numbers_of(verdict, "NOT_BY_CHANCE PLACED SKEWED"),
+    **_numbers_of(verdict, "MIN_IMPROVEMENT_SIGMAS MAX_OFFSET_SIGMA MIN_SHAPE_SIGMA"),
     **_numbers_of(advice, "MIN_SAVED_SHARE"),
     **_numbers_of(diagnosis, "MAX_DRIFT_READINGS"),
     **_numbers_of(path_planning, "READINGS_PER_DEG"),
