@@ -191,9 +191,9 @@ def answer_layout(real: str) -> np.dtype[np.void]:
     return np.dtype(
         [
             ("status", "<i4"), ("verdict", "<i4"), ("findings", "u1", (len(ENGINE_FINDINGS),)),
-            ("is_checked", "u1", (len(ENGINE_FINDINGS),)), ("offset", real, (3,)), ("matrix", real, (3, 3)), ("field", real),
-            ("noise", real), ("heading_rms_deg", real), ("heading_worst_deg", real), ("turn", real, (3,)),
-            ("after_deg", real),
+            ("is_checked", "u1", (len(ENGINE_FINDINGS),)), ("offset", real, (3,)), ("matrix", real, (3, 3)),
+            ("field", real), ("noise", real), ("heading_rms_deg", real), ("heading_worst_deg", real),
+            ("turn", real, (3,)), ("after_deg", real),
         ],
         align=True,
     )  # fmt: skip

@@ -95,8 +95,8 @@ def test_the_simulator_and_an_attitude_mean_the_same_turn() -> None:
     attitude = quaternions.from_matrix(simulated.attitudes)
     dip = np.deg2rad(simulated.dip_deg)
     earth = simulated.field_strength * np.array([np.cos(dip), 0.0, np.sin(dip)])
-    npt.assert_allclose(quaternions.rotate_vectors(attitude, simulated.samples.field), np.tile(earth, (len(attitude), 1)),
-                        atol=1e-9)  # fmt: skip
+    expected = np.tile(earth, (len(attitude), 1))
+    npt.assert_allclose(quaternions.rotate_vectors(attitude, simulated.samples.field), expected, atol=1e-9)
     heading, pitch, roll = 0.7, -0.3, 1.1
     npt.assert_allclose(
         quaternions.from_matrix(attitudes_of(heading, pitch, roll)[0]),

@@ -269,12 +269,16 @@ class AidingOptions(program.Group, heading=program.AIDING):
     )  # fmt: skip
     gyro_scale_sigma: float | None = program.member(
         "--gyro-scale", metavar="SHARE",
-        type=program.number_within(0, 0.5, "a share from 0 to 0.5, such as 0.02; 0 if the gyro is calibrated", zero=True),
+        type=program.number_within(
+            0, 0.5, "a share from 0 to 0.5, such as 0.02; 0 if the gyro is calibrated", zero=True
+        ),
         help="With --with rate: uncertainty of the gyro's scales, 1 σ; 0 for a calibrated gyro [default: 0.02].",
     )  # fmt: skip
     acceleration_bias_sigma: float | None = program.member(
         "--accelerometer-bias", metavar="M/S2",
-        type=program.number_within(0, 2, "m/s² from 0 to 2, such as 0.05; 0 if the accelerometer is calibrated", zero=True),
+        type=program.number_within(
+            0, 2, "m/s² from 0 to 2, such as 0.05; 0 if the accelerometer is calibrated", zero=True
+        ),
         help="With --with dip: uncertainty of the accelerometer's bias, 1 σ; 0 if it is calibrated [default: 0.3].",
     )  # fmt: skip
     acceleration_gain_sigma: float | None = program.member(

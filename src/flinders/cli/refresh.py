@@ -76,8 +76,9 @@ class Refresh(program.Group):
         help="Speed over ground below which a course is not used.",
     )  # fmt: skip
     crab_deg: float = program.member(
-        "--crab", heading=program.SITE, type=program.number_within(0, 45, "degrees from 0 to 45", zero=True), default=2.0,
-        show_default=True, metavar="DEG", help="Angle between course and heading due to wind or current, 1 σ.",
+        "--crab", heading=program.SITE, type=program.number_within(0, 45, "degrees from 0 to 45", zero=True),
+        default=2.0, show_default=True, metavar="DEG",
+        help="Angle between course and heading due to wind or current, 1 σ.",
     )  # fmt: skip
     place: str | None = program.same_as(SiteOptions, "place")
     date: str | None = program.same_as(SiteOptions, "date")

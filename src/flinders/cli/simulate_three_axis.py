@@ -88,8 +88,8 @@ class ThreeAxis(Simulation):
     drift: float | None = size_option("--drift", "Drift of the offset, in µT per kelvin; adds the temperature column.")
     step: float | None = size_option("--step", "Step of the offset half way, in µT, as after a change of the vehicle.")
     field_step: float | None = program.member(
-        "--field-step", type=program.number_within(-0.99, 10.0, "a share from -0.99 to 10, such as -0.1"), metavar="SHARE",
-        help="Relative change of the earth's field from half way on.",
+        "--field-step", type=program.number_within(-0.99, 10.0, "a share from -0.99 to 10, such as -0.1"),
+        metavar="SHARE", help="Relative change of the earth's field from half way on.",
     )  # fmt: skip
     magnet: float | None = size_option("--magnet", "Peak field in µT of a magnet that passes after a third.")
     gyro_bias: tuple[float, ...] | None = program.member(

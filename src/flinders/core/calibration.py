@@ -100,8 +100,8 @@ class Calibration(Value):
     field_strength: float  #: in `unit`: length of corrected readings
     #: whether the field strength was given; otherwise it follows from a matrix of determinant 1
     field_strength_known: bool = False
-    #: an ellipsoid determines the matrix only up to a rotation on the left. ``check_symmetric``: the symmetric matrix, by
-    #: convention; ``estimated``: the fit determined the rotation; ``composed``: a product or inverse.
+    #: an ellipsoid determines the matrix only up to a rotation on the left. ``check_symmetric``: the symmetric matrix,
+    #: by convention; ``estimated``: the fit determined the rotation; ``composed``: a product or inverse.
     rotation: Rotation = "symmetric"
     raw: Unit = UNKNOWN_UNIT  #: the unit the recording was written in; ``raw.inside`` is the unit of the calibration
     axes: Axes = RECORDED_AXES  #: mapping of the recorded axes before `apply`

@@ -1,7 +1,7 @@
 """Durations written in a suitable unit, seconds to years.
 
->>> duration_text(40.0), duration_text(700.0), duration_text(2e4), duration_text(1e6), duration_text(1e8), duration_text(math.inf)
-('40 s', '12 min', '5.6 h', '12 days', '3.2 years', 'any time')
+>>> [duration_text(seconds) for seconds in (40.0, 700.0, 2e4, 1e6, 1e8, math.inf)]
+['40 s', '12 min', '5.6 h', '12 days', '3.2 years', 'any time']
 """
 
 from __future__ import annotations

@@ -195,8 +195,9 @@ def _igrf_elements(latitude_deg: float, longitude_deg: float, altitude_m: float,
     horizontal, strength = math.hypot(north, east), math.hypot(north, east, down)
     declination, inclination = math.atan2(east, north), math.atan2(down, horizontal)
     elements = {
-        "model": igrf.MODEL_NAME, "north": north, "east": east, "down": down, "declination_deg": math.degrees(declination),
-        "inclination_deg": math.degrees(inclination), "horizontal": horizontal, "strength": strength,
+        "model": igrf.MODEL_NAME, "north": north, "east": east, "down": down,
+        "declination_deg": math.degrees(declination), "inclination_deg": math.degrees(inclination),
+        "horizontal": horizontal, "strength": strength,
     }  # fmt: skip
     if not igrf.SIGMA_YEARS[0] <= year <= igrf.SIGMA_YEARS[1]:
         return elements

@@ -73,8 +73,8 @@ def states_of(name: str, words: Iterable[str]) -> tuple[str, str]:
     listed = ", ".join(found[:MAX_LISTED]) + ", …" * (len(found) > MAX_LISTED)
     if len(found) < 2:
         raise InputError(
-            f"column {name} has {count_text(len(found), 'word')} ({listed or 'all cells are empty'}): need two, one for "
-            "each state; record in both states, or leave the column out"
+            f"column {name} has {count_text(len(found), 'word')} ({listed or 'all cells are empty'}): need two, one "
+            "for each state; record in both states, or leave the column out"
         )
     raise InputError(
         f"column {name} has {len(found)} different words ({listed}): need two. Write a column with a number for each "

@@ -154,9 +154,9 @@ class Samples:
     #: (N,), 0 to 1: commanded share of full thrust; NaN if not known
     throttle: Floats | None = None
     #: (N, 4): unit quaternion w, x, y, z from the axes of `field` to north, east, down: for a perfect sensor
-    #: ``quaternions.rotate_vectors(attitude, field)`` is the field of the site. If the axes are forward, right, down, it is
-    #: the vehicle's attitude. NaN if not known. An autopilot estimates it, and its yaw may come from the compass that
-    #: is to be calibrated.
+    #: ``quaternions.rotate_vectors(attitude, field)`` is the field of the site. If the axes are forward, right, down,
+    #: it is the vehicle's attitude. NaN if not known. An autopilot estimates it, and its yaw may come from the compass
+    #: that is to be calibrated.
     attitude: Floats | None = None
     currents: Floats | None = None  #: (N, M), A: current of each of M motors, the first motor first
     throttles: Floats | None = None  #: (N, M), 0 to 1: throttle of each of M motors

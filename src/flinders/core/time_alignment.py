@@ -93,7 +93,8 @@ def align_readings(times: Sequence[Floats], fields: Sequence[Floats], *, referen
 def interpolate_readings(time: Floats, field: Floats, moments: Floats) -> Floats:
     """(K, 3) readings interpolated linearly at (K,) times; NaN outside the recording and in gaps.
 
-    >>> interpolate_readings(np.array([0.0, 1.0, 2.0, 9.0]), np.arange(12.0).reshape(4, 3), np.array([0.5, 2.0, 5.0]))[:, 0]
+    >>> time, field = np.array([0.0, 1.0, 2.0, 9.0]), np.arange(12.0).reshape(4, 3)
+    >>> interpolate_readings(time, field, np.array([0.5, 2.0, 5.0]))[:, 0]
     array([1.5, 6. , nan])
     """
     if len(time) < 2:

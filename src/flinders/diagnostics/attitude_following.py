@@ -1,8 +1,8 @@
 """Test whether a column of a log follows the attitude: its values are a function of the direction of the field.
 
 An offset P c(u) that is a function of the direction u of the field cannot be distinguished from soft iron in any
-recording. `predicted_share` measures such a dependence without a model of the function: it predicts each value from readings
-of nearly the same direction in other parts of the recording,
+recording. `predicted_share` measures such a dependence without a model of the function: it predicts each value
+from readings of nearly the same direction in other parts of the recording,
 
     R² = 1 − Σ (c − ĉ(u))² / Σ (c − c̄)²,        ĉ(u) the mean of the nearest readings in the other parts
 

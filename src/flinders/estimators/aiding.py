@@ -123,7 +123,8 @@ class AidedFit:
     # factor by which the scatter of parts of the recording exceeds that of their residuals, in variance
     excess_variance: float = 1.0
     site_off: float | None = None  # standard deviations between the estimated dip and that of the site
-    # largest scale error of the gyro if it is beyond `MAX_SCALE_SIGMAS`, and the fit is without scale errors; otherwise 0
+    # largest scale error of the gyro if it is beyond `MAX_SCALE_SIGMAS`, and the fit is without scale errors;
+    # otherwise 0
     scales_off: float = 0.0
     gravity_reading: float = 1.0  # length of accelerations at rest, in their recorded unit
 
@@ -213,8 +214,8 @@ def fit_aided(
         Length of the windows of the gyro, in s.
     gyro_scale : float
         Prior 1 σ of the gyro's scale errors, and of its misalignment angles in rad, which are estimated. 0 for a
-        calibrated gyro. Scale errors of more than `MAX_SCALE_SIGMAS` times this value indicate another error: the fit is then
-        repeated without scale errors, and `Aided.scales_off` has the largest one.
+        calibrated gyro. Scale errors of more than `MAX_SCALE_SIGMAS` times this value indicate another error: the fit
+        is then repeated without scale errors, and `Aided.scales_off` has the largest one.
     acceleration_bias : float
         Prior 1 σ of the accelerometer's bias on each axis in m/s², which is estimated. 0 for a calibrated
         accelerometer, whose gains are then exact, too.

@@ -18,9 +18,9 @@ A slow drift over minutes that is smaller than the noise of a single reading has
 can change a fit more than the noise does. It is detected by dividing the recording into a few blocks: their gradients
 Σ J s are then larger than B allows, and B is multiplied by the excess.
 
-Residuals below `MIN_NOISE`, a millionth of the field, are rounding, of exact readings or of readings in single precision.
-They depend on the arithmetic instead of the sensor, and are treated as white. The covariance claims at least this
-noise, so that rounding does not reduce it.
+Residuals below `MIN_NOISE`, a millionth of the field, are rounding, of exact readings or of readings in single
+precision. They depend on the arithmetic instead of the sensor, and are treated as white. The covariance claims at
+least this noise, so that rounding does not reduce it.
 
 References
 ----------

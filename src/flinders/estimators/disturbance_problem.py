@@ -20,7 +20,8 @@ Source: the model of ArduPilot's CompassMot, estimated from the magnitude; P. W.
 >>> from flinders.estimators.regressors import LoggedDisturbances
 >>> motors = simulate.MotorCurrent(per_ampere=[0.5, 0.0, -0.3])
 >>> samples = simulate.tumble(seed=1, disturbances=[motors]).samples
->>> solved = solve_disturbances(DisturbanceProblem(LoggedDisturbances.of([samples], ("current",)), ("current",), 0.3, {}))
+>>> logged = LoggedDisturbances.of([samples], ("current",))
+>>> solved = solve_disturbances(DisturbanceProblem(logged, ("current",), 0.3, {}))
 >>> solved.at.disturbances.round(1) + 0.0
 array([[ 0.5,  0. , -0.3]])
 """

@@ -218,7 +218,7 @@ def vertical_correlation(iterate: JointIterate) -> CorrelationLength:
 
 
 def _share_left(own: Floats) -> Floats:
-    """(W, n) share of each vertical's residual that the fitted direction leaves, from the Jacobian of `own_jacobian`."""
+    """(W, n) share of each vertical's residual left by the fitted direction, from the Jacobian of `own_jacobian`."""
     upright = orthonormalise(own)[0][:, 3]
     left: Floats = 1.0 - np.einsum("wna,wna->wn", upright, upright)
     return left

@@ -175,7 +175,8 @@ class GoodUntil:
         lasts = f"{self._until}{self._durations}{self._kelvins(self._growth)}"
         if self._target_growth is None:
             return lasts
-        return f"{lasts}; the claim doubles in {duration_text(self.seconds)}{self._kelvins(DOUBLED_GROWTH, has_ends=False)}"
+        kelvins = self._kelvins(DOUBLED_GROWTH, has_ends=False)
+        return f"{lasts}; the claim doubles in {duration_text(self.seconds)}{kelvins}"
 
     @property
     def brief(self) -> str:

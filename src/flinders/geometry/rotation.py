@@ -66,7 +66,7 @@ def transform_vectors(matrix: Floats, vectors: Floats) -> Floats:
 
 
 def apply_matrices(matrices: Floats, vectors: Floats) -> Floats:
-    """(W, n, i) product of (W, n, i, j) matrices and (W, n or 1, j) vectors in the memory layout of `make_contiguous`."""
+    """(W, n, i) product of (W, n, i, j) matrices and (W, n or 1, j) vectors, laid out as by `make_contiguous`."""
     return product(matrices, vectors[..., np.newaxis])[..., 0]
 
 

@@ -7,8 +7,8 @@ apart; a beam search keeps the paths with the smallest predicted worst error, an
 the target. The path is planned again after 0.25 s.
 
 In the first seconds there is no fit, and so no centre for directions. A few readings on an arc determine the centre in
-their plane, but not across it: `rough_belief` places a sphere there, with a covariance that is large across the plane, so that
-the path leads out of the plane.
+their plane, but not across it: `rough_belief` places a sphere there, with a covariance that is large across the
+plane, so that the path leads out of the plane.
 
 >>> from flinders import simulate
 >>> from flinders.fitting import calibrate

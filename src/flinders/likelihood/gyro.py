@@ -164,7 +164,7 @@ def _scale_derivatives(along: Floats, turned: Floats) -> Floats:
 
 
 def bridge_gaps(time: Floats | None, rate: Floats | None) -> tuple[Floats | None, int]:
-    """(N, 3) rates with gaps of at most `MAX_BRIDGED_READINGS` readings interpolated, and the number of interpolated readings.
+    """(N, 3) rates with gaps of at most `MAX_BRIDGED_READINGS` readings interpolated, and the number of those readings.
 
     Longer gaps stay NaN and end a window. Without times the rates are returned unchanged.
 

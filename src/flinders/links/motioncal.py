@@ -61,8 +61,9 @@ class Echo:
     def first_difference(self, expected: tuple[float, ...]) -> int | None:
         """Index of the first number that differs from the expected one; None if all agree.
 
-        >>> Echo.of("12.346,-0.500", 2).first_difference((12.3456, -0.5)), Echo.of("12.346,-0.51", 2).first_difference((12.3456, -0.5))
-        (None, 1)
+        >>> echoes = Echo.of("12.346,-0.500", 2), Echo.of("12.346,-0.51", 2)
+        >>> [echo.first_difference((12.3456, -0.5)) for echo in echoes]
+        [None, 1]
         """
         for place, (number, digits, wanted) in enumerate(zip(self.values, self.places, expected, strict=True)):
             half = 0.5 * 10.0 ** -max(digits, MIN_PLACES)
@@ -215,8 +216,8 @@ class _EchoListener:
         """Sentence on an echo of other values, with a remedy, by comparison with an echo from before sending."""
         if name not in self.echoes:
             return (
-                f"the board printed {wrong} before, and no such line since: {UNKNOWN_VALUES}; look at its output with flinders "
-                "record, and send again"
+                f"the board printed {wrong} before, and no such line since: {UNKNOWN_VALUES}; look at its output with "
+                "flinders record, and send again"
             )
         if name in self.before and self.before[name].values == self.known[name].values:
             return (

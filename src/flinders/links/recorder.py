@@ -473,7 +473,8 @@ class FileSink:
             if error.errno == errno.EINVAL:  # a device that cannot be synced
                 return
             raise OutputError(
-                f"{self.name}: cannot be written: {reason_and_remedy(error)}; the {self._bytes:,} bytes before are saved"
+                f"{self.name}: cannot be written: {reason_and_remedy(error)}; "
+                f"the {self._bytes:,} bytes before are saved"
             ) from None
 
     def __enter__(self) -> Self:

@@ -73,8 +73,8 @@ class Choice:
         """Columns requested in an earlier table of the same form; None for another form, or if a sensor is requested.
 
         >>> choice = Choice(forms=(Form(("2", "3", "4"), 7, (), (1,)),))
-        >>> choice.remembered_columns([], 7, [0]), choice.remembered_columns([], 7, []), choice.remembered_columns([], 6, [0])
-        ('2,3,4', None, None)
+        >>> [choice.remembered_columns([], width, sensors) for width, sensors in ((7, [0]), (7, []), (6, [0]))]
+        ['2,3,4', None, None]
         """
         own = Form.of((), names, width, increasing) if self.forms else None
         same = (form for form in self.forms if form._replace(field=()) == own and self.sensor is None)

@@ -1,7 +1,7 @@
 r"""Decoding of bytes into blocks of text lines, with any line end and any line length.
 
-Lines end with LF, CR LF or CR. A line longer than `MAX_LINE_LETTERS` is cut, so that a file without line ends needs no more
-memory than another.
+Lines end with LF, CR LF or CR. A line longer than `MAX_LINE_LETTERS` is cut, so that a file without line ends needs no
+more memory than another.
 
 >>> [lines.texts for lines in lines_of([b"1,2\r\n3,", b"4\r"], "utf-8", done=lambda: 0)]
 [['1,2', '3,4']]
@@ -75,7 +75,10 @@ class Lines:
 def lines_of(
     chunks: Iterable[bytes], encoding: str, done: Callable[[], int], least: int = BLOCK_ROWS, blocks: int = 1
 ) -> Iterator[Lines]:
-    """Yield all lines: first one block of `BLOCK_ROWS` lines, then `blocks` at a time; wait for at least `least` lines."""
+    """Yield all lines: first one block of `BLOCK_ROWS` lines, then `blocks` at a time.
+
+    Before it yields a block, it waits for at least `least` lines.
+    """
     first, together = 1, 1
     pending, count = "", 0
     for text in _whole_lines(_decode(chunks, encoding)):

@@ -284,7 +284,8 @@ def no_readings_found(name: str, lines: list[tuple[int, str]]) -> InputError:
     place, text = lines[0]
     if text.endswith(CUT_MARK):
         return UnreadableInput(
-            f"line {place + 1} of {name} is longer than a million characters ({shorten(text)!r}): need one reading a line"
+            f"line {place + 1} of {name} is longer than a million characters ({shorten(text)!r}): "
+            "need one reading a line"
         )
     place, text = numbers[0] if numbers else lines[0]
     line = f" (line {place + 1}: {shorten(text)!r})"

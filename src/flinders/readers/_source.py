@@ -210,7 +210,7 @@ class ByteStream:
         self._cut: EndsEarly | None = None
 
     def head(self) -> bytes:
-        """Wait for enough bytes to recognise the format: rows of numbers, `HEAD_BYTES` bytes, or the end of the stream."""
+        """Wait for enough bytes to recognise the format: rows of numbers, `HEAD_BYTES` bytes, or the stream's end."""
         try:
             while not self._is_enough and (chunk := next(self._arriving, None)) is not None:
                 self._head += chunk

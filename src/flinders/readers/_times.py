@@ -2,7 +2,8 @@
 
 >>> seconds_and_nanoseconds(np.array([[1.7e9, 9e8, 4], [1.7e9 + 1, 1e8, 5]]))
 (0, 1)
->>> reason_of_unknown_unit(np.arange(12.0), "", np.tile([[20.0, 0, 40], [0, 20, 40], [-20, 0, 40], [0, -20, 40]], (3, 1)))
+>>> field = np.tile([[20.0, 0, 40], [0, 20, 40], [-20, 0, 40], [0, -20, 40]], (3, 1))
+>>> reason_of_unknown_unit(np.arange(12.0), "", field)
 ''
 """
 

@@ -164,7 +164,7 @@ def compile_pattern(gaps: Sequence[str]) -> re.Pattern[str]:
 
 @lru_cache(1024)
 def names_of(gaps: tuple[str, ...]) -> tuple[str, ...]:
-    """Column names of a line by label, axis and unit from the gaps of `split_line`; empty for a number without label."""
+    """Column names of a line by label, axis and unit from gaps of `split_line`; empty for a number without label."""
     behind = [_unit_and_label(gap) for gap in gaps[1:]]
     ahead = "time (ms)" if _TICKS.fullmatch(gaps[0]) else _label(gaps[0])
     labels, units = [ahead, *(label for _, label in behind[:-1])], [unit for unit, _ in behind]

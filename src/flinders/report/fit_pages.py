@@ -218,8 +218,8 @@ def _change_words(fit: Fit) -> Text | None:
         return None
     change = ", ".join(f"{number:+.1f}" for number in known.offset_change)
     return Text(
-        f"Since {known.previous} the offset has changed by ({change}) {unit_label(fit.calibration.unit)}: with it, headings "
-        f"would now be off by up to {degrees(known.heading_change_deg)}. The soft iron is taken from it."
+        f"Since {known.previous} the offset has changed by ({change}) {unit_label(fit.calibration.unit)}: with it, "
+        f"headings would now be off by up to {degrees(known.heading_change_deg)}. The soft iron is taken from it."
     )
 
 

@@ -400,8 +400,8 @@ def _style() -> str:
 
 
 FILTERS: Final = {
-    "counted": count_text, "figures": figures, "degrees": degrees, "sentence": as_sentence, "instruments": instrument_rows,
-    "label": unit_label, "strength": length, "date": date_of, "minus": minus, "sources": sources,
-    "dip_words": dip_words, "duration": duration_text,
+    "counted": count_text, "figures": figures, "degrees": degrees, "sentence": as_sentence,
+    "instruments": instrument_rows, "label": unit_label, "strength": length, "date": date_of, "minus": minus,
+    "sources": sources, "dip_words": dip_words, "duration": duration_text,
 }  # fmt: skip
 """Formats of numbers in the page."""

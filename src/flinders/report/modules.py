@@ -2,8 +2,8 @@ r"""Modules of the page as one script for a self-contained file: no server, no s
 
 A page that is opened from a disk cannot import modules, so they are joined when a report is written: each becomes a
 function that is called once and returns its exports. Our modules use the two plainest forms of import and export, and
-`join_modules` refuses any other. Pages use a bundle instead, a third as large, which esbuild makes when Flinders is installed
-(``hatch_build.py``); while modules are being edited they are joined as well.
+`join_modules` refuses any other. Pages use a bundle instead, a third as large, which esbuild makes when Flinders is
+installed (``hatch_build.py``); while modules are being edited they are joined as well.
 
 Files are named by their paths in `flinders`: ``static/report.js`` belongs to the library, ``apps/live/static/live.js``
 to a package for one trade.

@@ -122,8 +122,8 @@ class Placement:
         mended = self.nearest_axes.reverse_axis(axis)
         then = "without a mapping of its axes" if mended.is_identity else f"with its axes mapped by {mended}"
         raise NotExportable(
-            f"the sensor's axes are a mirror image of the body's ({self.nearest_axes}), and {who} holds rotations only: "
-            f"change the sign of {axis} in the driver, record again, and calibrate {then}",
+            f"the sensor's axes are a mirror image of the body's ({self.nearest_axes}), and {who} holds rotations "
+            f"only: change the sign of {axis} in the driver, record again, and calibrate {then}",
             hint={"axes": None if mended.is_identity else str(mended)},
             beyond=("rotation",),
             axis=axis,

@@ -476,8 +476,8 @@ def words_of_unfollowed(calibration: Calibration, disturbance: Disturbance, why:
     cost = min(calibration.disturbance_deg(disturbance, dip_deg=DIP_DEG), 180.0)
     return (
         f"{why}: it is taken for {disturbance.text_of(disturbance.reference)}, and at "
-        f"{disturbance.text_of(disturbance.extreme_value)} headings are off by up to {figures(cost)}° (at any attitude, dip "
-        f"{DIP_DEG:.0f}°)"
+        f"{disturbance.text_of(disturbance.extreme_value)} headings are off by up to {figures(cost)}° (at any "
+        f"attitude, dip {DIP_DEG:.0f}°)"
     )
 
 

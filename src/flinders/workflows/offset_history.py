@@ -234,8 +234,9 @@ def adoption_file_name(time_s: float) -> str:
 def adoption_time_s(name: str) -> float | None:
     """Time in s in the name of a calibration file; None for other names.
 
-    >>> adoption_time_s("calibration-20261129T100035Z.json"), adoption_time_s("calibration-4.84s.json"), adoption_time_s("old.json")
-    (1795946435.0, 4.84, None)
+    >>> names = "calibration-20261129T100035Z.json", "calibration-4.84s.json", "old.json"
+    >>> [adoption_time_s(name) for name in names]
+    [1795946435.0, 4.84, None]
     """
     match = ADOPTED_NAME.fullmatch(name)
     if match is None:

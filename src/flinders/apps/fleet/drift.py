@@ -5,8 +5,9 @@ read twice, a bounded number of rows at a time: once for the variance between re
 unit. Recordings without dates have a variance of their own; `flinders.apps.fleet.history` orders the recordings.
 
 The rate of false alarms does not grow with the fleet. In a fleet of this size in which nothing moved, the probability
-that any change, or any step, is reported is below `FALSE_ALARM_PROBABILITY`: an interval is tested at `FALSE_ALARM_PROBABILITY` over the number of
-intervals, a unit at `FALSE_ALARM_PROBABILITY` over the number of units (Bonferroni). docs/fleet/drift.md has the detectable changes.
+that any change, or any step, is reported is below `FALSE_ALARM_PROBABILITY`: an interval is tested at
+`FALSE_ALARM_PROBABILITY` over the number of intervals, a unit at `FALSE_ALARM_PROBABILITY` over the number of units
+(Bonferroni). docs/fleet/drift.md has the detectable changes.
 """
 
 from __future__ import annotations

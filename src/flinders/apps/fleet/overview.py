@@ -2,8 +2,9 @@
 
 Counts add, so that a table of any length is read in parts:
 
->>> whole = Histogram.over(0.01, 100.0, 40).with_numbers([0.2, 0.3, 5.0])
->>> parts = Histogram.over(0.01, 100.0, 40).with_numbers([0.2]) + Histogram.over(0.01, 100.0, 40).with_numbers([0.3, 5.0])
+>>> empty = Histogram.over(0.01, 100.0, 40)
+>>> whole = empty.with_numbers([0.2, 0.3, 5.0])
+>>> parts = empty.with_numbers([0.2]) + empty.with_numbers([0.3, 5.0])
 >>> whole.counts == parts.counts, whole.total
 (True, 3)
 

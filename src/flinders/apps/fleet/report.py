@@ -114,14 +114,14 @@ def order_notes(drift: FleetDrift) -> list[str]:
     remarks = []
     if drift.undated.units:
         remarks.append(
-            f"no dates are known of {count_text(drift.undated.units, 'unit')}: recordings are ordered by name, drift is "
-            "given per recording, and a step may be drift over a long time"
+            f"no dates are known of {count_text(drift.undated.units, 'unit')}: recordings are ordered by name, drift "
+            "is given per recording, and a step may be drift over a long time"
         )
     if count := drift.states["unordered"]:
         some = ", ".join(drift.unordered[:5]) + (" and others" if count > 5 else "")
         remarks.append(
-            f"the order of recordings is not known of {count_text(count, 'unit')} ({some}), which are not compared: put "
-            "dates into the names of recordings"
+            f"the order of recordings is not known of {count_text(count, 'unit')} ({some}), which are not compared: "
+            "put dates into the names of recordings"
         )
     if drift.duplicates:
         remarks.append(
@@ -301,7 +301,8 @@ def quantile_words(histogram: Histogram, unit: str) -> str:
 
 
 FILTERS: Final = {
-    "counted": count_text, "figures": figures, "degrees": degrees, "day": format_day, "share": _share, "label": unit_label,
-    "chance": chance, "percent": percent, "shares": shares, "listed": listed_counts, "action": action,
+    "counted": count_text, "figures": figures, "degrees": degrees, "day": format_day, "share": _share,
+    "label": unit_label, "chance": chance, "percent": percent, "shares": shares, "listed": listed_counts,
+    "action": action,
 }  # fmt: skip
 """Filters of the page's template."""

@@ -225,7 +225,8 @@ class Expected:
         freedom of Welch and Satterthwaite.
 
         >>> swing = fit(range(0, 360, 45), [1.1, 0.8, 0.1, -0.6, -1.0, -0.8, 0.1, 0.6], sigma_deg=0.2)   # C is 1.0°
-        >>> [Expected(sigma**2 * np.eye(4), 60.0, "given").chance(swing)[2] > CONTRADICTION_PROBABILITY for sigma in (0.5, 0.05)]
+        >>> expected = [Expected(sigma**2 * np.eye(4), 60.0, "given") for sigma in (0.5, 0.05)]
+        >>> [each.chance(swing)[2] > CONTRADICTION_PROBABILITY for each in expected]
         [True, False]
         """
         if deviation.covariance is None:

@@ -102,8 +102,8 @@ class SwingRecording:
         """
         if len(self.rests) != len(headings_deg):
             raise FitError(
-                f"{count_text(len(headings_deg), 'heading')} for {self.source}, which has {self.rest_words()}: name one for "
-                "each, in order, or change the shortest rest",
+                f"{count_text(len(headings_deg), 'heading')} for {self.source}, which has {self.rest_words()}: name "
+                "one for each, in order, or change the shortest rest",
                 hint={"headings_deg": None, "stationary_s": None},
                 rests=len(self.rests),
                 headings=len(headings_deg),

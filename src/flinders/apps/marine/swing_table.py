@@ -189,7 +189,8 @@ def _degrees(name: str, line: int, cells: Sequence[str], place: int) -> float:
     value = _number(cells[place]) if place < len(cells) else None
     if value is None or not np.isfinite(value):
         raise UnreadableInput(
-            f"line {line} of {name} has no number of degrees in column {place + 1} ({shorten(' '.join(cells))!r}): {NEED}"
+            f"line {line} of {name} has no number of degrees in column {place + 1} "
+            f"({shorten(' '.join(cells))!r}): {NEED}"
         )
     return value
 

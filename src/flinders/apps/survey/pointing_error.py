@@ -4,7 +4,7 @@ The errors are those of shots within 30° of level, at all azimuths and rolls: f
 of `flinders.likelihood.pointing` and the Jacobian of both angles. The Fisher information of a further direction with
 four rolls is calculated with the same observation terms.
 
->>> level = attitudes_of(np.array([90.0]), np.array([0.0]), np.array([0.0]))                # the first axis points to the east
+>>> level = attitudes_of(np.array([90.0]), np.array([0.0]), np.array([0.0]))  # the first axis points to the east
 >>> level[0].round(9)[:, 0] + 0.0
 array([0., 1., 0.])
 """

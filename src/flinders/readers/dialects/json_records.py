@@ -1,4 +1,4 @@
-r"""JSON: one record per line, with other lines between, or a document: a list of records, or input of `arrange_records`.
+r"""JSON: one record per line, with other lines between, or a document: a list of records or input of `arrange_records`.
 
 A record is an object, or a list of numbers.
 

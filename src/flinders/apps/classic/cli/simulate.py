@@ -37,8 +37,8 @@ class TwoAxis(Simulation):
         metavar="X,Y", help="Scale of each axis.",
     )  # fmt: skip
     offset: tuple[float, float] = program.member(
-        "--offset", type=numbers_type(2, "two numbers, such as 10,-5"), default="10,-5", show_default=True, metavar="X,Y",
-        help="Offset of each axis in µT.",
+        "--offset", type=numbers_type(2, "two numbers, such as 10,-5"), default="10,-5", show_default=True,
+        metavar="X,Y", help="Offset of each axis in µT.",
     )  # fmt: skip
     skew_deg: float = program.member(
         "--skew", type=program.number_within(-89, 89, "degrees from -89 to 89"), default=4.0, show_default=True,

@@ -36,8 +36,8 @@ class SimulatedFleet(program.Group):
         metavar="SHARE", help="Units with a fault when they are first recorded.",
     )  # fmt: skip
     drifting: float = program.member(
-        "--drifting", type=program.number_within(0, 1, "a share from 0 to 1", zero=True), default=0.1, show_default=True,
-        metavar="SHARE", help="Units whose offset moves after that.",
+        "--drifting", type=program.number_within(0, 1, "a share from 0 to 1", zero=True), default=0.1,
+        show_default=True, metavar="SHARE", help="Units whose offset moves after that.",
     )  # fmt: skip
     seed: int = program.member(
         "--seed", type=click.IntRange(min=0), default=1, show_default=True, help="Another seed, other numbers."
@@ -93,8 +93,8 @@ def command(options: SimulatedFleet) -> int:
             {"folder": str(folder), "units": len(units), "recordings": len(written), "faulty": faulty, "moved": moved}
         )
     say(
-        f"simulated: {count_text(len(written), 'recording')} of {count_text(len(units), 'unit')}; {faulty} have a fault, "
-        f"{moved} an offset that moves"
+        f"simulated: {count_text(len(written), 'recording')} of {count_text(len(units), 'unit')}; {faulty} have a "
+        f"fault, {moved} an offset that moves"
     )
     say(f"the recordings are in {folder}, the truth in {truth}, properties of the units in {properties}")
     say(f"next: {shlex.join(['flinders', 'fleet', str(folder), '-o', 'calibrations.parquet'])}")

@@ -33,8 +33,8 @@ class StandardOptions(program.Group):
         help="Largest deviation allowed [default: that of the rule, if its text was seen].",
     )  # fmt: skip
     base_error_deg: float = program.member(
-        "--base-error", heading=STANDARD, type=program.number_within(0, 45, "degrees from 0 to 45", zero=True), default=0.0,
-        show_default=True, metavar="DEG",
+        "--base-error", heading=STANDARD, type=program.number_within(0, 45, "degrees from 0 to 45", zero=True),
+        default=0.0, show_default=True, metavar="DEG",
         help="Common error of all known headings, 1 σ, such as that of the compass base.",
     )  # fmt: skip
     compensate: bool = program.flag(

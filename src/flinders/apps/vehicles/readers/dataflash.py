@@ -311,7 +311,8 @@ def _remarks(compass: _Compass, values: Mapping[str, float], number: int, ill: i
     yield mounting_words(replace(in_force, compass=number), values)
     yield "readings were logged in whole mG, truncated towards zero"
     if changes := compass.changes:
-        yield f"its parameters changed {count_text(changes, 'time')}: from each reading, those in force then are removed"
+        times = count_text(changes, "time")
+        yield f"its parameters changed {times}: from each reading, those in force then are removed"
     elif in_force.is_identity and not motor.any():
         yield "no calibration was in force: readings are raw"
     if np.any(offsets[-1] != compass.parameters[int(compass.stage[-1])].offset):

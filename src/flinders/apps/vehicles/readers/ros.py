@@ -18,8 +18,8 @@ Times are those of the messages' headers, in seconds since the first reading, or
 not 1970; for a header without time, the time of recording.
 
 Only whole recordings are read: a damaged one is refused with the command that may repair it. Types are those that the
-recording defines (ROS 1, MCAP), else those of ROS 2 Humble. Compressed data is unpacked up to `MAX_CHUNK_BYTES` bytes at a
-time.
+recording defines (ROS 1, MCAP), else those of ROS 2 Humble. Compressed data is unpacked up to `MAX_CHUNK_BYTES` bytes
+at a time.
 
 Sources: ``sensor_msgs/msg/*.msg``, REP-103 and REP-145; rosbags for the containers; of velocities ``driver.py`` of
 nmea_navsat_driver (``vel``), ``node.cpp`` of ublox (``fix_velocity``), and the topics of MAVROS (``raw/gps_vel``).

@@ -418,7 +418,8 @@ def _remarks(
     if message == RAW_IMU:
         yield "ArduPilot sends corrected readings in RAW_IMU, too"
     if changes := len(compass.parameters) - 1:
-        yield f"its parameters changed {count_text(changes, 'time')}: from each reading, those in force then are removed"
+        times = count_text(changes, "time")
+        yield f"its parameters changed {times}: from each reading, those in force then are removed"
     elif in_force.is_identity:
         yield "no calibration was in force: readings are raw"
     if in_force.has_disturbances:

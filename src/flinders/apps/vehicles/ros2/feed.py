@@ -183,8 +183,8 @@ class TopicFeed:
         if self._unreported >= MIN_ADVICE_READINGS:
             yield from self._advise(
                 "no-answer",
-                f"{count_text(self._unreported, 'reading')} of {self.topic} have an axis without a value (NaN), and are "
-                "left out: a magnetometer with three axes is needed",
+                f"{count_text(self._unreported, 'reading')} of {self.topic} have an axis without a value (NaN), and "
+                "are left out: a magnetometer with three axes is needed",
             )
         for row in map(tuple, values.tolist()):
             self._same = self._same + 1 if row == self._last else 1
