@@ -11,7 +11,7 @@ const { modules, wasm, data, asked } = JSON.parse(readFileSync(0, "utf-8"));
 const load = (name) => import(pathToFileURL(`${modules}/${name}`));
 const names = ["standalone/engine.js", "standalone/evaluate.js", "standalone/session.js", "standalone/state.js"];
 const [{ loadEngine }, { evaluate }, { Session }, { sessionState }] = await Promise.all(names.map(load));
-const [{ advance, begin, judged, SEQUENCES }, { lead }, { between, product, rotated, rotation }, { corrected, unit }] =
+const [{ advance, begin, skipNeedless, SEQUENCES }, { lead }, { product, rotated, rotation, between }, { correctReading, unit }] =
     await Promise.all(["standalone/choreography.js", "standalone/lead.js", "../../../static/views/turn.js", "../../../static/views/vectors.js"].map(load));
 const { tiles } = await load("standalone/tiles.js");
 const engine = await loadEngine(readFileSync(wasm), data.engine.layouts);
@@ -235,11 +235,11 @@ class Page {
         const state = sessionState(session);
         const raw = field.slice(-3);
         const shown = session.shown.evaluated.view;
-        this.choreography = judged(this.choreography, shown, tiles().centres);
+        this.choreography = skipNeedless(this.choreography, shown, tiles().centres);
         const before = this.lead;
         this.lead = lead(before, { at, state, view: shown, choreography: this.choreography, raw, centres: tiles().centres });
         if (before && this.lead.since !== before.since) this.words += 1;
-        const here = shown?.shown ? unit(corrected(raw, shown.shown)) : null;
+        const here = shown?.shown ? unit(correctReading(raw, shown.shown)) : null;
         return { ...this.lead, here, key: `${this.lead.kind} ${this.lead.since}`, phase: state.phase };
     }
 }

@@ -1,7 +1,7 @@
 """Writes a calibration as a component: a folder for ESPHome, Zephyr, Arduino and PlatformIO, or MicroPython.
 
-The numbers are those of the targets `c` and `micropython`, with their limits of a disturbed reading and the standard
-deviation of each heading; the files around them, in `components/`, are what each framework asks for.
+The calibration code is that of the targets `c` and `micropython`, with limits for disturbed readings and the standard
+deviation of each heading; the files of each framework are in `components/`.
 
 >>> from flinders import fit, simulate
 >>> files = contents(COMPONENTS["zephyr"], fit(simulate.tumble(seed=1).samples))
@@ -40,10 +40,10 @@ if TYPE_CHECKING:
 
 FILES: Final = Path(__file__).parent / "components"
 TEMPLATE: Final = ".in"
-"""Ending of a file with places for values, or of one in Python that is none of this package."""
+"""Suffix of a template, or of a Python file that is not part of this package."""
 VERSION: Final = version("flinders")
 UNITS: Final = {"uT": "µT", "G": "gauss"}
-"""What people write."""
+"""Names of units in texts."""
 AUTHORS: Final = "The Flinders developers"
 SENTENCE: Final = "Heading of a magnetometer with its calibration by Flinders."
 PARAGRAPH: Final = "Each heading comes with its standard deviation at this attitude, and disturbed fields are noticed."
@@ -54,16 +54,16 @@ KEYWORDS: Final = ("magnetometer", "compass", "calibration", "heading")
 class Component:
     """One row of the table of components."""
 
-    name: str  #: what ``flinders component`` calls it
-    use: str  #: what takes it, for people
-    place: str  #: of the calibration in its folder
-    unit: str  #: of the readings that it takes: ``uT``, ``G``, or that of the recording
-    manifests: Callable[[], Mapping[str, str]]  #: files that say what it is, by their names
-    next_step: str  #: what to do with the folder
+    name: str  #: name for ``flinders component``
+    use: str  #: framework, in words
+    place: str  #: path of the calibration in the folder
+    unit: str  #: of its readings: ``uT``, ``G``, or that of the recording
+    manifests: Callable[[], Mapping[str, str]]  #: returns manifest files by name
+    next_step: str  #: instruction for the folder
 
     @property
     def is_python(self) -> bool:
-        """Its calibration is a module, not a header."""
+        """Whether its calibration is a Python module, not a C header."""
         return self.place.endswith(".py")
 
 
@@ -75,11 +75,11 @@ def write(component: Component, fit: Fit, directory: str | Path, *, force: bool 
     component : Component
         One of `COMPONENTS`.
     fit : Fit
-        It knows its noise and its uncertainty.
+        A fit with noise and uncertainty.
     directory : str or Path
-        The folder, which is made.
+        The folder, created if missing.
     force : bool
-        Replace files that are there.
+        Replace existing files.
 
     Returns
     -------
@@ -89,37 +89,37 @@ def write(component: Component, fit: Fit, directory: str | Path, *, force: bool 
     Raises
     ------
     NotExportable
-        For a fit that was refused, or that does not know its noise or its uncertainty.
+        For a refused fit, or one without noise or uncertainty.
     UnitError
-        For counts of unknown scale where the component takes readings in µT or gauss.
+        For counts of unknown scale if the component needs µT or gauss.
     OutputExists
-        Where a file is there and `force` is not given; nothing was written then.
+        If a file exists and `force` is not given; then nothing is written.
     OutputError
-        Where a file cannot be written.
+        If a file cannot be written.
     """
     return write_folder(contents(component, fit), directory, force=force)
 
 
 def contents(component: Component, fit: Fit) -> dict[str, str]:
-    """Every file of a component by its name; raises as `write`."""
+    """Content of each file of a component, by name; raises as `write`."""
     refuse_unfit(fit)
     _refuse_unstated(fit)
     folder, values = FILES / component.name, _values(component, fit)
     files = {path.relative_to(folder).as_posix(): path for path in folder.rglob("*") if path.is_file()}
-    made = {name.removesuffix(TEMPLATE): _filled(path, values) for name, path in files.items()}
+    made = {name.removesuffix(TEMPLATE): _fill_template(path, values) for name, path in files.items()}
     place = Path(component.place)
     export, _ = export_fit(fit, find("micropython" if component.is_python else "c"))
     made[component.place] = export.text
     if not component.is_python:
-        made[(place.parent / "flinders_compass.h").as_posix()] = _filled(FILES / "flinders_compass.h.in", values)
+        made[(place.parent / "flinders_compass.h").as_posix()] = _fill_template(FILES / "flinders_compass.h.in", values)
     return {**made, **component.manifests(), "README.md": _readme(component, fit), "LICENSE": licence()}
 
 
 def warnings(fit: Fit) -> list[str]:
-    """What a component leaves out of a fit, and what limits it."""
+    """Warnings on parts of a fit that a component omits, and on limits of the fit."""
     followed = fit.calibration.disturbances
     return [
-        *(not_followed(fit.calibration, each, f"the component does not follow {each.name}") for each in followed),
+        *(not_followed(fit.calibration, each, f"the component does not compensate {each.name}") for each in followed),
         *limit_lines(fit),
     ]
 
@@ -128,20 +128,20 @@ def _refuse_unstated(fit: Fit) -> None:
     """Refuse a fit without standard deviations; raises NotExportable."""
     if heading_model_of(fit) is None:
         raise NotExportable(
-            f"{fit.provenance.name} does not state its noise and its uncertainty, and a component gives each heading "
-            "with its error. Calibrate a recording, or export the code alone, for c",
+            f"{fit.provenance.name} does not state its noise and uncertainty, which a component needs for the error of "
+            "each heading. Calibrate a recording, or export the code alone, for c",
             beyond=(),
         )
 
 
-def _filled(path: Path, values: Mapping[str, str]) -> str:
-    """The text of a file, with the values in their places where it has some."""
+def _fill_template(path: Path, values: Mapping[str, str]) -> str:
+    """Text of a file, with placeholders replaced by values."""
     text = path.read_text(encoding="utf-8")
     return Template(text).substitute(values) if path.suffix == TEMPLATE else text
 
 
 def _values(component: Component, fit: Fit) -> dict[str, str]:
-    """What stands in the places of a template."""
+    """Values of a template's placeholders."""
     calibration, gates, plane = fit.calibration, gates_of(fit), fit.claim.plane
     given = calibration.raw.name if component.unit == RECORDED else component.unit
     off = "flinders_dip_is_off(compass.field, acceleration)"
@@ -165,30 +165,30 @@ def _values(component: Component, fit: Fit) -> dict[str, str]:
 
 
 def _factor(component: Component, calibration: Calibration) -> float:
-    """Units of the recording in one unit of the readings that a component takes; raises UnitError for counts."""
+    """Units of the recording per unit of the component's readings; raises UnitError for counts."""
     if component.unit == RECORDED:
         return 1.0
     return per_unit(calibration, component.unit, who=component.use) / calibration.raw.scale
 
 
 def _readme(component: Component, fit: Fit) -> str:
-    """What the folder is, how good its headings are, and what to do with it."""
+    """README of the folder: content, accuracy of the headings, and use."""
     noise = noise_of(fit)
     good = [f"From {fit.provenance.name}: the calibration is {fit.verdict}. {headline_of(fit)[0]}"]
     if noise is not None:
         good.append(
-            f"1 sigma of a level heading: {noise.heading_reading_deg:.2f}° of one reading, which averaging makes "
-            f"smaller, and {noise.heading_calibration_deg:.2f}° of the calibration, which it does not."
+            f"1 sigma of a level heading: {noise.heading_reading_deg:.2f}° of one reading, which averaging "
+            f"reduces, and {noise.heading_calibration_deg:.2f}° of the calibration, which it does not."
         )
     if gates_of(fit) is None:
-        good.append("It has no limits by which a disturbed field is noticed.")
+        good.append("It has no limits to detect a disturbed field.")
     followed = fit.calibration.disturbances
-    good += [f"{not_followed(fit.calibration, each, f'It does not follow {each.name}')}." for each in followed]
+    good += [f"{not_followed(fit.calibration, each, f'It does not compensate {each.name}')}." for each in followed]
     given = fit.calibration.raw.name if component.unit == RECORDED else component.unit
     takes = (
-        f"Readings are in {UNITS.get(given, given)}, in the axes of the recording. Acceleration is what an "
-        "accelerometer in the axes of corrected readings reads at rest, in any unit: with z down it is negative when "
-        "level."
+        f"Readings are in {UNITS.get(given, given)}, in the axes of the recording. Acceleration is the reading "
+        "of an accelerometer at rest in the axes of corrected readings, in any unit: with z down it is negative "
+        "when level."
     )
     parts = [
         f"# Flinders compass for {component.use}", f"{SENTENCE} {PARAGRAPH}", "\n".join(good), takes,
@@ -198,7 +198,7 @@ def _readme(component: Component, fit: Fit) -> str:
 
 
 def _no_manifests() -> dict[str, str]:
-    """The files of the folder say all."""
+    """No further files: the folder's own files suffice."""
     return {}
 
 
@@ -207,7 +207,7 @@ def _arduino() -> dict[str, str]:
     properties = {
         "name": "FlindersCompass", "version": VERSION, "author": AUTHORS, "maintainer": AUTHORS, "sentence": SENTENCE,
         "paragraph": PARAGRAPH, "category": "Sensors",
-        "url": "",  # the project has none, and the field has to be there
+        "url": "",  # required field; the project has no address
         "architectures": "*", "includes": "FlindersCompass.h",
     }  # fmt: skip
     manifest = {
@@ -221,7 +221,7 @@ def _arduino() -> dict[str, str]:
 
 
 def _micropython() -> dict[str, str]:
-    """`package.json` of mip, and `pyproject.toml` with `requirements.txt` as bundles of CircuitPython have them."""
+    """`package.json` of mip, and `pyproject.toml` with `requirements.txt` as in bundles of CircuitPython."""
     names = [f"flinders_compass/{name}.py" for name in ("__init__", "calibration")]
     package = {"urls": [[name, name] for name in names], "deps": [], "version": VERSION}
     keywords = ", ".join(f'"{word}"' for word in (*KEYWORDS, "micropython", "circuitpython"))
@@ -241,11 +241,11 @@ COMPONENTS: Final = {
     for row in (
         Component(
             "arduino", "Arduino and PlatformIO", "src/flinders_compass_calibration.h", RECORDED, _arduino,
-            "Put the folder where libraries are (PlatformIO: `lib/` of the project), and open its example Heading.",
+            "Move the folder to your libraries (PlatformIO: `lib/` of the project), and open its example Heading.",
         ),
         Component(
             "esphome", "ESPHome", "components/flinders_compass/flinders_compass_calibration.h", "uT", _no_manifests,
-            "Put `components` beside the configuration of the device, and into that what `example.yaml` has.",
+            "Move `components` to the folder of the device's configuration, and add `example.yaml` to that.",
         ),
         Component(
             "micropython", "MicroPython and CircuitPython", "flinders_compass/calibration.py", RECORDED, _micropython,
@@ -257,4 +257,4 @@ COMPONENTS: Final = {
         ),
     )
 }  # fmt: skip
-"""What a calibration can be written as, by name."""
+"""Components by name."""

@@ -1,7 +1,7 @@
-"""Writes the firmware package: one folder that Arduino, PlatformIO and CMake take as a library.
+"""Writes the firmware package: a library for Arduino, PlatformIO and CMake in one folder.
 
-The C files are those of the engine (`flinders.native`), as they are, with `board.c` and `packet.c` on top. Two
-definitions at the head of its `flinders.h` select single precision and a small stack.
+The C files are those of the engine (`flinders.native`), unchanged, with `board.c` and `packet.c` added. Two definitions
+at the head of its `flinders.h` select single precision and a small stack.
 
 >>> sorted(contents())[:3]
 ['CMakeLists.txt', 'LICENSE', 'README.md']
@@ -44,7 +44,7 @@ CONFIGURATION: Final = """\
 NAME: Final = "Flinders"
 VERSION: Final = version("flinders")
 AUTHORS: Final = "The Flinders developers"
-SENTENCE: Final = "Calibrates a magnetometer on the board, and says what heading error to expect."
+SENTENCE: Final = "Calibrates a magnetometer on the board, and states the expected heading error."
 PARAGRAPH: Final = "Maximum-likelihood fit of offset and soft iron, verdict, and how to hold the sensor next."
 
 
@@ -54,9 +54,9 @@ def write(directory: str | Path, *, force: bool = False) -> list[Path]:
     Parameters
     ----------
     directory : str or Path
-        The folder, which is made; its name is no matter.
+        The folder, created if missing; any name is possible.
     force : bool
-        Replace files that are there.
+        Replace existing files.
 
     Returns
     -------
@@ -66,15 +66,15 @@ def write(directory: str | Path, *, force: bool = False) -> list[Path]:
     Raises
     ------
     OutputExists
-        Where a file is there and `force` is not given; nothing was written then.
+        If a file exists and `force` is not given; then nothing is written.
     OutputError
-        Where a file cannot be written.
+        If a file cannot be written.
     """
     return write_folder(contents(), directory, force=force)
 
 
 def contents() -> dict[str, str]:
-    """Every file of the package by its name."""
+    """Content of each file of the package, by name."""
     engine = {f"src/{name}": (NATIVE / name).read_text(encoding="utf-8") for name in ENGINE}
     engine["src/flinders.h"] = CONFIGURATION + engine["src/flinders.h"]
     own = (path for path in BOARD.rglob("*") if path.is_file())

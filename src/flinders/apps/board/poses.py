@@ -1,4 +1,4 @@
-"""Attitudes that advice is given in, in words, as a table of C.
+"""Names of attitudes for advice, as a table in C.
 
 >>> source().splitlines()[4]
 '    "with its +x side down",'
@@ -11,14 +11,14 @@ from typing import Final
 from flinders.findings.c_tables import text
 from flinders.findings.poses import POSE_WORDS
 
-MADE: Final = "Made by `flinders firmware` from the library's attitudes."
+REMARK: Final = "Made by `flinders firmware` from the library's attitudes."
 
 
 def source() -> str:
-    """`poses.c`: the table itself."""
+    """Return `poses.c`, the table."""
     return "\n".join(
         [
-            f"/* {MADE} */",
+            f"/* {REMARK} */",
             '#include "flinders_board.h"',
             "",
             "const char *const flinders_poses[FLINDERS_SENSOR_POSES] = {",

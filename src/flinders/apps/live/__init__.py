@@ -1,13 +1,13 @@
-"""A sensor on a wire: recorded, calibrated on a page while it is turned, or on a page that needs no program.
+"""Recording a sensor on a wire, and calibrating it on a page in the browser, with or without this program.
 
-For whoever holds a board or a phone, and for programs with a display of their own.
+For users with a board or a phone, and for programs with their own display.
 
-- `hub`: holds readings of a feed, such as that of `flinders.links.recorder`, in a `buffer` and passes them to pages
-- `messages`: their format; `simulated`: a feed of its own
-- `server`: routes; `access`: who may look; `transfers`: uploads and downloads
-- `session_file`: a recording with what a person did; `finished`: the calibration of all that it holds
-- `guided`: a session for programs with a display of their own
-- ``station``: units of a production line, one after the other
+- `hub`: stores readings of a feed, such as that of `flinders.links.recorder`, in a `buffer` and passes them to pages
+- `messages`: format of the messages between hub and page; `simulated`: feed of a simulated sensor
+- `server`: routes; `access`: address and access control; `transfers`: uploads and downloads
+- `session_file`: a recording with the user's edits; `finished`: the calibration of all its readings
+- `guided`: a session for programs with their own display
+- ``station``: tests of units of a production line
 - ``standalone``: writes the page that needs no program; ``cli``: commands
 
 The page has the session, in JavaScript (``static/standalone/session.js``).

@@ -1,9 +1,8 @@
-"""The address of the live page, the HTTP server behind it, and who may talk to it.
+"""Address of the live page, its HTTP server, and access control.
 
-A page of another site can make a browser connect to 127.0.0.1, and a name that such a site owns can be made to lead
-there. So a request has to name this server as its host, and one that changes something, or opens a socket, has to come
-from a page of this server. On other addresses than the loopback a token is asked for besides, which only the terminal
-shows.
+A page of another site can make a browser connect to 127.0.0.1, also under a host name of that site. So a request has to
+name this server as its host, and a request that changes state or opens a socket has to come from a page of this server.
+On addresses other than the loopback, a request also needs a token, which only the terminal shows.
 
 >>> gate = Gate.of("127.0.0.1", 8410)
 >>> gate.refusal(host="127.0.0.1:8410", origin="http://127.0.0.1:8410", needs_origin=True) is None
@@ -60,16 +59,16 @@ HEADERS: Final = {
     "Permissions-Policy": "camera=(), microphone=(), geolocation=(), usb=(), serial=()",
     "Cache-Control": "no-store",
 }
-"""On every answer."""
-LONGEST_NAME: Final = 100  # Letters of a file's name that are shown
+"""Headers of every answer."""
+MAX_NAME_LENGTH: Final = 100  # Most characters of a file's name in messages
 TOKEN_BYTES: Final = 16
 
 
 @dataclass(frozen=True, slots=True)
 class Gate:
-    """What is let through to a port of a host: requests that call the server by one of its names.
+    """Access control of a port: accepts requests that call the server by one of its names.
 
-    One that is open listens on addresses that other machines reach, and may be called by any address in figures.
+    An open gate listens on addresses that other machines reach, and accepts any numeric address as its name.
     """
 
     host: str
@@ -79,7 +78,7 @@ class Gate:
 
     @classmethod
     def of(cls, host: str, port: int, own_names: tuple[str, ...] = ()) -> Self:
-        """The gate of a server that listens on `host`; `own_names` are what this machine is called."""
+        """Return the gate of a server that listens on `host`; `own_names` are the names of this machine."""
         names = {"127.0.0.1", "localhost", "::1", host.strip("[]").casefold()}
         is_open = not is_loopback(host)
         if is_open:
@@ -87,9 +86,9 @@ class Gate:
         return cls(host, port, frozenset(names), is_open)
 
     def refusal(self, *, host: str | None, origin: str | None, needs_origin: bool) -> str | None:
-        """Say why a request with these headers is refused; None where it is let through.
+        """Return the reason to refuse a request with these headers; None to accept it.
 
-        One that changes something, or opens a socket, needs an origin: browsers then always say where they come from.
+        A request that changes state or opens a socket needs an origin, which browsers always send with such requests.
         """
         if host is None or not self._is_own(host):
             return f"this server is not {host or 'without a name'}: open the address that flinders live prints"
@@ -110,13 +109,13 @@ class Gate:
 
 
 def own_names() -> tuple[str, ...]:
-    """What this machine is called: in full, and without its domain."""
+    """Names of this machine, with and without its domain."""
     name = socket.gethostname()
     return (name, name.partition(".")[0])
 
 
 def page_addresses(host: str, port: int, token: str | None = None) -> list[str]:
-    """The addresses of the page, for a browser; of a server that listens on all, one for each network.
+    """Addresses of the page for a browser; one for each network if the server listens on all.
 
     >>> page_addresses("127.0.0.1", 8410), page_addresses("::1", 8410, "secret")
     (['http://127.0.0.1:8410/'], ['http://[::1]:8410/?token=secret'])
@@ -127,13 +126,13 @@ def page_addresses(host: str, port: int, token: str | None = None) -> list[str]:
 
 
 def _own_addresses() -> list[str]:
-    """The addresses of this machine on its networks, the one that reaches others first; nothing is sent to find out."""
+    """Addresses of this machine on its networks, the outgoing one first; sends nothing."""
     addresses = dict.fromkeys([_outgoing_address(), *_named_addresses()])
     return [address for address in addresses if not is_loopback(address)] or ["127.0.0.1"]
 
 
 def _outgoing_address() -> str:
-    """The address that this machine would send from."""
+    """Address that this machine would send from."""
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
         try:
             probe.connect(("192.0.2.1", 9))
@@ -143,14 +142,14 @@ def _outgoing_address() -> str:
 
 
 def _named_addresses() -> list[str]:
-    """The addresses that belong to the name of this machine."""
+    """Addresses of the name of this machine."""
     with contextlib.suppress(OSError):
         return [str(entry[4][0]) for entry in socket.getaddrinfo(socket.gethostname(), None, socket.AF_INET)]
     return []
 
 
 def is_loopback(host: str) -> bool:
-    """Whether only this machine reaches an address.
+    """Whether an address is reachable from this machine only.
 
     >>> is_loopback("127.0.0.1"), is_loopback("localhost"), is_loopback("0.0.0.0")
     (True, True, False)
@@ -159,7 +158,7 @@ def is_loopback(host: str) -> bool:
 
 
 def is_address(name: str) -> bool:
-    """Whether it is an address in figures: nobody can make such a name lead elsewhere."""
+    """Whether a host name is a numeric address, which no DNS server can redirect."""
     try:
         ipaddress.ip_address(name.strip("[]"))
     except ValueError:
@@ -169,13 +168,13 @@ def is_address(name: str) -> bool:
 
 @dataclass(slots=True)
 class Tokens:
-    """One-time tokens: the first browser that shows the current one gets a cookie, and the next needs a new one."""
+    """One-time tokens: each token is exchanged for a cookie once, and then replaced by a new token."""
 
     current: str = field(default_factory=lambda: secrets.token_urlsafe(TOKEN_BYTES))
     _cookies: set[str] = field(default_factory=set)
 
     def redeem(self, token: str) -> str | None:
-        """Change a token for a cookie, once; None for another one."""
+        """Return a cookie for the current token and replace the token; None for another token."""
         if not hmac.compare_digest(token.encode(), self.current.encode()):
             return None
         self.current = secrets.token_urlsafe(TOKEN_BYTES)
@@ -184,31 +183,31 @@ class Tokens:
         return cookie
 
     def knows(self, cookie: str | None) -> bool:
-        """Whether a cookie is one that was given."""
+        """Whether a cookie was issued."""
         matches = [hmac.compare_digest((cookie or "").encode(), known.encode()) for known in self._cookies]
         return any(matches)
 
 
 def cookie_name(port: int) -> str:
-    """Cookies are shared by all ports of a host: each server has its own."""
+    """Name of this server's cookie, with the port, since browsers share cookies among all ports of a host."""
     return f"flinders-{port}"
 
 
 def shown_name(name: str) -> str:
-    r"""A file's name from a browser as it may be shown: no folder, nothing that is not printed, not too long.
+    r"""File name from a browser made safe to show: no folder, printable characters only, limited length.
 
-    It is never opened.
+    The name is never opened as a file.
 
     >>> shown_name("../../etc/pass\nwd.csv"), shown_name("")
     ('passwd.csv', 'a file')
     """
     last = re.split(r"[/\\]", name)[-1] if "://" not in name else name
     text = "".join(letter for letter in last if letter.isprintable()).strip()
-    return text[:LONGEST_NAME] or "a file"
+    return text[:MAX_NAME_LENGTH] or "a file"
 
 
 def answer(words: str, status: int, headers: Mapping[str, str] | None = None) -> Response:
-    """Words for a person, as JSON."""
+    """Return a message for the user as JSON."""
     return JSONResponse({"words": words}, status_code=status, headers=headers)
 
 
@@ -219,24 +218,24 @@ NO_TOKEN: Final = """<!doctype html>
 <p>Open the whole address that <code>flinders live</code> prints last: it ends in <code>?token=…</code>
 <p>Each token admits one browser. The terminal prints the next one when it has been used.
 """
-"""The page for a browser that shows no token."""
+"""Page for a browser that sends no token."""
 
 
 class Guard:
-    """An application behind a gate, with `HEADERS` on every answer.
+    """ASGI application with access control, and with `HEADERS` on every answer.
 
-    Each browser is asked for a token, where there are any; `say` is told the next one.
+    If `tokens` is given, each browser needs one; `say` receives the next one.
     """
 
     def __init__(self, app: ASGIApp, gate: Gate, tokens: Tokens | None, say: Callable[[str], None]) -> None:
         self._app, self._gate, self._tokens, self._say = app, gate, tokens, say
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
-        """As ASGI has it; a request that the browser has given up, or that is under way at the end, is no fault."""
+        """Handle a request by ASGI; an aborted request, or one that is open at shutdown, is not an error."""
         if scope["type"] == "lifespan":
             await self._app(scope, receive, send)
             return
-        refused = self._refused(HTTPConnection(scope))
+        refused = self._refusal_response(HTTPConnection(scope))
         if scope["type"] == "websocket":
             await (WebSocketClose(1008) if refused else self._app)(scope, receive, send)
             return
@@ -249,8 +248,8 @@ class Guard:
             with contextlib.suppress(Exception):
                 await answer("flinders live has been stopped", 503)(scope, receive, send)
 
-    def _refused(self, request: HTTPConnection) -> Response | None:
-        """What a stranger gets; None for a page of ours."""
+    def _refusal_response(self, request: HTTPConnection) -> Response | None:
+        """Return the answer to a refused request; None for an accepted one."""
         is_socket = request.scope["type"] == "websocket"
         refusal = self._gate.refusal(
             host=request.headers.get("host"),
@@ -274,14 +273,14 @@ class Guard:
 
 
 def _without_token(request: HTTPConnection) -> Response:
-    """What a browser gets that shows no token, or one that was used: a page, or JSON where it asked for no page."""
+    """Answer to a browser without a valid token: a page, or JSON if it did not request a page."""
     if request.scope["type"] == "websocket" or "text/html" not in request.headers.get("accept", ""):
         return answer("open the address that flinders live prints, with its token; each works once", 401)
     return HTMLResponse(NO_TOKEN, 401)
 
 
 def _with_headers(send: Send) -> Send:
-    """Put `HEADERS` on the answer, which may be stricter."""
+    """Wrap `send` so that `HEADERS` are added to the answer unless set."""
 
     async def sending(message: Message) -> None:
         if message["type"] == "http.response.start":
@@ -294,13 +293,13 @@ def _with_headers(send: Send) -> Send:
 
 
 SIGNALS: Final = [getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHUP") if hasattr(signal, name)]
-STOPPING_S: Final = 1  # Seconds that pages have to let go, when the server stops
-HEAD_S: Final = 10.0  # Seconds that the head of a request may take to come
-MOST_CONNECTIONS: Final = 200  # Open at one time; a further one is closed
+STOPPING_S: Final = 1  # Longest wait for pages to disconnect when the server stops
+HEAD_S: Final = 10.0  # Longest time to receive the head of a request
+MOST_CONNECTIONS: Final = 200  # Most connections at one time; further ones are closed
 
 
 def listening(host: str, port: int) -> socket.socket:
-    """Open the socket to listen on; port 0 takes any that is free. `LinkError` says why it cannot be."""
+    """Open the socket to listen on; port 0 means any free port. Raises `LinkError` with the reason if it fails."""
     family = socket.AF_INET6 if ":" in host else socket.AF_INET
     listener = socket.socket(family, socket.SOCK_STREAM)
     try:
@@ -309,11 +308,11 @@ def listening(host: str, port: int) -> socket.socket:
         listener.listen()
     except (OSError, OverflowError) as error:
         listener.close()
-        raise LinkError(_why_not(host, port, error)) from None
+        raise LinkError(_failure_words(host, port, error)) from None
     return listener
 
 
-def _why_not(host: str, port: int, error: Exception) -> str:
+def _failure_words(host: str, port: int, error: Exception) -> str:
     number = getattr(error, "errno", None)
     if number == errno.EADDRINUSE:
         return f"port {port} is taken, perhaps by another flinders live: give another --port, or 0 for any"
@@ -324,18 +323,18 @@ def _why_not(host: str, port: int, error: Exception) -> str:
     return f"{host} port {port} cannot be opened: {error}"
 
 
-def _is_ours(record: logging.LogRecord) -> bool:
-    """Whether uvicorn tells of a fault; that it stops waiting for somebody at the end is none."""
+def _is_fault(record: logging.LogRecord) -> bool:
+    """Whether a log record of uvicorn is a fault; an exceeded shutdown wait is not."""
     return "graceful shutdown exceeded" not in str(record.msg)
 
 
 class _Server(uvicorn.Server):
-    """Stops on a signal, cleanly, and is then done; a second one ends it at once."""
+    """Server that stops cleanly on a signal, and at once on a second signal."""
 
     @contextlib.contextmanager
     def capture_signals(self) -> Iterator[None]:
         with contextlib.ExitStack() as before:
-            with contextlib.suppress(ValueError):  # not the main thread, which alone gets signals
+            with contextlib.suppress(ValueError):  # only the main thread receives signals
                 for number in SIGNALS:
                     before.callback(signal.signal, number, signal.signal(number, self._stop))
             yield
@@ -345,13 +344,13 @@ class _Server(uvicorn.Server):
         self.should_exit = True
 
 
-class _Patient(H11Protocol):
-    """A connection that has to say what it wants before long, so that none can be held open for nothing."""
+class _DeadlineProtocol(H11Protocol):
+    """Connection with a deadline for the head of a request, so that idle connections are closed."""
 
     _deadline: asyncio.TimerHandle | None = None
 
     def connection_made(self, transport: asyncio.Transport) -> None:  # type: ignore[override]
-        """Take the connection, unless there are too many."""
+        """Accept the connection, unless there are too many."""
         super().connection_made(transport)
         if len(self.connections) > MOST_CONNECTIONS:
             transport.abort()
@@ -359,12 +358,12 @@ class _Patient(H11Protocol):
             self._watch()
 
     def data_received(self, data: bytes) -> None:
-        """Take what came, and see whether the head of a request is whole."""
+        """Process received bytes, and end the deadline once the head of a request is complete."""
         super().data_received(data)
         self._watch()
 
     def connection_lost(self, exc: Exception | None) -> None:
-        """Wait no longer."""
+        """Cancel the deadline."""
         self._forget()
         super().connection_lost(exc)
 
@@ -381,15 +380,15 @@ class _Patient(H11Protocol):
 
 
 def serve(app: ASGIApp, listener: socket.socket) -> None:
-    """Serve until Ctrl-C, or whatever else ends a program from outside."""
+    """Serve until Ctrl-C or another terminating signal."""
     server_of(app).run(sockets=[listener])
 
 
 def server_of(app: ASGIApp) -> uvicorn.Server:
-    """A server that waits for nobody for long."""
+    """Return a server with short waits for clients."""
     config = uvicorn.Config(
         app,
-        http=_Patient,
+        http=_DeadlineProtocol,
         ws="websockets-sansio",
         ws_max_size=LONGEST,
         ws_per_message_deflate=False,
@@ -401,5 +400,5 @@ def server_of(app: ASGIApp) -> uvicorn.Server:
         timeout_graceful_shutdown=STOPPING_S,
         h11_max_incomplete_event_size=32_768,
     )
-    logging.getLogger("uvicorn.error").addFilter(_is_ours)
+    logging.getLogger("uvicorn.error").addFilter(_is_fault)
     return _Server(config)

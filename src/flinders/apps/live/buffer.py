@@ -1,14 +1,15 @@
-"""Readings that grow: immutable snapshots of one array of columns, bounded in memory.
+"""Growing buffer of readings with bounded memory and immutable snapshots.
 
 >>> buffer = ReadingBuffer.empty().extended(np.array([[0.0, 1, 2, 3, *GAP], [0.1, 4, 5, 6, *GAP]]))
 >>> later = buffer.extended(np.array([[0.2, 7, 8, 9, *GAP]]))
->>> len(buffer), len(later), later.field[-1]                                  # the earlier one is as it was
+>>> len(buffer), len(later), later.field[-1]                                  # the earlier buffer is unchanged
 (2, 3, array([7., 8., 9.]))
 
-Appending costs the same at any length: rows go into spare room at the end of the array, which only the newest state may
-use. Up to `CAPACITY` readings stay in memory, 56 bytes each. Beyond that every second one is dropped, and of those that
-follow every second one is taken: an hour at 1 kHz takes as much memory as a quarter of it. The file is complete.
-Which readings stay depends on their count only, not on how they arrived.
+The cost of appending does not depend on the length: rows go into spare capacity at the end of the array, which only the
+newest snapshot may use. Up to `CAPACITY` readings stay in memory, 56 bytes each. Beyond that, every second reading is
+dropped, and of later readings every second is stored: an hour at 1 kHz needs as much memory as a quarter of an hour.
+The file of the session has all readings. The choice of readings depends on their count only, not on the sizes of
+batches.
 """
 
 from __future__ import annotations
@@ -23,14 +24,14 @@ if TYPE_CHECKING:
     from flinders.core.axes import Axes
     from flinders.core.samples import Samples
 
-CAPACITY: Final = 1 << 20  # Readings in memory, at most: 59 MB, and as much again for a moment while they are moved
+CAPACITY: Final = 1 << 20  # Most readings in memory: 59 MB, and briefly twice that during a copy
 COLUMNS: Final = 7  # Time in s, field and acceleration
-GAP: Final = (np.nan, np.nan, np.nan)  # What stands for an acceleration that is not there
-FIRST_ROOM: Final = 4096
+GAP: Final = (np.nan, np.nan, np.nan)  # Marks a missing acceleration
+INITIAL_CAPACITY: Final = 4096
 
 
 def stride_for(total: int, most: int) -> int:
-    """The smallest power of two such that of `total` readings, counted from the first, no more than `most` are taken.
+    """Smallest power of two by which `total` readings are thinned to at most `most`.
 
     >>> stride_for(40_000, 40_000), stride_for(40_001, 40_000)
     (1, 2)
@@ -41,16 +42,17 @@ def stride_for(total: int, most: int) -> int:
 
 @dataclass(frozen=True, slots=True)
 class Timeline:
-    """Where a timeline has got to: the source's clock `last` read, the session's time `at`, the shift between them."""
+    """State of a timeline, s: the source's clock `last` read, the session's time `at`, and the shift between both."""
 
     last: float = np.nan
     shift: float = 0.0
     at: float = -np.inf
 
     def __call__(self, times: Floats) -> tuple[Floats, Timeline]:
-        """Put (N,) times of a source onto the session's timeline, which never goes back.
+        """Convert (N,) times of a source, s, to the session's timeline, which never decreases.
 
-        A clock that was set back goes on from where it was; a time that is not there is that of the reading before.
+        After a clock was set back, the timeline continues from its last time; a missing time is that of the reading
+        before.
 
         >>> times, clock = Timeline()(np.array([1.0, 1.5, 0.0, 0.5]))
         >>> times.tolist(), clock
@@ -69,8 +71,8 @@ class Timeline:
 
 
 @dataclass(slots=True)
-class _Room:
-    """An array with room at its end, and how much of it is taken."""
+class _Storage:
+    """An array with spare capacity, and the number of used rows."""
 
     rows: Floats
     taken: int = 0
@@ -78,7 +80,7 @@ class _Room:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ReadingBuffer:
-    """Readings in the order in which they came: of `total`, one of `stride` is in memory, and at most `most` are.
+    """Readings in order of arrival: of `total`, every `stride`-th is in memory, at most `most`.
 
     Reading j in memory is reading number j · `stride`.
     """
@@ -88,7 +90,7 @@ class ReadingBuffer:
     has_acceleration: bool = False
     most: int = CAPACITY
     _count: int = 0
-    _room: _Room = field(default_factory=lambda: _Room(np.empty((FIRST_ROOM, COLUMNS))))
+    _room: _Storage = field(default_factory=lambda: _Storage(np.empty((INITIAL_CAPACITY, COLUMNS))))
     _latest: Floats = field(default_factory=lambda: np.full(COLUMNS, np.nan))
 
     @classmethod
@@ -97,7 +99,7 @@ class ReadingBuffer:
         return cls(most=most)
 
     def extended(self, rows: Floats) -> ReadingBuffer:
-        """With (N, 7) rows more: time, field, acceleration."""
+        """Return a buffer with (N, 7) further rows: time, field, acceleration."""
         if not len(rows):
             return self
         total = self.total + len(rows)
@@ -106,18 +108,18 @@ class ReadingBuffer:
         new = rows[-self.total % stride :: stride]
         has_acceleration = self.has_acceleration or bool(np.isfinite(rows[:, 4]).any())
         count = (self._count if thinned is None else len(thinned)) + len(new)
-        room = self._room_for(thinned, len(new))
+        room = self._storage_for(thinned, len(new))
         room.rows[count - len(new) : count] = new
         room.taken = count
         return ReadingBuffer(total, stride, has_acceleration, self.most, count, room, rows[-1].copy())
 
-    def _room_for(self, thinned: Floats | None, more: int) -> _Room:
-        """The array to write into: the same where it has room and nobody else has gone on from here."""
+    def _storage_for(self, thinned: Floats | None, more: int) -> _Storage:
+        """Array to write into: the same if it has capacity and no other snapshot has used it, else a copy."""
         rows = self._rows if thinned is None else thinned
         needed = len(rows) + more
         if thinned is None and self._room.taken == self._count and needed <= len(self._room.rows):
             return self._room
-        room = _Room(np.empty((min(max(2 * needed, FIRST_ROOM), max(self.most, needed)), COLUMNS)))
+        room = _Storage(np.empty((min(max(2 * needed, INITIAL_CAPACITY), max(self.most, needed)), COLUMNS)))
         room.rows[: len(rows)] = rows
         return room
 
@@ -140,12 +142,12 @@ class ReadingBuffer:
 
     @property
     def acceleration(self) -> Floats:
-        """(N, 3) accelerations, NaN where there is none."""
+        """(N, 3) accelerations, NaN if missing."""
         return self._rows[:, 4:]
 
     @property
     def latest(self) -> Floats:
-        """(7,) the newest reading, also where it is not in memory; NaN before the first."""
+        """(7,) the newest reading, even if not in memory; NaN before the first."""
         return self._latest
 
     @property
@@ -154,16 +156,16 @@ class ReadingBuffer:
         return 0.0 if not self.total else float(self._latest[0])
 
     def after(self, seconds: float) -> ReadingBuffer:
-        """The readings later than a time, as a buffer of their own."""
+        """Return a buffer of the readings after a time."""
         return ReadingBuffer.empty(self.most).extended(self._rows[self.time > seconds])
 
     def rows(self, start: int, most: int) -> Floats:
-        """(N, 7) at most so many of the readings in memory, from number `start` on."""
+        """(N, 7) at most `most` readings in memory, from number `start` on."""
         return self._rows[start : start + most]
 
 
 def rows_of(samples: Samples, axes: Axes | None = None) -> Floats:
-    """(N, 7) samples as rows of a buffer, turned as `Samples.turned` does; without times, a reading counts a second.
+    """(N, 7) samples as rows of a buffer, turned as by `Samples.turned`; without times, one reading a second.
 
     >>> from flinders.core.axes import Axes
     >>> from flinders.core.samples import Samples

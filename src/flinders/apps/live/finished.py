@@ -1,6 +1,6 @@
-"""The calibration that a session comes to: of all readings that the file holds, but for those taken out.
+"""Final calibration of a session, from all readings of its file except excluded ones.
 
-A page fits what is in its memory, which of a long session are fewer; here all of them are read once more, as
+A page fits the readings in its memory, which thins a long session; this module reads the whole file again, as
 ``flinders calibrate`` does.
 """
 
@@ -35,7 +35,7 @@ if TYPE_CHECKING:
 
 
 class CalibrationRequest(NamedTuple):
-    """What a page asks to be finished: the number of a log, if it is not the sensor's, and of what is to be renewed."""
+    """Request of a page: its edits, the number of a log if not the sensor's, and that of a calibration to renew."""
 
     edits: Edits
     log: str | None = None
@@ -43,28 +43,28 @@ class CalibrationRequest(NamedTuple):
 
     @property
     def is_fixed(self) -> bool:
-        """No reading that is yet to come belongs to it."""
+        """Whether later readings cannot change the result."""
         return self.log is not None or self.edits.finished_s is not None
 
 
 @dataclass(frozen=True, slots=True)
 class Wanted:
-    """What is to be finished: readings, what was done to them, and the calibration to renew.
+    """Inputs of a final calibration: readings, the user's edits, and the calibration to renew.
 
     Attributes
     ----------
     name : str
     edits : Edits
     log : Log
-        What is in memory.
+        Readings in memory.
     path : Path, optional
-        The file of the session, where it has all readings; None for a log, or where the file has a hole.
+        File of the session, if it has all readings; None for a log, or if the file has a gap.
     reading : dict
-        How the file is read, as `flinders.open_recording` takes it.
+        Arguments of `flinders.open_recording` for the file.
     previous : Fit, optional
-        The calibration to renew, where `edits` say that.
+        The calibration to renew, if `edits` request that.
     is_of_sensor : bool
-        The readings are those of the session's sensor, and not of a log.
+        The readings come from the session's sensor, and not from a log.
     """
 
     name: str
@@ -76,10 +76,10 @@ class Wanted:
     is_of_sensor: bool = True
 
     def fitted(self, recording: Recording) -> Fit | FlindersError:
-        """The fit of a recording at the site, or why there is none that may be used."""
+        """Return the fit of a recording at the site, or the error if there is no usable one."""
         site = Site.stated(self.log.site_known(self.edits.site), inclination_deg=self.edits.dip_deg)
         if self.edits.refreshing and self.previous is None:
-            raise UsageError("there is no earlier calibration to renew: choose its file first")
+            raise UsageError("no earlier calibration to renew: choose its file first")
         how = partial(refresh, previous=self.previous) if self.edits.refreshing and self.previous else fit
         try:
             return how(recording, target_deg=self.edits.target_deg, site=site)
@@ -89,9 +89,9 @@ class Wanted:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Finished:
-    """What a session comes to, and what it is of; `number` tells it from others.
+    """Final calibration of a session with its recording; `number` identifies it.
 
-    `request` is what it was made for: the same calibration is given for the same request.
+    `request` is the request it answers: the same request returns the same calibration.
     """
 
     number: str
@@ -104,35 +104,35 @@ class Finished:
 
     @property
     def fit(self) -> Fit:
-        """The fit, good or limited; raises why there is none, or none that may be used."""
+        """The fit, good or limited; raises the error if there is no usable one."""
         if isinstance(self.outcome, FlindersError):
             raise self.outcome
         return self.outcome
 
     @property
     def view(self) -> View | None:
-        """What a page shows of it, also of one that is refused."""
+        """View of the fit for a page, also of a refused one."""
         result = self.outcome.fit if isinstance(self.outcome, Refused) else self.outcome
         return None if isinstance(result, FlindersError) else view_of_numbers(result)
 
     @property
     def refusal(self) -> str:
-        """Why there is no calibration."""
+        """Reason if there is no calibration, else empty."""
         return self.outcome.message if isinstance(self.outcome, FlindersError) else ""
 
     @property
     def limits(self) -> list[str]:
-        """What it is not good for."""
+        """Limits on the use of the calibration, as sentences."""
         return [finding.advice for finding in self.fit.findings if finding.severity == "limits"]
 
     @property
     def about(self) -> list[str]:
-        """Where the numbers come from and what is claimed of them, for the head of an export."""
+        """Sentences on origin and uncertainty, for the head of an export."""
         return [f"from {self.name}", *verdict_lines(self.fit)]
 
 
 def finished(number: str, wanted: Wanted) -> Finished:
-    """Fit all readings that are wanted."""
+    """Fit all readings of the inputs."""
     renewed = wanted.previous if wanted.edits.refreshing else None
     earlier = () if renewed is None else renewed.provenance.files
     if wanted.path is None:
@@ -148,7 +148,7 @@ def finished(number: str, wanted: Wanted) -> Finished:
 
 
 def _in_memory(wanted: Wanted) -> Samples:
-    """Readings in memory that are not taken out."""
+    """Readings in memory that are not excluded."""
     log = wanted.log
     samples = Samples(
         field=log.buffer.field,
@@ -163,14 +163,14 @@ def _in_memory(wanted: Wanted) -> Samples:
 
 
 def _nothing_yet(error: FlindersError) -> FlindersError:
-    """What cannot be read of a recording that has just begun is no fault of its file."""
+    """Replace the error of an unreadable file by one for a session without readings."""
     if isinstance(error, UnreadableInput):
-        return UnreadableInput("there are no readings yet to make a calibration from: turn the sensor first")
+        return UnreadableInput("no readings to calibrate from yet: turn the sensor first")
     return error
 
 
 def _source_file(path: Path, rows: int) -> SourceFile:
-    """The file as it is now; of one that grows, its beginning."""
+    """Return the source file with checksum, of its first `rows` rows if it still grows."""
     with path.open("rb") as file:
         digest = hashlib.file_digest(file, "sha256").hexdigest()
         return SourceFile(name=path.name, sha256=digest, bytes=file.tell(), rows=rows)

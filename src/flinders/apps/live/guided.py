@@ -1,7 +1,7 @@
-"""A guided calibration for programs with a page or a display of their own: readings in, what to do next out.
+"""Guided calibration for programs with their own display: readings in, the next turn out.
 
-No thread, no socket, no clock: time is that of the readings. Each state is a fit of all readings so far, judged as
-every fit, and the first turn of the path that brings its error below the target soonest.
+Uses no thread, socket or clock: time is that of the readings. Each state has a fit of all readings so far with its
+verdict, and the first turn of the path that reaches the target soonest.
 
 >>> from flinders import simulate
 >>> tumble = simulate.tumble(seed=1).samples
@@ -48,63 +48,63 @@ if TYPE_CHECKING:
     from flinders.fitting.result import Fit
 
 SOURCE: Final = "the session"
-KNOWN_DEG: Final = 10.0  # A fit that is farther off than this in some direction is asked for no path
-SPEED_DEG: Final = 90.0  # Degrees a second that a hand turns a sensor by, for what its readings along the way are worth
-SURE_FITS: Final = 3  # Fits in a row that have to be within the target: one may be so by chance
+MAX_PATH_ERROR_DEG: Final = 10.0  # No path is planned from a fit whose error is larger in some direction
+TURN_RATE_DEGPS: Final = 90.0  # Assumed turn rate of a hand, degrees a second, for the number of readings along a path
+MIN_GOOD_FITS: Final = 3  # Consecutive fits within the target needed, since one may be by chance
 
 
 @dataclass(frozen=True, slots=True)
 class State:
-    """What the readings of a session have come to."""
+    """State of a session after some readings."""
 
-    readings: int  #: how many have come
-    fit: Fit | None = None  #: the newest fit, also one that is refused; None where there is none
-    refusal: str = ""  #: why there is none
-    turn: str = ""  #: where to turn next, in words; empty where that is not known, or turning would gain nothing
-    direction: tuple[float, float, float] | None = None  #: where the field should point, in corrected sensor axes
+    readings: int  #: number received
+    fit: Fit | None = None  #: the newest fit, also a refused one; None without a fit
+    refusal: str = ""  #: reason if there is no fit
+    turn: str = ""  #: next turn, in words; empty if unknown or without gain
+    direction: tuple[float, float, float] | None = None  #: direction wanted for the field, in corrected sensor axes
     is_done: bool = False  #: the target is reached, by three fits in a row
 
     @property
     def words(self) -> str:
-        """A sentence for the person who turns the sensor."""
+        """A sentence for the user who turns the sensor."""
         return self.refusal if self.fit is None else headline_of(self.fit).words
 
     @property
     def verdict(self) -> str:
-        """Of the newest fit: ``good``, ``limited`` or ``refused``; empty where there is none."""
+        """Verdict of the newest fit: ``good``, ``limited`` or ``refused``; empty without a fit."""
         return "" if self.fit is None else self.fit.verdict
 
     @property
     def heading_error_deg(self) -> float:
-        """Worst heading error to expect of a level vehicle, 1 σ; infinite where there is no fit."""
+        """Worst expected heading error of a level vehicle, 1 σ, degrees; infinite without a fit."""
         return float("inf") if self.fit is None else self.fit.heading_error_deg.worst
 
     @property
     def coverage(self) -> float:
-        """Share of the directions that were seen, 0 to 1."""
+        """Share of covered directions, 0 to 1."""
         return 0.0 if self.fit is None else self.fit.evidence.coverage.fraction
 
 
 class Session:
-    """Readings that arrive, fitted as they do.
+    """Calibration session: fits readings as they arrive.
 
     Parameters
     ----------
     target_deg, dip_deg : float
         As for `flinders.fit`.
     goal : str
-        What the calibration is for: ``heading`` of a level vehicle, or ``attitude``, any.
+        Use of the calibration: ``heading`` of a level vehicle, or any ``attitude``.
     unit, axes : str
-        Of the readings, as `flinders.read` takes them.
+        Unit and axes of the readings, as for `flinders.read`.
     rate_hz : float
-        Readings a second, where they come without times.
+        Rate of readings that have no times.
     every_s : float
-        Seconds of readings from one fit to the next; a fit takes some 0.02 s, the guidance with it.
+        Seconds of readings from one fit to the next; a fit with guidance takes about 0.02 s.
 
     Raises
     ------
     UsageError
-        For a target, goal, unit or axes that cannot be used, and times that are not positive.
+        For an invalid target, goal, unit or axes, and times that are not positive.
     """
 
     def __init__(
@@ -132,14 +132,14 @@ class Session:
     def add(
         self, readings: ArrayLike, *, time: ArrayLike | None = None, acceleration: ArrayLike | None = None
     ) -> State:
-        """Take readings in, fit all of them where a fit is due, and say what they come to.
+        """Add readings, fit all of them if a fit is due, and return the state.
 
         Parameters
         ----------
         readings : (N, 3) or (3,), in the session's unit
             The newest readings of the magnetometer, in its own axes.
         time : (N,) float, s, optional
-            Of any clock; by default readings follow each other at ``rate_hz``.
+            Times of any clock; by default at intervals of 1/``rate_hz``.
         acceleration : (N, 3) float, optional
             Specific force.
 
@@ -159,7 +159,7 @@ class Session:
         self._state = replace(self._state, readings=self._buffer.total)
         if len(rows) and self._timeline.at >= self._due_s:
             self._due_s = self._timeline.at + self._every_s
-            self._state = self._fitted()
+            self._state = self._state_of_fit()
         return self._state
 
     def __repr__(self) -> str:
@@ -169,7 +169,7 @@ class Session:
 
     @property
     def state(self) -> State:
-        """What the readings so far come to."""
+        """State after the readings so far."""
         return self._state
 
     def finish(self) -> Fit:
@@ -178,7 +178,7 @@ class Session:
         Raises
         ------
         FitError
-            Where they give no calibration; `Refused` carries the fit where there is one that cannot be trusted.
+            If there is no calibration; `Refused` carries a fit that cannot be trusted.
         """
         return fit(self._samples(), target_deg=self._target_deg, site=self._site)
 
@@ -190,8 +190,8 @@ class Session:
             source=SOURCE,
         )  # fmt: skip
 
-    def _fitted(self) -> State:
-        """What a fit of all readings says."""
+    def _state_of_fit(self) -> State:
+        """State after a fit of all readings."""
         found: Fit | None
         try:
             found, refusal = self.finish(), ""
@@ -201,10 +201,10 @@ class Session:
             found, refusal = None, error.message
         turn, direction = self._turn(found)
         self._within = self._within + 1 if self._is_within(found) else 0
-        return State(self._buffer.total, found, refusal, turn, direction, self._within >= SURE_FITS)
+        return State(self._buffer.total, found, refusal, turn, direction, self._within >= MIN_GOOD_FITS)
 
     def _is_within(self, found: Fit | None) -> bool:
-        """Whether a fit is good, or good with limits, and its error for the goal within the target."""
+        """Whether a fit is good or limited, and its error for the goal within the target."""
         if found is None or found.verdict == "refused":
             return False
         worst = found.heading_error_deg.worst
@@ -213,7 +213,7 @@ class Session:
         return worst <= self._target_deg
 
     def _turn(self, found: Fit | None) -> tuple[str, tuple[float, float, float] | None]:
-        """Where to turn next: along the path from where the sensor is, else to one direction."""
+        """Next turn, in words and as a direction: along the path from the current attitude, else to one direction."""
         route = self._route(found)
         if route is not None:
             x, y, z = route.waypoints[0].tolist()
@@ -225,7 +225,7 @@ class Session:
         return advice.words(self._frame), (x, y, z)
 
     def _route(self, found: Fit | None) -> path_planning.Route | None:
-        """The path from the newest reading; None where it gains nothing."""
+        """The path from the newest reading; None without gain."""
         if found is not None and found.claim.plane:
             return None
         belief = believe(found, self._buffer.field)
@@ -247,13 +247,13 @@ class Session:
         return route if is_gain else None
 
     def _readings_per_deg(self) -> float:
-        """What the sensor gives for each degree that it is turned by."""
+        """Readings per degree of turn."""
         seconds = self._buffer.seconds - float(self._buffer.time[0])
-        return (self._buffer.total - 1) / seconds / SPEED_DEG if seconds > 0.0 else path_planning.READINGS_PER_DEG
+        return (self._buffer.total - 1) / seconds / TURN_RATE_DEGPS if seconds > 0.0 else path_planning.READINGS_PER_DEG
 
 
 def believe(found: Fit | None, readings: Floats) -> path_planning.Belief | None:
-    """What is known after a fit of (N, 3) readings, also a refused one: what it claims, or else a sphere."""
-    if found is None or found.judgement.is_flat or found.claim.direction_error_deg.worst > KNOWN_DEG:
+    """Estimate after a fit of (N, 3) readings, also a refused one: from its claim, else a sphere."""
+    if found is None or found.judgement.is_flat or found.claim.direction_error_deg.worst > MAX_PATH_ERROR_DEG:
         return path_planning.rough(readings)
     return path_planning.Belief.of(found.claim, found.evidence.noise, found.evidence.coverage)

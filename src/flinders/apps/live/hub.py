@@ -1,10 +1,10 @@
-"""The hub of the live page: readings of a source, what a person did to them, and the pages that look at both.
+"""Hub of the live page: readings of a source, the user's edits, and the connected pages.
 
-A thread asks the sensor (`FeedThread`), and some twenty times a second the hub takes what came. Pages are woken when
-there is something new; each takes it when its connection is free, so that a slow page gets fewer and larger frames, and
-delays nobody. What the readings come to, each page finds out by itself; the calibration in the end is made here.
+A thread reads the sensor (`FeedThread`), and about twenty times a second the hub collects its readings and wakes the
+pages. Each page receives them when its connection is free, so a slow page gets fewer and larger frames, and delays no
+other page. Each page fits the readings by itself; the final calibration is made here.
 
-What only an answer needs is imported there: meanwhile the page is on its way to the browser.
+Modules that only an answer needs are imported when it is made, to send the page to the browser sooner.
 """
 
 from __future__ import annotations
@@ -51,36 +51,36 @@ if TYPE_CHECKING:
     from flinders.core.samples import Samples
     from flinders.fitting.result import Fit
 
-SOONEST_S: Final = 0.04
-LATEST_S: Final = 0.1
-"""From one look at what came to the next, and so from one frame to the next: as soon as something has come."""
-MOST_NOTICES: Final = 50  # Notices that wait for one page; beyond that the oldest is dropped
+MIN_PERIOD_S: Final = 0.04
+MAX_PERIOD_S: Final = 0.1
+"""Range of the time between two collections of readings, s; the shorter one while readings arrive."""
+MAX_NOTICES: Final = 50  # Most queued notices per page; then the oldest is dropped
 UPLOAD_BYTES: Final = 64 << 20
-MAX_LOGS: Final = 4  # That were dropped on pages, in memory
-MAX_FINISHED: Final = 4  # Calibrations that may still be asked for
-FRAME_ROWS: Final = 20_000  # Readings in one frame, at most
+MAX_LOGS: Final = 4  # Most logs in memory that were dropped on pages
+MAX_FINISHED: Final = 4  # Most final calibrations in memory
+FRAME_ROWS: Final = 20_000  # Most readings in one frame
 LINKS: Final[dict[str, Link]] = {
     "connected": "connected", "back": "connected", "silent": "waiting", "nothing": "waiting", "unclear": "waiting",
     "gone": "gone", "ended": "ended",
 }  # fmt: skip
-"""What an event of a feed makes of the link; others leave it as it is."""
+"""State of the link after an event of a feed; other events do not change it."""
 
 
 @dataclass(slots=True, eq=False)
 class Page:
-    """One connection: what it has got, and what waits for it."""
+    """Connection to a page: readings sent, and messages queued."""
 
     wake: asyncio.Event = field(default_factory=asyncio.Event)
     news: dict[type, FromServer] = field(default_factory=dict)
-    notices: deque[Notice] = field(default_factory=lambda: deque(maxlen=MOST_NOTICES))
-    heard: int = 0  # messages that came from it
+    notices: deque[Notice] = field(default_factory=lambda: deque(maxlen=MAX_NOTICES))
+    heard: int = 0  # messages received from it
     generation: int = 0
     stride: int = 1
-    count: int = 0  # rows of the buffer that it has
-    total: int = 0  # readings that had come when it got the newest
+    count: int = 0  # rows of the buffer sent to it
+    total: int = 0  # readings received when the newest row was sent
 
     def tell(self, message: FromServer) -> None:
-        """Let a message wait for it; of all but notices the newest of a kind is enough, and goes last."""
+        """Queue a message; except for notices, it replaces an earlier message of its kind."""
         if isinstance(message, Notice):
             self.notices.append(message)
         else:
@@ -89,41 +89,41 @@ class Page:
         self.wake.set()
 
     def next_message(self) -> FromServer | None:
-        """Take the message that has waited longest; None where none waits."""
+        """Remove and return the oldest queued message; None without one."""
         if self.news:
             return self.news.pop(next(iter(self.news)))
         return self.notices.popleft() if self.notices else None
 
 
-UNRENEWED: Final = (
-    "this session renewed an earlier calibration, which is not here: choose its file under Finish, Compare, or name it "
-    "when you resume the session; meanwhile a calibration is made afresh"
+MISSING_PREVIOUS: Final = (
+    "this session renewed an earlier calibration, which is missing: choose its file under Finish, Compare, or give "
+    "it when you resume the session. Until then, the calibration is made without it"
 )
-"""Of a session that is resumed without the calibration that it renewed."""
+"""Notice for a session that is resumed without the calibration that it renewed."""
 
 
-def _numbered(previous: Previous) -> Previous:
-    """A calibration from before with a number that tells it from others; none has none."""
+def _with_number(previous: Previous) -> Previous:
+    """The earlier calibration with an identifying number; unchanged if there is none."""
     number = secrets.token_hex(8) if previous.text else ""
     return msgspec.structs.replace(previous, number=number)
 
 
 class Hub:
-    """What came, what was done to it, and the pages that look at it; `failure` is what has ended it."""
+    """Readings, the user's edits, and connected pages; `failure` is the exception that ended the hub."""
 
     def __init__(self, supply: Supply, previous: Previous | None = None, renewed: Fit | None = None) -> None:
         self.supply, self.pages = supply, set[Page]()
         self.source = SourceState(supply.feed.name, supply.kind, "waiting", "")
-        self.previous, self.renewed = _numbered(previous or Previous()), renewed
-        self.warning = UNRENEWED if supply.edits.refreshing and renewed is None else ""
-        self.edits = self._renewing_what_is_there(supply.edits)
+        self.previous, self.renewed = _with_number(previous or Previous()), renewed
+        self.warning = MISSING_PREVIOUS if supply.edits.refreshing and renewed is None else ""
+        self.edits = self._without_missing_previous(supply.edits)
         self.log, self.timeline = supply.log, supply.timeline
         self.generation = 1
         self.unrecorded = ""
         self.logs: dict[str, tuple[str, Log]] = {}
         self.finished: dict[str, Finished] = {}
         self.failure: Exception | None = None
-        self.on_take: Callable[[], object] = lambda: None  # called after each look at what came
+        self.on_take: Callable[[], object] = lambda: None  # called after each collection of readings
         self.name = secrets.token_hex(4)
         self._feed_thread = FeedThread(supply.feed)
         self._finishing = asyncio.Lock()
@@ -131,7 +131,7 @@ class Hub:
         self._came = asyncio.Event()
 
     async def run(self) -> None:
-        """Take in and tell, until cancelled."""
+        """Collect readings and inform pages, until cancelled."""
         loop = asyncio.get_running_loop()
         self._feed_thread.tell = lambda: loop.call_soon_threadsafe(self._came.set)
         self._feed_thread.start()
@@ -140,25 +140,25 @@ class Hub:
                 self._came.clear()
                 self._take()
                 self.on_take()
-                await self._something()
-        except Exception as error:  # noqa: BLE001 - a fault of ours ends the program, which reports it
+                await self._wait_for_feed()
+        except Exception as error:  # noqa: BLE001 - an internal error ends the program, which reports it
             self.failure = error
             signal.raise_signal(signal.SIGTERM)
 
     async def stop(self) -> None:
-        """Let go of the feed, once what it holds is written, and take the last of it."""
+        """Close the feed once its readings are written, and collect the last of them."""
         await asyncio.to_thread(self._feed_thread.stop)
         if self.failure is None:
             self._take()
 
     def welcomed(self, page: Page) -> None:
-        """Take a page in, with what it should know."""
+        """Add a page, and queue its first messages."""
         self.pages.add(page)
         if self.warning:
             page.tell(Notice("warning", self.warning))
 
     def welcome(self) -> Welcome:
-        """The first message to a page."""
+        """Return the first message to a page."""
         from flinders.targets import registry
         from flinders.targets._target import MOUNTINGS
 
@@ -179,9 +179,9 @@ class Hub:
         )
 
     def frame(self, page: Page) -> bytes | None:
-        """The readings that a page does not have yet, as a frame; None where there is nothing new.
+        """Return the readings that a page lacks, as a frame; None without new ones.
 
-        A page with every second reading too many keeps every second one, as the frame's stride says.
+        If the stride has doubled, the page drops every second reading, by the frame's stride.
         """
         buffer = self.log.buffer
         if page.generation != self.generation:
@@ -206,28 +206,28 @@ class Hub:
         )
 
     def edit(self, edits: Edits) -> None:
-        """Keep what a person did on a page, write it down, and pass it on; what was left behind stays so.
+        """Store the edits of a page, write them to the file, and pass them on; discarded readings stay discarded.
 
-        Raises `UsageError` where readings that have not come yet would be left behind.
+        Raises `UsageError` if the edits discard future readings.
         """
         if edits.begun_s != self.edits.begun_s:
-            edits = msgspec.structs.replace(edits, begun_s=self._begun_anew(edits.begun_s))
-        self.edits = self._renewing_what_is_there(edits)
+            edits = msgspec.structs.replace(edits, begun_s=self._restart_after(edits.begun_s))
+        self.edits = self._without_missing_previous(edits)
         self._record_edits()
         for page in self.pages:
             page.tell(Kept(self.edits, page.heard))
 
-    def _renewing_what_is_there(self, edits: Edits) -> Edits:
-        """Take the wish to renew out of edits where there is no earlier calibration, as once a page took it away."""
+    def _without_missing_previous(self, edits: Edits) -> Edits:
+        """Edits without the request to renew if there is no earlier calibration."""
         return edits if self.renewed else msgspec.structs.replace(edits, refreshing=False)
 
-    def _begun_anew(self, begun_s: float | None) -> float:
-        """Leave the readings up to a time behind, return that of the last of them, and send the others once more.
+    def _restart_after(self, begun_s: float | None) -> float:
+        """Discard the readings up to a time, return the time of the last one, and send the others again.
 
-        Of a session so long that only some are in memory, all readings so far: those left would count as too few.
+        In a session with thinned readings, all readings so far are discarded, since too few would remain.
         """
         if begun_s is not None and begun_s > self.timeline.at:
-            raise UsageError(f"begun anew at {begun_s:g} s: need a time up to that of the newest reading")
+            raise UsageError(f"restart at {begun_s:g} s: need a time up to that of the newest reading")
         self.generation += 1
         latest = max(time for time in (begun_s, self.edits.begun_s) if time is not None)
         latest = self.timeline.at if self.log.buffer.stride > 1 else latest
@@ -235,26 +235,26 @@ class Hub:
         return latest
 
     def _record_edits(self) -> None:
-        """Write down what a person did, between the readings, once there are any."""
+        """Write the edits to the file, between the readings, once there are readings."""
         edits = self.edits
         if edits != self._recorded and self.timeline.at > -np.inf:
             self._recorded = edits
             self._feed_thread.do(lambda: self.supply.sink.write(line_of(edits)))
 
     def compare_with(self, previous: Previous) -> None:
-        """Keep a calibration from before, which is renewed once that is asked for, and pass it on to the pages."""
+        """Store an earlier calibration, to be renewed on request, and pass it on to the pages."""
         from flinders.core.calibration_file import loads
 
         renewed = None
         if previous != Previous():
             document = loads(previous.text.encode(), source=previous.name)
             renewed = fit_from(document, name=previous.name)
-        self.previous, self.renewed, self.warning = _numbered(previous), renewed, ""
-        self._tell(self.previous)
+        self.previous, self.renewed, self.warning = _with_number(previous), renewed, ""
+        self._send_to_pages(self.previous)
         self.edit(msgspec.structs.replace(self.edits, refreshing=False))
 
     def keep(self, name: str, log: Log) -> str:
-        """Hold a log that was dropped on a page, and forget the oldest of several; returns its number."""
+        """Store a log that was dropped on a page, drop the oldest of too many, and return the log's number."""
         number = secrets.token_hex(8)
         self.logs[number] = name, log
         while len(self.logs) > MAX_LOGS:
@@ -262,28 +262,28 @@ class Hub:
         return number
 
     def made(self) -> Finished:
-        """The calibration of all readings of the sensor, after what was done to them."""
+        """Return the calibration of the sensor's readings with the user's edits."""
         from flinders.apps.live.finished import finished
 
-        return finished("", self._wanted(self.edits, None))
+        return finished("", self._finish_inputs(self.edits, None))
 
     async def finish(self, request: CalibrationRequest) -> Finished:
-        """Make the calibration of the sensor, or of a log, and hold it for whoever asks for exports.
+        """Make the final calibration of the sensor or of a log, and store it for exports.
 
-        One at a time; of readings that are fixed it is made once, whichever page asks, also after it was loaded again.
-        Raises `UsageError` for a log that is no longer in memory, and where the calibration to renew is no longer the
-        one whose number the request has.
+        Requests run one at a time. A request with fixed readings is computed once for all pages, also after a reload.
+        Raises `UsageError` for a log that is no longer in memory, or if the calibration to renew has another number
+        than in the request.
         """
         from flinders.apps.live.finished import finished
 
         if request.edits.refreshing and self.renewed is not None and request.previous != self.previous.number:
             raise UsageError(
-                f"another page chose {self.previous.name} meanwhile: see what it says, and press Finish again"
+                f"another page chose {self.previous.name} meanwhile: check that page, and press Finish again"
             )
         async with self._finishing:
             made = next((each for each in self.finished.values() if each.request == request), None)
             if made is None:
-                wanted = self._wanted(request.edits, request.log)
+                wanted = self._finish_inputs(request.edits, request.log)
                 made = await asyncio.to_thread(finished, secrets.token_hex(8), wanted)
                 made = replace(made, request=request if request.is_fixed else None)
         self.finished.pop(made.number, None)
@@ -292,7 +292,7 @@ class Hub:
             del self.finished[next(iter(self.finished))]
         return made
 
-    def _wanted(self, edits: Edits, number: str | None) -> Wanted:
+    def _finish_inputs(self, edits: Edits, number: str | None) -> Wanted:
         from flinders.apps.live.finished import Wanted
 
         if number is None:
@@ -303,19 +303,19 @@ class Hub:
         name, log = self.logs[number]
         return Wanted(name, edits, log, None, {}, self.renewed, is_of_sensor=False)
 
-    async def on_feed(self, job: Callable[[], Any]) -> Any:  # noqa: ANN401 - whatever the job gives
-        """Do something on the thread of the feed."""
+    async def on_feed(self, job: Callable[[], Any]) -> Any:  # noqa: ANN401 - result of the job
+        """Run a job on the thread of the feed."""
         return await asyncio.wrap_future(self._feed_thread.do(job))
 
-    async def _something(self) -> None:
-        """Wait until something has come, or for so long that time itself may have something to say."""
-        await asyncio.sleep(SOONEST_S)
+    async def _wait_for_feed(self) -> None:
+        """Wait for readings or events, at most `MAX_PERIOD_S`."""
+        await asyncio.sleep(MIN_PERIOD_S)
         with contextlib.suppress(TimeoutError):
-            async with asyncio.timeout(LATEST_S - SOONEST_S):
+            async with asyncio.timeout(MAX_PERIOD_S - MIN_PERIOD_S):
                 await self._came.wait()
 
     def _take(self) -> None:
-        """Take what the sensor gave: readings that came together as one."""
+        """Collect readings and events of the feed; readings that arrived together form one batch."""
         batches: list[Samples] = []
         for received in self._feed_thread.taken():
             if isinstance(received, FeedEvent):
@@ -327,7 +327,7 @@ class Hub:
         self._arrive(batches)
         if (why := self.supply.sink.why) != self.unrecorded:
             self.unrecorded = why
-            self._tell(Unrecorded(why))
+            self._send_to_pages(Unrecorded(why))
 
     def _arrive(self, batches: list[Samples]) -> None:
         if not batches:
@@ -344,26 +344,26 @@ class Hub:
             page.wake.set()
 
     def _note(self, event: FeedEvent) -> None:
-        """Say what happened to the sensor."""
+        """Inform pages of an event of the sensor."""
         link = LINKS.get(event.kind)
         if link is not None:
             words = "" if event.kind == "silent" else event.words
             if self._link(link, words) and words and link != "ended":
-                self._tell(Notice("warning" if link == "gone" else "info", words))
+                self._send_to_pages(Notice("warning" if link == "gone" else "info", words))
         elif event.kind == "settled":
-            self._tell(Notice("info", f"understood as {event.words}"))
+            self._send_to_pages(Notice("info", f"understood as {event.words}"))
         else:
-            self._tell(Notice("warning", event.words))
+            self._send_to_pages(Notice("warning", event.words))
 
     def _link(self, link: Link, words: str) -> bool:
-        """Tell what the link is; returns whether it is another."""
+        """Set the state of the link and inform pages; returns whether it changed."""
         source = msgspec.structs.replace(self.source, link=link, words=words)
         if source == self.source:
             return False
         self.source = source
-        self._tell(Linked(source))
+        self._send_to_pages(Linked(source))
         return True
 
-    def _tell(self, message: FromServer) -> None:
+    def _send_to_pages(self, message: FromServer) -> None:
         for page in self.pages:
             page.tell(message)

@@ -1,7 +1,7 @@
-"""The wire of the live page: every message as a dataclass, binary readings, and the page's types made from them.
+"""Messages of the live page as dataclasses, and the binary frame of readings.
 
-The session is the page's. The server tells it where readings come from and what was done to them so far, passes each
-reading on, and keeps and passes on what a person does (`Edits`, `Kept`).
+The page runs the session. The server sends it the source of the readings and the user's edits so far, then each
+reading; it stores the user's edits and passes them on (`Edits`, `Kept`).
 
 >>> parse('{"type": "edits", "target_deg": 0.5}').target_deg
 0.5
@@ -11,8 +11,8 @@ flinders.errors.UsageError: excluded from 3 to 2 s: need a start before the end
 >>> encode(Notice(severity="info", words="the port is back"))
 '{"type":"notice","severity":"info","words":"the port is back"}'
 
-Unknown and non-finite numbers are sent as null. ``static/wire.d.ts`` is made from the dataclasses by
-``tests/message_types.py``, and a test sees that it stays so.
+Unknown and non-finite numbers are sent as null. ``tests/message_types.py`` generates ``static/wire.d.ts`` from the
+dataclasses, and a test compares both.
 """
 
 from __future__ import annotations
@@ -40,10 +40,10 @@ Span = tuple[float, float]
 
 MIN_TARGET_DEG: Final = 1e-3
 LARGEST_DIP_DEG: Final = 89.0
-MIN_STRENGTH: Final = 1e-3  # Of the field at a site, in the unit of the readings
+MIN_STRENGTH: Final = 1e-3  # Range of the field strength at a site, in the unit of the readings
 MAX_STRENGTH: Final = 1e9
-LONGEST: Final = 65_536  # Bytes of a message from a page
-MAX_SPANS: Final = 1000  # Nobody takes out more by hand
+LONGEST: Final = 65_536  # Largest message from a page
+MAX_SPANS: Final = 1000  # Most excluded spans
 MAGIC: Final = 0x464C4E44
 HEADER: Final = struct.Struct("<8I")
 HAS_ACCELERATION: Final = 1
@@ -52,7 +52,7 @@ IS_VEHICLE: Final = 4
 
 
 class SourceState(Struct, frozen=True):
-    """Where readings come from, and whether they do."""
+    """Source of the readings, and the state of its link."""
 
     name: str
     kind: Kind
@@ -61,26 +61,26 @@ class SourceState(Struct, frozen=True):
 
 
 class Edits(Struct, frozen=True, kw_only=True, tag_field="type", tag="edits", forbid_unknown_fields=True):
-    """What a person did in a session, and the site of its log; readings up to `begun_s` were left behind.
+    """The user's edits of a session, and the site of its log; readings up to `begun_s` are discarded.
 
-    A calibration that is finished is of those up to `finished_s`; later ones are recorded, and wait.
+    A finished calibration uses readings up to `finished_s`; later ones are recorded but not used.
     """
 
     excluded: tuple[Span, ...] = ()  # s; apart from each other, ascending
-    paused_s: float | None = None  # since when what arrives is left out
+    paused_s: float | None = None  # start of a pause, during which readings are left out
     finished_s: float | None = None
     begun_s: float | None = None
     target_deg: float = 1.0
     dip_deg: float | None = None
     goal: Goal = "heading"
     site: Site | None = None
-    refreshing: bool = False  # the calibration keeps the soft iron of the one from before
+    refreshing: bool = False  # the calibration keeps the soft iron of the earlier one
 
 
 class Kept(Struct, frozen=True, tag_field="type", tag="kept"):
-    """The edits that the server holds, after `heard` messages from the page that this is sent to.
+    """The edits stored by the server after `heard` messages from the receiving page.
 
-    A page that has sent more messages than that ignores them: newer edits will follow.
+    A page that has sent more messages ignores them, since newer edits will follow.
     """
 
     edits: Edits
@@ -88,7 +88,7 @@ class Kept(Struct, frozen=True, tag_field="type", tag="kept"):
 
 
 class Previous(Struct, frozen=True, tag_field="type", tag="previous", forbid_unknown_fields=True):
-    """A calibration from before: name and text of its file, and its number in this session; all empty for none."""
+    """Earlier calibration: name and text of its file, and its number in this session; all empty for none."""
 
     name: str = ""
     text: str = ""
@@ -102,20 +102,20 @@ class Linked(Struct, frozen=True, tag_field="type", tag="source"):
 
 
 class Unrecorded(Struct, frozen=True, tag_field="type", tag="unrecorded"):
-    """Why what arrives cannot be written down at present; nothing where it can."""
+    """Reason why readings cannot be recorded at present; empty if they are."""
 
     words: str
 
 
 class Notice(Struct, frozen=True, tag_field="type", tag="notice"):
-    """Something to tell the person at the page, once."""
+    """Message to show once to the user of the page."""
 
     severity: Literal["info", "warning", "error"]
     words: str
 
 
 class TargetInfo(Struct, frozen=True):
-    """A target that a calibration can be exported for."""
+    """Export target."""
 
     name: str
     title: str
@@ -123,23 +123,23 @@ class TargetInfo(Struct, frozen=True):
 
 
 class Limits(Struct, frozen=True):
-    """What a page may send."""
+    """Limits on messages from a page."""
 
     upload_bytes: int
 
 
 class Welcome(Struct, frozen=True, tag_field="type", tag="welcome"):
-    """The first message on a connection: all but the readings, which follow."""
+    """First message on a connection: the state except the readings, which follow."""
 
     version: str
     session: str
     targets: tuple[TargetInfo, ...]
     limits: Limits
     source: SourceState
-    axes: str  # that readings are mapped to, as `--axes` takes them
-    recording: str  # file that the server writes to
+    axes: str  # mapping of the readings, as for `--axes`
+    recording: str  # file of the recording
     unrecorded: str
-    has_board: bool  # the source is a board that takes a calibration
+    has_board: bool  # the source is a board that can receive a calibration
     edits: Edits
     previous: Previous
 
@@ -156,7 +156,7 @@ def encode(message: FromServer | Edits) -> str:
 
 
 def parse(text: str | bytes) -> Edits | Previous:
-    """Understand what a page sends; `UsageError` for what is too long, no message, or out of range."""
+    """Parse a message of a page; `UsageError` if it is too long, invalid, or out of range."""
     if len(text) > LONGEST:
         raise UsageError(f"a message of {len(text):,} bytes: need at most {LONGEST:,}")
     try:
@@ -166,12 +166,12 @@ def parse(text: str | bytes) -> Edits | Previous:
     if isinstance(message, Edits):
         refuse_out_of_range(message)
     elif message != Previous():
-        raise UsageError("a calibration to compare with comes as a file: drop that on the page")
+        raise UsageError("a calibration to compare with is sent as a file: drop the file on the page")
     return message
 
 
 def refuse_out_of_range(edits: Edits) -> None:
-    """Raise `UsageError` for numbers that cannot be meant."""
+    """Raise `UsageError` for numbers out of range."""
     if not MIN_TARGET_DEG <= edits.target_deg <= 180.0:
         raise UsageError(f"target {edits.target_deg:g}°: need an angle from {MIN_TARGET_DEG:g}° to 180°")
     if edits.dip_deg is not None and not abs(edits.dip_deg) <= LARGEST_DIP_DEG:
@@ -187,7 +187,7 @@ def refuse_out_of_range(edits: Edits) -> None:
             raise UsageError(f"excluded from {start:g} to {end:g} s: need a start before the end")
     for (_, end), (start, _) in pairwise(edits.excluded):
         if not end < start:
-            raise UsageError(f"what is excluded up to {end:g} s and from {start:g} s on: need ascending stretches")
+            raise UsageError(f"excluded up to {end:g} s, then from {start:g} s on: need ascending stretches")
 
 
 def readings_frame(
@@ -204,26 +204,26 @@ def readings_frame(
 ) -> bytes:
     """Pack readings into a binary frame, little-endian.
 
-    Eight uint32: magic, generation, first, count, flags, stride, total, and 1 where no more have come; then float64:
-    the newest reading (7), times (N), field (3 N) and, where flagged, accelerations (3 N).
+    Eight uint32: magic, generation, first, count, flags, stride, total, and 1 for the last frame so far; then float64:
+    the newest reading (7), times (N), field (3 N) and, if flagged, accelerations (3 N).
 
     Parameters
     ----------
     generation : int
-        Changes when all readings are to be forgotten.
+        A new number means that the page drops all earlier readings.
     first : int
-        Number of the first row among those in memory; row j of these is reading j · `stride`.
+        Number of the first row in memory; row j in memory is reading j · `stride`.
     stride, total : int
-        `total` readings have come up to the last row.
+        `total` readings were received up to the last row.
     is_last : bool
-        No more have come.
+        No further readings were received.
     rows : (N, 7) float
-        Time in s, field, acceleration: NaN where there is none.
+        Time in s, field, acceleration; NaN if missing.
     latest : (7,) float
     is_microtesla : bool
-        The unit of the field; else counts.
+        The unit of the field is µT, else counts.
     is_vehicle : bool
-        The axes of the field are those of a vehicle; else of the sensor.
+        The axes of the field are those of a vehicle, else of the sensor.
 
     Examples
     --------

@@ -1,4 +1,4 @@
-"""What this package adds to tables of the library, by names of its modules; nothing is imported before it is used."""
+"""Rows that this package adds to the library's tables, as names of modules, imported on first use."""
 
 WIRE = "Sensors on a wire"
 
@@ -8,6 +8,6 @@ COMMANDS = {
     "station": (WIRE, "cli.station", "Test units of a production line, one after the other."),
     "record": (WIRE, "cli.record", "Record a running sensor."),
     "page": (WIRE, "cli.page", "Write a page that calibrates without a program."),
-    "gauge-study": ("Many units", "cli.gauge_study", "Say how repeatable and reproducible a station measures."),
+    "gauge-study": ("Many units", "cli.gauge_study", "State repeatability and reproducibility of a station."),
     "certificate": ("Calibrate and use", "cli.certificate", "Write a Digital Calibration Certificate (DCC)."),
 }

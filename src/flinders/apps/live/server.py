@@ -1,4 +1,4 @@
-"""HTTP and WebSocket around a hub: the routes, and what each page is sent."""
+"""HTTP and WebSocket server of a hub: routes, and messages to each page."""
 
 from __future__ import annotations
 
@@ -55,33 +55,33 @@ if TYPE_CHECKING:
     from flinders.core.calibration_file import ProvenanceRecord
 
 STATIC: Final = Path(__file__).parent / "static"
-LIBRARY: Final = "flinders", "static"  # The modules of reports, which the page has as well
+LIBRARY: Final = "flinders", "static"  # Modules shared with reports
 SCRIPTS: Final[dict[str, tuple[str, tuple[str, ...]]]] = {
     "page.js": ("apps/live/static/live.js", ()),
     "station.js": ("apps/live/static/station/station.js", ()),
     "worker.js": ("apps/live/static/standalone/worker.js", ()),
     "views/scene.js": ("static/views/scene.js", ("Scene",)),
 }
-"""Scripts that are a module with all that it imports, which is named with what it exports."""
+"""Scripts joined from a module and its imports: the module, and its exports."""
 PACKED: Final = (Middleware(GZipMiddleware, compresslevel=6),)
-"""Around the parts of the page, 208 kB in place of 600: over 4 Mbit/s it is there after 1.6 s, and not 2.1 s."""
-SIGN_OF_LIFE_S: Final = 2.0  # From one message to the next, at most: a page takes a silent line for a dead one
+"""Compression of the page, to 208 kB from 600: over 4 Mbit/s the page loads in 1.6 s instead of 2.1 s."""
+MAX_SILENCE_S: Final = 2.0  # Longest time between messages: a page treats a silent connection as lost
 JSON: Final = "application/json"
-MOST_PAGES: Final = 20
-CALIBRATION_BYTES: Final = 1 << 20  # Of a calibration file, which each page gets: a hundred times a usual one
-STALLED_S: Final = 10.0  # Seconds that an upload may send nothing
+MAX_PAGES: Final = 20
+CALIBRATION_BYTES: Final = 1 << 20  # Largest calibration file, sent to each page; 100 times the usual size
+STALLED_S: Final = 10.0  # Longest time without data in an upload
 
 
 @dataclass(slots=True)
 class Uploads:
-    """What is being uploaded: all of it together is no larger than one file may be, and files are read one by one."""
+    """Uploads in progress: their total size is limited to that of one file, and files are read one by one."""
 
     size: int = 0
     reading: asyncio.Lock = field(default_factory=asyncio.Lock)
 
     @contextlib.contextmanager
     def counting(self) -> Iterator[Callable[[int], int]]:
-        """Count the bytes of one upload until it is done with; the count returns how many they are by now."""
+        """Yield a function that adds bytes of one upload and returns the total of all; subtract them at the end."""
         mine = 0
 
         def count(size: int) -> int:
@@ -104,9 +104,9 @@ def application(
     tables: Callable[[], bytes] = bytes,
     more: Sequence[BaseRoute] = (),
 ) -> ASGIApp:
-    """Put routes and guard around a hub; `tables` are for the page, the rest is as `Guard` takes it.
+    """Return the application of a hub with routes and guard; `tables` are data of the page, the rest as for `Guard`.
 
-    `more`: routes that go before, such as of another page.
+    `more`: routes that take precedence, such as those of another page.
     """
 
     @contextlib.asynccontextmanager
@@ -142,7 +142,7 @@ def application(
 
 
 async def _on_error(_: Request, error: Exception) -> Response:
-    """An error as an answer: what was asked for is not there, cannot be read, or cannot be done now."""
+    """Convert an error to an answer: missing, unreadable, or not possible now."""
     if isinstance(error, HTTPException):
         return answer(error.detail, error.status_code, error.headers)
     if not isinstance(error, FlindersError):
@@ -159,7 +159,7 @@ async def _index(_: Request) -> Response:
 
 
 def _script(request: Request) -> Response:
-    """One of the page's modules, joined; without it, as without the 3-D view, the page knows what to do."""
+    """Answer with a joined module of the page; 404 if missing, as without the 3-D view, which the page handles."""
     entry = request.url.path.removeprefix("/static/")
     try:
         module, exported = SCRIPTS[entry]
@@ -169,12 +169,12 @@ def _script(request: Request) -> Response:
 
 
 async def _data(request: Request) -> Response:
-    """What the page takes from the program: sentences, tables, and where fields of structs lie."""
+    """Answer with the page's data: sentences, tables, and layouts of structs."""
     return Response(await asyncio.to_thread(request.app.state.tables), media_type=JSON)
 
 
 async def _engine(_: Request) -> Response:
-    """The engine for browsers."""
+    """Answer with the engine for browsers."""
     from flinders.native import build
 
     try:
@@ -185,20 +185,22 @@ async def _engine(_: Request) -> Response:
 
 
 async def _finish(request: Request) -> Response:
-    """The calibration of the readings so far, after what was done to them."""
+    """Make the calibration of the readings so far with the page's edits, and answer with its view."""
     from flinders.apps.live.finished import CalibrationRequest
 
     hub: Hub = request.app.state.hub
     edits = parse(await _body(request))
     if not isinstance(edits, Edits):
-        raise UsageError("a page sends what was done to its readings, and this is not")
+        raise UsageError("not the edits of a page")
     asked = request.query_params
     made = await hub.finish(CalibrationRequest(edits, asked.get("log"), asked.get("previous", "")))
-    return Response(msgspec.json.encode(_Made(made.number, made.name, made.view, made.refusal)), media_type=JSON)
+    return Response(
+        msgspec.json.encode(_FinishedAnswer(made.number, made.name, made.view, made.refusal)), media_type=JSON
+    )
 
 
-class _Made(msgspec.Struct, frozen=True):
-    """What a page is told of a calibration that was made."""
+class _FinishedAnswer(msgspec.Struct, frozen=True):
+    """Answer to a page about a finished calibration."""
 
     number: str
     name: str
@@ -207,9 +209,9 @@ class _Made(msgspec.Struct, frozen=True):
 
 
 async def _body(request: Request) -> bytes:
-    """A short body."""
+    """Read a short body of a request."""
     body = b""
-    async for chunk in _sent(request, "the message"):
+    async for chunk in _body_pieces(request, "the message"):
         body += chunk
         if len(body) > LONGEST:
             raise HTTPException(413, f"a message of more than {LONGEST:,} bytes")
@@ -217,7 +219,7 @@ async def _body(request: Request) -> bytes:
 
 
 def _made(request: Request) -> Finished:
-    """The calibration that a request names."""
+    """Return the calibration that a request names."""
     hub: Hub = request.app.state.hub
     made = hub.finished.get(request.query_params.get("of", ""))
     if made is None:
@@ -226,7 +228,7 @@ def _made(request: Request) -> Finished:
 
 
 async def _calibration(request: Request) -> Response:
-    """The calibration file of all readings."""
+    """Answer with the calibration file."""
     from flinders.core.calibration_file import dumps
 
     made = _made(request)
@@ -235,7 +237,7 @@ async def _calibration(request: Request) -> Response:
 
 
 async def _recording(request: Request) -> Response:
-    """The file of the session, as it is now."""
+    """Answer with the file of the session so far."""
     from flinders.apps.live.transfers import snapshot
 
     hub: Hub = request.app.state.hub
@@ -245,7 +247,7 @@ async def _recording(request: Request) -> Response:
 
 
 async def _report(request: Request) -> Response:
-    """The report, as one file."""
+    """Answer with the report as one file."""
     from flinders.report.html import page
 
     finished = _made(request)
@@ -256,7 +258,7 @@ async def _report(request: Request) -> Response:
 
 
 def _provenance(finished: Finished) -> ProvenanceRecord:
-    """Which release made a calibration, when, of which file."""
+    """Return release, time and source file of a calibration."""
     from flinders.core.calibration_file import ProvenanceRecord
 
     return ProvenanceRecord(
@@ -265,7 +267,7 @@ def _provenance(finished: Finished) -> ProvenanceRecord:
 
 
 async def _export(request: Request) -> Response:
-    """The calibration for a target: its text with what to know about it, or the file."""
+    """Answer with the calibration for a target: text with notes, or the file."""
     from flinders.targets import find
 
     try:
@@ -278,7 +280,7 @@ async def _export(request: Request) -> Response:
     try:
         export = await asyncio.to_thread(row.render, calibration, about=about)
     except FlindersError as error:
-        if is_preview:  # looking whether a target can hold it is no mistake of the page
+        if is_preview:  # a preview for a target that cannot hold the calibration is not an error of the page
             return JSONResponse({"refusal": error.message})
         raise
     filename = f"{row.name}{row.suffix}"
@@ -296,23 +298,23 @@ def _download(content: bytes, filename: str, kind: str) -> Response:
 
 
 async def _open(request: Request) -> Response:
-    """Read a log that was dropped on a page: what is known of it, and its readings."""
+    """Read a log that was dropped on a page, and answer with its facts and readings."""
     from flinders.apps.live.transfers import load_upload
 
     hub: Hub = request.app.state.hub
-    async with _dropped(request, UPLOAD_BYTES, "calibrate it with flinders calibrate") as (path, name):
+    async with _save_upload(request, UPLOAD_BYTES, "calibrate it with flinders calibrate") as (path, name):
         try:
             async with request.app.state.uploads.reading:
                 log, words = await asyncio.to_thread(load_upload, path, name)
         except FlindersError as error:
             words = error.message.replace(str(path), name).replace(path.name, name)
             return JSONResponse({"words": words, "code": error.code}, status_code=422)
-    about = _Opened(hub.keep(name, log), name, words, log.is_timed, str(log.axes), log.site)
-    return Response(await asyncio.to_thread(_packed, about, log), media_type="application/octet-stream")
+    about = _LogFacts(hub.keep(name, log), name, words, log.is_timed, str(log.axes), log.site)
+    return Response(await asyncio.to_thread(_pack_log, about, log), media_type="application/octet-stream")
 
 
-class _Opened(msgspec.Struct, frozen=True):
-    """What a page is told of a log."""
+class _LogFacts(msgspec.Struct, frozen=True):
+    """Facts about a log, for a page."""
 
     number: str
     name: str
@@ -322,8 +324,8 @@ class _Opened(msgspec.Struct, frozen=True):
     site: Site | None
 
 
-def _packed(about: _Opened, log: Log) -> bytes:
-    """What is known of a log, as JSON after eight bytes with its length, and its readings, as a frame."""
+def _pack_log(about: _LogFacts, log: Log) -> bytes:
+    """Pack a log: eight bytes with the length of the JSON, the JSON with its facts, and a frame of readings."""
     head = msgspec.json.encode(about)
     head += b" " * (-len(head) % 8)
     buffer = log.buffer
@@ -342,35 +344,35 @@ def _packed(about: _Opened, log: Log) -> bytes:
 
 
 async def _previous(request: Request) -> Response:
-    """Take a calibration file to compare with."""
+    """Store a calibration file to compare with."""
     hub: Hub = request.app.state.hub
-    async with _dropped(request, CALIBRATION_BYTES, "that is no calibration file") as (path, name):
+    async with _save_upload(request, CALIBRATION_BYTES, "this is not a calibration file") as (path, name):
         hub.compare_with(Previous(name, path.read_bytes().decode(errors="replace")))
     return JSONResponse({"words": f"compared with {name}"})
 
 
 @contextlib.asynccontextmanager
-async def _dropped(request: Request, most: int, advice: str) -> AsyncIterator[tuple[Path, str]]:
-    """A file that was dropped on the page, copied to one of our own, which goes afterwards; and the name it had."""
+async def _save_upload(request: Request, most: int, advice: str) -> AsyncIterator[tuple[Path, str]]:
+    """Yield a temporary copy of a file that was dropped on the page, and its name; the copy is deleted afterwards."""
     name = shown_name(request.query_params.get("name", ""))
     uploads: Uploads = request.app.state.uploads
     with tempfile.TemporaryDirectory(prefix="flinders-") as folder, uploads.counting() as count:
         path = Path(folder) / f"dropped-{secrets.token_hex(4)}"
         try:
             with path.open("wb") as file:
-                async for chunk in _sent(request, name):
+                async for chunk in _body_pieces(request, name):
                     if count(len(chunk)) > most:
                         raise HTTPException(413, f"{name} is larger than {most >> 20} MB: {advice}")
                     if uploads.size > UPLOAD_BYTES:
-                        raise HTTPException(503, f"other files are on their way: drop {name} again in a moment")
+                        raise HTTPException(503, f"other uploads are in progress: drop {name} again in a moment")
                     file.write(chunk)
         except OSError as error:
-            raise OutputError(f"a file for what was dropped cannot be written: {reason(error)}") from None
+            raise OutputError(f"a temporary copy of the file cannot be written: {reason(error)}") from None
         yield path, name
 
 
-async def _sent(request: Request, name: str) -> AsyncIterator[bytes]:
-    """The body of a request, a piece at a time; one that stalls is dropped."""
+async def _body_pieces(request: Request, name: str) -> AsyncIterator[bytes]:
+    """Yield the body of a request in pieces; refuse a body that stalls."""
     chunks = request.stream()
     while True:
         try:
@@ -379,42 +381,40 @@ async def _sent(request: Request, name: str) -> AsyncIterator[bytes]:
         except StopAsyncIteration:
             return
         except TimeoutError:
-            words = f"{name} stopped coming for {STALLED_S:g} s: send it again"
+            words = f"no data of {name} arrived for {STALLED_S:g} s: send it again"
             raise HTTPException(408, words, {"Connection": "close"}) from None
         yield chunk
 
 
 async def _send(request: Request) -> Response:
-    """Send the calibration to the board that the readings come from."""
+    """Send the calibration to the board of the readings."""
     from flinders.links import motioncal
     from flinders.targets.motioncal import MotionCalPacket
 
     hub: Hub = request.app.state.hub
     board = hub.supply.board
     if board is None:
-        raise LinkError(
-            "this source takes no calibration: save it and use flinders send, or paste what the export shows"
-        )
+        raise LinkError("this source cannot receive a calibration: save it and use flinders send, or paste the export")
     finished = _made(request)
     if not finished.is_of_sensor:
-        raise NotSent(f"this calibration is of {finished.name}, and not of the board: go back to the sensor first")
+        raise NotSent(f"this calibration is of {finished.name}, not of the board: go back to the sensor first")
     packet = MotionCalPacket.of(finished.fit.calibration)
     confirmed = await hub.on_feed(lambda: motioncal.send(board, packet, boot=0.0))
     return JSONResponse({"words": f"{board.name}: {confirmed}"})
 
 
 async def _socket(socket: WebSocket) -> None:
-    """One page: two tasks, one that listens and one that tells."""
+    """Serve one page with two tasks, one to receive and one to send."""
     hub: Hub = socket.app.state.hub
     await socket.accept()
-    if len(hub.pages) >= MOST_PAGES:
-        await socket.close(1013, f"{MOST_PAGES} pages are open: close one")
+    if len(hub.pages) >= MAX_PAGES:
+        await socket.close(1013, f"{MAX_PAGES} pages are open: close one")
         return
     page = Page()
     hub.welcomed(page)
-    telling = asyncio.get_running_loop().create_task(_tell(socket, hub, page))
+    telling = asyncio.get_running_loop().create_task(_send_messages(socket, hub, page))
     try:
-        await _listen(socket, hub, page)
+        await _receive_messages(socket, hub, page)
     except WebSocketDisconnect:
         pass
     finally:
@@ -424,24 +424,24 @@ async def _socket(socket: WebSocket) -> None:
             await telling
 
 
-async def _listen(socket: WebSocket, hub: Hub, page: Page) -> None:
-    """Take what a page says; what is no message changes nothing."""
+async def _receive_messages(socket: WebSocket, hub: Hub, page: Page) -> None:
+    """Process the messages of a page; invalid ones have no effect."""
     while True:
         message = await socket.receive()
         if message["type"] == "websocket.disconnect":
             return
         page.heard += 1
         try:
-            _hear(hub, message.get("text"))
+            _process_message(hub, message.get("text"))
         except FlindersError as error:
             page.tell(Notice("error", error.message))
             page.tell(Kept(hub.edits, page.heard))
 
 
-def _hear(hub: Hub, text: str | None) -> None:
-    """Do what a page says."""
+def _process_message(hub: Hub, text: str | None) -> None:
+    """Apply a message of a page."""
     if text is None:
-        raise UsageError("a page sends text, and this is not")
+        raise UsageError("the message is not text")
     said = parse(text)
     if isinstance(said, Edits):
         hub.edit(said)
@@ -449,8 +449,8 @@ def _hear(hub: Hub, text: str | None) -> None:
         hub.compare_with(said)
 
 
-async def _tell(socket: WebSocket, hub: Hub, page: Page) -> None:
-    """Send a page what is new: messages in their order, and readings."""
+async def _send_messages(socket: WebSocket, hub: Hub, page: Page) -> None:
+    """Send new messages, in order, and readings to a page."""
     await socket.send_text(encode(hub.welcome()))
     while True:
         page.wake.clear()
@@ -460,7 +460,7 @@ async def _tell(socket: WebSocket, hub: Hub, page: Page) -> None:
             await socket.send_bytes(frame)
             continue
         with contextlib.suppress(TimeoutError):
-            async with asyncio.timeout(SIGN_OF_LIFE_S):
+            async with asyncio.timeout(MAX_SILENCE_S):
                 await page.wake.wait()
                 continue
         await socket.send_text(encode(Linked(hub.source)))

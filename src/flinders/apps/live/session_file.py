@@ -1,14 +1,14 @@
-"""The file of a session: how it begins, what was done by hand in it, and how it is read again.
+"""File of a session: its header, the user's edits, and reading it again.
 
-Readings are written by the recorder, as they arrive. Between them stand comments with what a person did, so that a
-session that was ended by a crash goes on as it was:
+The recorder writes readings as they arrive, with the user's edits as comments between them, so that a session can
+continue after a crash:
 
 >>> done = Edits(excluded=((3.0, 5.5),), target_deg=0.5)
 >>> edits_in(["0.1,1,2,3", line_of(done)]) == done
 True
 
-The readings that a calibration is made of in the end are those of the file, and not those in memory: all of them, with
-the unit they were written in, so that ``flinders calibrate SESSION`` finds the same, but for what was taken out.
+The final calibration uses all readings of the file, in the unit of the file, and not those in memory: so
+``flinders calibrate SESSION`` gives the same result, except for excluded readings.
 """
 
 from __future__ import annotations
@@ -46,29 +46,29 @@ if TYPE_CHECKING:
     from flinders.links.transports import ByteSource
 
 FOLDER: Final = "flinders-sessions"
-SIGN: Final = "# flinders live: "
+PREFIX: Final = "# flinders live: "
 FIRST_TARGET: Final = "arduino"
-"""What a calibration is most likely for, unless its readings come from an autopilot."""
+"""Default export target, unless readings come from an autopilot."""
 
 
 def line_of(edits: Edits) -> str:
-    """What a person did, as a comment of the file."""
-    return f"{SIGN}{encode(edits)}\n"
+    """Write edits as a comment of the file."""
+    return f"{PREFIX}{encode(edits)}\n"
 
 
 def edits_in(lines: Iterable[str]) -> Edits:
-    """What the last such comment says; one that a crash has cut is passed over."""
+    """Parse the last comment with edits; one that a crash has truncated is skipped."""
     edits = Edits()
     for line in lines:
-        if line.startswith(SIGN):
+        if line.startswith(PREFIX):
             with contextlib.suppress(UsageError):
-                message = parse(line.removeprefix(SIGN))
+                message = parse(line.removeprefix(PREFIX))
                 edits = message if isinstance(message, Edits) else edits
     return edits
 
 
 def read_edits(path: str | os.PathLike[str]) -> Edits:
-    """What the file of a session says; `OutputError` where it cannot be read."""
+    """Read the edits from the file of a session; `OutputError` if that fails."""
     try:
         with Path(path).open(encoding="utf-8", errors="replace") as file:
             return edits_in(file)
@@ -77,7 +77,7 @@ def read_edits(path: str | os.PathLike[str]) -> Edits:
 
 
 def left_out(edits: Edits) -> tuple[Span, ...]:
-    """All spans that a calibration does without."""
+    """Spans of time that a calibration leaves out, s."""
     paused = () if edits.paused_s is None else ((edits.paused_s, math.inf),)
     before = () if edits.begun_s is None else ((-math.inf, edits.begun_s),)
     later = () if edits.finished_s is None else ((math.nextafter(edits.finished_s, math.inf), math.inf),)
@@ -85,42 +85,42 @@ def left_out(edits: Edits) -> tuple[Span, ...]:
 
 
 class Log(NamedTuple):
-    """Readings in memory with all that is known of them."""
+    """Readings in memory, with unit, axes, frame and site."""
 
     buffer: ReadingBuffer
     unit: Unit = Unit.of()
     axes: Axes = Axes()
     frame: str = "sensor"
-    is_timed: bool = True  # the times are those of the readings, and not their numbers
-    site: Site | None = None  # what it states of the field where it was made
+    is_timed: bool = True  # times were recorded, and are not the numbers of readings
+    site: Site | None = None  # field at the place of the recording, from its file
 
     @property
     def advice_frame(self) -> Literal["sensor", "vehicle"]:
-        """Whose words advice is given in: those of a vehicle where somebody said how the sensor sits in it."""
+        """Frame for the words of advice: the vehicle if the mounting of the sensor is known, else the sensor."""
         return "vehicle" if self.frame == "vehicle" or not self.axes.is_identity else "sensor"
 
     def site_known(self, site: Site | None) -> Site | None:
-        """A site as far as these readings can be compared with it: those in counts have no strength."""
+        """Site with only the quantities that these readings can be compared with: no strength for counts."""
         return site if site is None or self.unit.inside == MICROTESLA else replace(site, strength=None)
 
 
 @dataclass(frozen=True, slots=True)
 class Source:
-    """Where the readings of a session come from."""
+    """Source of the readings of a session."""
 
-    kind: Kind  # as `SourceState` has it
-    # makes of a sink, and of the recording that is ``resumed``, the feed that records into it
+    kind: Kind  # as in `SourceState`
+    # returns a feed that records to a sink, given the sink and the recording that is ``resumed``
     start: Callable[..., Feed]
-    # how the recording is read, as `flinders.open_recording` takes it
+    # arguments of `flinders.open_recording` for the recording
     reading: dict[str, Any] = field(default_factory=dict)
-    board: ByteSource | None = None  # the board at the other end, where a calibration can be sent to it
-    site: Site | None = None  # what a log that is played back states of the field where it was made
-    target: str = FIRST_TARGET  # what its calibration is most likely for
+    board: ByteSource | None = None  # board that can receive a calibration
+    site: Site | None = None  # field at the place of a log that is played back
+    target: str = FIRST_TARGET  # default export target
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Supply:
-    """A source that is recorded: `feed` writes into `sink`, the file at `path`, in which the others stand already."""
+    """A source with its recording: `feed` writes to `sink`, the file at `path`; `log` has the earlier readings."""
 
     feed: Feed
     kind: Kind
@@ -139,15 +139,15 @@ class Supply:
 def begun(
     source: Source, axes: Axes, *, output: str | None = None, resume: str | None = None, say: Callable[[str], object]
 ) -> Iterator[Supply]:
-    """Begin a session, or continue the one that a file holds, and close its file at the end.
+    """Begin a session, or continue the one in a file, and close its file at the end.
 
-    It is recorded into a new file, `output`, or goes on with one to `resume`; without both the file is named by the
-    date. What a person should know goes to `say`.
+    Records to a new file `output`, or continues the file `resume`; without both, the file is named by the date. `say`
+    receives messages for the user.
 
     Raises
     ------
     OutputError
-        If the file cannot be written, or not all that came is in it at the end.
+        If the file cannot be written, or lacks readings at the end.
     InputError
         If the file of an earlier session cannot be read.
     """
@@ -161,14 +161,14 @@ def begun(
         if resumed is not None and resumed.header is not None:
             before = left_out(Edits(begun_s=edits.begun_s))
             log, _, timeline = load(path, path.name, before, **reading)
-            edits = _ended_pause(edits, log.buffer.seconds)
-            say(f"{path}: goes on after {counted(log.buffer.total, 'reading')}")
+            edits = _close_pause(edits, log.buffer.seconds)
+            say(f"{path}: continues after {counted(log.buffer.total, 'reading')}")
         feed = source.start(sink, resumed=resumed)
         yield Supply(feed, source.kind, sink, path, axes, source.board, reading, edits, log, timeline, source.target)
 
 
-def _ended_pause(edits: Edits, seconds: float) -> Edits:
-    """A pause that lasted until a session ended, as a stretch of time that is left out."""
+def _close_pause(edits: Edits, seconds: float) -> Edits:
+    """Edits in which a pause that lasted to the end is an excluded span of time."""
     if edits.paused_s is None:
         return edits
     before = tuple(span for span in edits.excluded if span[1] < edits.paused_s)
@@ -179,22 +179,22 @@ def _ended_pause(edits: Edits, seconds: float) -> Edits:
 
 
 def default_path(now: datetime, folder: str = FOLDER) -> Path:
-    """Name a session by its time, in a folder that is made where it is not there; `OutputError` where it cannot be."""
+    """Path of a session by its time, in a folder that is created if missing; `OutputError` if that fails."""
     path = Path(folder)
     try:
         path.mkdir(exist_ok=True)
     except OSError as error:
         raise OutputError(
-            f"{folder}: cannot be made: {reason(error)}; give the recording another place with --output"
+            f"{folder}: cannot be created: {reason(error)}; give the recording another place with --output"
         ) from None
     return free_path(path / f"{now.astimezone():%Y-%m-%d_%H-%M-%S}.csv")
 
 
 @dataclass(slots=True, eq=False)
 class TrimmedRecording(Wrapped):
-    """A recording on the timeline of its session, without some spans of time, whose ends are included.
+    """A recording on the timeline of its session, without some spans of time; ends belong to the spans.
 
-    `timeline` is where the last pass ended; without times, readings are numbered in their place.
+    `timeline` is the state after the last pass; without times, the numbers of the readings serve as times.
 
     Examples
     --------
@@ -210,7 +210,7 @@ class TrimmedRecording(Wrapped):
     is_timed: bool = True
 
     def blocks(self) -> Iterator[Samples]:
-        """Go through the recording."""
+        """Yield the blocks of the recording."""
         self.timeline, count = Timeline(), 0
         for block in self.recording.blocks():
             self.is_timed = block.time is not None
@@ -224,9 +224,9 @@ class TrimmedRecording(Wrapped):
 
 
 def load(path: Path, name: str, spans: tuple[Span, ...] = (), **reading: Any) -> tuple[Log, str, Timeline]:
-    """Read a recording, as many readings as a buffer holds, how it was read, and where its time ends.
+    """Read a recording; returns the readings that a buffer holds, a sentence on the format, and the timeline's state.
 
-    It is called by a name in messages, spans of time are left out, and it is read as `flinders.open_recording` does.
+    `name` is used in messages, `spans` of time are left out, and `reading` are arguments of `flinders.open_recording`.
     """
     recording = open_recording(path, **reading)
     trimmed = TrimmedRecording(recording, spans)

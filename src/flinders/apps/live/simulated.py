@@ -1,6 +1,6 @@
-"""A simulated sensor in a hand, for ever: at first it is only rocked, the commonest mistake, and then turned over.
+"""Feed of a simulated sensor in a hand: first only rocked, the most common mistake, then turned through all directions.
 
-A calibration within 1° takes half a minute, so that a newcomer sees what the page says while it is not good.
+A calibration within 1° takes half a minute, so that a new user sees the page's advice before.
 
 >>> feed = SimulatedFeed(seed=1, speed=None)
 >>> feed.next(0.1).words
@@ -40,15 +40,15 @@ FIELD_UT: Final = 50.0
 DIP_DEG: Final = 60.0
 ROCKED_S: Final = 16.0
 ROCKING: Final = ((0.5, 0.25), (0.4, 0.375), (0.0, 0.0))
-"""Amplitude, rad/s, and frequency, Hz, of the rate about each axis while it is rocked: by some 20° either way."""
+"""Amplitude, rad/s, and frequency, Hz, of the rate about each axis while rocking, by about ±20°."""
 TUMBLE_S: Final = 60.0
 TUMBLE_RADPS: Final = 0.8
-"""Of a hand that takes its time."""
+"""Turn rate of a slow hand."""
 SAID: Final = (
     (4.0, "the simulated hand only rocks the sensor, a common mistake: most directions of the sphere stay unknown"),
     (ROCKED_S, "now it turns the sensor over, through all directions: the error falls"),
 )
-"""Seconds of the simulation, and what is said then."""
+"""Times of the simulation, s, and comments to show then."""
 
 
 class SimulatedFeed(Replay):
@@ -59,14 +59,14 @@ class SimulatedFeed(Replay):
     seed : int
         The same seed gives the same sensor, tumble and noise.
     speed : float, optional
-        So many times as fast as by the clock; None for as fast as it is asked.
+        Speed relative to the clock; None for as fast as possible.
     clock, sleep : callable
-        Seconds, ascending; and wait.
+        Functions that return ascending seconds, and wait.
 
     Attributes
     ----------
     sensor : Sensor
-        As on small boards, with 0.5 µT of noise.
+        The sensor: as on small boards, with 0.5 µT of noise.
 
     Raises
     ------
@@ -94,7 +94,7 @@ class SimulatedFeed(Replay):
         return f"a simulated sensor, {RATE_HZ:g} readings a second"
 
     def next(self, timeout: float) -> Received:
-        """As `Feed.next`; also what is said of the hand."""
+        """As `Feed.next`, with the comments on the hand."""
         if self._said and self._reached_s >= self._said[0][0]:
             return FeedEvent("connected", *self._said.pop(0))
         received = super().next(timeout)
@@ -115,7 +115,7 @@ def rocked_and_turned(rng: Generator) -> Trajectory:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _EndlessTumble:
-    """A recording without end: one path, forwards and backwards, each time with other noise."""
+    """An endless recording: one path, forwards and backwards, each time with new noise."""
 
     sensor: Sensor
     path: Trajectory

@@ -1,7 +1,7 @@
-r"""Files that come from a page and go to it: what an upload unpacks to is bounded, a growing file is sent as it was.
+r"""Uploads with a limit on their unpacked size, and downloads of files that still grow.
 
-What a packed file says of its own size is not believed: it is unpacked once, and refused as soon as that is too much.
-Only then its reader unpacks it, as it does for the command line, which has no such bound.
+The size stated in a compressed file is not trusted: the file is unpacked once, and refused as soon as it is too large.
+After that its reader unpacks it, as for the command line, which has no limit.
 
 >>> import gzip
 >>> from pathlib import Path
@@ -40,19 +40,19 @@ if TYPE_CHECKING:
     from flinders.apps.live.session_file import Log
 
 PACKED: Final = (GZIP, ZIP, MAT)
-"""First bytes of files that are packed."""
+"""First bytes of compressed files."""
 UNPACKED_BYTES: Final = 256 << 20
-"""Bytes that an upload may unpack to; text of that length is read in half a minute."""
+"""Largest unpacked size of an upload in bytes; reading so much text takes half a minute."""
 MAX_LAYERS: Final = 3
-"""Packings around each other that are undone: a reader undoes no more."""
+"""Most nested compressions, as many as readers unpack."""
 PACKINGS: Final = (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED)
-"""Packings of members of an archive that `zipfile` undoes in bounded memory."""
+"""Compression methods of archive members that `zipfile` unpacks in bounded memory."""
 TAIL: Final = 1 << 16
-"""Bytes that are searched at a time for the end of the last whole line."""
+"""Bytes to search at a time for the end of the last whole line."""
 
 
 def load_upload(path: Path, name: str) -> tuple[Log, str]:
-    """Read an uploaded recording, and say how it was read; `UnreadableInput` where it unpacks to too much."""
+    """Read an uploaded recording; returns it with a sentence on its format. `UnreadableInput` if it is too large."""
     refuse_large(path, name)
     log, words, _ = load(path, name)
     return log, words
@@ -61,7 +61,7 @@ def load_upload(path: Path, name: str) -> tuple[Log, str]:
 def refuse_large(path: Path, name: str) -> None:
     """Refuse a file that unpacks to more than `UNPACKED_BYTES` with `UnreadableInput`.
 
-    A broken archive passes: its reader reports it.
+    A damaged archive passes: its reader reports it.
     """
     size = 0
     with path.open("rb") as file:
@@ -69,30 +69,30 @@ def refuse_large(path: Path, name: str) -> None:
             size += len(piece)
             if size > UNPACKED_BYTES:
                 raise UnreadableInput(
-                    f"{name} unpacks to more than {UNPACKED_BYTES >> 20} MB, which is the most that this page takes: "
+                    f"{name} unpacks to more than {UNPACKED_BYTES >> 20} MB, the limit of this page: "
                     "calibrate it with flinders calibrate"
                 )
 
 
 def unpacked(file: IO[bytes], layers: int = MAX_LAYERS) -> Iterator[bytes]:
-    """Yield what a file unpacks to, a piece at a time, and what is packed inside that; nothing of a plain file."""
-    for pieces in map(_while_sound, _packed_files(file)):
+    """Yield the unpacked content of a file in pieces, and that of nested compressions; nothing for a plain file."""
+    for pieces in map(_valid_pieces, _packed_files(file)):
         first = next(pieces, b"")
         yield first
         if layers > 1 and first.startswith(PACKED):
-            yield from _twice_unpacked(first, pieces, layers - 1)
+            yield from _unpack_nested(first, pieces, layers - 1)
         else:
             yield from pieces
 
 
-def _while_sound(pieces: Iterator[bytes]) -> Iterator[bytes]:
-    """Yield pieces up to the first that is broken, of which the reader says what is wrong."""
+def _valid_pieces(pieces: Iterator[bytes]) -> Iterator[bytes]:
+    """Yield pieces up to the first damaged one, which the reader reports."""
     with contextlib.suppress(Exception):
         yield from pieces
 
 
-def _twice_unpacked(first: bytes, pieces: Iterator[bytes], layers: int) -> Iterator[bytes]:
-    """Yield the rest of a packed file, then what it unpacks to in turn."""
+def _unpack_nested(first: bytes, pieces: Iterator[bytes], layers: int) -> Iterator[bytes]:
+    """Yield the rest of a compressed file, then the unpacked content of that."""
     with tempfile.TemporaryFile() as inner:
         inner.write(first)
         for piece in pieces:
@@ -102,9 +102,9 @@ def _twice_unpacked(first: bytes, pieces: Iterator[bytes], layers: int) -> Itera
 
 
 def _packed_files(file: IO[bytes]) -> Iterator[Iterator[bytes]]:
-    """Yield the pieces of each file that is packed in a file.
+    """Yield the pieces of each file inside a compressed file.
 
-    An archive with a packing other than `PACKINGS` raises `UnreadableInput`.
+    An archive with a method other than `PACKINGS` raises `UnreadableInput`.
     """
     file.seek(0)
     start = file.read(len(MAT))
@@ -118,25 +118,25 @@ def _packed_files(file: IO[bytes]) -> Iterator[Iterator[bytes]]:
 
 
 def _members(file: IO[bytes]) -> Iterator[Iterator[bytes]]:
-    """Yield the pieces of each member of an archive, as `_packed_files`; none of a broken archive."""
+    """Yield the pieces of each member of an archive, as `_packed_files`; none of a damaged archive."""
     with contextlib.suppress(zipfile.BadZipFile, NotImplementedError), zipfile.ZipFile(file) as archive:
         members = [member for member in archive.infolist() if not member.is_dir()]
         for member in members[:MOST_MEMBERS]:
             if member.compress_type not in PACKINGS:
                 raise UnreadableInput(
-                    f"{shown(member.filename)} is packed in an unusual way: pack the archive anew, as most programs do"
+                    f"{shown(member.filename)} has an unusual compression: create the archive again with deflate"
                 )
             yield _pieces(partial(archive.open, member))
 
 
 def _pieces(opened: Callable[[], gzip.GzipFile | IO[bytes]]) -> Iterator[bytes]:
-    """Open a packed file, and unpack it a piece at a time."""
+    """Open a compressed file, and yield its unpacked content in pieces."""
     with opened() as stream:
         yield from iter(partial(stream.read, CHUNK), b"")
 
 
 def snapshot(path: Path) -> StreamingResponse:
-    """Answer with the whole lines that a file has now, however it grows while they are sent."""
+    """Answer with the whole lines that a file has now; it may grow meanwhile."""
     with path.open("rb") as file:
         size = _whole_lines(file)
     name = quote(path.name)
@@ -159,7 +159,7 @@ def _whole_lines(file: IO[bytes]) -> int:
 
 
 def _first_bytes(path: Path, size: int) -> Iterator[bytes]:
-    """Read so many bytes of a file, a piece at a time."""
+    """Yield the first bytes of a file, in pieces."""
     with path.open("rb") as file:
         while piece := file.read(min(CHUNK, size)):
             size -= len(piece)

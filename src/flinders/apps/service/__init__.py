@@ -1,15 +1,15 @@
-"""A calibration that keeps itself while a vehicle works: what runs beside the vehicle's own programs, for months.
+"""Online calibration as a service: a program that runs on a vehicle for months and keeps its compass calibrated.
 
-For whoever builds a companion computer, a gateway or a monitor.
+For builders of companion computers, gateways and monitors.
 
-- `clocks`: puts readings onto one time that never goes back, of the machine or of what was recorded
+- `clocks`: one monotonic time for readings, of the machine or of the recording
 - `sources`: a wire, a pipe or recordings, as readings in one unit on that time
-- `watching`: learns from a source, and writes what is known at times
-- `reports`: what is known at a time, as a line, as JSON and for Prometheus; `kept`: files that outlive a full disk
-- `watch_page`, `timeline_figures`: the same for people, with its course, as a page
-- `handover`: sends calibrations to the vehicle that readings come from
-- `simulate_boat`: days of a boat, to try it all without a sensor
+- `watching`: calibrates from a source, and writes its state periodically
+- `reports`: the state at a time as a line, as JSON and for Prometheus; `kept`: files that are retried after a full disk
+- `watch_page`, `timeline_figures`: a page with the state and its history
+- `handover`: sends calibrations to the vehicle
+- `simulate_boat`: simulated days of a boat, to try the service without a sensor
 - ``cli``: the command
 
-The learning is `flinders.OnlineCalibration`.
+`flinders.OnlineCalibration` does the estimation.
 """

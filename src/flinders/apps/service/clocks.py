@@ -1,13 +1,13 @@
-"""One time for readings that come for months: it never goes back, whatever clocks do.
+"""Monotonic time for readings over months, despite clocks that are set or reset.
 
 >>> machine = MachineClock(wall=lambda: 1.7e9, steady=lambda: 5.0)
->>> machine.of(np.array([10.0, 10.02])).tolist()                           # a board counts from its own start
+>>> machine.of(np.array([10.0, 10.02])).tolist()                           # a board counts from its start
 [1699999999.98, 1700000000.0]
 >>> recorded = RecordedClock()
 >>> recorded.of(np.array([10.0, 10.5])).tolist(), recorded.of(np.array([0.0, 0.5])).tolist()       # it was reset
 ([10.0, 10.5], [10.5, 11.0])
 >>> recorded.remarks()
-['the clock of the readings went back by 10.5 s: they are counted on from where it was']
+['the clock of the readings went back by 10.5 s: time continues from its last value']
 """
 
 from __future__ import annotations
@@ -23,13 +23,13 @@ if TYPE_CHECKING:
 
     from flinders.arrays import Floats
 
-APART_S: Final = 2.0  # Seconds between the clock of the readings and this machine's, from which on the latter counts
-BACK_S: Final = 1.0  # Seconds back from which on a clock was reset; readings that are late by less are left out
-FROM_1970_S: Final = 1e8  # Seconds from which on a time counts from 1970
+APART_S: Final = 2.0  # Difference of the sensor's and the machine's clock from which on the machine's is used
+BACK_S: Final = 1.0  # Step back from which on a clock counts as reset; readings late by less are left out
+FROM_1970_S: Final = 1e8  # Least time that counts as seconds from 1970
 
 
 def duration(seconds: float) -> str:
-    """Say how long something is.
+    """Write a duration in words.
 
     >>> duration(10.5), duration(5400), duration(864000)
     ('10.5 s', '1.5 h', '10 days')
@@ -40,17 +40,17 @@ def duration(seconds: float) -> str:
 
 
 class MachineClock:
-    """Readings as they arrive, in seconds from 1970 by the clock of this machine.
+    """Time of arriving readings, in seconds from 1970, by the clock of this machine.
 
-    Steps between readings are those of the sensor's own clock, as long as it goes as the machine's. A machine's clock
-    that is set back is not followed, one that is set forward is: one without a battery starts in the past.
+    Steps between readings are those of the sensor's own clock, as long as it agrees with the machine's. The time
+    follows a machine's clock that is set forward, as after a start without a battery, but not one that is set back.
 
     Parameters
     ----------
     since : float, optional
-        Time that the calibration has reached before; this clock begins no earlier.
+        Time of the calibration's last reading; this clock begins no earlier.
     wall, steady : callable
-        Seconds from 1970; and ascending ones.
+        Functions that return seconds from 1970, and ascending seconds.
     """
 
     def __init__(
@@ -65,7 +65,7 @@ class MachineClock:
         self._is_behind = False
         begun = wall()
         if since is not None and since > begun + APART_S:
-            words = f"this machine's clock is {duration(since - begun)} before the state: time goes on from there"
+            words = f"this machine's clock is {duration(since - begun)} before the state: time continues from the state"
             self._remarks.append(words)
             self._is_behind = True
         self._ahead = max(begun, since or begun) - steady()
@@ -81,13 +81,13 @@ class MachineClock:
             self._ahead += wall - now
             return wall
         if wall < now - APART_S and not self._is_behind:
-            words = f"this machine's clock was set back by {duration(now - wall)}: time goes on as before"
+            words = f"this machine's clock was set back by {duration(now - wall)}: time continues without the step"
             self._remarks.append(words)
         self._is_behind = wall < now - APART_S
         return now
 
     def of(self, times: Floats) -> Floats:
-        """(N,) times of the sensor, or of arrival by another clock, as seconds from 1970; N is not 0."""
+        """Convert (N,) times of the sensor, or of arrival by another clock, to seconds from 1970; N > 0."""
         now, newest = self.now, float(times[-1])
         if self._shift is None or abs(newest + self._shift - now) > APART_S:
             self._shift = now - newest
@@ -102,15 +102,15 @@ class MachineClock:
 
 
 class RecordedClock:
-    """Readings by their own times; those of a clock that was reset are counted on.
+    """Time of recorded readings; after a reset of their clock, time continues.
 
     Parameters
     ----------
     since : float, optional
-        Time that the calibration has reached before: readings whose times do not count from 1970 go on from there.
+        Time of the calibration's last reading; readings whose times do not count from 1970 continue from it.
     """
 
-    now = None  # Nothing is known of the time between readings
+    now = None  # The time between readings is unknown
 
     def __init__(self, since: float | None = None) -> None:
         self._since, self._last = since, math.nan
@@ -118,7 +118,7 @@ class RecordedClock:
         self._remarks: list[str] = []
 
     def of(self, times: Floats) -> Floats:
-        """(N,) times as one that goes on; N is not 0."""
+        """Convert (N,) times to monotonic ones; N > 0."""
         if math.isnan(self._last):
             first = float(times[0])
             if self._since is not None and first < min(self._since, FROM_1970_S):
@@ -127,8 +127,8 @@ class RecordedClock:
         steps = np.diff(times + self._shift, prepend=self._last)
         back = np.where(steps < -BACK_S, -steps, 0.0)
         if back.any():
-            words = f"the clock of the readings went back by {duration(float(back.max()))}: they are counted on from"
-            self._remarks.append(f"{words} where it was")
+            words = f"the clock of the readings went back by {duration(float(back.max()))}: time continues from"
+            self._remarks.append(f"{words} its last value")
         moved: Floats = times + self._shift + np.cumsum(back)
         self._shift += float(back.sum())
         self._last = float(moved[-1])

@@ -1,4 +1,4 @@
-"""Hands the calibration in force to what readings come from, when that is safe, and keeps what was on board before.
+"""Sends the calibration in force to its vehicle when that is safe, and saves the previous values.
 
 >>> Handover.named("compass-before-20260601T081540Z.param"), Handover.named("notes.txt")
 (1780301740.0, None)
@@ -27,11 +27,11 @@ if TYPE_CHECKING:
     from flinders.workflows.online import OnlineCalibration
 
 INTERVAL_S: Final = 3600.0
-LOOK_S: Final = 5.0  # Seconds until it is looked again whether to send
-BETTER: Final = 0.8
-"""Of the heading error with what is on board, from which on another calibration is sent."""
-UNKNOWN: Final = 0.05
-"""Of the field: σ of an offset, along any axis, beyond which it is not known there."""
+LOOK_S: Final = 5.0  # Period of checks
+MAX_ERROR_RATIO: Final = 0.8
+"""A calibration is sent if its heading error is at most this share of that with the one on board."""
+MAX_OFFSET_SIGMA: Final = 0.05
+"""Share of the field: largest σ of an offset along any axis; beyond it, the calibration is not sent."""
 NAME: Final = re.compile(r"compass-before-(\d{8}T\d{6})Z\.\w+")
 
 
@@ -42,9 +42,9 @@ class Handover:
     ----------
     recipient : Recipient
     folder : str
-        Where what was on board before is written.
+        Folder for previous values.
     interval_s : float
-        From one sending to the next, at the least; also after one that failed, and when this is started again.
+        Least time between two sendings, also after a failed one and across restarts.
     stopped, say : callable
         As for `Transfer.carry_out`.
     clock : callable
@@ -53,7 +53,7 @@ class Handover:
     Attributes
     ----------
     failure : str
-        Why the last sending failed; empty where it did not.
+        Reason of the last failure; empty after a success.
     """
 
     def __init__(
@@ -75,14 +75,14 @@ class Handover:
 
     @staticmethod
     def named(name: str) -> float | None:
-        """When a file with what was on board before was written, by its name; None of other files."""
+        """Time in the name of a file with previous values; None for other files."""
         found = NAME.fullmatch(name)
         return datetime.strptime(found[1] + "+0000", "%Y%m%dT%H%M%S%z").timestamp() if found else None
 
     def look(self, online: OnlineCalibration, time_s: float) -> tuple[str, str] | None:
-        """Send where it is time; event and words where something came of it, or somebody is waited for.
+        """Send a calibration if due; returns an event with words, or None if nothing happened.
 
-        ``sent``, ``not-sent`` with the reason, or ``waits`` for what only somebody can do.
+        Events are ``sent``, ``not-sent`` with the reason, or ``waits`` for an action of the user.
         """
         now = self._clock()
         if abs(now - self._looked) < LOOK_S or (fit := online.fit) is None:
@@ -93,25 +93,25 @@ class Handover:
             return None
         if 0.0 <= now - self._sent < self._interval_s:
             return None
-        if waits := self._waits(fit, is_level=online.is_level):
+        if waits := self._waiting_reason(fit, is_level=online.is_level):
             is_new, self._told = waits != self._told, waits
             return ("waits", f"the calibration in force is not sent: {waits}") if is_new else None
         self._sent, self._told = now, ""
         return self._send(calibration, now)
 
     def _is_better(self, online: OnlineCalibration, calibration: Calibration, time_s: float) -> bool:
-        """Whether a calibration is clearly better than what is on board; where nobody knows that, within the target."""
+        """Whether a calibration is clearly better than the one on board or, if that is unknown, within the target."""
         state, on_board = online.at(time_s), self._recipient.on_board(calibration.field_strength)
         if on_board is None:
             return state.verdict == "good"
-        return state.heading_error_deg < BETTER * online.error_with_deg(on_board, time_s)
+        return state.heading_error_deg < MAX_ERROR_RATIO * online.error_with_deg(on_board, time_s)
 
-    def _waits(self, fit: Fit, *, is_level: bool) -> str:
-        """What is waited for; empty where nothing is."""
+    def _waiting_reason(self, fit: Fit, *, is_level: bool) -> str:
+        """Reason to wait before sending; empty without one."""
         if is_level:
-            return "it is of a level vehicle, and nothing is known of the axis across; calibrate in all attitudes first"
+            return "it is of a level vehicle, and its vertical axis is unknown; calibrate in all attitudes first"
         sigma = float(fit.claim.offset_sigma.max())
-        if not sigma < UNKNOWN * fit.calibration.field_strength:
+        if not sigma < MAX_OFFSET_SIGMA * fit.calibration.field_strength:
             unit = label(fit.calibration.unit)
             return (
                 f"its offset is off by up to {figures(sigma)} {unit} (1 σ) along one axis; turn about other axes, too"
@@ -120,7 +120,7 @@ class Handover:
         return f"{self._recipient.name}: {refusal}" if refusal else ""
 
     def _send(self, calibration: Calibration, now: float) -> tuple[str, str] | None:
-        """Keep what is on board, and send."""
+        """Save the previous values, and send."""
         kept = ""
         try:
             transfer = self._recipient.transfer(calibration)
@@ -129,7 +129,7 @@ class Handover:
             when = datetime.fromtimestamp(now, UTC)
             path = self._folder / f"compass-before-{when:%Y%m%dT%H%M%SZ}{transfer.suffix}"
             write_text(transfer.backup(), path)
-            kept = f"; what was on board before is in {path}"
+            kept = f"; the previous values are in {path}"
             confirmed = transfer.carry_out(stopped=self._stopped, say=self._say)
         except FlindersError as error:
             self.failure = f"{error.message}{kept}"

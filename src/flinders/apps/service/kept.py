@@ -1,10 +1,10 @@
-"""A file that is written again and again: a full disk is said once, and tried again.
+"""A file that is rewritten periodically: a failure is reported once, and writing is retried.
 
 >>> def full():
 ...     raise OutputError("state.json: cannot be written: No space left on device")
 >>> file = Kept("state.json", print)
 >>> _ = file.write(full)
-! state.json: cannot be written: No space left on device. It is tried again
+! state.json: cannot be written: No space left on device. Will retry
 >>> file.write(full), file.write(lambda: None)
 state.json: is written again
 (False, True)
@@ -21,12 +21,12 @@ if TYPE_CHECKING:
 
 
 class Kept:
-    """A file that is replaced whole.
+    """A file that is replaced as a whole at each write.
 
     Attributes
     ----------
     failure : OutputError or None
-        Why it cannot be written now.
+        Error of the last write; None after a success.
     """
 
     def __init__(self, name: str, say: Callable[[str], object]) -> None:
@@ -35,12 +35,12 @@ class Kept:
         self.failure: OutputError | None = None
 
     def write(self, write: Callable[[], object]) -> bool:
-        """Write it; False where that is impossible now."""
+        """Write the file; returns False if that fails."""
         try:
             write()
         except OutputError as error:
             if self.failure is None:
-                self._say(f"! {error.message}. It is tried again")
+                self._say(f"! {error.message}. Will retry")
             self.failure = error
             return False
         if self.failure is not None:

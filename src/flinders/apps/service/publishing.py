@@ -1,4 +1,4 @@
-"""What others get of a calibration that goes on, beside the source that it learns from, such as topics of ROS 2."""
+"""Interface of publishers, which send the output of an online calibration to other programs, such as over ROS 2."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ if TYPE_CHECKING:
 
 
 class Publisher(Protocol):
-    """Publishes the readings that its feed handed on last, corrected, and what is known of the calibration."""
+    """Publishes the newest readings of its feed, corrected, and the state of the calibration."""
 
     def publish(self, online: OnlineCalibration | None, now: float) -> None:
-        """Publish what is new at a time of the readings; there is no calibration before the first reading."""
+        """Publish new output at a time of the readings; `online` is None before the first reading."""

@@ -1,4 +1,4 @@
-"""What is known of a calibration that keeps itself at a time: a line, JSON, and text for Prometheus."""
+"""State of an online calibration at a time, as a line, as JSON, and as text for Prometheus."""
 
 from __future__ import annotations
 
@@ -18,62 +18,64 @@ if TYPE_CHECKING:
     from flinders.workflows.timeline import Doing
 
 Kind: TypeAlias = Literal["state", "event", "source", "send"]
-LATEST_S: Final = 2.5e11  # Seconds from 1970 that a date can have
+MAX_DATE_S: Final = 2.5e11  # Latest date, seconds from 1970
 VERDICTS: Final[dict[Verdict, str]] = {
     "good": "the heading error is within the target",
     "limited": "the heading error is beyond the target",
     "refused": "the heading error is beyond five times the target",
 }
-"""What a verdict means that changed without an event of the calibration."""
+"""Sentences on a verdict that changed without an event of the calibration."""
 EVENTS: Final = (*CODES.values(), "other-release", "good", "limited", "refused", "sent", "not-sent")
-"""What is counted."""
+"""Events that are counted."""
 
 
 @dataclass(frozen=True, slots=True)
 class Report:
-    """What is known at a time."""
+    """State at a time, or an event."""
 
-    kind: Kind  # why it is told: time has passed, something happened to the calibration or the source, it was sent
-    event: str | None  # what happened; of the source as in `Recording`; None where time has passed
-    words: str | None  # the same, for people
-    time_s: float  # s: by the clock of the readings, from 1970 where that is known
+    kind: Kind  # periodic state, event of the calibration, event of the source, or sending
+    event: str | None  # code of the event; of the source as in `Recording`; None for a periodic state
+    words: str | None  # the event in words
+    time_s: float  # s: by the clock of the readings, from 1970 if known
     time: str | None  # the same as a date (UTC)
-    doing: Doing  # `learning` without a calibration, `undisturbed`, or `disturbed` where readings contradict it
+    doing: (
+        Doing  # `learning` without a calibration, `undisturbed`, or `disturbed` if readings contradict the calibration
+    )
     verdict: Verdict  # `good` within the target, `refused` beyond five times the target or without a calibration
     heading_error_deg: float | None  # worst heading, level, 1 σ, with the calibration in force; None without one
-    bound_deg: float | None  # that no heading exceeds with 95 %
+    bound_deg: float | None  # bound on the heading error of all headings, with a probability of 95 %
     latest_deg: float | None  # heading error with the newest calibration, which may not be in force
-    age_s: float | None  # since readings last told something of the calibration
-    walk: float | None  # by which the offset moves in an hour, 1 σ, in `unit`
-    offset: tuple[float, float, float] | None  # newest estimate, in force or not, in `unit`; None without one
+    age_s: float | None  # since readings last improved the calibration
+    walk: float | None  # random walk of the offset in an hour, 1 σ, in `unit`
+    offset: tuple[float, float, float] | None  # newest estimate, in force or not, in `unit`; None without an estimate
     offset_sigma: tuple[float, float, float] | None  # 1 σ of its components, in `unit`
     radius: float | None  # mean length of readings about the offset, in `unit`
-    # of `walk`, `offset` and `radius`: `uT`, or `counts` where no scale is known; None before the first reading
+    # of `walk`, `offset` and `radius`: `uT`, or `counts` if the scale is unknown; None before the first reading
     unit: str | None
-    target_deg: float  # heading error that is good enough
+    target_deg: float  # target of the heading error
     good_until_s: (
         float | None
-    )  # s: when it reaches the target if nothing is learnt; None where unknown, or beyond 10 years
+    )  # s: time at which the error reaches the target without further updates; None if unknown, or beyond 10 years
     good_until: str | None  # the same as a date (UTC)
-    is_locked: bool  # the calibration in force stays, whatever is learnt
+    is_locked: bool  # the calibration in force stays, despite newer estimates
     readings: int  # since this program was started
-    events: dict[str, int]  # how often each event has happened since then, by name
-    not_understood: int  # lines
-    disconnections: int  # how often the source went away
-    is_connected: bool  # the source is there, and sends readings
-    source: str  # where readings come from
+    events: dict[str, int]  # number of events since then, by code
+    not_understood: int  # lines of unknown format
+    disconnections: int  # number of losses of the source
+    is_connected: bool  # the source is present and sends readings
+    source: str  # name of the source
 
     def as_dict(self) -> dict[str, Any]:
-        """JSON-ready; numbers that are not known are null."""
-        return {name: _known(value) for name, value in asdict(self).items()}
+        """JSON-ready form; unknown numbers are null."""
+        return {name: _json_value(value) for name, value in asdict(self).items()}
 
     def line(self) -> str:
-        """For people: the time, what happened, the heading error now, and how long it is good."""
+        """Line for the user: time, event, current heading error, and the time until which it is good."""
         parts = [moment(self.time_s), self.words or "", self._claim()]
         return "  ".join(filter(None, parts))
 
     def _claim(self) -> str:
-        """What to expect of the heading."""
+        """Expected heading error in words."""
         error, bound, until = self.heading_error_deg, self.bound_deg, self.good_until_s
         if error is None or bound is None or not math.isfinite(error):
             return "" if self.kind == "source" else "no calibration yet"
@@ -83,34 +85,36 @@ class Report:
         return f"{claim}, good {f'until {moment(until)}' if math.isfinite(until) else 'for ten years'}"
 
     def prometheus(self) -> str:
-        """For the textfile collector of Prometheus's node exporter."""
+        """Text for the textfile collector of Prometheus's node exporter."""
         error, bound = self.heading_error_deg, self.bound_deg
         gauges = {
             "heading_error_degrees": ("Heading error of a level vehicle, worst heading, 1 sigma.", error),
-            "heading_error_bound_degrees": ("Heading error that no heading exceeds with 95 %.", bound),
-            "heading_error_target_degrees": ("Heading error that is good enough.", self.target_deg),
-            "calibration_age_seconds": ("Since readings last told something of the calibration.", self.age_s),
-            "good_until_timestamp_seconds": ("When the heading error reaches the target.", self.good_until_s),
-            "report_timestamp_seconds": ("When this was known.", self.time_s),
-            "connected": ("Whether the sensor is there, and sends readings.", float(self.is_connected)),
+            "heading_error_bound_degrees": ("Bound on the heading error of all headings, 95 %.", bound),
+            "heading_error_target_degrees": ("Target of the heading error.", self.target_deg),
+            "calibration_age_seconds": ("Time since readings last improved the calibration.", self.age_s),
+            "good_until_timestamp_seconds": ("Time at which the heading error reaches the target.", self.good_until_s),
+            "report_timestamp_seconds": ("Time of this report.", self.time_s),
+            "connected": ("Whether the sensor is connected and sends readings.", float(self.is_connected)),
         }
         lines = [_metric(name, "gauge", words, {"": value}) for name, (words, value) in gauges.items()]
         states = {f'{{state="{name}"}}': float(name == self.doing) for name in DOING}
         counted = {f'{{event="{name}"}}': float(self.events.get(name, 0)) for name in EVENTS}
         walk = {f'{{unit="{self.unit or ""}"}}': self.walk}
         lines += [
-            _metric("calibration_state", "gauge", "What the calibration does now.", states),
-            _metric("offset_walk_per_root_hour", "gauge", "By which the offset moves in an hour, 1 sigma.", walk),
+            _metric("calibration_state", "gauge", "State of the calibration.", states),
+            _metric("offset_walk_per_root_hour", "gauge", "Random walk of the offset in an hour, 1 sigma.", walk),
             _metric("readings_total", "counter", "Readings taken.", {"": float(self.readings)}),
-            _metric("events_total", "counter", "What has happened.", counted),
-            _metric("lines_not_understood_total", "counter", "Lines left out.", {"": float(self.not_understood)}),
-            _metric("disconnections_total", "counter", "How often the source went.", {"": float(self.disconnections)}),
+            _metric("events_total", "counter", "Number of events.", counted),
+            _metric(
+                "lines_not_understood_total", "counter", "Lines of unknown format.", {"": float(self.not_understood)}
+            ),
+            _metric("disconnections_total", "counter", "Losses of the source.", {"": float(self.disconnections)}),
         ]
         return "".join(lines)
 
 
 def moment(seconds: float) -> str:
-    """A time for people: a date where it counts from 1970.
+    """Time in words: a date if it counts from 1970, else a duration.
 
     >>> moment(1795946435.0), moment(4.84)
     ('2026-11-29 10:00:35', '4.8 s')
@@ -120,32 +124,32 @@ def moment(seconds: float) -> str:
 
 
 def date_of(seconds: float) -> str | None:
-    """A time as a date, UTC, where it counts from 1970."""
-    if not FROM_1970_S <= seconds <= LATEST_S:
+    """Time as a date, UTC, if it counts from 1970, else None."""
+    if not FROM_1970_S <= seconds <= MAX_DATE_S:
         return None
     return datetime.fromtimestamp(seconds, UTC).strftime("%Y-%m-%dT%H:%M:%SZ")
 
 
 def words_of(code: str) -> str:
-    """What an event means."""
+    """Sentence on an event."""
     return {str(known): words for table in (WORDS, VERDICTS) for known, words in table.items()}[code]
 
 
-def _known(value: Any) -> Any:  # noqa: ANN401 - JSON
+def _json_value(value: Any) -> Any:  # noqa: ANN401 - JSON
     if isinstance(value, tuple):
         return list(value) if all(map(math.isfinite, value)) else None
     return None if isinstance(value, float) and not math.isfinite(value) else value
 
 
 def _metric(name: str, kind: str, words: str, values: Mapping[str, float | None]) -> str:
-    """Lines of one metric, by its labels."""
+    """Lines of one metric, one a label."""
     full = f"flinders_{name}"
     rows = (f"{full}{labels} {_number(value)}\n" for labels, value in values.items())
     return f"# HELP {full} {words}\n# TYPE {full} {kind}\n{''.join(rows)}"
 
 
 def _number(value: float | None) -> str:
-    """A number as Prometheus reads it."""
+    """Number in the format of Prometheus."""
     if value is None or math.isnan(value):
         return "NaN"
     return f"{value:.15g}" if math.isfinite(value) else "+Inf"

@@ -1,6 +1,6 @@
-"""What this package adds to tables of the library, by names of its modules; nothing is imported before it is used."""
+"""Rows that this package adds to the library's tables, as names of modules, imported on first use."""
 
 WIRE = "Sensors on a wire"
 
-COMMANDS = {"watch": (WIRE, "cli.watch", "Keep a calibration while a vehicle works.")}
-SIMULATIONS = {"boat": ("Commands", "cli.simulate", "A boat for some days, to see a calibration keep itself.")}
+COMMANDS = {"watch": (WIRE, "cli.watch", "Keep a sensor calibrated while its vehicle works.")}
+SIMULATIONS = {"boat": ("Commands", "cli.simulate", "The compass of a boat for some days, for an online calibration.")}

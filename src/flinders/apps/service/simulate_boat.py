@@ -1,8 +1,8 @@
-"""Days of a boat whose compass is always on, and what happens to it: to see a calibration keep itself.
+"""Simulated compass of a boat over some days with disturbances, to test an online calibration.
 
 Each day a small yacht lies at a berth, is at sea in the morning and in the afternoon, rests in between, and is off for
 the night. At sea it makes long legs with turns between them, rolls and pitches in waves, and heels away from the wind.
-It begins with two circles in rough water. Steel passes now and then, and once iron is moved near the compass, for good.
+It begins with two circles in rough water. Steel passes now and then, and once iron near the compass is moved for good.
 
 >>> life = boat(seed=1, days=2.0)
 >>> [event.kind for event in life.events if event.kind != "steel"]
@@ -31,27 +31,27 @@ if TYPE_CHECKING:
 DAY_S, HOUR_S = 86400.0, 3600.0
 BEGINS_S: Final = 1_780_272_000.0
 """Monday, 1 June 2026, 00:00 UTC."""
-MOST_DAYS: Final = 100.0
+MAX_DAYS: Final = 100.0
 RATE_HZ, REST_HZ = 2.0, 0.2
 """Readings a second at sea, and at a berth."""
 ON_H, OFF_H = 8.0, 19.0
 """Hours of the day at which the instruments are switched on and off."""
 OUTINGS_H: Final = ((8.5, 12.0), (14.0, 17.0))
-"""Hours of the day in which it is at sea, give or take half an hour."""
+"""Hours of the day at sea, ± half an hour."""
 CIRCLES_S: Final = 240.0
-"""That two slow circles take."""
+"""Duration of two slow circles."""
 MOVED_UT: Final = 5.0
-MOVED_AT: Final = 4.0 / 7.0
-"""Of all readings, before which nothing is moved."""
+MOVE_SHARE: Final = 4.0 / 7.0
+"""Share of the readings before the move."""
 STEEL_PER_DAY: Final = 1.5
 ROLL_DEG: Final = (4.0, 8.0)
 """Rolling in waves, root mean square: in calm and in rough water."""
 HEEL_DEG: Final = (2.0, 12.0)
-"""Under sail, on a course across the wind."""
+"""Range of the heel under sail, on a course across the wind."""
 BERTH_UT: Final = 2.0
-"""By which a berth bends the field, 1 σ along each axis."""
+"""Disturbance of the field at a berth, 1 σ along each axis."""
 WALK_UT: Final = 0.05
-"""By which the offset of an axis moves in an hour, 1 σ."""
+"""Random walk of the offset of an axis in an hour, 1 σ."""
 NOISE_UT: Final = 0.3
 
 Kind = Literal["circles", "steel", "moved", "off"]
@@ -59,19 +59,19 @@ Kind = Literal["circles", "steel", "moved", "off"]
 
 @dataclass(frozen=True, slots=True)
 class BoatEvent:
-    """Something that happened to the boat or its compass."""
+    """An event on the boat."""
 
     kind: Kind  # two circles; steel that passed; iron that was moved for good; switched off
     begin_s: float  # s: from 1970
     end_s: float  # s: from 1970
-    size_ut: float  # µT: the largest change of the field in the compass; 0 where there is none
+    size_ut: float  # µT: the largest change of the field at the compass; 0 without one
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class BoatLife:
-    """Readings of some days, and what is true of them."""
+    """Readings of some days, and the truth."""
 
-    simulated: Simulated  #: its sensor is that of the end, and its shift what the offset lacked before
+    simulated: Simulated  #: with the sensor of the end; `shift` is the earlier offset less that of the end
     events: tuple[BoatEvent, ...]  #: in the order of time
 
     def as_dict(self) -> dict[str, Any]:
@@ -79,16 +79,16 @@ class BoatLife:
         shift = self.simulated.shift
         assert shift is not None
         return {
-            "readings": len(shift),  # how many
+            "readings": len(shift),  # number
             "begin_offset_ut": (self.simulated.sensor.offset + shift[0]).tolist(),  # (3,) µT: of the first reading
             "end_offset_ut": self.simulated.sensor.offset.tolist(),  # (3,) µT: of the last one
-            "events": [asdict(event) for event in self.events],  # what happened, in the order of time
+            "events": [asdict(event) for event in self.events],  # in the order of time
         }
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Spell:
-    """A while in which the boat does one thing."""
+    """A period with one activity of the boat."""
 
     time: Floats  # (n,) s
     angles: Floats  # (n, 3) rad: heading, pitch, roll
@@ -112,13 +112,13 @@ def boat(
     seed : int
         The same seed gives the same days.
     days : float
-        From midnight on; the last may be a part of one.
+        Duration from midnight on; the last day may be incomplete.
     field_strength, dip_deg : float, µT and degrees
     noise : float, µT
         White, 1 σ of each axis.
     """
-    if not ON_H / 24.0 < days <= MOST_DAYS:
-        raise UsageError(f"days is {days:g}: need more than {ON_H / 24.0:.2g}, and at most {MOST_DAYS:g}")
+    if not ON_H / 24.0 < days <= MAX_DAYS:
+        raise UsageError(f"days is {days:g}: need more than {ON_H / 24.0:.2g}, and at most {MAX_DAYS:g}")
     of_sensor, of_course, of_offset, of_steel, of_noise = np.random.default_rng(seed).spawn(5)
     spells = _spells(of_course, days * DAY_S)
     time, angles = (np.concatenate([getattr(spell, name) for spell in spells]) for name in ("time", "angles"))
@@ -148,7 +148,7 @@ def boat(
 
 
 def _nights(days: float) -> list[BoatEvent]:
-    """When it is switched off, until the next morning or the end."""
+    """Periods in which the instruments are off, until the next morning or the end."""
     off = [(day + OFF_H / 24.0, min(day + 1.0 + ON_H / 24.0, days)) for day in range(math.ceil(days))]
     return [
         BoatEvent("off", BEGINS_S + begin * DAY_S, BEGINS_S + end * DAY_S, 0.0) for begin, end in off if begin < days
@@ -156,7 +156,7 @@ def _nights(days: float) -> list[BoatEvent]:
 
 
 def _spells(rng: Generator, until_s: float) -> list[_Spell]:
-    """All that the boat does until then."""
+    """Activities of the boat up to a time."""
     wind, heading = rng.uniform(-math.pi, math.pi, 2).tolist()
     spells: list[_Spell] = []
     for day in range(math.ceil(until_s / DAY_S)):
@@ -164,10 +164,10 @@ def _spells(rng: Generator, until_s: float) -> list[_Spell]:
         rests_s = day * DAY_S + ON_H * HOUR_S
         for first, last in OUTINGS_H:
             goes_s, comes_s = (day * DAY_S + HOUR_S * (hour + rng.uniform(-0.5, 0.5)) for hour in (first, last))
-            spells.append(_at_rest(rng, rests_s, goes_s, heading))
-            spells.append(_at_sea(rng, goes_s, comes_s, heading, wind, has_circles=len(spells) == 1))
+            spells.append(_rest_at_berth(rng, rests_s, goes_s, heading))
+            spells.append(_sail(rng, goes_s, comes_s, heading, wind, has_circles=len(spells) == 1))
             heading, rests_s = float(spells[-1].angles[-1, 0]), comes_s
-        spells.append(_at_rest(rng, rests_s, day * DAY_S + OFF_H * HOUR_S, heading))
+        spells.append(_rest_at_berth(rng, rests_s, day * DAY_S + OFF_H * HOUR_S, heading))
     counts = [int(np.searchsorted(spell.time, until_s)) for spell in spells]
     return [
         _Spell(spell.time[:count], spell.angles[:count], spell.is_at_sea)
@@ -176,16 +176,14 @@ def _spells(rng: Generator, until_s: float) -> list[_Spell]:
     ]
 
 
-def _at_rest(rng: Generator, begins_s: float, ends_s: float, heading: float) -> _Spell:
+def _rest_at_berth(rng: Generator, begins_s: float, ends_s: float, heading: float) -> _Spell:
     """At a berth: it sways on its lines."""
     time = np.arange(begins_s, ends_s, 1.0 / REST_HZ)
     angles = np.radians([3.0, 0.3, 0.6]) * _waves(rng, time, 30.0, 600.0) + [heading, 0.0, 0.0]
     return _Spell(time, angles, is_at_sea=False)
 
 
-def _at_sea(
-    rng: Generator, begins_s: float, ends_s: float, heading: float, wind: float, *, has_circles: bool
-) -> _Spell:
+def _sail(rng: Generator, begins_s: float, ends_s: float, heading: float, wind: float, *, has_circles: bool) -> _Spell:
     """Legs of 5 to 60 minutes with a turn of 30 to 170° after each; some go all the way round."""
     at, course, heels = [0.0], [heading], [0.0]
     if has_circles:
@@ -212,7 +210,7 @@ def _at_sea(
 
 
 def _waves(rng: Generator, time: Floats, shortest_s: float, longest_s: float) -> Floats:
-    """(n, 3) smooth courses of unit variance, with periods between two limits."""
+    """(n, 3) smooth series of unit variance, with periods between two limits."""
     periods = np.exp(rng.uniform(math.log(shortest_s), math.log(longest_s), (8, 3)))
     phases = rng.uniform(0.0, 2.0 * math.pi, (8, 3))
     total = np.zeros((len(time), 3))
@@ -222,20 +220,20 @@ def _waves(rng: Generator, time: Floats, shortest_s: float, longest_s: float) ->
 
 
 def _shift(rng: Generator, time: Floats, is_at_sea: Floats) -> tuple[Floats, BoatEvent]:
-    """(n, 3) µT that the offset lacks of that of the end, and the move in it."""
+    """(n, 3) offset less that of the end, µT, and the event of its move."""
     hours = np.arange(math.floor(time[0] / HOUR_S), math.ceil(time[-1] / HOUR_S) + 1.0)
     walk = np.cumsum(WALK_UT * rng.standard_normal((len(hours), 3)), axis=0)
     offset = np.stack([np.interp(time / HOUR_S, hours, axis) for axis in walk.T], axis=1)
     turn, sink = rng.uniform(-math.pi, math.pi), rng.uniform(-0.5, 0.5)
     level = math.sqrt(1.0 - sink**2)
     after = np.flatnonzero(is_at_sea)
-    moved_s = float(time[after[round(MOVED_AT * len(after))]])
+    moved_s = float(time[after[round(MOVE_SHARE * len(after))]])
     offset[time >= moved_s] += MOVED_UT * np.array([level * math.cos(turn), level * math.sin(turn), sink])
     return offset - offset[-1], BoatEvent("moved", BEGINS_S + moved_s, BEGINS_S + moved_s, MOVED_UT)
 
 
 def _steel(rng: Generator, time: Floats, is_at_sea: Floats) -> tuple[Floats, list[BoatEvent]]:
-    """(n, 3) µT north, east, down of steel that passes: a dipole on a straight way, 10 to 60 s long."""
+    """(n, 3) field of passing steel, µT north, east, down: a dipole on a straight line, for 10 to 60 s."""
     field, events = np.zeros((len(time), 3)), list[BoatEvent]()
     rows = np.flatnonzero(is_at_sea)
     count = math.ceil(STEEL_PER_DAY * len(rows) / (6.5 * HOUR_S * RATE_HZ))

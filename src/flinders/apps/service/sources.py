@@ -1,4 +1,4 @@
-"""Where a calibration takes its readings from: a wire, a pipe or recordings; all in one unit and on one time.
+"""Sources of an online calibration: a wire, a pipe or recordings, with readings on one monotonic time.
 
 >>> from flinders import simulate
 >>> source = of_recordings([simulate.tumble(seed=1).samples])
@@ -34,36 +34,36 @@ if TYPE_CHECKING:
     from flinders.links.transcript import RecordingStatistics
     from flinders.links.transports import ByteSource, StandardInput
 
-LITTLE: Final = 40
-"""Readings of an answer; a faster sensor is asked again at once, before what the system keeps for it is full."""
-REST_S: Final = 0.1  # Seconds to the next question, where little came: what comes meanwhile is then read in one go
+MIN_BATCH: Final = 40
+"""Readings in a batch; after a larger batch, the source is read again at once, before system buffers are full."""
+REST_S: Final = 0.1  # Pause after a small batch, so that later readings form one batch
 
 
 class Clock(Protocol):
-    """Puts readings onto one time."""
+    """Converts times of readings to one monotonic time."""
 
     @property
     def now(self) -> float | None:
-        """The time without a reading; None where that is not known."""
+        """Current time without a reading; None if unknown."""
 
     def of(self, times: Floats) -> Floats:
-        """(N,) times of the source as that time."""
+        """Convert (N,) times of the source to monotonic ones."""
 
     def remarks(self) -> list[str]:
-        """What has happened to the clock since this was last asked."""
+        """Return sentences on the clock since the last call."""
 
 
 class Source:
-    """A feed whose readings are on one time.
+    """A feed with readings on one monotonic time.
 
     Parameters
     ----------
     feed : Feed
     clock : Clock
     statistics : RecordingStatistics, optional
-        What the feed counts of lines.
+        Counts of lines of the feed.
     rests : bool
-        Wait for more where little came, as a live sensor allows.
+        Pause after a small batch, as a live sensor allows.
 
     Attributes
     ----------
@@ -78,41 +78,39 @@ class Source:
 
     @property
     def now(self) -> float | None:
-        """The time without a reading; None of recordings, where nothing is known of it."""
+        """Current time without a reading; None for recordings."""
         return self._clock.now
 
     @property
     def recipient(self) -> Recipient | None:
-        """What takes a calibration of the readings; None where nothing does."""
+        """Recipient of the calibration; None without one."""
         return self.feed if isinstance(self.feed, Recipient) else None
 
     @property
     def not_understood(self) -> int:
-        """Lines that should have been readings."""
+        """Number of lines of unknown format."""
         return 0 if self.statistics is None else self.statistics.unknown - self.statistics.accompanying
 
     def next(self, timeout: float) -> Received:
-        """As `Feed.next`; times are those of the clock."""
+        """As `Feed.next`, with times by the clock."""
         received = self.feed.next(timeout)
         if received is None or isinstance(received, FeedEvent):
             return received
-        if self._rests and len(received) < LITTLE:
+        if self._rests and len(received) < MIN_BATCH:
             time.sleep(REST_S)
-        return self._timed(received)
+        return self._with_clock_times(received)
 
     def remarks(self) -> list[str]:
-        """What has happened to the clock since this was last asked."""
+        """Return sentences on the clock since the last call."""
         return self._clock.remarks()
 
     def close(self) -> None:
-        """Let go of the source."""
+        """Close the source."""
         self.feed.close()
 
-    def _timed(self, samples: Samples) -> Samples | None:
+    def _with_clock_times(self, samples: Samples) -> Samples | None:
         if samples.time is None:
-            raise UnreadableInput(
-                f"{self.name} has no times: a calibration that goes on needs to know when readings were"
-            )
+            raise UnreadableInput(f"{self.name} has no times: an online calibration needs the times of readings")
         known = np.isfinite(samples.time)
         if not known.any():
             return None
@@ -120,31 +118,31 @@ class Source:
 
 
 def of_wire(wire: ByteSource, since: float | None, **reading: Any) -> Source:
-    """Lines of a wire, on the time of this machine; `reading` goes to `Recorder`."""
+    """Return the source of a wire's lines, on the time of this machine; `reading` are arguments of `Recorder`."""
     recorder = Recorder(wire, **reading)
     return Source(recorder, MachineClock(since), statistics=recorder.statistics, rests=True)
 
 
 def of_feed(feed: Feed, since: float | None, *, rests: bool = True) -> Source:
-    """A feed of a live sensor, such as a vehicle, on the time of this machine."""
+    """Return the source of a live feed, such as a vehicle, on the time of this machine."""
     return Source(feed, MachineClock(since), rests=rests)
 
 
 def of_pipe(pipe: StandardInput, since: float | None, **reading: Any) -> Source:
-    """Lines of standard input, on their own time, or that of this machine where they have none."""
+    """Return the source of standard input, on the time of its lines, else on that of this machine."""
     recorder = Recorder(pipe, **reading)
     return _Piped(recorder, pipe, since)
 
 
 def of_recordings(recordings: Sequence[Recording], starts: Sequence[float] = ()) -> Source:
-    """Recordings one after the other, as fast as they are read.
+    """Return the source of recordings one after the other, at full speed.
 
     Parameters
     ----------
     recordings : sequence of Recording
-        Where all have a clock that counts from 1970, in the order of time, else as they are given.
+        In the order of time if all times count from 1970, else in the given order.
     starts : sequence of float
-        Seconds from 1970 at which the times of each start to count; 0 where they count from something else.
+        Start of the times of each, s from 1970; 0 if unknown.
     """
     dated = list(zip(recordings, starts or [0.0] * len(recordings), strict=True))
     if all(start >= FROM_1970_S for _, start in dated):
@@ -153,7 +151,7 @@ def of_recordings(recordings: Sequence[Recording], starts: Sequence[float] = ())
 
 
 def first_time(recording: Recording) -> float:
-    """First time of a recording, s; infinite where it has none."""
+    """First time of a recording, s; infinite without times."""
     times = (block.time[0] for block in recording.blocks() if block.time is not None and len(block))
     return float(next(times, math.inf))
 
@@ -182,7 +180,7 @@ class _Recordings:
 
 
 class _Replayed(Source):
-    """Recordings, which know what they left out."""
+    """Source of recordings, with their counts of lines left out."""
 
     def __init__(self, feed: Feed, recordings: Sequence[Recording]) -> None:
         super().__init__(feed, RecordedClock())
@@ -195,7 +193,7 @@ class _Replayed(Source):
 
 
 class _Piped(Source):
-    """Lines of standard input, whose clock is chosen with the first reading."""
+    """Source of standard input; the first reading decides on the clock."""
 
     def __init__(self, recorder: Recorder, pipe: StandardInput, since: float | None) -> None:
         self._machine = MachineClock(since)
@@ -205,29 +203,29 @@ class _Piped(Source):
 
     def next(self, timeout: float) -> Received:
         if self._pipe.is_done:
-            self._recorder.close()  # hands on what waits, and says that it has ended
+            self._recorder.close()  # passes on waiting readings and the end
         return super().next(timeout)
 
     @property
     def now(self) -> float | None:
         return self._clock.now if self._is_chosen else None
 
-    def _timed(self, samples: Samples) -> Samples | None:
+    def _with_clock_times(self, samples: Samples) -> Samples | None:
         start = self._recorder.clock_start
         if not self._is_chosen:
             self._is_chosen = True
             self._clock = self._machine if start is None else RecordedClock(self._since)
         if start and samples.time is not None:
             samples = replace(samples, time=samples.time + start)
-        return super()._timed(samples)
+        return super()._with_clock_times(samples)
 
 
 def _timeless(name: str) -> UnreadableInput:
-    return UnreadableInput(f"{name} has no times: a calibration that goes on needs to know when readings were")
+    return UnreadableInput(f"{name} has no times: an online calibration needs the times of readings")
 
 
 def raw_unit(samples: Samples) -> Unit:
-    """The unit that readings of a source were written in; that of `Samples.field` where it has a scale of its own.
+    """Unit of the raw readings of a source; the unit of `Samples.field` if that has its own scale.
 
     >>> from flinders import Samples
     >>> raw_unit(Samples.of([[1, 2, 3]], unit="mG")).name, raw_unit(Samples.of([[1, 2, 3]], scale=0.15)).name
@@ -238,21 +236,21 @@ def raw_unit(samples: Samples) -> Unit:
 
 
 def raw_readings(samples: Samples, unit: Unit) -> Floats:
-    """(N, 3) readings in a unit; `UnitError` where that is of another kind."""
+    """(N, 3) readings in a unit; `UnitError` if they cannot be converted."""
     if samples.unit.inside != unit.inside:
         raise UnitError(
-            f"{samples.source} is in {samples.unit.name}, the calibration is for readings in {unit.name}: it belongs "
-            "to another kind of recording"
+            f"{samples.source} is in {samples.unit.name}, the calibration is for readings in {unit.name}: use the "
+            "calibration of that kind of recording"
         )
     return samples.field if unit.scale == 1.0 else samples.field / unit.scale
 
 
 def driving_of(samples: Samples, name: str) -> Floats:
-    """(N,) values of a disturbance that the calibration follows; `UsageError` where a source has none."""
+    """(N,) values of a disturbance in the calibration; `UsageError` if the source lacks them."""
     values = samples.driving(name)
     if values is None:
         raise UsageError(
-            f"the calibration follows {name}, which {samples.source} does not record: record it, or begin with a "
+            f"the calibration depends on {name}, which {samples.source} does not record: record it, or begin with a "
             "calibration without it"
         )
     return values

@@ -1,4 +1,4 @@
-"""What was known over time, drawn: the claim on a logarithm with what happened, and the offset of each axis below.
+"""Drawing of an online calibration over time: heading error on a logarithmic axis with events, and offsets.
 
 >>> from flinders.workflows.timeline import OnlinePoint
 >>> known = [OnlinePoint(60.0 * i, "undisturbed", 0.5, 1.2, (1.0, 2.0, 3.0), (0.1, 0.1, 0.2)) for i in range(9)]
@@ -48,11 +48,11 @@ STEPS_S: Final = (
     *(hours * HOUR_S for hours in (1, 2, 3, 6, 12)),
     *(days * DAY_S for days in (1, 2, 5, 10, 30, 60, 180, 360)),
 )
-"""Between two marks of an axis of time."""
-APART_PX: Final = 1.5
-"""Points of a line that are closer together are left out."""
-LANE_PX: Final = 20.0
-"""Height of the lane of events above the claim."""
+"""Possible steps of a time axis."""
+MIN_DISTANCE_PX: Final = 1.5
+"""Points of a line closer together than this are left out."""
+EVENT_ROW_PX: Final = 20.0
+"""Height of the row of events above the heading error."""
 MARKS: Final[dict[Code, str]] = {
     "adopted": "m0-4v8",
     "taken-back": "m0-4v8",
@@ -61,20 +61,20 @@ MARKS: Final[dict[Code, str]] = {
     "moved": "m0-6l6 6-6 6-6-6z",
     "learnt": "m-4.5 0a4.5 4.5 0 1 0 9 0a4.5 4.5 0 1 0-9 0",
 }
-"""How events are drawn, those that matter most last; of several at one time the last is."""
-FAR: Final = 4.0
-"""Times the usual σ of an offset, from which on a point does not widen the axis."""
+"""Shapes of events, in ascending importance; of several at one time, the most important is drawn."""
+MAX_SIGMA_RATIO: Final = 4.0
+"""Points whose σ exceeds the median σ by this factor do not widen the axis."""
 
 
 @dataclass(frozen=True, slots=True)
 class _Size:
-    """Of a drawing, in pixels."""
+    """Sizes of a drawing, pixels."""
 
     width: float
     left: float
-    claim: float  # height of the panel
-    offset: float  # the same, of each axis
-    marks: int  # of the axis of time, at most
+    claim: float  # height of the heading error's panel
+    offset: float  # height of each offset's panel
+    marks: int  # most marks of the time axis
 
 
 WIDE: Final = _Size(960.0, 50.0, 220.0, 84.0, 9)
@@ -95,8 +95,8 @@ class _Points:
 
     @classmethod
     def of(cls, points: Sequence[OnlinePoint]) -> Self:
-        """Put points into columns; what was known before an event holds until it happens."""
-        points = list(_stepped(points))
+        """Convert points to columns; values before an event hold until the event."""
+        points = list(_with_steps(points))
         return cls(
             np.array([point.time_s for point in points]),
             np.array([point.heading_error_deg for point in points]),
@@ -108,7 +108,7 @@ class _Points:
         )
 
 
-def _stepped(points: Sequence[OnlinePoint]) -> Iterator[OnlinePoint]:
+def _with_steps(points: Sequence[OnlinePoint]) -> Iterator[OnlinePoint]:
     before: OnlinePoint | None = None
     for point in points:
         if before is not None and point.events:
@@ -126,13 +126,15 @@ def timeline(
     name: str = "timeline",
     begin: float = -math.inf,
 ) -> str:
-    """Draw points, at least one, from a time on; no other drawing of the page may have the same name."""
+    """Draw at least one point from a time on; `name` must be unique on the page."""
     size, drawn = WIDE if wide else NARROW, _Points.of(points)
     low, high = max(float(drawn.time[0]), begin), float(drawn.time[-1])
     across = Axis(low, max(high, low + 1.0))
     numbers = time_ticks(across.low, across.high, size.marks)
     width = size.width - size.left - 18.0
-    claim = Plot(size.left, LANE_PX + 4.0, width, size.claim, across, error_axis(drawn.error, drawn.bound, target_deg))
+    claim = Plot(
+        size.left, EVENT_ROW_PX + 4.0, width, size.claim, across, error_axis(drawn.error, drawn.bound, target_deg)
+    )
     parts = [_claim(claim, drawn, target_deg, numbers, name)]
     plots = [claim]
     for place, up in enumerate(_offset_axes(drawn)):
@@ -145,7 +147,7 @@ def timeline(
 
 
 def error_axis(error: Floats, bound: Floats, target_deg: float) -> Axis:
-    """A logarithmic axis that has all errors, their bounds and the target.
+    """Logarithmic axis with all errors, their bounds and the target.
 
     >>> axis = error_axis(np.array([0.3, np.nan]), np.array([0.8, np.nan]), 1.0)
     >>> axis.low, axis.high
@@ -170,7 +172,7 @@ def error_ticks(axis: Axis) -> list[tuple[float, str]]:
 
 
 def time_ticks(low: float, high: float, most: int) -> list[tuple[float, str]]:
-    """Round times of an axis: hours, and days at midnight (UTC), where the date is known.
+    """Round times of an axis: hours, and days at midnight (UTC) if the date is known.
 
     >>> time_ticks(1780272000.0, 1780272000.0 + 3 * 86400.0, 4)
     [(1780272000.0, '1 Jun'), (1780358400.0, '2 Jun'), (1780444800.0, '3 Jun'), (1780531200.0, '4 Jun')]
@@ -201,7 +203,7 @@ def _time_words(value: float, step: float) -> str:
 
 
 def _claim(plot: Plot, drawn: _Points, target_deg: float, numbers: list[tuple[float, str]], name: str) -> str:
-    """Heading error, with its bound as the edge of a band, and the target."""
+    """Draw the heading error, its bound as the edge of a band, and the target."""
     lines = [_shades(plot, drawn)]
     for run in _runs(np.isfinite(drawn.error) & np.isfinite(drawn.bound)):
         time, error, bound = drawn.time[run], drawn.error[run], drawn.bound[run]
@@ -221,7 +223,7 @@ def _claim(plot: Plot, drawn: _Points, target_deg: float, numbers: list[tuple[fl
 
 
 def _offset(plot: Plot, drawn: _Points, axis: int, unit: str, numbers: list[tuple[float, str]], name: str) -> str:
-    """Offset along an axis, with the band of one standard deviation."""
+    """Draw the offset along an axis, with a band of one standard deviation."""
     lines = [_shades(plot, drawn)]
     values, sigma = drawn.offset[:, axis], drawn.sigma[:, axis]
     for run in _runs(np.isfinite(values) & np.isfinite(sigma)):
@@ -239,13 +241,13 @@ def _offset(plot: Plot, drawn: _Points, axis: int, unit: str, numbers: list[tupl
 
 
 def _offset_axes(drawn: _Points) -> list[Axis]:
-    """An axis for each offset, all as long: what is known least, as at first, may lie outside."""
+    """Axes of the three offsets with equal spans; uncertain points, as at the start, may lie outside."""
     is_known = np.isfinite(drawn.offset).all(axis=1) & np.isfinite(drawn.sigma).all(axis=1)
     offset, sigma = drawn.offset[is_known], drawn.sigma[is_known]
     if not len(offset):
         return [Axis(-1.0, 1.0)] * 3
     usual = np.median(sigma, axis=0)
-    is_near = (sigma <= FAR * usual).all(axis=1)
+    is_near = (sigma <= MAX_SIGMA_RATIO * usual).all(axis=1)
     near = offset[is_near] if is_near.any() else offset
     low, high = near.min(axis=0), near.max(axis=0)
     half = float(((high - low) / 2.0 + 2.0 * usual).max())
@@ -254,14 +256,14 @@ def _offset_axes(drawn: _Points) -> list[Axis]:
 
 
 def _events(plots: Sequence[Plot], points: Sequence[OnlinePoint]) -> str:
-    """A mark above the claim for each event, and a line through all panels where the offset moved."""
+    """Draw a mark above the heading error for each event, and a line through all panels at moves of the offset."""
     parts: list[str] = []
     claim = plots[0]
-    marked = [(point, code) for code in MARKS for point in points if code == _shown(point)]
+    marked = [(point, code) for code in MARKS for point in points if code == _main_event(point)]
     for point, code in marked:
         if point.time_s < claim.across.low:
             continue
-        x, y = claim.x(point.time_s), claim.top - LANE_PX / 2.0
+        x, y = claim.x(point.time_s), claim.top - EVENT_ROW_PX / 2.0
         if code == "moved":
             parts += [segment("moved", x, plot.top, x, plot.bottom) for plot in plots]
         words = f"{moment(point.time_s)}: {words_of(code)}, heading error {degrees(point.heading_error_deg)}"
@@ -271,13 +273,13 @@ def _events(plots: Sequence[Plot], points: Sequence[OnlinePoint]) -> str:
     return "".join(parts)
 
 
-def _shown(point: OnlinePoint) -> Code | None:
-    """The event of a point that matters most."""
+def _main_event(point: OnlinePoint) -> Code | None:
+    """Most important event of a point."""
     return next((code for code in reversed(MARKS) if code in point.events), None)
 
 
 def _shades(plot: Plot, drawn: _Points) -> str:
-    """Times without readings, and those at which readings contradicted what was known."""
+    """Shade times without readings, and times at which readings contradicted the calibration."""
     last = len(drawn.time) - 1
     spans = [("unread", max(run.start - 1, 0), min(run.stop, last)) for run in _runs(~drawn.is_read)]
     spans += [("disturbed", run.start, min(run.stop, last)) for run in _runs(drawn.is_disturbed & drawn.is_read)]
@@ -289,7 +291,7 @@ def _shades(plot: Plot, drawn: _Points) -> str:
 
 
 def _runs(mask: NDArray[np.bool_]) -> Iterator[slice]:
-    """Where it is true without a break."""
+    """Yield slices of consecutive true values."""
     edges = np.flatnonzero(np.diff(np.concatenate([[False], mask, [False]]).astype(int)))
     for first, end in edges.reshape(-1, 2).tolist():
         yield slice(first, end)
@@ -306,11 +308,11 @@ def _line(plot: Plot, kind: str, time: Floats, values: Floats) -> str:
 
 
 def _places(plot: Plot, time: Floats, values: Floats) -> Floats:
-    """(m, 2) places, without those that are hardly apart from the one before."""
+    """(m, 2) points in pixels, without points nearer than `MIN_DISTANCE_PX` to the one before."""
     places = plot.places(time, values)
     kept = [0]
     for row in range(1, len(places)):
-        if row == len(places) - 1 or math.dist(places[row], places[kept[-1]]) >= APART_PX:
+        if row == len(places) - 1 or math.dist(places[row], places[kept[-1]]) >= MIN_DISTANCE_PX:
             kept.append(row)
     few: Floats = places[kept]
     return few

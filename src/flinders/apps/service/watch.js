@@ -1,6 +1,6 @@
 /**
- * What the page of a watch does: it loads itself again, says how old it is, and keeps theme and span in its address,
- * since it leaves nothing else behind.
+ * Script of the page of an online calibration: reloads the page, shows its age, and stores theme and span in its address,
+ * so that a reload keeps them.
  */
 
 import { theming } from "../../static/plain.js";

@@ -1,7 +1,7 @@
-r"""What is known of a calibration that keeps itself, as one HTML file: now, over time, and what happened.
+r"""Page of an online calibration, one HTML file: current state, history, and events.
 
-The file needs nothing else: no server, no network. Its script loads it again, says how old it is, and switches between
-light and dark; without the script a browser loads it again, too.
+The file needs no server and no network. Its script reloads it, shows its age, and switches between light and dark;
+without scripts, a browser reloads it as well.
 
 >>> duration_words(95.0), duration_words(7500.0), duration_words(200000.0)
 ('95 s', '2\xa0h\xa05\xa0min', '2.3 days')
@@ -39,13 +39,13 @@ STATES: Final[dict[Doing, tuple[str, str]]] = {
         "No calibration is known yet",
         "Turn the vehicle through all attitudes, or all the way round if it stays level.",
     ),
-    "undisturbed": ("The newest readings agree with the calibration, which learns from them", "Nothing is to be done."),
+    "undisturbed": ("The newest readings agree with the calibration and improve it", "No action is needed."),
     "disturbed": (
         "The newest readings contradict the calibration: iron or a current is near, or the offset has moved",
-        "The difference is in the heading error, and nothing is learnt. Turn the vehicle: that tells which it is.",
+        "The heading error includes the difference, and updates are suspended. Turn the vehicle to find the cause.",
     ),
 }
-"""What each state means, and what to do."""
+"""Sentence on each state, and the action."""
 ADVICE: Final = {
     "good": "Headings are within the target of {target}.",
     "limited": "Headings are beyond the target of {target}: turn the vehicle, all the way round if it stays level.",
@@ -53,20 +53,20 @@ ADVICE: Final = {
     "all the way round if it stays level.",
 }
 SQUARE: Final = "m-3.5-3.5h7v7h-7z"
-"""How a verdict that changed is drawn."""
-NEWEST: Final = 15
-"""Events in the table."""
+"""Shape of a changed verdict."""
+MAX_EVENTS: Final = 15
+"""Most events in the table."""
 SPANS: Final[tuple[tuple[str, str, float], ...]] = (
     ("day", "Last 24 hours", DAY_S),
     ("week", "Last week", 7.0 * DAY_S),
     ("all", "All", math.inf),
 )
-"""That the timeline can show: name, words and seconds."""
+"""Spans of the timeline: name, words and seconds."""
 
 
 @dataclass(frozen=True, slots=True)
 class Note:
-    """Something to know."""
+    """A note of the page."""
 
     severity: Severity
     title: str
@@ -98,19 +98,19 @@ def page(
     Parameters
     ----------
     report : Report
-        What is known now.
+        Current state.
     online : OnlineCalibration, optional
-        With its history and its timeline; None before the first reading.
+        Calibration with history and timeline; None before the first reading.
     told : sequence of Report
-        Verdicts that changed and events of the source, since the program was started.
+        Changed verdicts and events of the source since the start of the program.
     troubles : sequence of str
-        What cannot be written now, a sentence each.
+        Sentences on files that cannot be written.
     not_sent : str
-        Why the last calibration that was to be sent was not.
+        Reason of the last failed sending.
     every : float, s, optional
-        After which the page is written again; None of one that is not.
+        Period of rewriting the page; None for a final page.
     written : datetime, optional
-        By default now.
+        Time of writing, by default now.
     """
     when = written or datetime.now(UTC)
     points = () if online is None or not math.isfinite(report.time_s) else online.timeline_until(report.time_s)
@@ -122,7 +122,7 @@ def page(
         "numbers": _numbers(report, online),
         "notes": _notes(report, troubles, not_sent, is_last=every is None),
         "spans": spans,
-        "shown_span": _usual(spans),
+        "shown_span": _initial_span(spans),
         "charts": [(name, *_charts(points, seconds, report, name)) for name, _, seconds in spans],
         "events": _events(online, told),
         "shapes": MARKS | dict.fromkeys(ADVICE, SQUARE),
@@ -138,7 +138,7 @@ def page(
 
 
 def duration_words(seconds: float) -> str:
-    """Say how long something takes."""
+    """Write a duration in words."""
     if seconds < 120.0:
         return f"{seconds:.0f} s"
     if seconds < 2.0 * DAY_S:
@@ -156,7 +156,7 @@ def _title(report: Report) -> str:
 
 def _sentence(report: Report) -> str:
     if not report.readings and math.isnan(_number(report.heading_error_deg)):
-        return "No reading has come yet."
+        return "No reading has arrived yet."
     if report.doing == "learning":
         return STATES["learning"][1]
     return ADVICE[report.verdict].format(target=f"{report.target_deg:g}°")
@@ -167,7 +167,7 @@ def _number(value: float | None) -> float:
 
 
 def _numbers(report: Report, online: OnlineCalibration | None) -> list[tuple[str, str, str]]:
-    """Name, number and words of what is known; nothing without a calibration."""
+    """Name, number and words of each quantity; empty without a calibration."""
     if online is None or report.doing == "learning":
         return []
     adopted = [event.time_s for event in online.history if event.code in {"adopted", "taken-back"}]
@@ -175,11 +175,11 @@ def _numbers(report: Report, online: OnlineCalibration | None) -> list[tuple[str
     age = _number(report.age_s)
     unit = label(report.unit or "")
     numbers = [
-        ("95 % bound", degrees(_number(report.bound_deg)), "no heading is farther off, with 95 %"),
+        ("95 % bound", degrees(_number(report.bound_deg)), "for all headings"),
         _good_until(report),
-        ("Learnt last", duration_words(age), f"ago, from readings of {moment(report.time_s - age)}"),
+        ("Last update", duration_words(age), f"ago, from readings of {moment(report.time_s - age)}"),
         since,
-        ("Offset walks by", f"{figures(_number(report.walk))} {unit}", "in an hour, 1 σ: as it was learnt"),
+        ("Offset walks by", f"{figures(_number(report.walk))} {unit}", "in an hour, 1 σ, as estimated"),
     ]
     return [number for number in numbers if number is not None]
 
@@ -189,12 +189,12 @@ def _good_until(report: Report) -> tuple[str, str, str]:
     if report.verdict != "good" or math.isnan(until):
         return "Good until", "–", f"beyond the target of {report.target_deg:g}° now"
     if math.isinf(until):
-        return "Good until", "10 years", "and longer, if nothing is learnt"
-    return ("Good until", *_clock(until, f"in {duration_words(until - report.time_s)} if nothing is learnt"))
+        return "Good until", "10 years", "and longer, without updates"
+    return ("Good until", *_clock(until, f"in {duration_words(until - report.time_s)} without updates"))
 
 
 def _clock(seconds: float, words: str) -> tuple[str, str]:
-    """A time of day, and its day with other words; of a clock without a date, the time alone."""
+    """Time of day, and date with further words; without a known date, the time alone."""
     if seconds < FROM_1970_S:
         return moment(seconds), words
     date = datetime.fromtimestamp(seconds, UTC)
@@ -202,52 +202,52 @@ def _clock(seconds: float, words: str) -> tuple[str, str]:
 
 
 def _notes(report: Report, troubles: Sequence[str], not_sent: str, *, is_last: bool) -> list[Note]:
-    """What there is to know: state, source, and what else asks for somebody."""
+    """Notes on the state, the source, and problems that need the user."""
     means, advice = STATES[report.doing]
     severity: Severity = "limits" if report.doing == "disturbed" else "note"
     notes = [Note(severity, report.doing.capitalize(), f"{as_sentence(means)} {advice}")]
     if is_last:
-        notes.append(Note("note", "Ended", "The program has ended, and this page stays as it is."))
+        notes.append(Note("note", "Ended", "The program has ended, and this page is final."))
     elif not report.is_connected:
-        words = f"No readings come from {report.source}: see that it is connected, on, and prints."
+        words = f"No readings arrive from {report.source}: check that it is connected, on, and prints."
         notes.append(Note("limits", "No sensor", words))
     if report.is_locked:
         latest = _number(report.latest_deg)
         other = "" if math.isnan(latest) else f" With the newest one the heading error would be {degrees(latest)}."
-        notes.append(Note("note", "Locked", f"The calibration in force stays, whatever is learnt.{other}"))
+        notes.append(Note("note", "Locked", f"The calibration in force stays, despite newer estimates.{other}"))
     notes += [Note("limits", "Not sent", as_sentence(not_sent))] if not_sent else []
     return [*notes, *(Note("limits", "Not written", as_sentence(words)) for words in troubles)]
 
 
 def _source(report: Report, online: OnlineCalibration | None, *, is_last: bool) -> list[tuple[str, str]]:
-    """Name and words of what is known of the source."""
-    state = "not read any more" if is_last else "readings come" if report.is_connected else "no readings come"
+    """Name and words of each fact on the source."""
+    state = "no longer read" if is_last else "sends readings" if report.is_connected else "sends no readings"
     return [
         ("Source", report.source),
         ("State", state),
-        ("Readings", f"{report.readings:,} since the program was started"),
+        ("Readings", f"{report.readings:,} since the start of the program"),
         ("Newest reading", "none yet" if online is None or math.isnan(online.time_s) else moment(online.time_s)),
-        ("Lines not understood", f"{report.not_understood:,}"),
+        ("Lines of unknown format", f"{report.not_understood:,}"),
         ("Disconnections", f"{report.disconnections:,}"),
     ]
 
 
 def _spans(points: Sequence[OnlinePoint]) -> list[tuple[str, str, float]]:
-    """What the timeline can show, the whole last; shorter ones where they differ from it."""
+    """Spans that the timeline can show: shorter ones if they differ from the whole, then the whole."""
     if len(points) < 2:
         return []
     whole = points[-1].time_s - points[0].time_s
     return [span for span in SPANS if span[2] < 0.8 * whole or span[0] == "all"]
 
 
-def _usual(spans: Sequence[tuple[str, str, float]]) -> str:
-    """The span that is shown at first."""
+def _initial_span(spans: Sequence[tuple[str, str, float]]) -> str:
+    """Name of the span to show first."""
     names = [name for name, _, _ in spans]
     return "week" if "week" in names else "all"
 
 
 def _charts(points: Sequence[OnlinePoint], seconds: float, report: Report, name: str) -> tuple[str, str]:
-    """A span of the timeline, for wide and for narrow screens."""
+    """Drawings of a span of the timeline, for wide and for narrow screens."""
     begin = points[-1].time_s - seconds
     first = next(place for place, point in enumerate(points) if point.time_s >= begin)
     shown, unit = points[max(first - 1, 0) :], label(report.unit or "")
@@ -259,7 +259,7 @@ def _charts(points: Sequence[OnlinePoint], seconds: float, report: Report, name:
 
 
 def _events(online: OnlineCalibration | None, told: Sequence[Report]) -> list[EventRow]:
-    """The newest events, the newest first; calibrations that followed each other count as one."""
+    """Newest events, newest first; consecutive calibrations form one row."""
     of_calibration = [] if online is None else list(online.history)
     adopted_with = {event.time_s for event in of_calibration if event.code in {"learnt", "moved"}}
     rows = [
@@ -270,11 +270,11 @@ def _events(online: OnlineCalibration | None, told: Sequence[Report]) -> list[Ev
     rows += [(each.time_s, each.event or "", each.words or "", _number(each.heading_error_deg)) for each in told]
     rows.sort(key=lambda row: row[0])
     groups = [list(group) for _, group in itertools.groupby(rows, key=lambda row: row[1])]
-    return [_row(group) for group in reversed(groups[-NEWEST:])]
+    return [_row(group) for group in reversed(groups[-MAX_EVENTS:])]
 
 
 def _row(group: Sequence[tuple[float, str, str, float]]) -> EventRow:
-    """Events of one kind that followed each other, as the newest of them."""
+    """Row of consecutive events of one kind, with the time of the newest."""
     time_s, code, words, error = group[-1]
     often = f" ({len(group)} times since {moment(group[0][0])})" if len(group) > 1 else ""
     shown = "" if math.isnan(error) else degrees(error)
@@ -282,4 +282,4 @@ def _row(group: Sequence[tuple[float, str, str, float]]) -> EventRow:
 
 
 FILTERS: Final = {"sentence": as_sentence}
-"""How the page writes words."""
+"""Filters of the template."""

@@ -1,7 +1,7 @@
-"""Learns from a source for as long as it lasts, and writes what is known: events at once, the state at times.
+"""Runs an online calibration on a source; writes events at once, and the state periodically.
 
-Readings are taken in by whole seconds of their own time, so that a recording that is replayed gives the lines that were
-given live.
+Readings are processed in whole seconds of their own time, so that a replayed recording gives the same lines as the live
+sensor.
 
 >>> from flinders import simulate
 >>> from flinders.apps.service.sources import of_recordings
@@ -49,21 +49,21 @@ if TYPE_CHECKING:
     from flinders.fitting.result import Fit
     from flinders.workflows.online_events import OnlineEvent, OnlineState
 
-WAIT_S: Final = 0.1  # Longest wait for readings: how soon the end is noticed
-EVERY_S: Final = 60.0
-TOGETHER: Final = 8192  # Readings of one second at most that are taken in together
-LATE_S: Final = 2.0  # Seconds after which readings of a second that has not ended are taken in
-QUIET_S: Final = 10.0  # Seconds without a reading that are said
-PAGE_S: Final = 2.0  # Seconds between two pages at least: a recording has many events in one
-TOLD: Final = 30  # Events of the source, and verdicts that changed, that the page has
+WAIT_S: Final = 0.1  # Longest wait for readings, and so the delay to notice the end
+PERIOD_S: Final = 60.0
+MAX_BATCH: Final = 8192  # Most readings of one second to process together
+MAX_DELAY_S: Final = 2.0  # Longest time that readings wait for the end of their second
+MAX_SILENCE_S: Final = 10.0  # Time without a reading after which it is reported
+PAGE_S: Final = 2.0  # Least time between two pages, as a recording may have many events in it
+MAX_PAGE_REPORTS: Final = 30  # Most events of the source and changed verdicts on the page
 
 
 @dataclass(frozen=True, slots=True)
 class Begun:
-    """How a calibration begins where it is not one that goes on.
+    """Settings of a new calibration.
 
-    ``start``, ``axes``, ``target_deg``, ``dip_deg`` and ``walk`` are as `OnlineCalibration` takes them, the walk in
-    ``walk_unit``, if that is known; its unit and frame are those of the first reading.
+    ``start``, ``axes``, ``target_deg``, ``dip_deg`` and ``walk`` are as for `OnlineCalibration`, the walk in
+    ``walk_unit``, if known; the calibration has the unit and frame of the first reading.
     """
 
     start: Fit | None = None
@@ -74,12 +74,14 @@ class Begun:
     walk_unit: str | None = None
 
     def calibration(self, unit: Unit, frame: str = "sensor") -> OnlineCalibration:
-        """Begin, with readings in a unit and in axes of the sensor or the vehicle.
+        """Return a new calibration for readings in a unit and in axes of the sensor or the vehicle.
 
-        Raises `UnitError` where the walk is in another unit.
+        Raises `UnitError` if the walk is in another unit.
         """
         if self.walk_unit not in (None, unit.inside):
-            raise UnitError(f"the walk is in {self.walk_unit}, readings are in {unit.name}: they are of another sensor")
+            raise UnitError(
+                f"the walk is in {self.walk_unit}, readings are in {unit.name}: use the history of the same sensor"
+            )
         return OnlineCalibration(
             self.start,
             unit=unit,
@@ -93,9 +95,9 @@ class Begun:
 
 @dataclass(frozen=True, slots=True)
 class Files:
-    """What is written, each where it is named."""
+    """Output files; None for those not written."""
 
-    state: str | None = None  # what `OnlineCalibration.load` goes on with
+    state: str | None = None  # for `OnlineCalibration.load`
     adopted: str | None = None  # calibration file, or folder of them
     status: str | None = None  # JSON
     prometheus: str | None = None  # text for the node exporter
@@ -103,28 +105,28 @@ class Files:
 
 
 class Watch:
-    """A calibration that keeps itself on the readings of a source.
+    """An online calibration on the readings of a source, with its outputs.
 
     Parameters
     ----------
     source : Source
     calibration : OnlineCalibration or Begun
-        That goes on, or is begun with the first reading.
+        To continue, or settings to begin with the first reading.
     files : Files
     every : float, s
-        Of the readings' time, after which files are written and the state is told.
+        Period of writing files and reporting the state, by the readings' time.
     is_locked : bool
         The calibration in force stays.
     handover, publisher : Handover and Publisher, optional
-        Send calibrations that come into force; and publish corrected readings.
+        Sender of calibrations that come into force; publisher of corrected readings.
     tell : callable
-        Told what happens, and the state at times.
+        Receives reports of events, and periodic states.
     say : callable
-        Told what a person should know, a sentence each.
+        Receives messages for the user.
     stopped : callable
-        Says whether to end.
+        Returns True to end.
     clock : callable
-        Seconds, ascending.
+        Returns ascending seconds.
     """
 
     def __init__(
@@ -133,7 +135,7 @@ class Watch:
         calibration: OnlineCalibration | Begun | None = None,
         *,
         files: Files | None = None,
-        every: float = EVERY_S,
+        every: float = PERIOD_S,
         is_locked: bool = False,
         handover: Handover | None = None,
         publisher: Publisher | None = None,
@@ -147,7 +149,7 @@ class Watch:
         self._online = calibration if isinstance(calibration, OnlineCalibration) else None
         self._is_locked, self._tell, self._say, self._stopped, self._clock = is_locked, tell, say, stopped, clock
         self._unit, since = unit_of(calibration or self._begun), since_of(calibration or self._begun)
-        self._since = -math.inf if since is None else since  # readings until then were taken before
+        self._since = -math.inf if since is None else since  # readings until then were processed before
         if self._online is not None:
             self._online.is_locked = is_locked
         self._field, self._time = np.empty((0, 3)), np.empty(0)
@@ -161,7 +163,7 @@ class Watch:
         self._advised: set[str] = set()
         self._adopted: tuple[Fit, float] | None = None
         self._handover, self._publisher = handover, publisher
-        self._told: deque[Report] = deque(maxlen=TOLD)
+        self._told: deque[Report] = deque(maxlen=MAX_PAGE_REPORTS)
         self._page_at, self._is_page_due = -math.inf, True
         written = self._files
         named = (written.state, written.adopted, written.status, written.prometheus, written.page)
@@ -170,14 +172,14 @@ class Watch:
         )
 
     def run(self) -> Report:
-        """Go on until the source ends, or it is told to stop; what is known is written then, whatever ends it.
+        """Run until the source ends or `stopped` returns True; writes the state at the end in any case.
 
         Raises
         ------
         OutputError
-            Where the state cannot be written at the end.
+            If the state cannot be written at the end.
         FlindersError
-            What the source raises.
+            Errors of the source.
         """
         try:
             if self._online is not None and self._online.is_converted:
@@ -202,18 +204,18 @@ class Watch:
 
     @property
     def readings(self) -> int:
-        """Readings that were taken."""
+        """Number of processed readings."""
         return self._readings
 
     @property
     def failure(self) -> OutputError | None:
-        """Why what is to last is not on the disk."""
+        """Error if the state or the calibration is not on the disk."""
         return self._state.failure or self._calibration.failure
 
     def report(
         self, kind: Kind = "state", event: str | None = None, words: str | None = None, *, now: float | None = None
     ) -> Report:
-        """What is known at a time, by default now."""
+        """Return the report at a time, by default now."""
         now = self._now() if now is None else now
         online = self._online
         state = self._state_at(now)
@@ -249,11 +251,11 @@ class Watch:
 
     @property
     def _newest(self) -> float:
-        """Time of the newest reading that was taken in; NaN where there is none."""
+        """Time of the newest processed reading; NaN without one."""
         return math.nan if self._online is None else self._online.time_s
 
     def _now(self) -> float:
-        """Time of the newest reading, or now where the source knows that."""
+        """Current time by the source's clock if it runs without readings, else the time of the newest reading."""
         times = [each for each in (self._newest, self._source.now) if each is not None and math.isfinite(each)]
         return max(times, default=math.nan)
 
@@ -267,7 +269,7 @@ class Watch:
         for words in self._source.remarks():
             self._tell_of_source("clock", words)
         if isinstance(received, FeedEvent):
-            self._happened(received)
+            self._handle_event(received)
         elif received is not None:
             self._heard = self._clock()
             if self._is_quiet:
@@ -278,7 +280,7 @@ class Watch:
             self._wait()
 
     def _learn(self, samples: Samples) -> None:
-        """Take readings in, by whole seconds."""
+        """Add readings, and process those of whole seconds."""
         if self._online is None:
             self._unit = self._unit or raw_unit(samples)
             self._online = self._begun.calibration(self._unit, samples.frame)
@@ -289,7 +291,7 @@ class Watch:
         if not is_new.all():
             if "known" not in self._advised:
                 self._advised.add("known")
-                self._tell_of_source("known", f"readings until {moment(self._since)} were taken before: left out")
+                self._tell_of_source("known", f"readings until {moment(self._since)} were processed before: left out")
             samples = samples[is_new]
         if not len(samples):
             return
@@ -304,12 +306,12 @@ class Watch:
         }
         seconds = np.floor(self._time)
         ends = (np.flatnonzero(np.diff(seconds)) + 1).tolist()
-        if len(self._time) - (ends[-1] if ends else 0) > TOGETHER:
+        if len(self._time) - (ends[-1] if ends else 0) > MAX_BATCH:
             ends.append(len(self._time))
         self._learn_to(ends)
 
     def _learn_to(self, ends: list[int]) -> None:
-        """Take in what waits, in pieces that end there."""
+        """Process waiting readings, in pieces with these ends."""
         for start, end in zip([0, *ends], ends, strict=False):
             self._learn_piece(slice(start, end))
         if ends:
@@ -317,7 +319,7 @@ class Watch:
             self._driving = {name: values[ends[-1] :] for name, values in self._driving.items()}
 
     def _flush(self) -> None:
-        """Take in what waits."""
+        """Process all waiting readings."""
         if len(self._time):
             self._learn_to([len(self._time)])
 
@@ -330,7 +332,7 @@ class Watch:
         self._tick(float(times[-1]))
 
     def _note(self, happened: tuple[OnlineEvent, ...]) -> None:
-        """Tell what happened; a verdict that changed without it is told, too."""
+        """Report events, and a verdict that changed without an event."""
         assert self._online is not None
         for event in happened:
             self._events[event.code] += 1
@@ -343,7 +345,7 @@ class Watch:
         self._tell_of_verdict(self._newest, is_told=bool(happened))
 
     def _tell_of_verdict(self, now: float, *, is_told: bool = False) -> None:
-        """Tell that the verdict has changed, as time passes."""
+        """Report a verdict that changed with time."""
         state = self._state_at(now)
         verdict = "refused" if state is None else state.verdict
         if verdict != self._verdict and not is_told:
@@ -352,20 +354,22 @@ class Watch:
         self._verdict = verdict
 
     def _wait(self) -> None:
-        """Nothing came: take in what waits, and let time pass."""
+        """Process waiting readings when no further ones arrive, and advance time."""
         quiet = self._clock() - self._heard
-        if quiet > LATE_S:
+        if quiet > MAX_DELAY_S:
             self._flush()
-        if quiet > QUIET_S and not self._is_quiet and self._is_connected and self._readings:
+        if quiet > MAX_SILENCE_S and not self._is_quiet and self._is_connected and self._readings:
             self._is_quiet = True
-            self._tell_of_source("silent", f"no reading for {duration(QUIET_S)}: see that the sensor is on and prints")
+            self._tell_of_source(
+                "silent", f"no reading for {duration(MAX_SILENCE_S)}: check that the sensor is on and prints"
+            )
         now = self._now()
-        if math.isfinite(now) and quiet > LATE_S:
+        if math.isfinite(now) and quiet > MAX_DELAY_S:
             self._tell_of_verdict(now)
             self._tick(now)
 
     def _tick(self, now: float) -> None:
-        """Write, and tell the state, where it is time."""
+        """Write files and report the state if due."""
         if not now < self._due:
             if not math.isnan(self._due):
                 self._write()
@@ -373,7 +377,7 @@ class Watch:
             self._due = now + self._every - math.fmod(now, self._every)
 
     def _adopt(self, time_s: float) -> None:
-        """Keep the calibration that was adopted, and write it where that is asked for."""
+        """Store an adopted calibration, and write it to its file if one is named."""
         assert self._online is not None
         fit = self._online.fit
         if fit is not None and self._files.adopted is not None:
@@ -381,7 +385,7 @@ class Watch:
             self._write_adopted()
 
     def _write_adopted(self) -> None:
-        """Write the calibration that was adopted, unless it is."""
+        """Write the adopted calibration, unless already written."""
         path = self._files.adopted
         if path is None or self._adopted is None:
             return
@@ -391,7 +395,7 @@ class Watch:
             self._adopted = None
 
     def _hand_over(self) -> None:
-        """Send the calibration in force where it is time, and tell what came of it."""
+        """Send the calibration in force if due, and report the outcome."""
         if self._handover is None or self._online is None:
             return
         happened = self._handover.look(self._online, self._now())
@@ -402,7 +406,7 @@ class Watch:
         self._tell_and_keep(self.report("send", event, words))
 
     def _show(self, *, is_last: bool = False) -> None:
-        """Write the page where something is new; the last one is not loaded again."""
+        """Write the page if it has changed; the last page does not reload itself."""
         path = self._files.page
         if path is None or not (is_last or (self._is_page_due and self._clock() - self._page_at >= PAGE_S)):
             return
@@ -421,7 +425,7 @@ class Watch:
         self._page.write(lambda: write_text(text, path, force=True))
 
     def _write(self) -> None:
-        """Write all files but the page, which is due."""
+        """Write all files except the page, and mark the page as due."""
         online, files = self._online, self._files
         self._is_page_due = True
         if (path := files.state) is not None and online is not None:
@@ -436,8 +440,8 @@ class Watch:
         if (metrics := files.prometheus) is not None:
             self._metrics.write(lambda: write_text(report.prometheus(), metrics, force=True))
 
-    def _happened(self, event: FeedEvent) -> None:
-        """Something happened to the source."""
+    def _handle_event(self, event: FeedEvent) -> None:
+        """Report an event of the source."""
         match event.kind:
             case "ended":
                 self._is_over = True
@@ -455,43 +459,43 @@ class Watch:
         self._tell_of_source(event.kind, self._words_of(event))
 
     def _words_of(self, event: FeedEvent) -> str:
-        """What happened to the source; nothing is recorded here."""
+        """Sentence on an event of the source, without the recorder's words on recording."""
         lines = self._source.statistics
         match event.kind:
             case "gone":
-                return f"{event.words}. Waiting for it to come back"
+                return f"{event.words}. Waiting for its return"
             case "garbage":
-                return "lines come that are not like the first ones: they are left out and counted"
+                return "lines of another format than the first ones are left out and counted"
             case "unclear":
                 header = "" if lines is None or lines.form is None else f", three of {lines.form.header}"
-                return f"which numbers are the magnetometer's is not clear: name its columns{header}, and its unit"
+                return f"the magnetometer's columns are ambiguous: name them{header}, and the unit"
         return event.words
 
     def _tell_of_source(self, event: str, words: str) -> None:
         self._tell_and_keep(self.report("source", event, words))
 
     def _tell_and_keep(self, report: Report) -> None:
-        """Tell what no history of the calibration has, and keep it for the page."""
+        """Report an event that is not in the calibration's history, and store it for the page."""
         self._told.append(report)
         self._is_page_due = True
         self._tell(report)
 
 
 def unit_of(calibration: OnlineCalibration | Begun) -> Unit | None:
-    """The unit that a calibration takes readings in; None where the first reading decides."""
+    """Unit of a calibration's readings; None if the first reading decides."""
     if isinstance(calibration, OnlineCalibration):
         return calibration.unit
     return None if calibration.start is None else calibration.start.calibration.raw
 
 
 def frame_in(calibration: OnlineCalibration | Begun) -> str | None:
-    """What axes a calibration takes readings in: ``sensor`` or ``vehicle``; None where the first reading decides."""
+    """Axes of a calibration's readings, ``sensor`` or ``vehicle``; None if the first reading decides."""
     if isinstance(calibration, OnlineCalibration):
         return calibration.frame if calibration.state.doing != "learning" else None
     return None if calibration.start is None else calibration.start.calibration.frame
 
 
 def since_of(calibration: OnlineCalibration | Begun) -> float | None:
-    """Time that a calibration which goes on has reached; None where it has not begun."""
+    """Time of the last reading of a continued calibration; None for a new one."""
     reached = calibration.time_s if isinstance(calibration, OnlineCalibration) else math.nan
     return reached if math.isfinite(reached) else None

@@ -1,12 +1,12 @@
-"""Vehicles with an autopilot or ROS: their logs, their parameters, and a calibration sent to them.
+"""Vehicles with an autopilot or ROS: reading logs and parameters, and sending a calibration.
 
-For whoever flies, drives or sails with ArduPilot, PX4, Betaflight, INAV, Paparazzi or ROS.
+For users of ArduPilot, PX4, Betaflight, INAV, Paparazzi or ROS.
 
-- ``readers``: logs of ArduPilot, PX4 and MAVLink, bags of ROS, each with the calibration that was in force
+- ``readers``: logs of ArduPilot, PX4 and MAVLink, bags of ROS, each with the calibration in force
 - ``targets``: parameters of each autopilot, with the mounting of the compass as its number
-- `mavlink`, `mavlink_parameters`, `telemetry`: a vehicle on a link, its parameters, its compass as a feed
+- `mavlink`, `mavlink_parameters`, `telemetry`: a vehicle on a link: parameters, and a feed of its compass
 - ``ros2``: topics of ROS 2 over DDS, read and published, and a node for ROS
-- `sending`: what a calibration changes in a board or vehicle; ``cli``: the command that sends it
+- `sending`: packet or parameter plan of a calibration; ``cli``: the commands
 """
 
 from __future__ import annotations

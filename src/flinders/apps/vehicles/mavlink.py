@@ -1,4 +1,4 @@
-"""A vehicle on MAVLink: who it is, whether it is armed, its parameters, one by one, and its compass as a feed.
+"""A vehicle on MAVLink: its identity, whether it is armed, and its parameters, read and set one by one.
 
 ::
 
@@ -6,11 +6,10 @@
     vehicle.get("COMPASS_OFS_X")
     vehicle.set(Parameter("COMPASS_OFS_X", -125.0))
 
-The vehicle's own answer is the proof that a parameter is set.
+A parameter counts as set once the vehicle has answered with the new value.
 
-Whole numbers travel as floats with ArduPilot, which holds them exactly up to 2²⁴ (device ids have 24 bits), and byte by
-byte in the place of a float with PX4 (MAVLink's parameter protocol, "parameter encoding"). Signed links are not
-supported.
+ArduPilot sends whole numbers as floats, exact up to 2²⁴ (device ids have 24 bits); PX4 sends their bytes in place of
+the float (MAVLink's parameter protocol, "parameter encoding"). Signed links are not supported.
 """
 
 from __future__ import annotations
@@ -41,21 +40,21 @@ ARDUPILOT, PX4 = AN_ARDUPILOT, A_PX4
 AUTOPILOTS: Final = {ARDUPILOT: "ArduPilot", PX4: "PX4"}
 NO_AUTOPILOT: Final = 8  # MAV_AUTOPILOT_INVALID: a ground station, a gimbal, a companion computer
 AUTOPILOT: Final = 1
-"""MAV_COMP_ID_AUTOPILOT1, the component that is asked where others of the vehicle have heartbeats too."""
+"""MAV_COMP_ID_AUTOPILOT1: the component to address if several components of a vehicle send heartbeats."""
 SET_MESSAGE_INTERVAL, RAW_SENSORS = 511, 1  # MAV_CMD, and MAV_DATA_STREAM of RAW_IMU and SCALED_IMU
 ARMED: Final = 128  # MAV_MODE_FLAG_SAFETY_ARMED
 OUR_SYSTEM, OUR_COMPONENT = 255, 190
 
-RATE_HZ: Final = 20.0  # Readings a second that the vehicle is asked for
-HEARTBEAT_S: Final = 6.0  # Seconds that a vehicle has to show itself; they do once a second
-LISTEN_S: Final = 1.5  # Seconds that further vehicles on the same link are listened for
-SILENT_S: Final = 5.0  # Seconds without a heartbeat after which the link is lost
+RATE_HZ: Final = 20.0  # Requested rate of readings
+HEARTBEAT_S: Final = 6.0  # Longest wait for the first heartbeat; vehicles send one a second
+LISTEN_S: Final = 1.5  # Time to listen for further vehicles on the same link
+SILENT_S: Final = 5.0  # Time without a heartbeat after which the link counts as lost
 ANSWER_S: Final = 0.8
 TRIES: Final = 10
-"""Questions before it is given up: where three of ten packets are lost each way, one in a thousand goes unanswered."""
-MOST_OTHERS: Final = 4  # Answers with another value, after which the vehicle is taken to keep it
-REOPEN_S: Final = 0.2  # Seconds between tries to open a lost link again
-BACKLOG: Final = 1000  # Datagrams that are taken in before anything is set, at most
+"""Most requests for one answer: with 30 % of packets lost each way, one in a thousand stays unanswered."""
+MAX_OTHER_ANSWERS: Final = 4  # Answers with another value, after which the vehicle counts as keeping that value
+REOPEN_S: Final = 0.2  # Time between attempts to reopen a lost link
+MAX_BACKLOG: Final = 1000  # Most datagrams to process before a parameter is set
 KINDS: Final = {1: "<B", 2: "<b", 3: "<H", 4: "<h", 5: "<I", 6: "<i"}
 """MAV_PARAM_TYPE of whole numbers, as `struct` packs them."""
 REAL32: Final = 9
@@ -71,7 +70,7 @@ class Parameter:
 
 
 class Vehicle:
-    """A vehicle that was heard.
+    """A vehicle whose heartbeat was received.
 
     Attributes
     ----------
@@ -83,7 +82,7 @@ class Vehicle:
     system, component : int
         Its address.
     armed : bool
-        As its last heartbeat said.
+        State in its last heartbeat.
     """
 
     def __init__(self, source: ByteSource, *, answer: float = ANSWER_S, silent: float = SILENT_S) -> None:
@@ -92,7 +91,7 @@ class Vehicle:
         self._link: Any = self._dialect.MAVLink(source, srcSystem=OUR_SYSTEM, srcComponent=OUR_COMPONENT)
         self._link.robust_parsing = True
         self._is_old = False
-        self._beaten = self._seen = 0.0
+        self._heartbeat_sent = self._seen = 0.0
         self.autopilot = self.system = self.component = 0
         self.armed = False
 
@@ -107,25 +106,25 @@ class Vehicle:
         answer: float = ANSWER_S,
         silent: float = SILENT_S,
     ) -> Self:
-        """Wait for a vehicle, the one of this MAVLink system where there are several.
+        """Wait for a vehicle; `system` selects one of several on the link.
 
-        Seconds are those to `wait` for the first heartbeat, to `listen` for those of others, for an `answer`, and until
-        a `silent` link counts as lost.
+        Times in s: `wait` for the first heartbeat, `listen` for heartbeats of others, `answer` to a request, and
+        `silent` until a link counts as lost.
 
         Raises
         ------
         LinkError
-            Where none is heard.
+            Without a heartbeat.
         UsageError
-            Where there are several, and nobody said which.
+            For several vehicles without `system`.
         NotSent
-            Where its autopilot is neither ArduPilot nor PX4.
+            For an autopilot that is neither ArduPilot nor PX4.
         """
         vehicle = cls(source, answer=answer, silent=silent)
         heartbeats: dict[int, Any] = {}
         until, is_first = time.monotonic() + wait, True
         while time.monotonic() < until:
-            for message in vehicle._arrived():
+            for message in vehicle._receive():
                 _note(heartbeats, message)
             if is_first and heartbeats and system in (None, *heartbeats):
                 is_first, until = False, time.monotonic() + listen
@@ -135,7 +134,7 @@ class Vehicle:
         return vehicle
 
     def _choose(self, heartbeats: dict[int, Any], system: int | None) -> None:
-        """Settle on one of the vehicles that were heard."""
+        """Choose one of the vehicles whose heartbeats were received."""
         systems = ", ".join(map(str, sorted(heartbeats)))
         if not heartbeats or system not in (None, *heartbeats):
             only = f" of system {system} (there is {systems})" if heartbeats else ""
@@ -151,17 +150,17 @@ class Vehicle:
         self._seen = time.monotonic()
         if self.autopilot not in AUTOPILOTS:
             raise NotSent(
-                f"system {self.system} on {self.source.name} is autopilot {self.autopilot}: parameters are known of "
-                "ArduPilot (3) and PX4 (12); write them with flinders export and set them by hand"
+                f"system {self.system} on {self.source.name} is autopilot {self.autopilot}: need ArduPilot (3) or "
+                "PX4 (12); write the parameters with flinders export and set them by hand"
             )
 
     @property
     def name(self) -> str:
-        """What messages call it."""
+        """Name for messages."""
         return f"{AUTOPILOTS.get(self.autopilot, 'vehicle')}, system {self.system}"
 
     def get(self, *names: str, tries: int = TRIES) -> Parameter | None:
-        """Ask for a parameter by the names it may have; None where the vehicle has none of them, or does not answer.
+        """Request a parameter by the names it may have; None if the vehicle has none of them or does not answer.
 
         `LinkError` where the link is lost.
         """
@@ -169,10 +168,10 @@ class Vehicle:
         for attempt in range(tries):
             for name in names:
                 self._ask("param_request_read", name.encode(), -1)
-            for message in self.messages(self._patience(attempt)):
+            for message in self.messages(self._answer_time(attempt)):
                 name = _parameter_name(message, names)
                 if name and message.get_type() == "PARAM_VALUE":
-                    return Parameter(name, self._decoded(message), message.param_type)
+                    return Parameter(name, self._decode_value(message), message.param_type)
                 if name:
                     unknown.add(name)
                 if unknown == set(names):
@@ -180,36 +179,36 @@ class Vehicle:
         return None
 
     def set(self, parameter: Parameter) -> float | None:
-        """Set a parameter, and return the value that the vehicle answers with; None where it does not.
+        """Set a parameter, and return the value in the vehicle's answer; None without an answer.
 
-        It is asked again while it answers with another value, since that may be late and to an earlier question.
-        `LinkError` where the link is lost.
+        The request is repeated while the vehicle answers with another value, since that may answer an earlier request.
+        Raises `LinkError` if the link is lost.
         """
         answered, others = None, 0
         for attempt in range(TRIES):
-            self._ask("param_set", parameter.name.encode(), self._encoded(parameter), parameter.kind)
-            for message in self.messages(self._patience(attempt)):
+            self._ask("param_set", parameter.name.encode(), self._encode_value(parameter), parameter.kind)
+            for message in self.messages(self._answer_time(attempt)):
                 if not _parameter_name(message, (parameter.name,)):
                     continue
                 if message.get_type() == "PARAM_ERROR":
                     return answered
-                answered, others = self._decoded(message), others + 1
-                if same(answered, parameter.value) or others == MOST_OTHERS:
+                answered, others = self._decode_value(message), others + 1
+                if same(answered, parameter.value) or others == MAX_OTHER_ANSWERS:
                     return answered
                 break
         return answered
 
     def ask_for(self, message: int) -> None:
-        """Ask for a message `RATE_HZ` times a second, by MAV_CMD and as old ArduPilots have it; it may not be heard."""
+        """Request a message at `RATE_HZ`, by MAV_CMD and by the stream request of old ArduPilots; expects no answer."""
         self._ask("command_long", SET_MESSAGE_INTERVAL, 0, message, 1e6 / RATE_HZ, 0, 0, 0, 0, 0)
         self._ask("request_data_stream", RAW_SENSORS, round(RATE_HZ), 1)
 
     def come_back(self, seconds: float) -> bool:
-        """Wait for a vehicle whose link was lost, and tell whether it is heard again."""
+        """Wait for a vehicle whose link was lost, and return whether its messages arrive again."""
         until, before = time.monotonic() + seconds, self._seen
         while time.monotonic() < until and self._seen == before:
             try:
-                for _ in self._arrived(0.1):
+                for _ in self._receive(0.1):
                     pass
             except LinkError:
                 time.sleep(REOPEN_S)
@@ -218,18 +217,18 @@ class Vehicle:
         return self._seen > before
 
     def messages(self, seconds: float) -> Iterator[Any]:
-        """Yield the messages of this vehicle for so long; `LinkError` where its heartbeats have ended."""
+        """Yield the messages of this vehicle for some seconds; `LinkError` if its heartbeats have stopped."""
         until = time.monotonic() + seconds
         while time.monotonic() < until:
-            for message in self._arrived(max(min(0.05, until - time.monotonic()), 0.0)):
+            for message in self._receive(max(min(0.05, until - time.monotonic()), 0.0)):
                 if self._is_from(message):
                     yield message
             if time.monotonic() - self._seen > self._silent:
                 raise LinkError(f"{self.name} on {self.source.name} has been silent for {self._silent:g} s")
 
     def listen(self) -> None:
-        """Take in what has arrived, so that `armed` is up to date."""
-        for _ in range(BACKLOG):
+        """Process the messages that have arrived, so that `armed` is up to date."""
+        for _ in range(MAX_BACKLOG):
             content = self.source.read(0.0)
             if not content:
                 return
@@ -237,20 +236,20 @@ class Vehicle:
                 pass
 
     def _ask(self, kind: str, *fields: float | bytes) -> None:
-        """Send a message that is addressed to the vehicle."""
+        """Send a message to the address of the vehicle."""
         make = getattr(self._dialect, f"MAVLink_{kind}_message")
         self._send(make(self.system, self.component, *fields))
 
-    def _patience(self, attempt: int) -> float:
-        """Seconds that an answer is waited for: longer after the first time, as a slow link needs it."""
+    def _answer_time(self, attempt: int) -> float:
+        """Seconds to wait for an answer: longer in later attempts, for slow links."""
         return self._answer * min(1 + attempt / 2, 2)
 
-    def _decoded(self, message: Any) -> float:  # noqa: ANN401 - pymavlink has no types
+    def _decode_value(self, message: Any) -> float:  # noqa: ANN401 - pymavlink has no types
         if self.autopilot == PX4 and message.param_type in KINDS:
             return float(struct.unpack_from(KINDS[message.param_type], struct.pack("<f", message.param_value))[0])
         return float(message.param_value)
 
-    def _encoded(self, parameter: Parameter) -> float:
+    def _encode_value(self, parameter: Parameter) -> float:
         if self.autopilot == PX4 and parameter.kind in KINDS:
             content = struct.pack(KINDS[parameter.kind], int(parameter.value)).ljust(4, b"\0")
             return float(struct.unpack("<f", content)[0])
@@ -259,21 +258,21 @@ class Vehicle:
     def _send(self, message: Any) -> None:  # noqa: ANN401
         self._link.send(message, force_mavlink1=self._is_old)
 
-    def _arrived(self, timeout: float = 0.05) -> Iterator[Any]:
-        """Yield all messages that have arrived, and say once a second that we are here."""
-        if time.monotonic() - self._beaten > 1.0:
-            self._beaten = time.monotonic()
+    def _receive(self, timeout: float = 0.05) -> Iterator[Any]:
+        """Yield the messages that have arrived, and send a heartbeat once a second."""
+        if time.monotonic() - self._heartbeat_sent > 1.0:
+            self._heartbeat_sent = time.monotonic()
             self._send(self._dialect.MAVLink_heartbeat_message(GROUND_STATION, NO_AUTOPILOT, 0, 0, 4, 3))
         yield from self._messages(self.source.read(timeout))
 
     def _messages(self, content: bytes) -> Iterator[Any]:
-        """Yield the messages in some bytes, and keep what they say of the vehicle."""
+        """Yield the messages in some bytes, and update the vehicle's state from them."""
         for message in self._link.parse_buffer(content) or []:
             if message.get_type() == "BAD_DATA":
                 continue
             if self._is_from(message):
                 self._seen = time.monotonic()
-                self._is_old = message.get_msgbuf()[0] == FIRST_VERSION  # answer in kind
+                self._is_old = message.get_msgbuf()[0] == FIRST_VERSION  # answer in the vehicle's version
                 if message.get_type() == "HEARTBEAT":
                     self.armed = _is_armed(message)
             yield message
@@ -287,7 +286,7 @@ def _is_armed(heartbeat: Any) -> bool:  # noqa: ANN401
 
 
 def _note(heartbeats: dict[int, Any], message: Any) -> None:  # noqa: ANN401
-    """Keep the heartbeat of an autopilot, by its system; that of its own component before those of others."""
+    """Store the heartbeat of an autopilot by system; prefer the autopilot's component to other components."""
     if message.get_type() != "HEARTBEAT" or message.autopilot == NO_AUTOPILOT or message.type == GROUND_STATION:
         return
     before = heartbeats.get(message.get_srcSystem(), message)
@@ -296,7 +295,7 @@ def _note(heartbeats: dict[int, Any], message: Any) -> None:  # noqa: ANN401
 
 
 def _parameter_name(message: Any, names: Sequence[str]) -> str:  # noqa: ANN401
-    """Which of these parameters a message is about; empty where it is about none."""
+    """Name of the parameter in a message if it is one of `names`, else empty."""
     if message.get_type() not in ("PARAM_VALUE", "PARAM_ERROR"):
         return ""
     name = str(message.param_id).rstrip("\0")
@@ -304,5 +303,5 @@ def _parameter_name(message: Any, names: Sequence[str]) -> str:  # noqa: ANN401
 
 
 def same(one: float, other: float) -> bool:
-    """Tell whether two values are one float32; a value that is no number is the same as another such."""
+    """Whether two values are the same float32; two NaN are the same."""
     return bool(np.array_equal(np.float32(one), np.float32(other), equal_nan=True))

@@ -1,15 +1,15 @@
-"""Sets the compass parameters of a vehicle, and leaves it with all of them or with none.
+"""Set the compass parameters of a vehicle: all of them, or none.
 
-`ParameterPlan` is what would change::
+`ParameterPlan` lists the changes before they are made::
 
     vehicle = Vehicle.find(source)
     plan = ParameterPlan.of(vehicle, calibration, compass=1)
     backup.write_text(plan.backup())
     plan.carry_out()
 
-Before anything is set it is seen that the vehicle is disarmed and that the compass is the one that is meant. Where a
-value is not confirmed, the link is lost, the vehicle is armed or the program is stopped, the values from before are put
-back, and the error says which of them the vehicle holds.
+A plan is made only for a disarmed vehicle whose compass has the wanted device id. If a value is not confirmed, the link
+is lost, the vehicle is armed or the program is stopped, the previous values are restored, and the error states which
+of them the vehicle holds.
 """
 
 from __future__ import annotations
@@ -40,14 +40,14 @@ PARAMETERS: Final[Mapping[int, type[CompassParameters]]] = {
     ARDUPILOT: ardupilot.ArduPilotParameters,
     PX4: px4.Px4Parameters,
 }
-MOUNTING_TRIES: Final = 3  # How often a parameter is asked for that old firmware does not have
-READS: Final = 4  # How often a value is read back that is not the one that was set
-BACK_S: Final = 30.0  # Seconds that a lost vehicle is waited for, to put the values from before back
+MOUNTING_TRIES: Final = 3  # Most requests for a parameter that old firmware lacks
+MAX_READBACKS: Final = 4  # Most readbacks of a value that differs from the one set
+RECOVERY_S: Final = 30.0  # Longest wait for a lost vehicle before previous values are restored
 AXES: Final = {
     ARDUPILOT: "it acts after COMPASS_ORIENT: the recording must be in the axes of the vehicle, as its logs are",
     PX4: "it acts before CAL_MAGn_ROT: the recording must be in the axes of the sensor, as sensor_mag of its logs is",
 }
-"""In which axes a calibration has to be; nobody can see it by the numbers."""
+"""Axes that a calibration must be in; the numbers alone do not show them."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -65,7 +65,7 @@ class ParameterChange:
 
 @dataclass(frozen=True, slots=True)
 class ParameterPlan:
-    """What would change in a vehicle."""
+    """Changes to the parameters of a vehicle, not yet made."""
 
     vehicle: Vehicle
     compass: int  #: as the vehicle counts: ArduPilot from 1 to 3, PX4 from 0 to 3
@@ -85,44 +85,47 @@ class ParameterPlan:
         mounting: Floats | None = None,
         lossy: bool = False,
     ) -> Self:
-        """Ask the vehicle what it holds, and see that it may be changed.
+        """Request the vehicle's parameters, and check that they may be changed.
 
         Parameters
         ----------
         vehicle : Vehicle
         calibration : Calibration
-            For ArduPilot in the axes of the vehicle, as its logs are; for PX4 in those of the sensor, as its are.
-            Where its frame is ``vehicle``, axes that were mapped are taken back for ArduPilot.
+            For ArduPilot in the axes of the vehicle, as in its logs; for PX4 in the axes of the sensor, as in its
+            logs. For ArduPilot, mapped axes are mapped back if the frame is ``vehicle``.
         compass : int, optional
-            As the vehicle counts: ArduPilot 1 to 3, PX4 0 to 3; without it the one with the device id, or the first.
+            In the vehicle's numbering: ArduPilot 1 to 3, PX4 0 to 3; by default the compass with the device id, or
+            the first one.
         device_id : int, optional
-            Of the compass that is meant; without it the one that the calibration's sensor names, if it does.
+            Device id of the compass; by default the one in the name of the calibration's sensor, if any.
         mounting : (3, 3) float, optional
-            How the compass was mounted when it was recorded, vehicle = R sensor: with it a rotation of the calibration
-            goes into the mounting.
+            Mounting R of the compass during the recording, vehicle = R sensor; if given, a rotation of the calibration
+            is written as a new mounting.
         lossy : bool
-            Send also what leaves out more than 0.5° of heading.
+            Accept parameters that lose more than 0.5° of heading.
 
         Raises
         ------
         NotSent
-            Where the vehicle is armed, has no such compass or another one, lacks parameters, or its compass is mounted
-            otherwise than when it was recorded.
+            If the vehicle is armed, lacks the compass or its parameters, has a compass with another device id, or a
+            compass whose mounting changed since the recording.
         UnitError, NotExportable
-            Where the parameters cannot hold the calibration, or for PX4 it is in the axes of the vehicle.
+            If the parameters cannot hold the calibration, or if it is for PX4 and in the axes of the vehicle.
         LinkError
-            Where the link is lost.
+            If the link is lost.
         """
         refuse_armed(vehicle)
         wanted = device_of(calibration) if device_id is None else device_id
         number = (
-            _find_compass(vehicle, wanted) if compass is None and wanted is not None else _numbered(vehicle, compass)
+            _find_compass(vehicle, wanted)
+            if compass is None and wanted is not None
+            else _compass_number(vehicle, compass)
         )
         scheme, present = _device_id(vehicle, number)
         known = vehicle.autopilot == ARDUPILOT and calibration.frame == "vehicle"
         asked = ExportOptions(compass=number, lossy=lossy, mounting=mounting)
         export = find(TARGETS[vehicle.autopilot]).render(calibration, asked=asked)
-        wanted_values = _in_place(vehicle, number, mounting, export.fields["values"])
+        wanted_values = _check_mounting(vehicle, number, mounting, export.fields["values"])
         notes = (
             *[AXES[vehicle.autopilot]] * (not known),
             *_refuse_another(vehicle, number, present, wanted),
@@ -131,13 +134,13 @@ class ParameterPlan:
         )
         changes = []
         for name, value in wanted_values.items():
-            old = _settable(vehicle, _spellings(vehicle.autopilot, name)[scheme], value)
+            old = _settable_parameter(vehicle, _spellings(vehicle.autopilot, name)[scheme], value)
             changes.append(ParameterChange(old, replace(old, value=value)))
         return cls(vehicle, number, present, tuple(changes), notes)
 
     @property
     def pending(self) -> tuple[ParameterChange, ...]:
-        """What is not so already."""
+        """Changes whose value differs from the vehicle's."""
         return tuple(change for change in self.changes if not change.is_none)
 
     def as_dict(self) -> dict[str, Any]:
@@ -155,7 +158,7 @@ class ParameterPlan:
         }
 
     def __str__(self) -> str:
-        """Each parameter before and after, a line each."""
+        """Each parameter before and after, one a line."""
         width = max(len(change.new.name) for change in self.changes)
         lines = [f"{f'compass {self.compass}':<{width}}  {'before':>12}  {'after':>12}   (device {self.device_id})"]
         for change in self.changes:
@@ -164,13 +167,13 @@ class ParameterPlan:
         return "\n".join(lines)
 
     def backup(self) -> str:
-        """Write the values from before as a parameter file of the vehicle's ground station.
+        """Return the previous values as a parameter file for the vehicle's ground station.
 
         ArduPilot's ``NAME,value``, or the five columns of QGroundControl for PX4.
         """
         vehicle, lines = self.vehicle, []
         for old in (change.old for change in self.changes):
-            cells = [old.name, _spelled(old.value)]
+            cells = [old.name, _float32_text(old.value)]
             if vehicle.autopilot == PX4:
                 cells = [str(vehicle.system), str(vehicle.component), *cells, str(old.kind)]
             lines.append(("\t" if vehicle.autopilot == PX4 else ",").join(cells))
@@ -182,23 +185,23 @@ class ParameterPlan:
         *,
         stopped: Callable[[], bool] = lambda: False,
         say: Callable[[str], None] = lambda _: None,
-        back: float = BACK_S,
+        back: float = RECOVERY_S,
     ) -> None:
-        """Set the parameters one by one, then ask for all of them again; put the old ones back where any of it fails.
+        """Set the parameters one by one, then read all of them back; restore the previous values if a step fails.
 
         Parameters
         ----------
         stopped : callable
-            Tells whether to give up.
+            Returns True to stop.
         say : callable
-            Told what a person should know while it is waited for a lost vehicle.
+            Receives messages for the user while a lost vehicle is waited for.
         back : float, s
-            How long that is waited, to put the old values back.
+            Longest wait for a lost vehicle, to restore the previous values.
 
         Raises
         ------
         NotConfirmed
-            Where it failed; says why, and what the vehicle holds.
+            If a step failed; the message states the cause and the values that the vehicle holds.
         """
         touched: list[ParameterChange] = []
         try:
@@ -217,16 +220,16 @@ class ParameterPlan:
             raise
 
     def _verify(self) -> None:
-        """Ask for each parameter again."""
+        """Read each parameter back and compare it with the plan."""
         for change in self.changes:
             parameter = None
-            for _ in range(READS):  # a late answer may be to an earlier question
+            for _ in range(MAX_READBACKS):  # a late answer may belong to an earlier request
                 parameter = self.vehicle.get(change.new.name)
                 if parameter is None or same(parameter.value, change.new.value):
                     break
             if parameter is None or not same(parameter.value, change.new.value):
-                answer = "is not answered" if parameter is None else f"is {_spelled(parameter.value)}"
-                raise NotConfirmed(f"{change.new.name} {answer} in place of {_spelled(change.new.value)}")
+                answer = "is not answered" if parameter is None else f"is {_float32_text(parameter.value)}"
+                raise NotConfirmed(f"{change.new.name} {answer} in place of {_float32_text(change.new.value)}")
 
 
 def refuse_armed(vehicle: Vehicle) -> None:
@@ -236,7 +239,7 @@ def refuse_armed(vehicle: Vehicle) -> None:
 
 
 def device_of(calibration: Calibration) -> int | None:
-    """The device id in the name of the calibration's sensor, where there is one.
+    """Device id in the name of the calibration's sensor; None without one.
 
     >>> from flinders.core.calibration import Calibration
     >>> device_of(Calibration.identity(sensor="sensor_mag 1 (device 396809)")), device_of(Calibration.identity())
@@ -247,14 +250,14 @@ def device_of(calibration: Calibration) -> int | None:
 
 
 def _spellings(autopilot: int, name: str) -> tuple[str, ...]:
-    """A name in each scheme."""
+    """Spellings of a parameter's name in each naming scheme of the firmware."""
     return (name,) if autopilot == PX4 else ardupilot.spellings(name)
 
 
-def _in_place(
+def _check_mounting(
     vehicle: Vehicle, compass: int, mounting: Floats | None, values: Mapping[str, float]
 ) -> Mapping[str, float]:
-    """The values, where the compass is mounted as it was when it was recorded, or as they say."""
+    """Values to set, after a check that the mounting is that of the recording or is among the values."""
     kind = PARAMETERS[vehicle.autopilot]
     names = [name for name in values if name in kind.mounting_names(compass)]
     if mounting is None or not (names or vehicle.autopilot == ARDUPILOT):
@@ -263,28 +266,29 @@ def _in_place(
     now = kind.read(present, compass).own_mounting
     if now is None:
         raise NotSent(
-            f"compass {compass} of {vehicle.name} has no mounting of its own, or one that is not known, and it had one "
-            "when it was recorded, nothing was changed: only an external compass has one; record anew"
+            f"compass {compass} of {vehicle.name} has no known mounting parameter now but had one when the log was "
+            "recorded; nothing was changed. Only an external compass has one: make a new recording"
         )
     values = _without_missing(values, present) if vehicle.autopilot == PX4 else _free_custom(vehicle, compass, values)
     new = kind.read({**present, **values}, compass).own_mounting if names else mounting
     if new is None or min(apart_deg(now, mounting), apart_deg(now, new)) > MOST_TURN_DEG:
         raise NotSent(
-            f"compass {compass} of {vehicle.name} is mounted by {in_words(now)}, and was by {in_words(mounting)} when "
-            "it was recorded, nothing was changed: record anew, or set the mounting as it was"
+            f"compass {compass} of {vehicle.name} is mounted by {in_words(now)}, and was mounted by "
+            f"{in_words(mounting)} during the recording; nothing was changed. Make a new recording, or restore the "
+            "earlier mounting"
         )
     return values
 
 
 def _mounting_now(vehicle: Vehicle, compass: int) -> dict[str, float]:
-    """The parameters that say how a compass is mounted."""
-    present = _present(vehicle, PARAMETERS[vehicle.autopilot].mounting_names(compass))
+    """Parameters of the vehicle that hold the mounting of a compass."""
+    present = _present_values(vehicle, PARAMETERS[vehicle.autopilot].mounting_names(compass))
     orientation = present.get(ardupilot.names("ORIENT", compass)[0], 0.0)
-    return {**present, **_present(vehicle, ardupilot.custom_names(int(orientation)))}
+    return {**present, **_present_values(vehicle, ardupilot.custom_names(int(orientation)))}
 
 
-def _present(vehicle: Vehicle, names: Iterable[str]) -> dict[str, float]:
-    """The parameters of these names that a vehicle has, by the names of the first scheme."""
+def _present_values(vehicle: Vehicle, names: Iterable[str]) -> dict[str, float]:
+    """Values of those parameters that the vehicle has, by the names of the first scheme."""
     present = {}
     for name in names:
         parameter = vehicle.get(*_spellings(vehicle.autopilot, name), tries=MOUNTING_TRIES)
@@ -294,7 +298,7 @@ def _present(vehicle: Vehicle, names: Iterable[str]) -> dict[str, float]:
 
 
 def _without_missing(values: Mapping[str, float], present: Mapping[str, float]) -> dict[str, float]:
-    """The values without angles of 0 that old firmware does not know."""
+    """The values less angles of 0 that old firmware lacks."""
     return {
         name: value
         for name, value in values.items()
@@ -303,16 +307,16 @@ def _without_missing(values: Mapping[str, float], present: Mapping[str, float]) 
 
 
 def _free_custom(vehicle: Vehicle, compass: int, values: Mapping[str, float]) -> Mapping[str, float]:
-    """Values with the second custom rotation of ArduPilot where something else on board uses the first."""
+    """Values that use ArduPilot's second custom rotation if another sensor on board uses the first."""
     if "CUST_ROT_ENABLE" not in values:
         return values
     others = ["AHRS_ORIENTATION", *(ardupilot.names("ORIENT", one)[0] for one in ardupilot.COMPASSES if one != compass)]
-    used = set(_present(vehicle, others).values())
+    used = set(_present_values(vehicle, others).values())
     free = next((number for number in ardupilot.CUSTOM if number not in used), None)
     if free is None:
         raise NotSent(
-            f"{vehicle.name} uses CUST_ROT1 and CUST_ROT2 for other sensors, nothing was changed: set one of these to "
-            "a mounting by number, or send without a mounting, whatever that costs",
+            f"{vehicle.name} uses CUST_ROT1 and CUST_ROT2 for other sensors; nothing was changed. Give one of these "
+            "sensors a mounting by number, or send without a mounting and accept the loss of heading accuracy",
             hint={"lossy": True},
         )
     own = ardupilot.names("ORIENT", compass)[0]
@@ -320,8 +324,8 @@ def _free_custom(vehicle: Vehicle, compass: int, values: Mapping[str, float]) ->
     return {**renamed, own: float(free)}
 
 
-def _settable(vehicle: Vehicle, name: str, value: float) -> Parameter:
-    """A parameter that can take a value, as the vehicle holds it."""
+def _settable_parameter(vehicle: Vehicle, name: str, value: float) -> Parameter:
+    """Parameter as the vehicle holds it, after a check that its type can hold the value."""
     old = vehicle.get(name)
     if old is None:
         raise NotSent(
@@ -331,14 +335,14 @@ def _settable(vehicle: Vehicle, name: str, value: float) -> Parameter:
     if old.kind in KINDS and not _fits(value, old.kind):
         raise NotSent(
             f"{vehicle.name} keeps {name} as a whole number (MAV_PARAM_TYPE {old.kind}), which cannot hold "
-            f"{_spelled(value)}, nothing was changed: its firmware is not one that is known here; set the values by "
+            f"{_float32_text(value)}, nothing was changed: its firmware is unknown; set the values by "
             "hand (flinders export)"
         )
     return old
 
 
 def _fits(value: float, kind: int) -> bool:
-    """Whether a whole number of a MAV_PARAM_TYPE can be the value."""
+    """Whether an integer MAV_PARAM_TYPE can hold the value."""
     try:
         struct.pack(KINDS[kind], int(value))
     except struct.error:
@@ -347,12 +351,12 @@ def _fits(value: float, kind: int) -> bool:
 
 
 def _identity(autopilot: int, compass: int) -> Sequence[str]:
-    """What the parameter with the device id of a compass is called."""
+    """Names of the parameter with the device id of a compass, one a naming scheme."""
     return (f"CAL_MAG{compass}_ID",) if autopilot == PX4 else ardupilot.names("DEV_ID", compass)
 
 
-def _numbered(vehicle: Vehicle, compass: int | None) -> int:
-    """Let through the number of a compass; the first where none is given."""
+def _compass_number(vehicle: Vehicle, compass: int | None) -> int:
+    """Number of the compass, by default the first; `UsageError` if the autopilot has no such number."""
     kind = PARAMETERS[vehicle.autopilot]
     numbers = kind.compasses
     if compass is not None and compass not in numbers:
@@ -361,22 +365,22 @@ def _numbered(vehicle: Vehicle, compass: int | None) -> int:
 
 
 def _device_id(vehicle: Vehicle, compass: int) -> tuple[int, int]:
-    """Which scheme of names the vehicle has, and the device id of a compass, 0 where there is none."""
+    """Index of the vehicle's naming scheme, and the device id of a compass, 0 without a compass."""
     names = _identity(vehicle.autopilot, compass)
     parameter = vehicle.get(*names)
     if parameter is not None and math.isfinite(parameter.value):
-        return names.index(parameter.name), int(parameter.value) % 2**32  # PX4 keeps it as a number with a sign
+        return names.index(parameter.name), int(parameter.value) % 2**32  # PX4 stores a signed number
     raise NotSent(
-        f"{vehicle.name} does not answer what compass {compass} is ({names[0]}), nothing was changed: check --compass "
-        "and the link"
+        f"{vehicle.name} does not answer for the device id of compass {compass} ({names[0]}); nothing was changed: "
+        "check --compass and the link"
     )
 
 
 def _find_compass(vehicle: Vehicle, wanted: int) -> int:
-    """Which compass has this device id."""
+    """Number of the compass with this device id."""
     device_ids: dict[int, int] = {}
     for compass in PARAMETERS[vehicle.autopilot].compasses:
-        with contextlib.suppress(NotSent):  # a vehicle with fewer
+        with contextlib.suppress(NotSent):  # a vehicle with fewer compasses
             device_ids[compass] = _device_id(vehicle, compass)[1]
             if device_ids[compass] == wanted:
                 return compass
@@ -388,14 +392,14 @@ def _find_compass(vehicle: Vehicle, wanted: int) -> int:
 
 
 def _refuse_another(vehicle: Vehicle, compass: int, present: int, wanted: int | None) -> tuple[str, ...]:
-    """See that the compass is the one that is meant."""
+    """Refuse a compass whose device id is not the wanted one; return a note if no id was given."""
     if present == 0:
         raise NotSent(
             f"{vehicle.name} has no compass {compass} ({_identity(vehicle.autopilot, compass)[0]} is 0), nothing was "
             "changed: say another --compass, or start the vehicle with it connected"
         )
     if wanted is None:
-        return (f"nobody said which compass the calibration is for: compass {compass} has device id {present}",)
+        return (f"the calibration names no device id: compass {compass} of the vehicle has {present}",)
     if wanted != present:
         raise NotSent(
             f"compass {compass} of {vehicle.name} has device id {present}, and the calibration is for {wanted}, "
@@ -405,21 +409,21 @@ def _refuse_another(vehicle: Vehicle, compass: int, present: int, wanted: int | 
 
 
 def _set(vehicle: Vehicle, new: Parameter) -> None:
-    """Set a parameter."""
+    """Set a parameter; `NotConfirmed` if the vehicle answers otherwise or not at all."""
     answered = vehicle.set(new)
     if answered is None or not same(answered, new.value):
-        why = "does not answer" if answered is None else f"says {_spelled(answered)}"
-        raise NotConfirmed(f"{vehicle.name} did not confirm {new.name} as {_spelled(new.value)}: it {why}")
+        why = "does not answer" if answered is None else f"answered {_float32_text(answered)}"
+        raise NotConfirmed(f"{vehicle.name} did not confirm {new.name} as {_float32_text(new.value)}: it {why}")
 
 
 def _refuse_stopped(stopped: Callable[[], bool]) -> None:
-    """Give up where that was asked for."""
+    """Raise `NotConfirmed` once the caller wants to stop."""
     if stopped():
-        raise NotConfirmed("stopped before all was sent")
+        raise NotConfirmed("stopped before all parameters were sent")
 
 
 def _put_back(vehicle: Vehicle, touched: list[ParameterChange], *, say: Callable[[str], None], back: float) -> str:
-    """Set the old values again, and say what the vehicle holds; a link that is lost is waited for."""
+    """Restore the previous values, waiting for a lost link; return a sentence on the values the vehicle holds."""
     if not touched:
         return "nothing was changed"
     left, until = list(reversed(touched)), time.monotonic() + back
@@ -428,7 +432,7 @@ def _put_back(vehicle: Vehicle, touched: list[ParameterChange], *, say: Callable
         try:
             answered = vehicle.set(left[0].old)
         except LinkError as error:
-            say(f"! {error.message}; waiting up to {back:g} s for it, to put the values from before back")
+            say(f"! {error.message}; waiting up to {back:g} s for it, to restore the previous values")
             if not vehicle.come_back(until - time.monotonic()):
                 break
             continue
@@ -436,14 +440,14 @@ def _put_back(vehicle: Vehicle, touched: list[ParameterChange], *, say: Callable
             refused.append(left[0])
         left.pop(0)
     if not left and not refused:
-        return f"the vehicle holds the values from before again (all {len(touched)} that were touched, confirmed)"
+        return f"the previous values are restored (all {len(touched)} that were changed, confirmed)"
     names = [change.old.name for change in touched if change in refused or change in left]
     return (
-        f"and the values from before could not be put back for {', '.join(names)}: DO NOT ARM before they are loaded "
+        f"and the previous values of {', '.join(names)} could not be restored: DO NOT ARM before they are loaded "
         "from the file"
     )
 
 
-def _spelled(value: float) -> str:
-    """Write a value so that it is the same float32 when it is read."""
+def _float32_text(value: float) -> str:
+    """Write a value with enough digits for the same float32."""
     return f"{int(value)}" if float(value).is_integer() and abs(value) < 1e9 else f"{value:.9g}"

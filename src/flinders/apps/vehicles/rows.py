@@ -1,4 +1,4 @@
-"""What this package adds to tables of the library, by names of its modules; nothing is imported before it is used."""
+"""Rows that this package adds to the library's tables, as names of modules, imported on first use."""
 
 GROUP = "Vehicles, boats and surveys"
 

@@ -1,4 +1,4 @@
-"""What a calibration changes in a board or a vehicle: a packet, or a plan of parameters; nothing is sent here.
+"""Packet for a board or parameter plan for a vehicle from a fit; sending is done elsewhere.
 
 >>> from flinders import simulate
 >>> from flinders.fitting import calibrate
@@ -37,7 +37,7 @@ def board_packet(fit: Fit, *, lossy: bool = False) -> BoardPacket:
     Raises
     ------
     NotExportable
-        For a refused fit, and unless `lossy` where more than 0.5° of heading is left out.
+        For a refused fit, or a loss of more than 0.5° of heading without `lossy`.
     UnitError
         For a calibration in counts.
     """
@@ -66,21 +66,21 @@ def parameter_plan(
     Parameters
     ----------
     vehicle : Vehicle
-        On its link, of `Vehicle.find`.
+        Vehicle on its link, from `Vehicle.find`.
     fit : Fit
     compass, device_id : int, optional
-        Which compass, as of `ParameterPlan.of`; by default that of the logs that the fit was made from.
+        Compass as in `ParameterPlan.of`; by default the compass of the fit's logs.
     mounting : str, optional
-        How the compass was mounted when it was recorded, as the autopilot has it; by default as its logs say.
+        Mounting of the compass during the recording, in the autopilot's notation; by default from the logs.
     lossy : bool
-        Send also what leaves out more than 0.5° of heading.
+        Accept parameters that lose more than 0.5° of heading.
 
     Raises
     ------
     NotExportable
-        For a refused fit, one of readings that were corrected on board, and as `ParameterPlan.of`.
+        For a refused fit, for readings that were corrected on board, and as `ParameterPlan.of`.
     UsageError
-        Where the fit was made from several compasses, or for a mounting that the autopilot does not know.
+        For a fit of several compasses, or for a mounting unknown to the autopilot.
     NotSent, UnitError, LinkError
         As `ParameterPlan.of`.
     """

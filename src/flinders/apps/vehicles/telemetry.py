@@ -1,4 +1,4 @@
-"""A compass of a vehicle as the vehicle sends it to a ground station: a feed of readings, which takes a calibration."""
+"""Telemetry of a vehicle's compass: a feed of readings that also receives the calibration."""
 
 from __future__ import annotations
 
@@ -34,32 +34,32 @@ if TYPE_CHECKING:
     from flinders.links.feeds import Received
     from flinders.links.transports import ByteSource
 
-ASK_AGAIN_S: Final = 3.0  # Seconds without a reading after which it is asked again, and advice is given
+ASK_AGAIN_S: Final = 3.0  # Time without a reading after which the request is repeated and advice is given
 BATCH_S: Final = 0.03
-"""Seconds: readings that arrive within it are handed on together."""
-FETCH_TRIES: Final = 4  # Questions for each parameter
+"""Seconds: readings that arrive within this time form one batch."""
+FETCH_TRIES: Final = 4  # Most requests for each parameter
 REPORTED: Final = ("OFS_X", "OFS_Y", "OFS_Z", "DIA_X", "DIA_Y", "DIA_Z", "ODI_X", "ODI_Y", "ODI_Z")
-"""Of the calibration in force; SCALE came later."""
-LOOK_S: Final = 1.0  # Seconds that a better message is waited for
+"""Parameters of the calibration in force; older firmware lacks SCALE, which is read separately."""
+SELECTION_S: Final = 1.0  # Time to wait for a better kind of message
 GRAVITY: Final = 9.80665
-BACK_S: Final = 0.5  # Seconds that a lost vehicle is waited for at a time
-MOTOR_TRIES: Final = 2  # Questions for COMPASS_MOT, which not every vehicle has
+RECOVERY_S: Final = 0.5  # Wait for a lost vehicle, per attempt
+MOTOR_TRIES: Final = 2  # Most requests for COMPASS_MOT, which some vehicles lack
 
 
 class Telemetry:
-    """A compass of a vehicle, as the vehicle sends it to a ground station: a `Feed`, and a `Recipient`.
+    """Telemetry of a vehicle's compass: a `Feed`, and a `Recipient` of the calibration.
 
     RAW_IMU and SCALED_IMU hold the first compass, SCALED_IMU2 and SCALED_IMU3 the second and the third, in whole mG.
-    **ArduPilot sends corrected readings in all of them**: the calibration in force is asked for and removed.
-    Of others HIGHRES_IMU is preferred, in gauss; it is taken as it comes, and PX4's is corrected already.
-    A RAW_IMU that is not ArduPilot's is in counts, as the protocol has it. Whether PX4's SCALED_IMU is corrected is
+    **ArduPilot sends corrected readings in all of them**: the calibration in force is requested and removed.
+    Of other autopilots, HIGHRES_IMU (gauss) is preferred and used as sent; PX4's is already corrected.
+    A RAW_IMU that is not ArduPilot's is in counts, as the protocol defines. Whether PX4's SCALED_IMU is corrected is
     **unverified**. Messages are those of `flinders.apps.vehicles.readers.tlog`.
 
     Parameters
     ----------
     vehicle : Vehicle
     compass : int
-        1 to 3, as ArduPilot counts.
+        1 to 3, in ArduPilot's numbering.
     """
 
     def __init__(self, vehicle: Vehicle, compass: int = 1) -> None:
@@ -67,7 +67,7 @@ class Telemetry:
             raise UsageError(f"compass {compass}: MAVLink has messages for compass 1, 2 and 3")
         self._vehicle, self._compass = vehicle, compass
         self.name = f"compass {compass} of {vehicle.name}"
-        self._messages = _ranked(vehicle.autopilot, compass)
+        self._messages = _ranked_messages(vehicle.autopilot, compass)
         self._start = self._heard = time.monotonic()
         self._parameters: ArduPilotParameters | None = None
         self._kinds: dict[int, float] = {}
@@ -105,16 +105,16 @@ class Telemetry:
 
     @property
     def target(self) -> str:
-        """The target that its calibration is written for."""
+        """Export target of this vehicle."""
         return TARGETS[self._vehicle.autopilot]
 
     @property
     def refusal(self) -> str:
         """As `Recipient.refusal`."""
-        return "it is not heard" if self._is_gone else "it is armed" if self._vehicle.armed else ""
+        return "it sends nothing" if self._is_gone else "it is armed" if self._vehicle.armed else ""
 
     def on_board(self, field_strength: float) -> Calibration | None:
-        """As `Recipient.on_board`; a mounting is none of it."""
+        """As `Recipient.on_board`; does not include a mounting."""
         return None if self._parameters is None else self._parameters.to_calibration(field_strength)
 
     def transfer(self, calibration: Calibration) -> VehicleTransfer:
@@ -123,23 +123,22 @@ class Telemetry:
         Raises
         ------
         NotSent
-            Where what the vehicle corrects its readings with is not known or was changed meanwhile, and as
-            `ParameterPlan.of`.
+            If the vehicle's own correction is unknown or was changed meanwhile, and as `ParameterPlan.of`.
         NotExportable, UnitError, LinkError
             As `ParameterPlan.of`.
         """
         before = self._parameters
         if before is None:
             raise NotSent(
-                f"{self.name} sends readings that are corrected with values that it does not tell: what is learnt of "
-                "them cannot replace these; calibrate from a log of it, and use flinders send"
+                f"{self.name} sends readings that are corrected with values that it does not report, so a calibration "
+                "from them cannot replace these values; calibrate from its log, and use flinders send"
             )
         self._fetch()
         if self._parameters is None or self._parameters.rows() != before.rows():
-            raise NotSent(f"the parameters of {self.name} were changed by somebody else, nothing was sent")
+            raise NotSent(f"the parameters of {self.name} were changed by another program; nothing was sent")
         if self._has_motors():
             raise NotSent(
-                f"{self.name} compensates for motors (COMPASS_MOT), which belongs to the matrix on board: set "
+                f"{self.name} compensates for motors (COMPASS_MOT), which depends on the matrix on board: set "
                 "COMPASS_MOTCT to 0, or send by hand and run CompassMot again"
             )
         plan = ParameterPlan.of(self._vehicle, calibration, compass=self._compass, device_id=self._device)
@@ -154,7 +153,7 @@ class Telemetry:
         return any(one is not None and one.value for one in axes)
 
     def _look_again(self) -> None:
-        """Fetch what is on board after it may have changed; where the link is lost, as soon as it is back."""
+        """Fetch the parameters again after a change; after a loss of the link, once it is back."""
         self._is_unsure = True
         with contextlib.suppress(LinkError):
             self._fetch()
@@ -164,7 +163,7 @@ class Telemetry:
         return time.monotonic() - self._start
 
     def _fetch(self) -> str:
-        """Fetch the calibration that is in force, and say what becomes of the readings."""
+        """Fetch the calibration in force, and return a sentence on how readings are treated."""
         if self._vehicle.autopilot != ARDUPILOT:
             return "readings as they are sent; whether they are raw or corrected is not known for this autopilot"
         values: dict[str, float] = {}
@@ -173,21 +172,21 @@ class Telemetry:
             known = names(group, self._compass, f"_{axis}" if axis else "")
             parameter = self._vehicle.get(*known, tries=FETCH_TRIES)
             if parameter is None and name in REPORTED:
-                return f"corrected readings: the vehicle does not tell its {known[0]}, by which that is removed"
+                return f"corrected readings: the vehicle does not report its {known[0]}, so the correction stays"
             if parameter is not None:
                 values[known[0]] = parameter.value
         self._parameters = ArduPilotParameters.read(values, self._compass)
         return f"its correction is removed: {self._parameters.words()}"
 
     def _ask(self) -> None:
-        """Ask for the messages; a vehicle that sends them already does no more than that."""
+        """Request the messages; no effect on a vehicle that already sends them."""
         self._heard = time.monotonic()
         with contextlib.suppress(LinkError):
             for message in self._messages:
                 self._vehicle.ask_for(message)
 
     def _remind(self, has_readings: bool) -> None:
-        """Ask again where nothing comes, and say so once."""
+        """Repeat the request while no reading arrives, and add one event about it."""
         if has_readings:
             self._heard = time.monotonic()
         elif time.monotonic() - self._heard > ASK_AGAIN_S:
@@ -199,13 +198,13 @@ class Telemetry:
                     FeedEvent(
                         "nothing",
                         self._now(),
-                        f"{self.name} sends no {wanted} though it was asked: see that it has this compass, and set its "
+                        f"{self.name} sends no {wanted} on request: check that it has this compass, and set its "
                         "stream RAW_SENSORS (SRn_RAW_SENS)",
                     )
                 )
 
     def _come_back(self, timeout: float) -> FeedEvent | None:
-        if not self._vehicle.come_back(min(timeout, BACK_S)):
+        if not self._vehicle.come_back(min(timeout, RECOVERY_S)):
             return None
         self._is_gone = False
         if self._is_unsure:
@@ -214,25 +213,25 @@ class Telemetry:
         return FeedEvent("back", self._now(), f"{self.name} is back")
 
     def _row(self, message: Any) -> tuple[float, ...] | None:  # noqa: ANN401 - pymavlink has no types
-        """A reading of a message of the kind that is taken; None for a repeated one."""
+        """Reading in a message of the chosen kind; None for a repeated reading."""
         number = message.get_msgId()
         row = reading(number, message) if number in self._messages else ()
-        if not any(row[1:4]) or number != self._chosen(number) or row[:4] == self._last:
+        if not any(row[1:4]) or number != self._chosen_kind(number) or row[:4] == self._last:
             return None
         self._last = row[:4]
         return row
 
-    def _chosen(self, number: int) -> int | None:
-        """Which kind of message is taken: the best of those that came within a second."""
+    def _chosen_kind(self, number: int) -> int | None:
+        """Kind of message to use: the best of those received within `SELECTION_S`."""
         if self._kind is None:
             self._kinds.setdefault(number, self._now())
-            if number == self._messages[0] or self._now() - min(self._kinds.values()) > LOOK_S:
+            if number == self._messages[0] or self._now() - min(self._kinds.values()) > SELECTION_S:
                 self._kind = min(self._kinds, key=self._messages.index)
         return self._kind
 
     def _samples(self, rows: Floats) -> Samples:
         clock, field, force, rate = rows[:, 0], rows[:, 1:4], rows[:, 4:7], rows[:, 7:10]
-        warm = np.where(rows[:, 10], rows[:, 10], np.nan)  # 0 where it is not known
+        warm = np.where(rows[:, 10], rows[:, 10], np.nan)  # 0 if unknown
         units = IN_SI if self._kind == HIGHRES_IMU else WHOLE
         is_raw = self._kind == RAW_IMU and self._vehicle.autopilot != ARDUPILOT
         return Samples.of(
@@ -246,26 +245,24 @@ class Telemetry:
         )
 
     def _raw(self, field: Floats) -> Floats:
-        """(N, 3) what the compass read, in mG."""
+        """(N, 3) raw readings of the compass, mG."""
         if self._parameters is None:
             return field
         try:
             return self._parameters.unapply(field, motor_offset=np.zeros(3))
         except ArrayError as error:
             self._parameters = None
-            self._waiting.append(
-                FeedEvent("garbage", self._now(), f"{error.message}; readings are taken as they are sent")
-            )
+            self._waiting.append(FeedEvent("garbage", self._now(), f"{error.message}; readings are used as sent"))
             return field
 
 
 @dataclass(frozen=True, slots=True)
 class VehicleTransfer:
-    """A plan of parameters, after which readings are corrected otherwise: a `Transfer`."""
+    """A `Transfer` of a parameter plan, after which the vehicle corrects its readings differently."""
 
     plan: ParameterPlan
     suffix: str
-    look_again: Callable[[], None]  #: fetches what is on board
+    look_again: Callable[[], None]  #: fetches the parameters again
 
     @property
     def is_done(self) -> bool:
@@ -283,11 +280,12 @@ class VehicleTransfer:
         finally:
             self.look_again()
         plan = self.plan
-        return f"{plan.vehicle.name}: compass {plan.compass} holds it, all {len(plan.changes)} values read back"
+        done = f"compass {plan.compass} holds the calibration, all {len(plan.changes)} values read back"
+        return f"{plan.vehicle.name}: {done}"
 
 
-def _ranked(autopilot: int, compass: int) -> tuple[int, ...]:
-    """Messages that hold a compass, the best first: ArduPilot's RAW_IMU, what is in gauss of others."""
+def _ranked_messages(autopilot: int, compass: int) -> tuple[int, ...]:
+    """Messages with readings of a compass, the best first: RAW_IMU for ArduPilot, else the one in gauss."""
     known = [number for number, (_, which) in COMPASS_MESSAGES.items() if which == compass]
     if autopilot == ARDUPILOT:
         return tuple(number for number in known if number != HIGHRES_IMU)
@@ -295,5 +293,5 @@ def _ranked(autopilot: int, compass: int) -> tuple[int, ...]:
 
 
 def opened(source: ByteSource, compass: int) -> Telemetry:
-    """Find the vehicle on a link, and listen to one of its compasses. Raises as `Vehicle.find`."""
+    """Find the vehicle on a link, and return the feed of one of its compasses. Raises as `Vehicle.find`."""
     return Telemetry(Vehicle.find(source), compass)

@@ -149,9 +149,9 @@ export function graticule() {
     const lines = [];
     for (let lon = 0; lon < 360; lon += 30) {
         const reach = lon % 90 === 0 ? 90 : 60;
-        lines.push(swept(-reach, reach, 5, (lat) => onSphere(lon, lat)));
+        lines.push(sweepPoints(-reach, reach, 5, (lat) => onSphere(lon, lat)));
     }
-    for (let lat = -60; lat <= 60; lat += 30) lines.push(swept(0, 360, 5, (lon) => onSphere(lon, lat)));
+    for (let lat = -60; lat <= 60; lat += 30) lines.push(sweepPoints(0, 360, 5, (lon) => onSphere(lon, lat)));
     return strokesAlong(lines);
 }
 
@@ -163,7 +163,7 @@ export function graticule() {
  */
 export function circle(radius) {
     const height = (180 / Math.PI) * Math.acos(radius);
-    return strokesAlong([swept(0, 360, 6, (lon) => onSphere(lon, height))]);
+    return strokesAlong([sweepPoints(0, 360, 6, (lon) => onSphere(lon, height))]);
 }
 
 /** Pieces of `axes` that lie outside of the unit sphere; they come first. */
@@ -178,7 +178,7 @@ export const OUTSIDE = 12;
 export function axes(length) {
     const pieces = OUTSIDE / 3;
     const outside = [0, 1, 2].map((axis) =>
-        swept(0, pieces, 1, (k) => along(axis, 1 + ((length - 1) * k) / pieces)),
+        sweepPoints(0, pieces, 1, (k) => along(axis, 1 + ((length - 1) * k) / pieces)),
     );
     return strokesAlong([...outside, ...[0, 1, 2].map((axis) => [0, 0, 0, ...along(axis, 1)])]);
 }
@@ -195,7 +195,7 @@ function along(axis, length) {
  * @param {(at: number) => number[]} point
  * @returns {number[]}
  */
-function swept(first, last, step, point) {
+function sweepPoints(first, last, step, point) {
     const line = [];
     for (let at = first; at <= last; at += step) line.push(...point(at));
     return line;
@@ -298,7 +298,7 @@ export function extend(extent, field, first, count) {
 }
 
 /** @returns {Extent}  of no points */
-export function nowhere() {
+export function emptyExtent() {
     return { low: [Infinity, Infinity, Infinity], high: [-Infinity, -Infinity, -Infinity] };
 }
 

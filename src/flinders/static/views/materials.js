@@ -31,7 +31,7 @@ const HIDDEN = /* glsl */ `
  *     isFlat: drawn over all that is there, whatever its distance
  * @returns {ShaderMaterial}
  */
-function shaded({ uniforms, isFlat = false, ...shaders }) {
+function shaderMaterial({ uniforms, isFlat = false, ...shaders }) {
     /** @type {Uniforms} */
     const named = Object.fromEntries(Object.entries(uniforms).map(([name, value]) => [name, { value }]));
     const how = { transparent: true, depthTest: !isFlat, depthWrite: !isFlat };
@@ -40,7 +40,7 @@ function shaded({ uniforms, isFlat = false, ...shaders }) {
 
 /** @returns {ShaderMaterial} */
 export function tileMaterial() {
-    return shaded({
+    return shaderMaterial({
         uniforms: {
             share: 1,
             seam: new Color(),
@@ -126,7 +126,7 @@ export function tileMaterial() {
 
 /** @returns {ShaderMaterial} */
 export function pointMaterial() {
-    return shaded({
+    return shaderMaterial({
         uniforms: {
             onto: 0,
             size: 1,
@@ -195,7 +195,7 @@ export function pointMaterial() {
  * @returns {ShaderMaterial}
  */
 export function lineMaterial({ width, opacity = 1, behind = 0, border = 0 }) {
-    return shaded({
+    return shaderMaterial({
         isFlat: true,
         uniforms: {
             thick: width,
@@ -257,7 +257,7 @@ export function lineMaterial({ width, opacity = 1, behind = 0, border = 0 }) {
 
 /** A dot in a ring, of one size on the screen; of two, each ring has the colour of its cloud. @returns {ShaderMaterial} */
 export function markerMaterial() {
-    return shaded({
+    return shaderMaterial({
         isFlat: true,
         uniforms: {
             side: 20,

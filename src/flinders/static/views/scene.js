@@ -46,7 +46,7 @@ import {
     drawMatrix,
     extend,
     graticule,
-    nowhere,
+    emptyExtent,
     strokes,
     tileAt,
     towards,
@@ -111,7 +111,7 @@ export class Scene {
     excluded = [];
     /** @type {readonly (readonly [number, number])[]} */
     rejected = [];
-    extent = nowhere();
+    extent = emptyExtent();
 
     /** Readings from here on have not been sent to the graphics card. */
     unsent = Infinity;
@@ -226,7 +226,7 @@ export class Scene {
 
     /** Show these readings, and forget the ones before. @param {Points} points */
     setPoints(points) {
-        this.extent = nowhere();
+        this.extent = emptyExtent();
         this.tail.length = 0;
         this.#hold(points);
         this.appendPoints(points, 0);
@@ -712,7 +712,7 @@ export class Scene {
         for (let k = 0; k < tail.length; k += 1) {
             const age = newest - tail.recent[this.#at(k) + 3];
             const fresh = Math.max(1 - age / TAIL_SECONDS, 0);
-            const point = this.#smoothed(k).applyMatrix4(this.draw).normalize().multiplyScalar(1.01);
+            const point = this.#smooth(k).applyMatrix4(this.draw).normalize().multiplyScalar(1.01);
             const joins = k === 0 || point.dot(this.previous) > JUMP;
             if (k > 0) point.toArray(trail.end, 3 * (k - 1));
             if (k + 1 < tail.length) point.toArray(trail.start, 3 * k);
@@ -734,7 +734,7 @@ export class Scene {
     }
 
     /** A reading of the tail, the mean of itself and its neighbours in time unless they are far off. @param {number} k */
-    #smoothed(k) {
+    #smooth(k) {
         const { recent, length } = this.tail;
         const point = this.other.fromArray(recent, this.#at(k));
         if (k === 0 || k === length - 1) return point;

@@ -6,7 +6,7 @@
  * rotation. With an accelerometer up is up, and magnetic north is away from the viewer.
  */
 
-import { corrected, cross, dot, unit } from "./vectors.js";
+import { correctReading, cross, dot, unit } from "./vectors.js";
 
 /** @typedef {import("./vectors.js").Vector} Vector */
 /** @typedef {readonly [Vector, Vector, Vector]} Rotation  three rows */
@@ -76,7 +76,7 @@ export class Attitude {
      * @param {import("../view.d.ts").Shown} shown
      */
     follow({ raw, acceleration }, shown) {
-        const field = unit(corrected(raw, shown));
+        const field = unit(correctReading(raw, shown));
         const upright = acceleration && level(field, unit(acceleration));
         this.isUpright = Boolean(upright);
         if (upright) this.rotation = upright;

@@ -29,7 +29,7 @@ export function determinant([a, b, c]) {
 }
 
 /** @param {readonly Vector[]} matrix  rows @returns {number[][]} */
-export function inverted(matrix) {
+export function inverseOf(matrix) {
     const [a, b, c] = matrix;
     const size = determinant(matrix);
     const columns = [cross(b, c), cross(c, a), cross(a, b)];
@@ -43,7 +43,7 @@ export function inverted(matrix) {
  * @param {{offset: Vector, matrix: readonly Vector[]}} calibration
  * @returns {[number, number, number]}
  */
-export function corrected(raw, { offset, matrix }) {
+export function correctReading(raw, { offset, matrix }) {
     const shifted = minus(raw, offset);
     return [dot(matrix[0], shifted), dot(matrix[1], shifted), dot(matrix[2], shifted)];
 }

@@ -11,15 +11,15 @@ from flinders.cli._output import print_json, say
 
 
 class ComponentCommand(program.Group):
-    """A calibration, and where its component goes."""
+    """A calibration, and the folder of its component."""
 
     calibration: str = program.argument("CALIBRATION")
     kind: str = program.member(
         "--for", type=click.Choice(("arduino", "esphome", "micropython", "zephyr")), required=True,
-        help="What takes the component.",
+        help="Framework of the component.",
     )  # fmt: skip
     folder: str = program.member(
-        "-o", "--output", required=True, metavar="DIR", help="Folder of the component; it is made."
+        "-o", "--output", required=True, metavar="DIR", help="Folder to create for the component."
     )
     force: bool = option.force("Overwrite files that are in the folder.")
     as_json: bool = option.as_json()
@@ -40,11 +40,11 @@ Exit codes:
 """,
 )
 def command(options: ComponentCommand) -> None:
-    """Write CALIBRATION as a component: a folder that a framework of firmware takes as it is.
+    """Write CALIBRATION as a component: a folder ready for a framework of firmware.
 
     A library for Arduino and PlatformIO, an external component of ESPHome, a module of Zephyr, or a package for
-    MicroPython and CircuitPython. Each gives the heading with its standard deviation at this attitude, and whether
-    something disturbs the field.
+    MicroPython and CircuitPython. Each gives the heading with its standard deviation at the current attitude, and
+    detects a disturbed field.
     """
     from flinders.apps.board.component import COMPONENTS, warnings, write
 

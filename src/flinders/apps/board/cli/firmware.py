@@ -8,10 +8,10 @@ from flinders.cli._output import print_json, say
 
 
 class Firmware(program.Group):
-    """Where the package goes."""
+    """Options of the command."""
 
     folder: str = program.member(
-        "-o", "--output", required=True, metavar="DIR", help="Folder of the package; it is made."
+        "-o", "--output", required=True, metavar="DIR", help="Folder to create for the package."
     )
     force: bool = option.force()
     as_json: bool = option.as_json()
@@ -30,9 +30,9 @@ Example:
 def command(options: Firmware) -> None:
     """Write a library for Arduino, PlatformIO and CMake that calibrates a magnetometer on the board.
 
-    It is C99 without dependencies: the engine of this program in single precision, with the rules of the verdict that
-    need no more than 300 readings. Its example is a sketch for the LIS3MDL, which prints what flinders live reads, and
-    takes a calibration from flinders send --serial.
+    The library is C99 without dependencies: the engine of this program in single precision, with the rules of the
+    verdict that need at most 300 readings. Its example is a sketch for the LIS3MDL, which prints lines for flinders
+    live and receives a calibration from flinders send --serial.
     """
     from flinders.apps.board import package
 
@@ -40,4 +40,4 @@ def command(options: Firmware) -> None:
     if options.as_json:
         print_json({"folder": options.folder, "version": package.VERSION, "files": list(map(str, files))})
         return
-    say(f"{len(files)} files in {options.folder}: put the folder where libraries are, and open its example LIS3MDL")
+    say(f"{len(files)} files in {options.folder}: move the folder to your libraries, and open its example LIS3MDL")

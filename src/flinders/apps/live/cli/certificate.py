@@ -24,7 +24,7 @@ class CertificateOptions(program.Group):
     )
     serial: str = program.member("--serial-number", required=True, metavar="NUMBER", help="Serial number of the unit.")
     identifier: str | None = program.member(
-        "--identifier", metavar="NAME", help="Of the certificate [default: serial number and date]."
+        "--identifier", metavar="NAME", help="Identifier of the certificate [default: serial number and date]."
     )
     output: str = option.output("the certificate", "Where to write.", required=True)
     force: bool = option.force()
@@ -43,8 +43,8 @@ Example:
 def command(options: CertificateOptions) -> None:
     """Write a Digital Calibration Certificate (DCC, XML) of a calibration.
 
-    The file of a station names laboratory, person and customer in its table [certificate], and has the pass limits
-    that the certificate says the unit keeps or not.
+    The file of a station names laboratory, person and customer in its table [certificate]. It also has the pass limits
+    for the certificate's statement of conformity.
     """
     options.checked_outputs(options.plan)
     from flinders.apps.live.station.certificate import CertifiedTest, certificate
@@ -57,7 +57,7 @@ def command(options: CertificateOptions) -> None:
         needed = "laboratory, country, city, person and customer"
         raise UsageError(f"{options.plan} has no table [certificate]: write one with {needed}")
     fit = load("certificate", options.calibration)
-    when = _made(fit)
+    when = _calibration_time(fit)
     about = CertifiedTest(
         options.serial, options.identifier or f"{options.serial}/{when:%Y-%m-%d}", when, when,
         is_passed=not misses(fit, plan.limits),
@@ -68,7 +68,7 @@ def command(options: CertificateOptions) -> None:
     say(f"{options.output}: certificate {about.identifier}, {'conforms' if about.is_passed else 'does not conform'}")
 
 
-def _made(fit: Fit) -> datetime:
-    """When a calibration was made; now where its file does not say."""
+def _calibration_time(fit: Fit) -> datetime:
+    """Time of a calibration; now if its file has none."""
     record = fit.provenance.record
     return datetime.now(UTC) if record is None else record.date

@@ -1,4 +1,4 @@
-"""``flinders gauge-study``: how repeatable and reproducible a station measures."""
+"""``flinders gauge-study``: repeatability and reproducibility of a station's measurements."""
 
 from __future__ import annotations
 
@@ -20,19 +20,21 @@ EXITS = {"acceptable": GOOD, "marginal": LIMITED, "unacceptable": REFUSED}
 
 
 class GaugeOptions(program.Group):
-    """A table of measurements, and what of it is studied."""
+    """A table of measurements, and the quantities to study."""
 
     table: str = program.argument("TABLE.csv")
     quantities: tuple[str, ...] = program.member(
         "--quantity", multiple=True, metavar="COLUMN",
-        help="What is studied [default: offset of each axis, heading error, noise, field strength].",
+        help="Column to study [default: offset of each axis, heading error, noise, field strength].",
     )  # fmt: skip
-    part: str = program.member("--part", default="unit", show_default=True, metavar="COLUMN", help="Names the parts.")
+    part: str = program.member(
+        "--part", default="unit", show_default=True, metavar="COLUMN", help="Column with the part."
+    )
     who: str = program.member(
-        "--by", default="operator", show_default=True, metavar="COLUMN", help="Names the operators."
+        "--by", default="operator", show_default=True, metavar="COLUMN", help="Column with the operator."
     )
     plan: str | None = program.member(
-        "--plan", metavar="PLAN.toml", help="File of the station, for the share of its pass ranges."
+        "--plan", metavar="PLAN.toml", help="File of the station, to state shares of its pass ranges."
     )
     report: str | None = program.member(
         "--report", what="the report", metavar="FILE.html", help="Also write a report as one HTML file."
@@ -53,15 +55,15 @@ Example:
 def command(options: GaugeOptions) -> int:
     """Study the repeatability and reproducibility (gauge R&R) of a station, by analysis of variance.
 
-    The table, or that in the folder of a station, has each part measured at least twice by each operator: test units
-    several times with `repeats = true` in the station's file. The exit code says whether the gauge is acceptable: 0,
-    marginal: 3, or not: 4.
+    The table, or the one in the folder of a station, needs each part measured at least twice by each operator: test
+    units several times with `repeats = true` in the station's file. The exit code is 0 for an acceptable gauge, 3 for a
+    marginal one, and 4 for an unacceptable one.
     """
     options.checked_outputs(options.plan)
     from flinders.apps.live.station import gauge_pages
     from flinders.core.files import write_text
 
-    studied = _studied(options)
+    studied = _studies(options)
     if options.report is not None:
         write_text(gauge_pages.html(studied, Path(options.table).name), options.report, force=options.force)
     if options.as_json:
@@ -71,8 +73,8 @@ def command(options: GaugeOptions) -> int:
     return max(EXITS[each.grade] for each in studied)
 
 
-def _studied(options: GaugeOptions) -> Sequence[Studied]:
-    """A study of each quantity."""
+def _studies(options: GaugeOptions) -> Sequence[Studied]:
+    """Return a study of each quantity."""
     from flinders.apps.live.station.gauge import gauge_study
     from flinders.apps.live.station.gauge_pages import Studied
     from flinders.apps.live.station.gauge_table import QUANTITIES, measured_of, read_rows

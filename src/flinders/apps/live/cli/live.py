@@ -1,4 +1,4 @@
-"""``flinders live``: the page on which a calibration is made while the sensor is turned."""
+"""``flinders live``: calibrate on a page in the browser while the sensor is turned."""
 
 from __future__ import annotations
 
@@ -36,17 +36,17 @@ if TYPE_CHECKING:
 PORT: Final = 8410
 MAX_PORT: Final = 65535
 SEED: Final = 1
-"""Of the simulation, always the same sensor: a session of it can be resumed."""
+"""Seed of the simulation; a fixed one gives the same sensor, so that a session can be resumed."""
 SWITCH_S: Final = 0.0005
-"""Seconds that a fit may keep the interpreter from whoever waits for a datagram."""
+"""Longest time that a fit keeps the interpreter from a thread that waits for datagrams, s."""
 
 
 class LineOptions(option.UnitsOptions, option.LinesOptions):
-    """How what arrives as lines, or is played back, is read."""
+    """Options to read lines and recordings."""
 
 
 class LiveSource(program.Group):
-    """Where readings come from."""
+    """Source of the readings."""
 
     port: str | None = option.serial()
     baud: int = option.baud()
@@ -56,7 +56,7 @@ class LiveSource(program.Group):
         "--mavlink", metavar="LINK", help="A vehicle: udp:HOST:PORT, tcp:HOST:PORT or a serial port."
     )
     compass: int = program.member(
-        "--compass", type=click.IntRange(1, 3), default=1, show_default=True, help="Which of the vehicle's."
+        "--compass", type=click.IntRange(1, 3), default=1, show_default=True, help="Number of the vehicle's compass."
     )
     ros2: str | None = option.ros2()
     imu_topic: str | None = option.imu_topic()
@@ -64,13 +64,13 @@ class LiveSource(program.Group):
         "--replay", metavar="LOG", help="Play a recording back, any that flinders reads."
     )
     speed: float | None = program.member(
-        "--speed", type=program.positive, metavar="X", help="So many times as fast [default: 1]."
+        "--speed", type=program.positive, metavar="X", help="Speed of playback or simulation [default: 1]."
     )
-    simulate: bool = program.flag("--simulate", "A simulated sensor; also where nothing is plugged in.")
+    simulate: bool = program.flag("--simulate", "Simulate a sensor; the default if nothing is plugged in.")
     lines: LineOptions = program.group(LineOptions)
 
     def check(self) -> None:
-        """See that one source is named, and that options go with it.
+        """Refuse several sources, and options that do not belong to the source.
 
         Raises `UsageError`.
         """
@@ -88,7 +88,7 @@ class LiveSource(program.Group):
         if self.imu_topic is not None and self.ros2 is None:
             raise UsageError("--imu-topic goes with --ros2: leave it out")
         if self.port == ANY_PORT:
-            board_port()  # where there is none, that is said at once, before anything is loaded
+            board_port()  # reports a missing port at once, before anything is loaded
         self.lines.refuse_with(named)
         if self.lines.unit:
             from flinders.core.units import Unit
@@ -101,9 +101,9 @@ class LiveSource(program.Group):
         resume: str | None = None,
         heard: Callable[[ByteSource], ByteSource] = lambda wire: wire,
     ) -> Source:
-        """Open what is named; a port where one is plugged in; else the simulation, or the session to resume alone.
+        """Return the named source; by default a plugged-in port, else the simulation, or the session to resume alone.
 
-        `heard` is put around a wire that sends lines.
+        `heard` wraps a wire that sends lines.
         """
         from flinders.apps.live.session_file import FIRST_TARGET, Source
         from flinders.links.feeds import NoSensor, Replay, feed_kind
@@ -129,7 +129,7 @@ class LiveSource(program.Group):
             return Source("ros2", partial(RecordedFeed, topic), target=getattr(topic, "target", FIRST_TARGET))
         kind, port = self._lines(is_resumed=resume is not None)
         if kind == "file":
-            return Source(kind, lambda _sink, resumed: NoSensor(str(resume)))  # noqa: ARG005 - as a source has it
+            return Source(kind, lambda _sink, resumed: NoSensor(str(resume)))  # noqa: ARG005 - signature of `Source.start`
         if kind == "simulated":
             from flinders.apps.live.simulated import SimulatedFeed
 
@@ -140,17 +140,17 @@ class LiveSource(program.Group):
         return Source(kind, partial(Recorder, lines, **reading), reading, None if kind == "udp" else lines)
 
     def _lines(self, *, is_resumed: bool) -> tuple[Kind, str | None]:
-        """What sends lines, and through which port; the simulation, or a session of before, where nothing does."""
+        """Kind and port of the source of lines; without a port, the simulation or an earlier session."""
         if self.udp is not None or self.tcp is not None:
             return "tcp" if self.udp is None else "udp", None
         if self.port is not None:
             return "serial", self.port
         port = None if self.simulate else plugged_in()
         if port is None and not self.simulate and is_resumed:
-            say("nothing is plugged in: the session is shown as it is; name its source to go on with it")
+            say("nothing is plugged in: showing the session as recorded; name its source to continue it")
             return "file", None
         if port is None and not self.simulate:
-            say("nothing is plugged in: this is a simulated sensor; flinders live --help names the sources there are")
+            say("nothing is plugged in: showing a simulated sensor; flinders live --help lists the sources")
         return "simulated" if port is None else "serial", port
 
 
@@ -167,39 +167,39 @@ def _port(value: object) -> int | str:
 
 
 class ServedPage(program.Group):
-    """Where the page is."""
+    """Address of the page."""
 
     host: str = program.member(
         "--host", default="127.0.0.1", show_default=True, metavar="ADDRESS",
-        help="Where to listen; other machines reach 0.0.0.0, with a token.",
+        help="Address to listen on; with 0.0.0.0 other machines reach the page, with a token.",
     )  # fmt: skip
     web_port: int | str = program.member(
         "--port", type=_port, default=PORT, show_default=True, metavar="N",
-        help="Port of the page; 0 for any that is free. A serial port here is that of --serial.",
+        help="Port of the page; 0 for any free one. A serial port here means --serial.",
     )  # fmt: skip
     opens: bool | None = program.member(
-        "--open/--no-open", default=None, help="Open a browser [default: where there is a screen]."
+        "--open/--no-open", default=None, help="Open a browser [default: if there is a screen]."
     )
 
     def check(self) -> None:
-        """See that there is an address; raises `UsageError`."""
+        """Refuse an empty address; raises `UsageError`."""
         if not self.host:
             raise UsageError("--host needs an address: 127.0.0.1 for this machine only, 0.0.0.0 for all")
 
     def listening(self) -> socket:
-        """The socket that it is served on."""
+        """Open the socket to serve the page on."""
         from flinders.apps.live.access import listening
 
         return listening(self.host, int(self.web_port))
 
 
 def with_serial_port(source: LiveSource, page: ServedPage) -> tuple[LiveSource, ServedPage]:
-    """Take a serial port that ``--port`` names as the source, and serve the page on its usual port."""
+    """Treat a serial port given by ``--port`` as the source, and serve the page on its default port."""
     if isinstance(page.web_port, int):
         return source, page
     if source.port is not None:
         raise UsageError(f"--serial {source.port} and --port {page.web_port} name two serial ports: name one")
-    say(f"{page.web_port} is a serial port: taken as --serial {page.web_port}; --port N is the port of the page")
+    say(f"{page.web_port} is a serial port: read as --serial {page.web_port}; --port N is the port of the page")
     return replace(source, port=page.web_port), replace(page, web_port=PORT)
 
 
@@ -208,36 +208,36 @@ class Live(program.Group):
 
     source: LiveSource = program.group(LiveSource)
     axes: str = program.same_as(option.AxesOptions, "axes")
-    target_deg: float | None = option.target("Worst heading error that is good enough [default: 1].", None)
-    dip_deg: float | None = option.dip("Inclination of the field at the site [default: that of the log, else 60].")
+    target_deg: float | None = option.target("Target of the worst heading error, degrees [default: 1].", None)
+    dip_deg: float | None = option.dip("Inclination of the field at the site, degrees [default: of the log, else 60].")
     previous: str | None = program.member(
-        "--previous", metavar="CALIBRATION", help="A calibration file of this sensor to compare with."
+        "--previous", metavar="CALIBRATION", help="Earlier calibration file of this sensor, to compare with."
     )
-    refresh: bool = program.flag("--refresh", "Keep the soft iron of --previous, and find the hard iron anew.")
+    refresh: bool = program.flag("--refresh", "Keep the soft iron of --previous, and estimate the hard iron again.")
     output: str | None = option.output(
-        "the recording", "Where to record [default: a new file in the folder flinders-sessions]."
+        "the recording", "File of the recording [default: a new file in the folder flinders-sessions]."
     )
     resume: str | None = program.member(
-        "--resume", metavar="SESSION", help="Go on with a recording of this command, however it was ended."
+        "--resume", metavar="SESSION", help="Continue a recording of this command, also after a crash."
     )
     page: ServedPage = program.group(ServedPage)
     as_json: bool = option.as_json()
 
     def check(self) -> None:
-        """See that one source is named, and that the recording can go where it shall.
+        """Refuse several sources, and an unusable place for the recording.
 
-        Raises `UsageError`; `OutputError` where a file is in the way.
+        Raises `UsageError`; `OutputError` if the file exists.
         """
         self.source.check()
         self.page.check()
         if self.refresh and self.previous is None:
             raise UsageError("--refresh renews an earlier calibration: name its file with --previous")
         if self.output is not None and Path(self.output).is_file():
-            raise OutputError(f"{self.output} exists: give another name, or go on with it with --resume {self.output}")
+            raise OutputError(f"{self.output} exists: give another name, or continue it with --resume {self.output}")
         if self.output == "-":
-            raise UsageError("the recording goes into a file that is read again: name one with -o")
+            raise UsageError("the recording needs a regular file, which is read again: name one with -o")
         if self.output is not None and self.resume is not None:
-            raise UsageError("--resume goes on with its own file: leave --output out")
+            raise UsageError("--resume continues its own file: leave --output out")
 
 
 @program.command_of(
@@ -262,8 +262,8 @@ Example:
 def command(options: Live) -> None:
     """Calibrate a sensor on a page in the browser, while you turn it.
 
-    The page shows how good the calibration is by now, which way to turn next, and exports it when it is good. All that
-    arrives is recorded as it comes; Ctrl-C ends it, and `flinders calibrate` reads the recording.
+    The page shows the quality of the calibration so far and the next turn to make, and exports the calibration when it
+    is good. All readings are recorded; Ctrl-C ends the session, and `flinders calibrate` reads the recording.
     """
     named, page = with_serial_port(options.source, options.page)
     options = replace(options, source=named, page=page)
@@ -286,28 +286,28 @@ def command(options: Live) -> None:
         listener = stack.enter_context(contextlib.closing(options.page.listening()))
         source = options.source.opened(stack, options.resume)
         supply = stack.enter_context(begun(source, axes, output=options.output, resume=options.resume, say=say))
-        supply = replace(supply, edits=msgspec.structs.replace(supply.edits, **_chosen(options)))
+        supply = replace(supply, edits=msgspec.structs.replace(supply.edits, **_given_edits(options)))
         port = listener.getsockname()[1]
         gate = Gate.of(options.page.host, port, own_names())
         tokens = Tokens() if gate.is_open else None
         hub = Hub(supply, previous, renewed)
         if hub.warning:
             say(f"{supply.path}: {hub.warning}")
-        if hub.source.name != str(hub.supply.path):  # a session that is only shown is its own source
+        if hub.source.name != str(hub.supply.path):  # a session without a sensor is its own source
             say(f"{hub.source.name}, recorded in {hub.supply.path}")
         announce(port, tokens.current if tokens else None, options.page, as_json=options.as_json)
         serve(application(hub, gate, tokens, say, live_data), listener)
         if hub.failure is not None:
             raise hub.failure
     is_there = supply.path.exists()
-    for line in _last_words(hub) if is_there else ("nothing came to be recorded",):
+    for line in _last_words(hub) if is_there else ("no reading arrived, nothing was recorded",):
         say(line)
     if options.as_json:
         print_json(_as_dict(hub, str(supply.path) if is_there else None))
 
 
 def _last_words(hub: Hub) -> Iterator[str]:
-    """Say where the recording is, and what to type next."""
+    """Yield the path of the recording, and the next command."""
     from flinders.report.formatting import written_time
     from flinders.report.recording import calibrate_command
 
@@ -321,14 +321,14 @@ def _last_words(hub: Hub) -> Iterator[str]:
         yield f"next: {shlex.join(['flinders', 'live', '--resume', path])}"
 
 
-def _chosen(options: Live) -> dict[str, Any]:
-    """What was typed of a session: it goes before what the file of an earlier one says."""
+def _given_edits(options: Live) -> dict[str, Any]:
+    """Options given for the session, which take precedence over the file of an earlier one."""
     chosen = {"target_deg": options.target_deg, "dip_deg": options.dip_deg, "refreshing": options.refresh or None}
     return {name: value for name, value in chosen.items() if value is not None}
 
 
 def _previous(options: Live) -> tuple[Previous, Fit | None]:
-    """The file of an earlier calibration, and what it holds."""
+    """Read the file of an earlier calibration, and return it with its fit."""
     from flinders.apps.live.messages import Previous
     from flinders.fitting.refreshing import refuse_unfit
 
@@ -341,7 +341,7 @@ def _previous(options: Live) -> tuple[Previous, Fit | None]:
 
 
 def _as_dict(hub: Hub, recording: str | None) -> dict[str, Any]:
-    """JSON-ready: what there was when the page was closed: the recording, how far it had come, and the fit of all."""
+    """JSON-ready state at the end: the recording, the number of readings, and the fit of all."""
     from flinders.fitting.fit_json import json_of
     from flinders.fitting.result import Refused
 
@@ -351,8 +351,8 @@ def _as_dict(hub: Hub, recording: str | None) -> dict[str, Any]:
     return {
         "recording": recording,  # file that was written
         "readings": hub.log.buffer.total,  # received
-        "fit": None if fit is None else json_of(fit),  # of all readings but those left out; null where there is none
-        "refusal": made.refusal if fit is None else "",  # why there is none
+        "fit": None if fit is None else json_of(fit),  # of all readings but those left out; null without a fit
+        "refusal": made.refusal if fit is None else "",  # reason for the missing fit
     }
 
 
@@ -364,12 +364,12 @@ def draw_address(address: str, stream: TextIO) -> None:
 
 
 def announce(port: int, token: str | None, page: ServedPage, *, as_json: bool) -> None:
-    """Say where the page is, and open it where there is somebody to see it."""
+    """Print the address of the page, and open a browser if there is a screen."""
     from flinders.apps.live.access import page_addresses
 
     address, *others = page_addresses(page.host, port, token)
     if token is not None:
-        say("for one browser; who opens it next needs the address that is printed then:")
+        say("the address admits one browser; the next browser needs the address printed then:")
     if as_json:
         say(address)
     else:
@@ -390,7 +390,7 @@ def _open_browser(address: str) -> None:
 
 
 def _has_screen() -> bool:
-    """Whether somebody sits at a terminal of a machine with a screen."""
+    """Whether the program runs in a terminal of a machine with a screen."""
     if not sys.stdout.isatty():
         return False
     return sys.platform in ("darwin", "win32") or bool(os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY"))

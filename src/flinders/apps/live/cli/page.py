@@ -1,4 +1,4 @@
-"""``flinders page``: the live page as files that need no program."""
+"""``flinders page``: the live page as static files."""
 
 from __future__ import annotations
 
@@ -8,10 +8,10 @@ from flinders.cli._output import print_json, say
 
 
 class Page(program.Group):
-    """Where the page goes."""
+    """Options of the command."""
 
-    folder: str = program.member("-o", "--output", required=True, metavar="DIR", help="Folder of the page; it is made.")
-    force: bool = option.force("Write it among other files, and over those of the same names.")
+    folder: str = program.member("-o", "--output", required=True, metavar="DIR", help="Folder to create for the page.")
+    force: bool = option.force("Write into a folder with other files, and overwrite files of the same names.")
     as_json: bool = option.as_json()
 
 
@@ -28,9 +28,9 @@ Example:
 def command(options: Page) -> None:
     """Write a folder of static files that calibrates a magnetometer in a browser, from any web server and offline.
 
-    It takes a board on a serial port (Chrome, Edge), a log that is dropped or pasted, the sensor of a phone, or a
-    simulated one, and gives the verdict, the exports and the calibration file of the live page. Nothing is sent
-    anywhere. Put it on a server with https, or on this machine's own: browsers give pages from elsewhere no ports.
+    The page reads a board on a serial port (Chrome, Edge), a log that is dropped or pasted, the sensor of a phone, or a
+    simulated one. It gives the verdict, the exports and the calibration file of the live page, and sends no data. Serve
+    it by https or from this machine: browsers give serial ports to no other pages.
     """
     from flinders.apps.live.standalone import package
 

@@ -1,4 +1,4 @@
-"""``flinders record``: what a running sensor sends, into a file."""
+"""``flinders record``: record a running sensor to a file."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 
 
 class Wire(program.Group):
-    """What sends lines: one of a serial port, datagrams and a program."""
+    """Source of lines: a serial port, datagrams or a program."""
 
     port: str | None = option.serial()
     baud: int = option.baud()
@@ -32,16 +32,16 @@ class Wire(program.Group):
 
 
 class Topic(program.Group):
-    """A topic of ROS 2, which sends no lines."""
+    """A topic of ROS 2, which sends messages instead of lines."""
 
     ros2: str | None = option.ros2()
     imu_topic: str | None = option.imu_topic()
     unit: str | None = program.member(
-        "--unit", metavar="UNIT", help="With --ros2: what its driver writes in place of tesla."
+        "--unit", metavar="UNIT", help="With --ros2: unit that the driver writes in place of tesla."
     )
 
     def check(self) -> None:
-        """See that what is said of a topic goes with one; raises `UsageError`."""
+        """Refuse options of a topic without one; raises `UsageError`."""
         if self.ros2 is None and (wrong := self.typed()):
             raise UsageError(f"{', '.join(wrong)} goes with --ros2: leave it out")
         if self.unit is not None:
@@ -51,28 +51,26 @@ class Topic(program.Group):
 
 
 class Record(program.Group):
-    """A sensor, and the file that it is recorded into."""
+    """A sensor, and the file of its recording."""
 
     wire: Wire = program.group(Wire)
     topic: Topic = program.group(Topic)
-    output: str | None = option.output(
-        "the recording", "Where to write; - for standard output.", heading=program.OUTPUT
-    )
+    output: str | None = option.output("the recording", "File to write; - for standard output.", heading=program.OUTPUT)
     seconds: float | None = program.member(
-        "--seconds", type=program.positive, metavar="S", help="Stop after so long [default: at Ctrl-C]."
+        "--seconds", type=program.positive, metavar="S", help="Duration, s [default: until Ctrl-C]."
     )
     readings: int | None = program.member(
-        "--readings", type=click.IntRange(min=1), metavar="N", help="Stop after so many readings."
+        "--readings", type=click.IntRange(min=1), metavar="N", help="Stop after this number of readings."
     )
     pattern: str | None = program.same_as(option.ColumnsOptions, "pattern")
     force: bool = option.force()
     resume: bool = program.flag(
-        "--resume", "Go on with the recording in the output file, which a crash has ended.", heading=program.OUTPUT
+        "--resume", "Continue the recording in the output file after a crash.", heading=program.OUTPUT
     )
     as_json: bool = option.as_json()
 
     def check(self) -> None:
-        """See that one sender and a file are named."""
+        """Refuse other than one source and one file."""
         self.topic.check()
         wire = {"--serial": self.wire.port, "--udp": self.wire.udp, "--tcp": self.wire.tcp, "--ros2": self.topic.ros2}
         senders = sum(one is not None for one in wire.values())
@@ -96,17 +94,15 @@ class Record(program.Group):
         if not self.output:
             raise UsageError("need a file to write: -o tumble.csv, or -o - for standard output")
         if self.resume and (self.force or self.output == "-"):
-            raise UsageError(
-                f"--resume goes on with a file: leave {'--force out' if self.force else 'it out with -o -'}"
-            )
+            raise UsageError(f"--resume continues a file: leave {'--force out' if self.force else 'it out with -o -'}")
 
     def opened(self, stack: contextlib.ExitStack) -> tuple[str, Callable[..., RecordingStatistics]]:
-        """Open what is named: its name, and what records it, which takes a sink and parameters as `Recorder`."""
+        """Return the name of the source, and a function that records it, with arguments as `Recorder`."""
         if self.topic.ros2 is None:
             from flinders.links.transports import opened_lines
 
             source = stack.enter_context(contextlib.closing(opened_lines(**self.wire.as_dict())))
-            return source.name, partial(_recorded, source, self.pattern)
+            return source.name, partial(_record, source, self.pattern)
         from flinders.links.feed_recording import record_feed
         from flinders.links.feeds import feed_kind
 
@@ -114,7 +110,7 @@ class Record(program.Group):
         return feed.name, partial(record_feed, feed)
 
 
-def _recorded(source: ByteSource, pattern: str | None, sink: Sink, **how: Any) -> RecordingStatistics:
+def _record(source: ByteSource, pattern: str | None, sink: Sink, **how: Any) -> RecordingStatistics:
     """Record lines."""
     from flinders.links.recorder import Recorder
 
@@ -136,18 +132,18 @@ Example:
 
 \b
 Exit codes:
-  0  recorded, also where Ctrl-C ended it
-  5  no port, or no reading came
-  6  the file cannot be written or continued; what came before is saved
+  0  recorded, also if ended by Ctrl-C
+  5  no port, or no reading arrived
+  6  the file cannot be written or continued; earlier readings are saved
 """,
 )
 def command(options: Record) -> None:
     """Record what a sensor sends, as it arrives, as text that every command reads.
 
-    Understood are numbers with labels (X: -20.8 Y: -20.2 Z: 26.1 uT), in tuples, or in a table, time stamps in
-    front of them, JSON lines, MotionCal's Raw: lines, Adafruit's Uni: lines and magcc's datagrams; --pattern
-    describes any other. A line that is not understood is kept as a comment. A crash loses at most a second; a
-    port that goes away is waited for.
+    Known formats: numbers with labels (X: -20.8 Y: -20.2 Z: 26.1 uT), in tuples or in a table, with or without time
+    stamps in front; JSON lines, MotionCal's Raw: lines, Adafruit's Uni: lines and magcc's datagrams. --pattern
+    describes any other. Lines in an unknown format are kept as comments. A crash loses at most one second; the
+    command waits for a port that disappears.
     """
     from flinders.links.recorder import Resumed, ToFile, ToStandardOutput
 
@@ -182,11 +178,11 @@ def command(options: Record) -> None:
 
 
 def _remarks(record: RecordingStatistics, output: str) -> Iterator[str]:
-    """Say what to know of a recording, and what to type next."""
+    """Yield notes on a recording, and the next command."""
     if record.accompanying:
         yield f"{counted(record.accompanying, 'accompanying line')} kept as comments"
     if lost := record.unknown - record.accompanying:
-        yield (f"! {counted(lost, 'line')} not understood and kept as comments; the first is {record.first_unknown!r}")
+        yield (f"! {counted(lost, 'line')} of unknown format, kept as comments; the first is {record.first_unknown!r}")
     if output == "-":
         return
     from flinders.core.units import COUNTS
@@ -197,12 +193,12 @@ def _remarks(record: RecordingStatistics, output: str) -> Iterator[str]:
         yield from _unclear(output)
         return
     if record.unit == COUNTS:
-        yield "the lines name no unit: the calibration is made in counts, unless you know it and name it with --unit"
+        yield "the lines name no unit: calibrate in counts, or give the unit with --unit"
     yield f"next: {calibrate_command(output)}"
 
 
 def _unclear(output: str) -> Iterator[str]:
-    """Say which columns of a recording may be the magnetometer's, and what to type next where their values tell."""
+    """Yield the columns that may be the magnetometer's, and the next command if their values decide."""
     from flinders.readers import open_recording
     from flinders.readers._likeness import XYZ
     from flinders.report.recording import calibrate_command

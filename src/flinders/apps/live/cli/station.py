@@ -1,4 +1,4 @@
-"""``flinders station``: units of a production line, one after the other, on a page for an operator."""
+"""``flinders station``: test units of a production line on a page for an operator."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ FOLDER: Final = "flinders-station"
 
 
 class StationOptions(program.Group):
-    """A sensor, what units are held against, and where results go."""
+    """A sensor, the pass limits, and the folder of the results."""
 
     plan: str | None = program.argument("[PLAN.toml]", required=False)
     source: LiveSource = program.group(LiveSource)
@@ -34,13 +34,15 @@ class StationOptions(program.Group):
         "-o", "--output", default=FOLDER, show_default=True, metavar="FOLDER",
         help="Folder of the table, the recordings and the calibrations.",
     )  # fmt: skip
-    operator: str = program.member("--operator", default="", metavar="NAME", help="Who tests; the page can change it.")
-    name: str = program.member("--name", default="", metavar="NAME", help="Name of the station, in each row.")
+    operator: str = program.member(
+        "--operator", default="", metavar="NAME", help="Name of the operator; the page can change it."
+    )
+    name: str = program.member("--name", default="", metavar="NAME", help="Name of the station, written to each row.")
     targets: tuple[str, ...] = program.member(
         "--for",
         multiple=True,
         metavar="TARGET",
-        help="Write each unit that passes for a target, beside those of the plan.",
+        help="Export each unit that passes for a target, in addition to those of the plan.",
     )
     page: ServedPage = program.group(ServedPage)
     as_json: bool = option.as_json()
@@ -63,8 +65,8 @@ Example:
 def command(options: StationOptions) -> None:
     """Test units of a production line: serial number, motion, pass or fail, next unit by one key.
 
-    PLAN.toml has the pass limits, the motion and what is written of each unit. The folder gets a table with a row for
-    each test, and recording and calibration of each by serial number and time.
+    PLAN.toml has the pass limits, the motion and the exports. The folder receives a table with one row a test, and
+    recording and calibration of each test by serial number and time.
     """
     source, page = with_serial_port(options.source, options.page)
     options = dataclasses.replace(options, source=source, page=page)
@@ -107,7 +109,7 @@ def command(options: StationOptions) -> None:
 
 
 def _station(options: StationOptions, plan: Plan, folder: StationFolder, stack: contextlib.ExitStack) -> Station:
-    """The bench, with its sensor."""
+    """Return the test bench with its sensor."""
     from flinders.apps.live.hub import Hub
     from flinders.apps.live.messages import Edits
     from flinders.apps.live.session_file import Supply
@@ -134,14 +136,14 @@ def _station(options: StationOptions, plan: Plan, folder: StationFolder, stack: 
 
 
 def _say_interrupted(station: Station) -> None:
-    """Write the row of a test that was interrupted, and say so."""
+    """Write the row of an interrupted test, and report it."""
     test = station.recover()
     if test is not None:
-        say(f"{test.serial} was interrupted in the middle of its test: its recording is kept; test it again")
+        say(f"{test.serial} was interrupted during its test: its recording is kept; test it again")
 
 
 def _as_dict(station: Station) -> dict[str, Any]:
-    """JSON-ready: what came of it since the program was started."""
+    """JSON-ready results since the program was started."""
     return {
         "table": str(station.folder.table.path),  # file with a row for each test
         "passed": station.state.passed,  # tests since the program was started

@@ -1,1 +1,1 @@
-"""The page that needs no program: static files, and the data that its JavaScript shares with this library."""
+"""The page without a server: static files, and the data that its JavaScript shares with this library."""

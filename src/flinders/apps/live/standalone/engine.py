@@ -1,7 +1,6 @@
-"""What the page takes from the program: sentences of the catalogue, tables, and where the fields of structs lie.
+"""Data of the library for the page: sentences of the catalogue, tables, and layouts of structs.
 
-The engine judges, as everywhere; `static/standalone/findings.js` has the values of findings beside quantities, and the
-words.
+The engine makes the verdict on the page, too; `static/standalone/findings.js` makes the sentences of findings.
 
 >>> tables = data()
 >>> [row["code"] for row in tables["rows"]][:3]
@@ -54,8 +53,8 @@ if TYPE_CHECKING:
     from flinders.findings import CatalogueRow, Condition
 
 
-def _of(module: ModuleType, names: str, prefix: str = "") -> dict[str, Any]:
-    """Numbers of a module, by their names with a prefix that tells them from those of others."""
+def _numbers_of(module: ModuleType, names: str, prefix: str = "") -> dict[str, Any]:
+    """Constants of a module by name, with a prefix that makes the names unique."""
     return {f"{prefix}{name}": getattr(module, name) for name in names.split()}
 
 
@@ -65,13 +64,13 @@ NUMBERS: Final = {
     "COVERAGE_LIMIT": limit_of("coverage"),
     "OUTLIERS_LIMIT": limit_of("outliers"),
     "SMALL_ERROR_DEG": SMALL_ERROR_DEG,
-    **_of(verdict, "NOT_BY_CHANCE PLACED SKEWED"),
-    **_of(advice, "WORTH_IT"),
-    **_of(diagnosis, "LOOKED_AT"),
-    **_of(path_planning, "READINGS_PER_DEG"),
-    **_of(axis_swap, "MAX_NOISE", "SWAP_"),
+    **_numbers_of(verdict, "NOT_BY_CHANCE PLACED SKEWED"),
+    **_numbers_of(advice, "WORTH_IT"),
+    **_numbers_of(diagnosis, "LOOKED_AT"),
+    **_numbers_of(path_planning, "READINGS_PER_DEG"),
+    **_numbers_of(axis_swap, "MAX_NOISE", "SWAP_"),
 }
-"""Limits and constants that sentences and readings are compared with in both languages."""
+"""Limits and constants that Python and JavaScript share."""
 
 STRUCTS: Final = {
     "options": OPTIONS, "record": RECORD, "request": REQUEST, "judgement": JUDGEMENT, "belief": BELIEF, "goal": GOAL,
@@ -86,7 +85,7 @@ def data() -> dict[str, Any]:
     """The key ``engine`` of `page.json`, JSON-ready; `static/standalone/data.d.ts` has its type."""
     return {
         "layouts": {name: _layout(struct) for name, struct in STRUCTS.items()},
-        "listed": constant("OUTLIERS"),  # runs of outliers, at most
+        "listed": constant("OUTLIERS"),  # most runs of outliers
         "rows": [_row(CATALOGUE[code]) for code in OF_A_FIT],
         "quantities": QUANTITIES_OF_A_FIT,
         "numbers": NUMBERS,
@@ -115,12 +114,12 @@ def data() -> dict[str, Any]:
 
 
 def _conditions(bits: int) -> list[Condition]:
-    """What a verdict rests on, by the bits of a judgement."""
+    """Conditions of a verdict, by the bits of a judgement."""
     return [code for place, code in enumerate(CONDITIONS) if bits >> place & 1]
 
 
 def _row(row: CatalogueRow) -> dict[str, Any]:
-    """What the page says of a finding of the engine, and the number and the limit that it states."""
+    """Sentences of a finding of the engine, and the number and the limit that they state."""
     return {
         "code": row.code,
         "said": row.template,
@@ -135,7 +134,7 @@ def _row(row: CatalogueRow) -> dict[str, Any]:
 
 
 def _layout(struct: np.dtype[np.void]) -> dict[str, Any]:
-    """Size of a struct, and offset, kind and count of each of its fields; a count of 0 is a number by itself."""
+    """Size of a struct, and offset, kind and count of each of its fields; a count of 0 means a single number."""
     fields = {name: struct.fields[name] for name in struct.names or ()} if struct.fields else {}
     places = {
         name: (offset, kind.base.str[1:], kind.shape[0] if kind.shape else 0)

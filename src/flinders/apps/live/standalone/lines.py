@@ -1,7 +1,7 @@
-r"""How boards print and tables are written, as data for ``static/standalone/``: patterns, words, units and limits.
+r"""Line formats of boards and tables as data for ``static/standalone/``: patterns, words, units and limits.
 
-Constants of the modules that read text are handed over by their names, those that JavaScript names, so that a change of
-a row there changes both languages. Patterns are written as JavaScript has them.
+Exports the constants of the text readers whose names occur in JavaScript, so that a change in Python changes both
+languages. Patterns are converted to JavaScript's syntax.
 
 >>> in_javascript(re.compile(r"(?P<axis>[xyz])\s*\W?(?=[^\W\d_])", re.IGNORECASE))
 {'pattern': '(?<axis>[xyz])\\s*[^\\p{L}\\p{N}_]?(?=\\p{L})', 'flags': 'iu'}
@@ -60,7 +60,7 @@ MODULES: Final = {
     "labelled": (labelled,),
     "transcript": (transcript,),
 }
-"""Whose constants are handed over, by the key of each."""
+"""Modules whose constants are exported, by key."""
 
 _WORD: Final = r"\p{L}\p{N}_"
 _EDGE: Final = rf"(?:(?<=[{_WORD}])(?![{_WORD}])|(?<![{_WORD}])(?=[{_WORD}]))"
@@ -69,41 +69,41 @@ _TOKENS: Final = re.compile(
     r"|\[(?P<inside>\^?(?:\\.|[^\\\]])+)\]|\\(?P<escaped>.)|(?P<closing>[\]}])|(?P<count>\{\d+(?:,\d*)?\})",
     re.DOTALL,
 )
-"""What is written differently in JavaScript with the flag ``u``."""
+"""Tokens with another spelling in JavaScript with the flag ``u``."""
 _ESCAPE: Final = re.compile(r"\\(.)")
 _KINDS: Final = {"w": f"[{_WORD}]", "W": f"[^{_WORD}]", "b": _EDGE, "A": "^", "Z": "$"}
 _SYNTAX: Final = frozenset(r"^$\.*+?()[]{}|/")
 
 
 def data() -> dict[str, Any]:
-    """All that ``standalone/lines.js`` reads lines by."""
+    """Data for ``standalone/lines.js``."""
     return {**{key: constants(*modules) for key, modules in MODULES.items()}, "files": _files()}
 
 
 @cache
-def _named_in_javascript() -> frozenset[str]:
-    """Names of constants in the modules of the page."""
+def _names_in_javascript() -> frozenset[str]:
+    """Names of constants that occur in the modules of the page."""
     modules = (Path(__file__).parents[1] / "static" / "standalone").glob("*.js")
     return frozenset(re.findall(r"\b_?[A-Z][A-Z0-9_]*\b", " ".join(path.read_text("utf-8") for path in modules)))
 
 
 def constants(*modules: ModuleType) -> dict[str, Any]:
-    """The constants of modules that JavaScript names and JSON can hold, by their names."""
-    wanted = _named_in_javascript()
+    """Constants of modules, by name, that occur in JavaScript and that JSON can hold."""
+    wanted = _names_in_javascript()
     known = [pair for module in modules for pair in vars(module).items()]
     named = {name: value for name, value in known if name in wanted and _is_portable(value)}
-    return {name: _portable(value) for name, value in named.items()}
+    return {name: _json_value(value) for name, value in named.items()}
 
 
 def in_javascript(pattern: re.Pattern[str]) -> dict[str, str]:
-    """Write a pattern as JavaScript has it: letters and digits of words are those of Unicode there too."""
+    """Convert a pattern to JavaScript, with Unicode letters and digits in words."""
     known = {"i": re.IGNORECASE, "m": re.MULTILINE, "s": re.DOTALL}
     flags = "".join(letter for letter, flag in known.items() if pattern.flags & flag)
     return {"pattern": _TOKENS.sub(_token, pattern.pattern), "flags": f"{flags}u"}
 
 
 def _token(match: re.Match[str]) -> str:
-    """One token of a pattern, as JavaScript has it."""
+    """Convert one token of a pattern to JavaScript."""
     token, kind = match[0], match.lastgroup
     if kind == "flags":
         return ""
@@ -114,22 +114,22 @@ def _token(match: re.Match[str]) -> str:
     if kind == "inside":
         return f"[{_ESCAPE.sub(_inside, match['inside'])}]"
     if kind == "escaped":
-        return _KINDS.get(match["escaped"]) or _unescaped(token, _SYNTAX)
+        return _KINDS.get(match["escaped"]) or _remove_escape(token, _SYNTAX)
     return f"\\{token}" if kind == "closing" else token
 
 
 def _inside(match: re.Match[str]) -> str:
-    """An escape in a set of characters."""
-    return _WORD if match[1] == "w" else _unescaped(match[0], _SYNTAX | {"-"})
+    """Convert an escape in a set of characters."""
+    return _WORD if match[1] == "w" else _remove_escape(match[0], _SYNTAX | {"-"})
 
 
-def _unescaped(token: str, syntax: frozenset[str]) -> str:
-    """An escape that JavaScript allows: of syntax, or of a letter or digit with a meaning."""
+def _remove_escape(token: str, syntax: frozenset[str]) -> str:
+    """Remove an escape that JavaScript does not allow; it allows syntax, letters and digits with a meaning."""
     return token if token[1] in syntax or token[1].isalnum() else token[1]
 
 
 def _is_portable(value: object) -> bool:
-    """Tell whether JSON can hold a value, with patterns and rows of dialects as objects."""
+    """Whether JSON can hold a value, with patterns and rows of dialects as objects."""
     if isinstance(value, dict):
         return all(isinstance(key, str | int) for key in value) and all(map(_is_portable, value.values()))
     if isinstance(value, tuple | frozenset):
@@ -139,22 +139,22 @@ def _is_portable(value: object) -> bool:
     return isinstance(value, str | int | float | marked.Marked) and not isinstance(value, bool)
 
 
-def _portable(value: Any) -> Any:  # noqa: ANN401 - as JSON
-    """A value as JSON has it."""
+def _json_value(value: Any) -> Any:  # noqa: ANN401 - as JSON
+    """Convert a value for JSON."""
     if isinstance(value, re.Pattern):
         return in_javascript(value)
     if isinstance(value, marked.Marked):
         own = {each.name: getattr(value, each.name) for each in dataclasses.fields(value) if each.init}
-        return _portable(own)
+        return _json_value(own)
     if isinstance(value, dict):
-        return {key: _portable(member) for key, member in value.items()}
+        return {key: _json_value(member) for key, member in value.items()}
     if isinstance(value, frozenset):
-        return sorted(map(_portable, value))
-    return list(map(_portable, value)) if isinstance(value, tuple) else value
+        return sorted(map(_json_value, value))
+    return list(map(_json_value, value)) if isinstance(value, tuple) else value
 
 
 def _files() -> dict[str, Any]:
-    """What files are by their endings and first bytes: recordings that a program reads, and other files."""
+    """Types of files by suffix and first bytes: recordings that the program reads, and other files."""
     rows = [row for row in registry() if row.name != "text"]
     return {
         "suffixes": {suffix: row.title for row in rows for suffix in row.suffixes if suffix not in (".log", ".zip")},

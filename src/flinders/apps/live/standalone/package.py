@@ -1,8 +1,8 @@
-"""Writes the folder of the page that needs no program: static files that any host serves under any path.
+"""Writes the folder of the page without a server: static files for any host and path.
 
 >>> sorted(name for name in contents() if "." in name and "/" not in name)
 ['flinders.wasm', 'index.html', 'page.json', 'sw.js']
->>> contents()["index.html"] == asset(f"{HERE}/index.html").encode()      # which is that of the live page
+>>> contents()["index.html"] == asset(f"{STATIC_FOLDER}/index.html").encode()      # the live page has the same file
 True
 """
 
@@ -30,29 +30,29 @@ from flinders.report.html_file import style_of
 from flinders.report.modules import asset, script
 from flinders.simulate import Sensor, north_and_down, seen_from
 
-TURNED: Final = (
-    "{name} turns readings into the axes of the body, which this page does not do: flinders refresh renews it"
+ROTATION_REFUSAL: Final = (
+    "{name} turns readings into the axes of the body, which this page cannot: renew it with flinders refresh"
 )
-"""Why the page alone cannot renew a calibration."""
-UNFIT: Final = {**refreshing.UNFIT, "turned": TURNED}
-"""Why a calibration cannot be renewed on a page, by reason."""
+"""Reason why the page cannot renew a calibration with a rotation."""
+REFUSALS: Final = {**refreshing.UNFIT, "turned": ROTATION_REFUSAL}
+"""Sentences on calibrations that the page cannot renew, by reason."""
 
 VERSION: Final = version("flinders")
 DATA: Final = "page.json"
-HERE: Final = "apps/live/static"
+STATIC_FOLDER: Final = "apps/live/static"
 """Modules, page and style sheet of this package."""
 SCENE: Final = "static/views/scene.js"
-"""The 3-D view, without which the page works."""
+"""The 3-D view, which the page can do without."""
 SCRIPTS: Final[dict[str, tuple[str, tuple[str, ...]]]] = {
-    "static/page.js": (f"{HERE}/standalone/main.js", ()),
-    "static/worker.js": (f"{HERE}/standalone/worker.js", ()),
+    "static/page.js": (f"{STATIC_FOLDER}/standalone/main.js", ()),
+    "static/worker.js": (f"{STATIC_FOLDER}/standalone/worker.js", ()),
     SCENE: ("static/views/scene.js", ("Scene",)),
 }
-"""Scripts of the folder: the module that each is joined from, and what it exports."""
+"""Scripts of the folder: the module to join with its imports, and its exports."""
 REPORT: Final = "static/report.css"
-"""Style of a report, the program's own."""
+"""Style sheet of a report, shared with the program."""
 ASSETS: Final = ("index.html", "static/page.css", "static/theme.js", "static/compass.svg")
-"""Files of the folder that are here as they are."""
+"""Files that are copied unchanged."""
 
 
 def write(directory: str | Path, *, force: bool = False) -> list[Path]:
@@ -61,9 +61,9 @@ def write(directory: str | Path, *, force: bool = False) -> list[Path]:
     Parameters
     ----------
     directory : str or Path
-        The folder, which is made. One that has an older page is written anew.
+        The folder, created if missing. An older page in it is replaced.
     force : bool
-        Write beside files that are not of such a page, and over those of the same names.
+        Write into a folder with other files, and overwrite files of the same names.
 
     Returns
     -------
@@ -73,9 +73,9 @@ def write(directory: str | Path, *, force: bool = False) -> list[Path]:
     Raises
     ------
     OutputError
-        Where the folder has other files and `force` is not given; where a file cannot be written.
+        If the folder has other files and `force` is not given, or a file cannot be written.
     NoEngine
-        Where the engine has to be compiled for browsers, and cannot be.
+        If the engine for browsers is missing and cannot be compiled.
     """
     folder = Path(directory)
     _refuse_others(folder, force=force)
@@ -87,7 +87,7 @@ def write(directory: str | Path, *, force: bool = False) -> list[Path]:
 
 
 def _refuse_others(folder: Path, *, force: bool) -> None:
-    """Raise where a folder has files, and they are not of a page."""
+    """Raise `OutputError` if a folder has files other than those of a page."""
     try:
         is_free = force or not folder.is_dir() or not any(folder.iterdir())
     except OSError as error:
@@ -108,13 +108,13 @@ def _is_page(path: Path) -> bool:
 
 
 def contents() -> dict[str, bytes]:
-    """Every file of the folder by its name."""
+    """Content of each file of the folder, by name."""
     files = {
         DATA: json.dumps(page_data(), separators=(",", ":"), ensure_ascii=False).encode(),
         **_engine(),
         "LICENSE": licence().encode(),
-        **_of_others(),
-        **{name: asset(f"{HERE}/{name.removeprefix('static/')}").encode() for name in ASSETS},
+        **_licences(),
+        **{name: asset(f"{STATIC_FOLDER}/{name.removeprefix('static/')}").encode() for name in ASSETS},
         REPORT: style_of().encode(),
         **{name: text for name, entry in SCRIPTS.items() if (text := _script(*entry)) is not None},
     }
@@ -122,7 +122,7 @@ def contents() -> dict[str, bytes]:
 
 
 def _engine() -> dict[str, bytes]:
-    """The engine for browsers, compiled where it is not there, and the licences of what was linked with it."""
+    """The engine for browsers, compiled if missing, and the licences of linked code."""
     try:
         module = build.library(target=build.WEB)
     except build.NoCompiler as error:
@@ -131,8 +131,8 @@ def _engine() -> dict[str, bytes]:
     return {"flinders.wasm": module.read_bytes(), **licences}
 
 
-def _of_others() -> dict[str, bytes]:
-    """The licence of three.js, where the 3-D view is there."""
+def _licences() -> dict[str, bytes]:
+    """The licence of three.js, if the 3-D view is installed."""
     try:
         return {"LICENSE-three": asset("static/vendor/LICENSE").encode()}
     except FileNotFoundError:
@@ -140,7 +140,7 @@ def _of_others() -> dict[str, bytes]:
 
 
 def _script(entry: str, exported: tuple[str, ...]) -> bytes | None:
-    """A module with all that it imports; None where Flinders was installed without the 3-D view."""
+    """A module joined with its imports; None if Flinders was installed without the 3-D view."""
     try:
         return script(entry, exported=exported).encode()
     except FileNotFoundError:
@@ -148,12 +148,12 @@ def _script(entry: str, exported: tuple[str, ...]) -> bytes | None:
 
 
 def page_data() -> dict[str, Any]:
-    """All that both languages need, as rows of Python have it."""
+    """Data shared by Python and JavaScript, from Python's tables."""
     return {
         "flinders_page": 1,
         "version": VERSION,
         "model": newest_model(),
-        "unfit": UNFIT,
+        "unfit": REFUSALS,
         "simulated": simulated_sensor(),
         "engine": engine.data(),
         "lines": lines.data(),
@@ -163,10 +163,10 @@ def page_data() -> dict[str, Any]:
 
 @cache
 def live_data() -> bytes:
-    """What the page of `flinders live` takes of it, as JSON: its server reads, and writes calibrations."""
+    """Part of the data for the page of `flinders live`, as JSON; its server does the reading and exporting."""
     targets = {"schema": SCHEMA}
     data = {
-        "version": VERSION, "model": newest_model(), "unfit": UNFIT, "engine": engine.data(), "targets": targets,
+        "version": VERSION, "model": newest_model(), "unfit": REFUSALS, "engine": engine.data(), "targets": targets,
     }  # fmt: skip
     return json.dumps(data, separators=(",", ":"), ensure_ascii=False).encode()
 
@@ -179,19 +179,19 @@ def service_worker(files: dict[str, bytes]) -> str:
     left_out = (SCENE, "index.html")
     names = ["./", *sorted(name for name in files if name not in left_out and not name.startswith("LICENSE"))]
     page = {"version": f"{VERSION} {digest.hexdigest()[:16]}", "files": names, "scene": SCENE}
-    return f"const PAGE = {json.dumps(page)};\n{asset(f'{HERE}/standalone/sw.js')}"
+    return f"const PAGE = {json.dumps(page)};\n{asset(f'{STATIC_FOLDER}/standalone/sw.js')}"
 
 
 # ---------------------------------------------------------------- the simulated sensor
 
 SEED: Final = 1
-"""Of the simulated sensor."""
+"""Seed of the simulated sensor."""
 
 
 def simulated_sensor() -> dict[str, Any]:
-    """Sensor of `flinders live --simulate`: readings without noise, the noise to add, what is said when.
+    """Sensor of `flinders live --simulate`: readings without noise, the noise to add, and timed comments.
 
-    Readings are second differences of x, y and z in 0.01 µT, which pack to a fifth.
+    Readings are second differences of x, y and z in 0.01 µT, which compress to a fifth.
 
     >>> played = simulated_sensor()
     >>> played["rate_hz"], len(played["steps_centi_ut"][0]), [at for at, _ in played["said"]]

@@ -1,8 +1,8 @@
-r"""Targets as templates: what each writer of `flinders.targets` makes of placeholders, cut where these are.
+r"""Export targets as templates: output of each writer of `flinders.targets` for placeholder numbers, split at these.
 
-The writers remain the only source: a calibration whose numbers occur nowhere else goes through them, and each number in
-the text is looked up among the quantities and the formats that a target may use. A template is a list of texts and of
-numbers of slots, and a slot says which quantity is written there, and how.
+The writers stay the only source: each writes a calibration with unique numbers, and each number in the text is matched
+with the quantities and formats that a target may use. A template is a list of texts and slot numbers; a slot states the
+quantity and its format.
 
 >>> px4 = next(row for row in data()["rows"] if row["name"] == "px4")
 >>> template = px4["variants"]["uT known"]
@@ -44,26 +44,26 @@ NAMES: Final = (
     "arduino", "c", "micropython", "motioncal", "adafruit-eeprom", "sensorlab", "ardupilot", "px4", "px4-shell",
     "fusion", "fusion-python", "esphome", "zscilib", "matlab", "json", "yaml",
 )  # fmt: skip
-"""Targets whose numbers are those of the calibration, in some unit; others choose, round or count.
+"""Targets whose numbers are those of the calibration in some unit; others select or round numbers.
 
-In the order in which the page lists them: its readings are those of boards.
+In the order of the page's list, which is for boards first.
 """
-OWN: Final = {"ardupilot": "general", "px4": "general", "matlab": "seventeen"}
-"""The format of families whose numbers another format may write the same way."""
+OWN_FORMATS: Final = {"ardupilot": "general", "px4": "general", "matlab": "seventeen"}
+"""Format of targets whose numbers another format may write identically."""
 
 RECORDED: Final = "\N{CURRENCY SIGN}"
-"""Stands for the name of the recorded unit, and as `over` for its size."""
+"""Placeholder for the name of the recorded unit, and as `over` for its size."""
 MATRIX: Final = np.array(
     [[1.0837465291, 0.0213876541, -0.0342918763], [0.0213876541, 0.9471829354, 0.0158273649],
      [-0.0342918763, 0.0158273649, 0.9912837465]]
 )  # fmt: skip
 SKEW: Final = 1e-5 * np.array([[0.0, 0.0, 0.0], [3.1728394, 0.0, 0.0], [-5.9182736, 7.1928374, 0.0]])
-"""Added where a target holds any matrix, so that rows and columns are told apart."""
+"""Added for targets that hold any matrix, so that rows and columns differ."""
 OFFSET: Final = np.array([12.345678912, -23.192837465, 34.564738291])
 STRENGTH: Final = 47.123584967
 SCALE: Final = 0.7310585786
-"""Of the recorded unit that stands for any. All of these are placeholders."""
-OVERS: Final = (1.0, RECORDED, PER_UNIT["mG"], PER_UNIT["G"])
+"""Size of the placeholder unit; the constants above are placeholders, too."""
+DIVISORS: Final = (1.0, RECORDED, PER_UNIT["mG"], PER_UNIT["G"])
 FORMATS: Final[dict[str, Callable[[float], str]]] = {
     "general": lambda value: f"{np.float32(value) + np.float32(0):.9g}",
     "digits": digits,
@@ -73,14 +73,14 @@ FORMATS: Final[dict[str, Callable[[float], str]]] = {
     "seventeen": lambda value: f"{value:.17g}",
     "figures": lambda value: figures(value, 4),
 }
-"""How numbers are written: the first two are rounded to single precision, and only the first has no point."""
+"""Formats of numbers; the first two round to single precision, and only the first omits the point."""
 NUMBER: Final = re.compile(r"[-+]?\d[\d,]*(?:\.\d+)?(?:e[-+]?\d+)?")
 ERROR: Final = re.compile(r"(?:less than|at most) \S+ (\S+) and \S+°")
 
 
 @cache
 def data() -> dict[str, Any]:
-    """All that ``standalone/targets.js`` writes targets and calibration files by."""
+    """Data for ``standalone/targets.js`` to write targets and calibration files."""
     slots = _Slots()
     return {
         "rows": [_row(registry()[name], slots) for name in NAMES if name in registry()],
@@ -96,14 +96,14 @@ def data() -> dict[str, Any]:
 
 
 class _Slots:
-    """Slots by what is written in them."""
+    """Numbered slots, without duplicates."""
 
     def __init__(self) -> None:
         self.rows: list[dict[str, Any]] = []
         self._places: dict[str, int] = {}
 
     def place(self, slot: dict[str, Any]) -> int:
-        """The number of a slot, which is new or known."""
+        """Number of a slot, added if new."""
         key = json.dumps(slot)
         if key not in self._places:
             self._places[key] = len(self.rows)
@@ -111,7 +111,7 @@ class _Slots:
         return self._places[key]
 
     def pieces(self, text: str, written: dict[str, dict[str, Any]]) -> list[str | int]:
-        """Cut a text at the numbers that are `written` of the placeholders, and at errors."""
+        """Split a text at the placeholder numbers in `written`, and at errors."""
         made: list[str | int] = []
         end = 0
         for match in sorted([*NUMBER.finditer(text), *ERROR.finditer(text)], key=lambda match: match.start()):
@@ -138,7 +138,7 @@ def _row(target: Target, slots: _Slots) -> dict[str, Any]:
 
 
 def _variants(target: Target) -> Iterator[tuple[str, Calibration]]:
-    """Calibrations that are written differently: by their unit, and by whether the field strength is known."""
+    """Yield calibrations that a target may write differently: each unit, with known and unknown field strength."""
     is_any = target.keeps == "all"
     matrix: Floats = MATRIX + SKEW if is_any else MATRIX
     rotation: Rotation = "composed" if is_any else "symmetric"
@@ -149,12 +149,12 @@ def _variants(target: Target) -> Iterator[tuple[str, Calibration]]:
 
 
 def _variant(target: Target, calibration: Calibration, slots: _Slots) -> dict[str, Any]:
-    """What a target makes of a calibration, as a template; or why it cannot be written."""
+    """Template of a target for a calibration, or the reason why the target cannot hold it."""
     try:
         export = target.render(calibration)
     except FlindersError as error:
         return {"refusal": error.message}
-    written = _written(calibration, OWN.get(target.family, "digits"))
+    written = _slots_by_text(calibration, OWN_FORMATS.get(target.family, "digits"))
     remarks = _remarks(target, export)
     head = target.comment.lines(remarks) if target.comment else []
     body = export.text.removeprefix("\n".join([*head, ""]) if head else "")
@@ -169,19 +169,19 @@ def _variant(target: Target, calibration: Calibration, slots: _Slots) -> dict[st
 
 
 def _remarks(target: Target, export: Export) -> list[str]:
-    """The remarks that the head of a file has; what it is from comes after the first."""
+    """Remarks in the head of a file; the origin is inserted after the first."""
     first = f"{target.title}: {target.formula}, in {export.fields['unit']}"
     return [first, *export.fields["notes"], *export.warnings, export.checked]
 
 
 def _is_guarded(body: str) -> bool:
-    """Tell whether the first lines hold a checksum of what is between them and the last four."""
+    """Whether the first lines hold a checksum of the text between them and the last four lines."""
     lines = body.splitlines()
     return lines[1:2] == [f"{lines[1].rpartition(' ')[0]} 0x{zlib.crc32(chr(10).join(lines[3:-4]).encode()):08x}u"]
 
 
 def _quantities(calibration: Calibration) -> Iterator[tuple[dict[str, Any], float]]:
-    """Each quantity that may be written, and its value; a matrix in the recorded unit is multiplied by its size."""
+    """Yield each quantity and its value; a matrix in the recorded unit is multiplied by the size of the unit."""
     matrix, scale = calibration.matrix, float(np.trace(calibration.matrix) / 3)
     size = float(np.exp(np.linalg.slogdet(matrix)[1] / 3))
     matrices: dict[str, Floats] = {"matrix": matrix, "iron": matrix / scale, "unimodular": matrix / size}
@@ -191,15 +191,15 @@ def _quantities(calibration: Calibration) -> Iterator[tuple[dict[str, Any], floa
             yield {"of": name, "at": at, "over": 1.0}, value
     for at, value in enumerate((matrix * calibration.raw.scale).ravel().tolist()):
         yield {"of": "matrix", "at": at, "over": RECORDED}, value
-    for over in OVERS:
+    for over in DIVISORS:
         unit = calibration.raw.scale if isinstance(over, str) else over
         yield {"of": "strength", "at": 0, "over": over}, calibration.field_strength / unit
         for at, value in enumerate((calibration.offset / unit).tolist()):
             yield {"of": "offset", "at": at, "over": over}, value
 
 
-def _written(calibration: Calibration, own: str) -> dict[str, dict[str, Any]]:
-    """The slot of each text that a number of the calibration may be written as, in the `own` format first."""
+def _slots_by_text(calibration: Calibration, own: str) -> dict[str, dict[str, Any]]:
+    """Slot of each text that a number of the calibration may have, the `own` format first."""
     written: dict[str, dict[str, Any]] = {}
     for (slot, value), sign, name in product(list(_quantities(calibration)), (1, -1), sorted(FORMATS, key=own.__ne__)):
         written.setdefault(FORMATS[name](sign * value), {**slot, "sign": sign, "format": name})
@@ -207,7 +207,7 @@ def _written(calibration: Calibration, own: str) -> dict[str, dict[str, Any]]:
 
 
 def _packet(content: bytes, calibration: Calibration, slots: _Slots) -> dict[str, Any]:
-    """The numbers of MotionCal's packet; None stands for 0."""
+    """Slots of the numbers in MotionCal's packet; None for 0."""
     single = {
         float(np.float32(value)): {**slot, "sign": 1, "format": "digits"} for slot, value in _quantities(calibration)
     }
@@ -220,7 +220,7 @@ def _packet(content: bytes, calibration: Calibration, slots: _Slots) -> dict[str
 
 
 def _limit(limit: Limit, slots: _Slots) -> dict[str, Any]:
-    """A parameter that a target takes between two values only; several slots are the axes of a length."""
+    """Range of a parameter of a target; several slots are the components of a length."""
     common = {"over": limit.unit, "sign": 1, "format": "general"}
     places = [slots.place({"of": limit.quantity, "at": at, **common}) for at in limit.places]
     return {"name": limit.name, "slots": places, "low": limit.low, "high": limit.high}

@@ -1,12 +1,12 @@
 /**
- * The live page: takes what its session says into the store, and draws the store.
+ * The live page: stores the messages of its session, and draws them.
  *
- * Messages only mark what is to be drawn; drawing happens in the next frame of the screen, so that a slow machine draws
- * less often and never falls behind. Charts of all readings are drawn at most ten times a second, what is read as
- * numbers four times, the dials and the sphere with each frame.
+ * Messages only mark parts as changed; the next frame of the screen draws them, so that a slow machine draws less often
+ * and never falls behind. Charts of all readings are drawn at most ten times a second, numbers four times, the dials and
+ * the sphere with each frame.
  */
 
-import { byId, element, icon, Refusal, remember, remembered, setIcon, setList, setText } from "./dom.js";
+import { byId, element, icon, Refusal, remember, recall, setIcon, setList, setText } from "./dom.js";
 import { Finish } from "./finish.js";
 import { listen, rows, setSingleKeys, singleKeys } from "./keys.js";
 import { legendOf, legendRow } from "./legend.js";
@@ -17,7 +17,7 @@ import { Fitter } from "./standalone/fitter.js";
 import { errors, goesOn, Store } from "./store.js";
 import { ems, gauge } from "./views/gauge.js";
 import { Guide, LeadView } from "./views/lead.js";
-import { brief, capital, counted, degrees, duration, frequency, ICONS, isGoodWhileLevel, PHASES, REASONS, sentence, sinceWords, things, WHILE_LEVEL } from "./views/words.js";
+import { brief, capital, countText, degrees, duration, frequency, ICONS, isGoodWhileLevel, PHASES, REASONS, sentence, sinceWords, things, WHILE_LEVEL } from "./views/words.js";
 import { drawChanged, lay, markHovered } from "./widgets.js";
 
 /** @typedef {import("./messages.d.ts").Command} Command */
@@ -27,10 +27,10 @@ import { drawChanged, lay, markHovered } from "./widgets.js";
 /** @typedef {import("./messages.d.ts").SessionState} State */
 /** @typedef {import("../../../static/views/scene.js").Scene} Scene */
 
-/** Charts are drawn no more often than this, and take at most a sixth of the time. */
+/** Least time between two drawings of charts, and the inverse of their largest share of the time. */
 const CHART_MS = 100;
 const CHART_SHARE = 6;
-/** Where the browser keeps which theme was chosen; see theme.js. */
+/** Key of the chosen theme in the browser's storage; see theme.js. */
 const THEME = "flinders-theme";
 const SAID_MS = 4000;
 const NOTICE_MS = 9000;
@@ -47,7 +47,7 @@ const sounds = new Sounds(byId("sounds", HTMLInputElement));
 /** @type {Scene | null} */
 let scene = null;
 let sceneAsked = false;
-/** Points from this one on are not in the scene yet. */
+/** First point that is not in the scene yet. */
 let sceneFrom = Infinity;
 const dirty = { state: true, view: true, points: true, now: true, hovered: false };
 let chartsNext = 0;
@@ -60,7 +60,7 @@ let wasOpen = false;
 let link;
 
 /**
- * Load what Python wrote for the page, and run the page on what a link says.
+ * Load the page's data from Python, and run the page on the messages of a link.
  * @template {{engine: import("./standalone/data.d.ts").EngineData}} Data
  * @param {(listener: Listener, data: Data, fitter: Fitter) => Link | Promise<Link>} connect
  */
@@ -70,7 +70,7 @@ export async function start(connect) {
         if (!answer.ok) throw new Error(`page.json gave ${answer.status}`);
         const data = /** @type {Data} */ (await answer.json());
         link = await connect(listener, data, new Fitter("static/worker.js", new URL("flinders.wasm", document.baseURI).href, data.engine));
-        /** For tests and for those who look: what the page knows. */
+        /** State of the page, for tests and for inspection. */
         Object.defineProperty(window, "flinders", { value: Object.freeze({ store, connection: link }) });
     } catch (error) {
         byId("lost", HTMLElement).hidden = false;
@@ -117,7 +117,7 @@ const listener = {
 };
 
 /**
- * Ask the session for something, or say that there is no line to the server.
+ * Send a command to the session, or show that there is no connection.
  * @param {Command} message
  */
 function send(message) {
@@ -175,7 +175,7 @@ function hover(reading) {
     askFrame();
 }
 
-/** Draw everything again, as after a change of theme. */
+/** Draw everything again, for example after a change of theme. */
 function drawAll() {
     Object.assign(dirty, { state: true, view: true, points: true, now: true });
     chartsNext = 0;
@@ -224,7 +224,7 @@ function drawPhase(state) {
     const title = byId("phase", HTMLElement);
     const isResult = isEnded(state) && state.phase === "collecting" && state.told !== "fitting";
     const isLevel = state.phase === "limited" && isGoodWhileLevel(store.view, state.goal);
-    const shownPhase = isLevel && guide.lead && staysLevel(guide.lead.body) ? "good" : state.phase; // all that a car can do
+    const shownPhase = isLevel && guide.lead && staysLevel(guide.lead.body) ? "good" : state.phase; // the best result of a vehicle that stays level
     if (panel instanceof HTMLElement) panel.dataset.phase = shownPhase;
     setIcon(title, ICONS[isResult ? "limited" : shownPhase]);
     const strong = title.querySelector("strong");
@@ -233,23 +233,23 @@ function drawPhase(state) {
     const phaseTitle = state.paused && !state.finished ? "Paused" : phase;
     const words = state.words.startsWith(`${phaseTitle}: `) ? capital(state.words.slice(phaseTitle.length + 2)) : state.words; // "Good: …"
     if (strong) setText(strong, phaseTitle);
-    const shown = state.phase === "waiting" || isStill(state, store.view) ? "" : words; // which the middle of the page says
-    setText(byId("phase-words", HTMLElement), state.phase === "wrong" ? gravest(state) : shown);
+    const shown = state.phase === "waiting" || isStill(state, store.view) ? "" : words; // the middle of the page shows these words
+    setText(byId("phase-words", HTMLElement), state.phase === "wrong" ? gravestFault(state) : shown);
     const others = state.reasons.filter(({ code }) => code !== state.told);
     setList(byId("reasons", HTMLElement), others, (reason) => {
         const row = element("li", sentence(reason.advice));
         row.dataset.severity = reason.severity;
         return row;
     });
-    say("phase", `${phaseTitle}. ${words}`); // all of it: nothing that is wrong is said twice
+    say("phase", `${phaseTitle}. ${words}`); // the whole sentence, so that no fault is announced twice
 }
 
 /**
- * What is wrong, in a few words, and what the large type leaves out of it.
+ * The most severe fault in a few words, with the details that the large type omits.
  * @param {State} state
  * @returns {string}
  */
-function gravest({ reasons, words }) {
+function gravestFault({ reasons, words }) {
     const reason = reasons.find(({ severity }) => severity === "warning");
     const title = reason && REASONS[reason.code];
     const [, details] = brief(words);
@@ -267,8 +267,8 @@ function drawSource({ phase, source, readings, rejected, excluded_readings, fini
         readings > 0 && seconds !== null ? duration(seconds) : "",
         readings > 0 ? things(readings, "reading") : "",
         rejected > 0 ? `${things(rejected, "outlier")}` : "",
-        excluded_readings > 0 ? `${counted(excluded_readings)} left out` : "",
-        finished && finished.since > 0 ? `${counted(finished.since)} since Finish` : "",
+        excluded_readings > 0 ? `${countText(excluded_readings)} left out` : "",
+        finished && finished.since > 0 ? `${countText(finished.since)} since Finish` : "",
     ];
     const words = counts.filter(Boolean).join(" · ");
     setText(byId("source-words", HTMLElement), words);
@@ -281,11 +281,11 @@ function drawAdvice(state) {
     setText(byId("since", HTMLElement), sinceWords(state));
     showRemedies(byId("remedies", HTMLElement), state, send);
     byId("advice", HTMLElement).dataset.phase = state.phase;
-    say("advice", state.phase === "wrong" ? "" : (guide.lead?.words ?? "")); // what is wrong is said with the phase
+    say("advice", state.phase === "wrong" ? "" : (guide.lead?.words ?? "")); // the phase shows the fault
 }
 
 /**
- * What sends a reading that each source takes.
+ * Example of code that sends a reading, for each source.
  * @type {Readonly<Record<string, string>>}
  */
 const EXAMPLES = Object.freeze({
@@ -295,7 +295,7 @@ const EXAMPLES = Object.freeze({
 });
 
 /**
- * Whether the readings are all that there will be: of a log, or of a playback that has ended.
+ * Whether no further readings will arrive: for a log, or a playback that has ended.
  * @param {State} state
  */
 function isEnded(state) {
@@ -303,7 +303,7 @@ function isEnded(state) {
 }
 
 /**
- * Whether a sensor that somebody may turn has not been turned yet.
+ * Whether a live sensor has not been turned yet.
  * @param {State} state
  * @param {View | null} view
  * @returns {boolean}
@@ -313,7 +313,7 @@ function isStill(state, view) {
 }
 
 /**
- * In place of the sphere: where readings are waited for, and what sends them.
+ * Draw the placeholder of the sphere: the source, and an example that sends readings to it.
  * @param {State} state
  */
 function drawEmpty({ phase, readings, source }) {
@@ -328,7 +328,7 @@ function drawEmpty({ phase, readings, source }) {
 
 let legendDrawn = "";
 
-/** Name the colours that are drawn. */
+/** Draw the legend of the colours. */
 function drawLegend() {
     const rows = legendOf(store.state, store.view, mode(), theme());
     const key = JSON.stringify(rows);
@@ -339,13 +339,13 @@ function drawLegend() {
 
 // Scene -------------------------------------------------------------------------------------------------------------
 
-/** The sphere comes as a module of its own, after the first picture: where it cannot be had, all else works. */
+/** Load the sphere, a separate module, after the first frame; the page works without it. */
 async function startScene() {
     const tiles = store.hello?.tiles;
     if (sceneAsked || !tiles) return;
     sceneAsked = true;
     const host = byId("scene", HTMLElement);
-    await painted();
+    await nextPaint();
     try {
         const { Scene: Made } = await import("./views/scene.js");
         scene = new Made(host, { tiles, theme: theme(), interactive: true });
@@ -353,7 +353,7 @@ async function startScene() {
         console.warn("flinders: no 3-D view:", error);
         const without = byId("without", HTMLElement);
         without.hidden = false;
-        setText(without, "The 3-D view cannot be shown here. All else works: gauge, words, projections and exports.");
+        setText(without, "This browser cannot show the 3-D view. The gauge, the advice, the projections and the exports work.");
         return;
     }
     scene.setMode(mode());
@@ -367,8 +367,8 @@ async function startScene() {
     drawAll();
 }
 
-/** Until what has been drawn so far is on the screen; of a page that nobody looks at, a second. */
-function painted() {
+/** Wait until the drawing is on the screen; for a hidden page, one second. */
+function nextPaint() {
     return new Promise((resolve) => {
         requestAnimationFrame(() => requestAnimationFrame(() => window.setTimeout(resolve)));
         window.setTimeout(resolve, 1000);
@@ -382,7 +382,7 @@ let sceneTarget = null;
 let maskKey = "";
 
 /**
- * The arrow on the sphere leads where the page asks to turn, and nowhere else.
+ * Guidance whose arrow on the sphere leads to the direction of the page's advice.
  * @param {View} view
  * @param {readonly number[] | null} target
  * @returns {View["guidance"]}
@@ -415,7 +415,7 @@ function drawScene(view, state) {
     }
 }
 
-/** The switch of what is drawn, and what each choice is called among the shortcuts. */
+/** Switch of the drawing mode, and names of its choices for the shortcuts. */
 const modes = /** @type {NodeListOf<HTMLInputElement>} */ (document.querySelectorAll('input[name="mode"]'));
 const MODE_WORDS = ["sphere", "both clouds", "raw readings", "corrected readings"];
 
@@ -428,10 +428,10 @@ function mode() {
 /** @param {number} which */
 function chooseMode(which) {
     modes[which].checked = true;
-    modeChosen();
+    applyMode();
 }
 
-function modeChosen() {
+function applyMode() {
     scene?.setMode(mode());
     drawLegend();
 }
@@ -445,7 +445,7 @@ const saidBefore = new Map();
 let sayTimer = 0;
 
 /**
- * Tell a screen reader what is new, and not more often than it can be listened to.
+ * Announce news to a screen reader, with a limited rate.
  * @param {string} topic
  * @param {string} words
  */
@@ -469,7 +469,7 @@ function say(topic, words) {
  * Show a notice. Errors stay until they are closed.
  * @param {"info" | "warning" | "error"} severity
  * @param {string} words
- * @returns {() => void} Takes it away.
+ * @returns {() => void} Removes the notice.
  */
 function notify(severity, words) {
     const list = byId("notices", HTMLElement);
@@ -479,7 +479,7 @@ function notify(severity, words) {
     shut.addEventListener("click", () => row.remove());
     const row = element("li", [icon(ICONS[severity]), element("span", sentence(words)), shut]);
     Object.assign(row.dataset, { severity, words });
-    (document.querySelector("dialog[open]") ?? document.body).append(list); // all else is inert while a dialog is open
+    (document.querySelector("dialog[open]") ?? document.body).append(list); // an open dialog makes the rest of the page inert
     list.append(row);
     while (list.children.length > 4) list.firstElementChild?.remove();
     if (severity !== "error") window.setTimeout(() => row.remove(), NOTICE_MS);
@@ -489,7 +489,7 @@ function notify(severity, words) {
 // Fields and buttons ------------------------------------------------------------------------------------------------
 
 /**
- * Show a number of the state, unless somebody is typing another.
+ * Show a number of the state, unless the user is editing the field.
  * @param {string} id
  * @param {number} value
  */
@@ -500,7 +500,7 @@ function setField(id, value) {
 }
 
 /**
- * Send a number when it has been typed; what cannot be used goes back to what holds.
+ * Send an edited number; an invalid one is replaced by the current value.
  * @param {string} id
  * @param {(value: number) => Command} message
  * @param {() => number | undefined} current
@@ -536,7 +536,7 @@ byId("goal", HTMLSelectElement).addEventListener("change", () => {
     const goal = byId("goal", HTMLSelectElement).value === "attitude" ? "attitude" : "heading";
     send({ type: "goal", goal });
 });
-for (const choice of modes) choice.addEventListener("change", modeChosen);
+for (const choice of modes) choice.addEventListener("change", applyMode);
 
 const togglePause = () => {
     if (store.state && store.state.opened === null) send({ type: "pause", paused: !store.state.paused });
@@ -562,7 +562,7 @@ onClick("theme", toggleTheme);
 onClick("open", chooseLog);
 onClick("retry", () => link.retry());
 onClick("back", () => send({ type: "back_to_live" }));
-onClick("advice-words", () => byId("advice", HTMLElement).classList.toggle("whole")); // which a phone shortens
+onClick("advice-words", () => byId("advice", HTMLElement).classList.toggle("whole")); // a phone shortens it
 onClick("reset", () => scene?.resetCamera());
 onClick("previous", () => byId("previous-file", HTMLInputElement).click());
 onClick("previous-clear", () => send({ type: "previous_clear" }));
@@ -574,7 +574,7 @@ onClick("refresh", () => {
     send({ type: "refresh", refresh: byId("refresh", HTMLInputElement).checked });
     finish.make();
 });
-document.addEventListener("close", () => document.body.append(byId("notices", HTMLElement)), true); // which does not bubble
+document.addEventListener("close", () => document.body.append(byId("notices", HTMLElement)), true); // the event does not bubble
 document.addEventListener("click", ({ target }) => {
     if (target instanceof Element && target.matches("dialog, dialog .shut, dialog .shut *")) target.closest("dialog")?.close();
 });
@@ -582,7 +582,7 @@ document.addEventListener("click", ({ target }) => {
 // Files -------------------------------------------------------------------------------------------------------------
 
 /**
- * Send a file to be opened, or to be compared with.
+ * Upload a file, to be opened or to be compared with.
  * @param {"open" | "previous"} what
  * @param {File} file
  */
@@ -637,7 +637,7 @@ window.addEventListener("drop", (event) => {
     event.preventDefault();
     const files = event.dataTransfer?.files;
     if (!files || files.length === 0) return;
-    if (files.length > 1) notify("info", `One file at a time: ${files[0].name} is taken.`);
+    if (files.length > 1) notify("info", `One file at a time: opening ${files[0].name}.`);
     upload(finish.isOpen ? "previous" : "open", files[0]);
 });
 
@@ -652,10 +652,10 @@ function toggleTheme() {
     const next = theme() === "dark" ? "light" : "dark";
     document.documentElement.dataset.theme = next;
     remember(THEME, next);
-    themed();
+    applyTheme();
 }
 
-function themed() {
+function applyTheme() {
     setIcon(byId("theme", HTMLElement), theme() === "dark" ? "sun" : "moon");
     scene?.setTheme(theme());
     drawAll();
@@ -684,7 +684,7 @@ function escape() {
     if (large instanceof HTMLElement) enlarge(large);
 }
 
-/** Keys act on the page only where no dialog is open. */
+/** Let keys act on the page only if no dialog is open. */
 const onPage = (/** @type {() => void} */ act) => () => {
     if (!document.querySelector("dialog[open]")) act();
 };
@@ -710,11 +710,11 @@ const single = byId("single-keys", HTMLInputElement);
 single.checked = singleKeys();
 single.addEventListener("change", () => setSingleKeys(single.checked));
 window.matchMedia("(prefers-color-scheme: light)").addEventListener("change", (event) => {
-    if (remembered(THEME) !== null) return;
+    if (recall(THEME) !== null) return;
     document.documentElement.dataset.theme = event.matches ? "light" : "dark";
-    themed();
+    applyTheme();
 });
-themed();
+applyTheme();
 new ResizeObserver(([{ target }]) => {
     document.documentElement.style.setProperty("--foot", `${Math.ceil(target.getBoundingClientRect().height)}px`);
-}).observe(byId("advice", HTMLElement)); // which on a phone lies over the foot of the page
+}).observe(byId("advice", HTMLElement)); // on a phone it covers the foot of the page

@@ -1,4 +1,4 @@
-/** A picture of one result, to be shown to others: the heading error before and after. */
+/** Picture of a result for sharing: the heading error before and after calibration. */
 
 import { duration, things } from "./views/words.js";
 
@@ -6,12 +6,12 @@ const [WIDTH, HEIGHT, MARGIN] = [1200, 630, 72];
 const FACE = "system-ui, -apple-system, 'Segoe UI', sans-serif";
 
 /**
- * What a card says.
+ * Texts of a card.
  * @typedef {object} Card
  * @property {string} name Of the sensor.
  * @property {string} before The worst level heading error without calibration.
  * @property {string} after
- * @property {string} bound What all headings are within, 95 %.
+ * @property {string} bound Bound on the error of all headings, 95 %.
  * @property {string} verdict
  * @property {number | null} seconds
  * @property {number} readings
@@ -20,7 +20,7 @@ const FACE = "system-ui, -apple-system, 'Segoe UI', sans-serif";
 /**
  * Draw a card in the colours of the page.
  * @param {Card} card
- * @returns {Promise<Blob | null>} A PNG; null where the browser makes none.
+ * @returns {Promise<Blob | null>} A PNG; null if the browser cannot make one.
  */
 export function drawCard({ name, before, after, bound, verdict, seconds, readings }) {
     const canvas = document.createElement("canvas");

@@ -1,8 +1,8 @@
 /**
- * The line to the server: one WebSocket that comes back by itself.
+ * Connection to the server: one WebSocket that reconnects by itself.
  *
- * The waits between attempts double up to eight seconds. Nothing that the user asks for is kept for later: while there
- * is no line, it is refused with words, because other pages may have done something meanwhile.
+ * The waits between attempts double up to eight seconds. Commands of the user are not queued without a connection, but
+ * refused with a message, because other pages may have changed the session meanwhile.
  */
 
 import { Refusal } from "./dom.js";
@@ -11,18 +11,18 @@ import { Refusal } from "./dom.js";
 /** @typedef {import("./wire.d.ts").Edits} Edits */
 /** @typedef {import("./wire.d.ts").Previous} Previous */
 
-const FIRST_WAIT_MS = 500;
-const LONGEST_WAIT_MS = 8000;
-/** The server says something every two seconds; a line that is silent for so long is dead. */
+const MIN_WAIT_MS = 500;
+const MAX_WAIT_MS = 8000;
+/** Longest silence of a connection, as the server sends a message every two seconds. */
 const SILENCE_MS = 6000;
 
 /**
- * What the connection tells.
+ * Callbacks of the connection.
  * @typedef {object} Listener
  * @property {(message: FromServer) => void} onMessage
  * @property {(frame: ArrayBuffer) => void} onFrame
  * @property {(link: "open" | "lost" | "trying", seconds: number) => void} onLink
- *   Lost: `seconds` until the next attempt. Told each second while waiting.
+ *   Lost: `seconds` until the next attempt, called each second while waiting.
  */
 
 export class Connection {
@@ -33,7 +33,7 @@ export class Connection {
     constructor(address, listener) {
         this.address = address;
         this.listener = listener;
-        this.wait = FIRST_WAIT_MS;
+        this.wait = MIN_WAIT_MS;
         /** @type {WebSocket | null} */
         this.socket = null;
         this.timer = 0;
@@ -43,13 +43,13 @@ export class Connection {
         this.open();
     }
 
-    /** Whether the server hears us. */
+    /** Whether messages reach the server. */
     get isOpen() {
         return this.socket?.readyState === WebSocket.OPEN;
     }
 
     /**
-     * Ask the server for something.
+     * Send a message to the server.
      * @param {Edits | Previous} message
      * @returns {boolean} Whether it was sent.
      */
@@ -60,11 +60,11 @@ export class Connection {
     }
 
     /**
-     * Ask the server over HTTP.
+     * Send a request to the server over HTTP.
      * @param {string} address
      * @param {RequestInit} [options]
      * @returns {Promise<Response>}
-     * @throws {Refusal} With words to show, whatever went wrong.
+     * @throws {Refusal} With a message to show, for any failure.
      */
     async ask(address, options = {}) {
         let answer;
@@ -78,7 +78,7 @@ export class Connection {
         throw new Refusal(refusalWords(text) || `The server refuses, with status ${answer.status}.`);
     }
 
-    /** Try now, and do not wait. */
+    /** Reconnect at once. */
     retry() {
         if (this.isOpen || this.socket?.readyState === WebSocket.CONNECTING) return;
         window.clearTimeout(this.timer);
@@ -100,7 +100,7 @@ export class Connection {
             }
             const message = /** @type {FromServer} */ (JSON.parse(event.data));
             if (message.type === "welcome") {
-                this.wait = FIRST_WAIT_MS;
+                this.wait = MIN_WAIT_MS;
                 this.listener.onLink("open", 0);
             }
             this.listener.onMessage(message);
@@ -115,7 +115,7 @@ export class Connection {
         if (this.socket !== socket) return;
         this.socket = null;
         const again = performance.now() + this.wait;
-        this.wait = Math.min(2 * this.wait, LONGEST_WAIT_MS);
+        this.wait = Math.min(2 * this.wait, MAX_WAIT_MS);
         const count = () => {
             const left = again - performance.now();
             if (left <= 0) {
@@ -128,7 +128,7 @@ export class Connection {
         count();
     }
 
-    /** A line may be dead without anybody having said so: a cable, a laptop that slept. */
+    /** Detect a connection that was lost without notice, as by a cable or a sleeping laptop. */
     watch() {
         const socket = this.socket;
         if (document.hidden) this.heard = performance.now();

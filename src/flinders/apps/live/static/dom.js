@@ -1,9 +1,9 @@
-/** Small helpers for the page. Text from the server goes in as text, never as markup. */
+/** Helpers for the document. Text from the server is inserted as text, never as markup. */
 
 import { svg } from "./views/plot.js";
 
 /**
- * The element with an id, which must be there and of a kind.
+ * The element with an id; throws unless it exists and has the given type.
  * @template {Element} T
  * @param {string} id
  * @param {new () => T} kind
@@ -15,24 +15,24 @@ export function byId(id, kind) {
     return element;
 }
 
-/** A number before its unit. */
+/** Matches a space between a number and its unit. */
 const BEFORE_A_UNIT = /(\d) (?=[%°µσ]|(?:k?Hz|kB|Mi?B|mG|nT|uT|min|[hsmg])\b)/g;
 
 /**
- * A text in which numbers and their units stay on one line.
+ * Text with non-breaking spaces between numbers and units.
  * @param {string} text
  */
-function unbroken(text) {
+function joinUnits(text) {
     return text.replace(BEFORE_A_UNIT, "$1\u00a0");
 }
 
 /**
- * Set a text, if it is another.
+ * Set a text, if it has changed.
  * @param {Element} element
  * @param {string} text
  */
 export function setText(element, text) {
-    const shown = unbroken(text);
+    const shown = joinUnits(text);
     if (element.textContent !== shown) element.textContent = shown;
 }
 
@@ -44,17 +44,17 @@ export function setText(element, text) {
  */
 export function element(name, content = "", kind = "") {
     const made = document.createElement(name);
-    if (content) made.append(...[content].flat().map((part) => (typeof part === "string" ? unbroken(part) : part)));
+    if (content) made.append(...[content].flat().map((part) => (typeof part === "string" ? joinUnits(part) : part)));
     if (kind) made.className = kind;
     return made;
 }
 
 /**
- * What this browser was told to remember; null where it was not, or remembers nothing.
+ * Read a value from the browser's storage; null if absent or storage is off.
  * @param {string} key
  * @returns {string | null}
  */
-export function remembered(key) {
+export function recall(key) {
     try {
         return localStorage.getItem(key);
     } catch {
@@ -63,7 +63,7 @@ export function remembered(key) {
 }
 
 /**
- * Have this browser remember something, where storage is not switched off.
+ * Write a value to the browser's storage, if that is on.
  * @param {string} key
  * @param {string} value
  */
@@ -71,7 +71,7 @@ export function remember(key, value) {
     try {
         localStorage.setItem(key, value);
     } catch {
-        // It then lasts as long as the page.
+        // Storage is off: the value lasts as long as the page.
     }
 }
 
@@ -96,7 +96,7 @@ export function setIcon(inside, name) {
 }
 
 /**
- * Build a list again only where what it says has changed, so that what is selected or read aloud stays.
+ * Rebuild a list only if its content has changed, so that a selection or reading aloud continues.
  * @template T
  * @param {HTMLElement} list
  * @param {readonly T[]} rows
@@ -110,7 +110,7 @@ export function setList(list, rows, build) {
 }
 
 /**
- * Hand a file to the browser to save.
+ * Save a file with the browser.
  * @param {Blob} content
  * @param {string} name
  */
@@ -137,5 +137,5 @@ export function adopt(css) {
     document.adoptedStyleSheets = [...document.adoptedStyleSheets, sheet];
 }
 
-/** What was asked for and refused, in words to show. */
+/** A refused request, with a message to show. */
 export class Refusal extends Error {}

@@ -1,11 +1,11 @@
-/** The finish panel: verdict, numbers, export, what to keep, and the calibration from before. */
+/** The finish dialog: verdict, numbers, export, files to save, and comparison with an earlier calibration. */
 
 import { drawCard } from "./card.js";
 import { canCollect, errors } from "./store.js";
-import { byId, bytesOf, element, icon, Refusal, remember, remembered, save, setIcon, setList, setText } from "./dom.js";
+import { byId, bytesOf, element, icon, Refusal, remember, recall, save, setIcon, setList, setText } from "./dom.js";
 import { hexadecimal } from "./standalone/targets.js";
 import { table } from "./views/table.js";
-import { clock, counted, degrees, ICONS, isGoodWhileLevel, measured, PHASES, sentence, significant, sinceWords, things, VERDICTS, WHILE_LEVEL } from "./views/words.js";
+import { clock, countText, degrees, ICONS, isGoodWhileLevel, measuredText, PHASES, sentence, significant, sinceWords, things, VERDICTS, WHILE_LEVEL } from "./views/words.js";
 
 /** @typedef {import("./messages.d.ts").SessionState} State */
 /** @typedef {import("../../../static/view.d.ts").View} View */
@@ -15,18 +15,18 @@ import { clock, counted, degrees, ICONS, isGoodWhileLevel, measured, PHASES, sen
 
 const LAST_TARGET = "flinders-export";
 const TURN_FIRST = "turn the sensor through all directions; the first fit comes after some seconds";
-/** What comes of no readings. @type {import("./standalone/running.js").Finished} */
+/** Result without readings. @type {import("./standalone/running.js").Finished} */
 const NOTHING = { name: "", view: null, refusal: "" };
-/** What may be wrong while the readings that are here are sound. */
+/** Reasons that do not concern the readings already received. */
 const NOT_OF_READINGS = ["gone", "nothing-arrives", "not-recorded"];
-/** What begins a line of a preview that is a comment. */
+/** Matches a comment line of a preview. */
 const COMMENT = /^\s*(\/\*|\*|\/\/|#|--|%|;|$)/;
 
 export class Finish {
     /**
      * @param {(severity: "info" | "warning" | "error", words: string) => void} notify
      * @param {() => import("./standalone/running.js").Link} link
-     * @param {() => void} showNeedles Draws the headings before and after as large as the page.
+     * @param {() => void} showNeedles Enlarges the chart of headings before and after.
      */
     constructor(notify, link, showNeedles) {
         this.notify = notify;
@@ -37,9 +37,9 @@ export class Finish {
         /** @type {Preview | null} */
         this.preview = null;
         this.asked = 0;
-        /** @type {import("./standalone/running.js").Finished | null} The calibration that was made last. */
+        /** @type {import("./standalone/running.js").Finished | null} The latest calibration. */
         this.finished = null;
-        /** The calibration that is compared with. */
+        /** The earlier calibration, for comparison. */
         this.previous = "";
         /** @type {State | null} */
         this.state = null;
@@ -84,7 +84,7 @@ export class Finish {
     }
 
     /**
-     * Say what came of it.
+     * Show the outcome of an action.
      * @param {string} words
      * @param {"done" | "refused" | "working"} how
      */
@@ -102,7 +102,7 @@ export class Finish {
         this.dialog.close();
     }
 
-    /** Show the calibration that is finished, or finish it. */
+    /** Show the finished calibration, or finish one. */
     async open() {
         if (!this.dialog.open) this.dialog.showModal();
         this.say("");
@@ -110,7 +110,7 @@ export class Finish {
         else await this.make();
     }
 
-    /** Make the calibration of the readings so far, which the dialog is about from then on. */
+    /** Make the calibration of the readings so far, and show it in the dialog. */
     async make() {
         const turn = ++this.asked;
         const readings = counting(this.state);
@@ -128,18 +128,18 @@ export class Finish {
             if (turn !== this.asked) return;
             this.finished = { name: "", view: null, refusal: error.message };
         }
-        if (!this.finished.view?.offset && !wasFinished) this.link().send({ type: "collect" }); // nothing is finished
+        if (!this.finished.view?.offset && !wasFinished) this.link().send({ type: "collect" }); // without a calibration, continue collecting
         this.draw();
         await this.ask();
     }
 
     /**
-     * The targets that there are.
+     * Fill the list of targets.
      * @param {readonly TargetInfo[]} targets
      */
     setTargets(targets) {
         const known = (/** @type {string | null} */ chosen) => targets.some(({ name }) => name === chosen);
-        const chosen = [this.targets.value, remembered(LAST_TARGET), targets[0]?.name ?? ""].find(known);
+        const chosen = [this.targets.value, recall(LAST_TARGET), targets[0]?.name ?? ""].find(known);
         this.targets.replaceChildren(
             ...targets.map(({ name, title, suffix }) => {
                 const option = element("option", `${title} (${suffix})`);
@@ -151,7 +151,7 @@ export class Finish {
     }
 
     /**
-     * Name the button that opens the dialog by what it does.
+     * Set the text of the button that opens the dialog.
      * @param {State} state
      */
     name({ finished }) {
@@ -163,19 +163,19 @@ export class Finish {
     }
 
     /**
-     * Show what is new of the session; the calibration stays as it was made.
+     * Show changes of the session; the calibration stays as made.
      * @param {State | null} state
      */
     show(state) {
         this.state = state;
         if (!this.isOpen) return;
-        setText(byId("kept", HTMLElement), state?.recording && state.opened === null ? `All that arrives is recorded to ${state.recording}.` : "");
+        setText(byId("kept", HTMLElement), state?.recording && state.opened === null ? `All readings are recorded to ${state.recording}.` : "");
         const previous = state?.previous ?? null;
         setText(
             byId("previous-words", HTMLElement),
             previous
                 ? `${previous.name}: ${sentence(previous.words)}`
-                : "A calibration file of this sensor: how many degrees have headings changed since?",
+                : "An earlier calibration file of this sensor shows the change of headings since.",
         );
         const name = previous?.name ?? "";
         if (name && name !== this.previous) byId("compare", HTMLDetailsElement).open = true;
@@ -188,7 +188,7 @@ export class Finish {
     }
 
     /**
-     * Say what goes on, or that the session is another by now: what is shown stays until somebody presses a button.
+     * Show the progress of the session, or that it has changed; the calibration stays until the user presses a button.
      * @param {State} state
      */
     showSince(state) {
@@ -202,7 +202,7 @@ export class Finish {
         setText(byId("finish-more-words", HTMLElement), isCurrent ? sinceWords(state) : otherNow(state, isMade));
     }
 
-    /** Show the calibration that was made. */
+    /** Show the latest calibration. */
     draw() {
         const view = this.finished?.view ?? null;
         const { kind, title, words } = judged(this.finished, this.state);
@@ -214,7 +214,7 @@ export class Finish {
         for (const id of ["take", "preview", "export-warnings"]) byId(id, HTMLElement).hidden = Boolean(this.finished && !view?.offset);
         byId("details", HTMLElement).hidden = !view?.offset;
         setList(byId("findings", HTMLElement), view?.findings ?? [], (finding) => {
-            const row = noted(ICONS[finding.severity] ?? "info", finding.advice);
+            const row = listRow(ICONS[finding.severity] ?? "info", finding.advice);
             row.dataset.severity = finding.severity;
             return row;
         });
@@ -223,13 +223,13 @@ export class Finish {
         this.show(this.state);
     }
 
-    /** Switch buttons off that have nothing to act on. */
+    /** Disable buttons without effect. */
     allow() {
         const { finished, state } = this;
         const usable = Boolean(finished?.view?.offset);
         const canSend = usable && Boolean(state?.can_send);
         byId("save-calibration", HTMLButtonElement).disabled = !usable;
-        byId("save-report", HTMLButtonElement).disabled = !finished?.view; // of a refused fit it says why
+        byId("save-report", HTMLButtonElement).disabled = !finished?.view; // the report of a refused fit states the reason
         byId("save-card", HTMLButtonElement).disabled = !usable || !finished?.view?.uncorrected_heading_error_deg;
         byId("save-session", HTMLButtonElement).disabled = !(state && state.readings > 0);
         byId("checking", HTMLElement).hidden = !usable || state?.opened !== null || state.source.link !== "connected";
@@ -268,10 +268,10 @@ export class Finish {
                   ["all headings within (95 %)", degrees(error?.bound_95)],
                   ["heading error, rms (1 σ)", degrees(error?.rms)],
                   ["without calibration, worst", degrees(raw?.worst)],
-                  ["tilt within the target", tilted(view.attitude_limit_deg)],
-                  [view.field_strength_known ? "field strength" : "field strength, relative", withUnit(measured(view.field_strength, view.noise).value, view.unit)],
+                  ["tilt within the target", tiltText(view.attitude_limit_deg)],
+                  [view.field_strength_known ? "field strength" : "field strength, relative", withUnit(measuredText(view.field_strength, view.noise).value, view.unit)],
                   ["noise (1 σ)", withUnit(significant(view.noise, 3), view.unit)],
-                  ["readings used", counted(view.samples)],
+                  ["readings used", countText(view.samples)],
                   ["method", view.method],
               ]
             : [];
@@ -306,7 +306,7 @@ export class Finish {
         host.scrollTop = preview ? heightAbove(host, text) : 0;
         const known = this.finished?.view?.findings.map(({ advice }) => advice) ?? [];
         const warnings = preview?.warnings.filter((warning) => !known.includes(warning)) ?? [];
-        setList(byId("export-warnings", HTMLElement), warnings, (warning) => noted("limited", warning));
+        setList(byId("export-warnings", HTMLElement), warnings, (warning) => listRow("limited", warning));
         this.allow();
     }
 
@@ -359,7 +359,7 @@ export class Finish {
 }
 
 /**
- * How many readings count.
+ * Number of readings that count.
  * @param {State | null} state
  * @returns {number}
  */
@@ -368,7 +368,7 @@ function counting(state) {
 }
 
 /**
- * What the session is by now that is no longer the one of the calibration.
+ * Sentence on changes of the session since the calibration.
  * @param {State} state
  * @param {boolean} isMade
  */
@@ -378,7 +378,7 @@ function otherNow({ finished, opened }, isMade) {
 }
 
 /**
- * Whether a calibration is so far from what is wanted that more readings are the first thing to do.
+ * Whether a calibration misses the target so far that more readings are the first advice.
  * @param {State} state
  */
 function lacks({ phase }) {
@@ -386,7 +386,7 @@ function lacks({ phase }) {
 }
 
 /**
- * Height of the comments above the first line of a text that is none, so that its numbers are seen first.
+ * Height of the comment lines at the start of a text, to scroll to its first numbers.
  * @param {HTMLElement} host
  * @param {string} text
  * @returns {number}
@@ -403,7 +403,7 @@ function heightAbove(host, text) {
  * @param {string} words
  * @returns {HTMLElement}
  */
-function noted(name, words) {
+function listRow(name, words) {
     return element("li", [icon(name), element("span", sentence(words))]);
 }
 
@@ -432,7 +432,7 @@ export function judged(finished, state) {
  * @param {number | null} deg
  * @returns {string}
  */
-export function tilted(deg) {
+export function tiltText(deg) {
     if (deg === null) return "–";
     return deg >= 179.5 ? "any" : deg <= 0 ? "none" : `${Math.floor(deg)}°`;
 }
@@ -440,7 +440,7 @@ export function tilted(deg) {
 /**
  * @param {string} number
  * @param {string} unit
- * @returns {string} A dash that stands for no number has no unit.
+ * @returns {string} Without a unit for a dash.
  */
 function withUnit(number, unit) {
     return number === "–" ? number : `${number} ${unit}`;

@@ -1,6 +1,6 @@
-/** Keyboard shortcuts: one table, which the help shows too. */
+/** Keyboard shortcuts: one table, also shown in the help. */
 
-import { element, remember, remembered } from "./dom.js";
+import { element, remember, recall } from "./dom.js";
 
 /**
  * A shortcut.
@@ -12,9 +12,9 @@ import { element, remember, remembered } from "./dom.js";
 
 const STORE = "flinders-single-keys";
 
-/** Whether single keys act; a person who speaks to the computer, or types by accident, can switch them off. */
+/** Whether single keys act; users of speech input can switch them off. */
 export function singleKeys() {
-    return remembered(STORE) !== "off";
+    return recall(STORE) !== "off";
 }
 
 /** @param {boolean} on */
@@ -34,7 +34,7 @@ export function listen(shortcuts) {
         const shift = event.shiftKey && event.key.length === 1 && /[a-z]/i.test(event.key) ? "shift+" : "";
         const act = acts.get(`${control}${shift}${event.key.toLowerCase()}`);
         if (!act || (!control && event.key !== "Escape" && !singleKeys())) return;
-        if (event.key !== "Escape") event.preventDefault(); // which closes dialogs by itself
+        if (event.key !== "Escape") event.preventDefault(); // the browser closes dialogs with it
         act();
     });
 }

@@ -1,4 +1,4 @@
-/** The legend of the 3-D view: each colour that is drawn, and what it means. */
+/** Legend of the 3-D view: each colour with its meaning. */
 
 import { element } from "./dom.js";
 import { legend, palette } from "../../../static/views/colours.js";
@@ -22,7 +22,7 @@ const PATCHES = Object.freeze({
 });
 
 /**
- * What is drawn: tiles, or readings before and after correction; and what is left out.
+ * Rows of the legend: tiles, or readings before and after correction; and readings left out.
  * @param {State | null} state
  * @param {View | null} view
  * @param {Mode} mode

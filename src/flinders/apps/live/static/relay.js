@@ -1,13 +1,13 @@
 /**
- * The session of the live page: its readings are those that the server passes on, and what is done to them here, the
- * server keeps and tells the other pages. The server makes the calibration in the end, of all readings of the file.
+ * The session of the live page: the server sends the readings, and stores the user's edits and passes them to other
+ * pages. The server makes the final calibration from all readings of the file.
  */
 
 import { Connection } from "./connection.js";
 import { Refusal } from "./dom.js";
 import { passedIn } from "./standalone/passed.js";
 import { SessionLink, tableOf } from "./standalone/running.js";
-import { Series, Session, stated } from "./standalone/session.js";
+import { Series, Session, knownSite } from "./standalone/session.js";
 import { Unreadable } from "./standalone/tables.js";
 import { readCalibration } from "./standalone/targets.js";
 
@@ -33,24 +33,24 @@ export class RelayLink extends SessionLink {
         this.data = data;
         /** @type {Welcome | null} */
         this.welcome = null;
-        /** Of the server's readings: those of an earlier one are left behind. */
+        /** Generation of the server's readings; those of an earlier one are dropped. */
         this.generation = -1;
-        /** Readings come that came before the page did. */
+        /** Readings from before the page was opened are arriving. */
         this.isBehind = true;
-        /** Messages that were sent on this connection. */
+        /** Messages sent on this connection. */
         this.sent = 0;
-        /** The server has said all that there is, and nothing of it is late: what the page shows holds. */
+        /** All messages and readings so far have arrived, so the page is up to date. */
         this.isHeard = false;
         /** The edits that the server has, as JSON. */
         this.told = "";
-        /** Number of the calibration to compare with that the server has. */
+        /** Number of the server's earlier calibration. */
         this.comparedWith = "";
-        /** Number of the calibration that was finished. */
+        /** Number of the finished calibration. */
         this.finished = "";
         this.connection = new Connection(address, {
-            onLink: (state, seconds) => this.#linked(state, seconds),
-            onMessage: (message) => this.#heard(message),
-            onFrame: (frame) => this.#passed(frame),
+            onLink: (state, seconds) => this.#onLink(state, seconds),
+            onMessage: (message) => this.#onMessage(message),
+            onFrame: (frame) => this.#onFrame(frame),
         });
     }
 
@@ -69,7 +69,7 @@ export class RelayLink extends SessionLink {
 
     /** @param {Command} message */
     send(message) {
-        if (!this.isHeard || !this.connection.isOpen) return false; // what is here may be of another session
+        if (!this.isHeard || !this.connection.isOpen) return false; // the page may show another session
         if (message.type === "previous_clear") this.#say({ type: "previous", name: "", text: "", number: "" });
         super.send(message);
         this.#tellEdits();
@@ -125,17 +125,17 @@ export class RelayLink extends SessionLink {
     }
 
     /** @param {"open" | "lost" | "trying"} state @param {number} seconds */
-    #linked(state, seconds) {
-        if (state === "open") return; // the readings have yet to come
+    #onLink(state, seconds) {
+        if (state === "open") return; // wait for the readings
         this.isHeard = false;
         this.listener.onLink(state, seconds);
     }
 
     /** @param {FromServer} message */
-    #heard(message) {
+    #onMessage(message) {
         switch (message.type) {
             case "welcome":
-                this.#welcomed(message);
+                this.#onWelcome(message);
                 break;
             case "kept":
                 if (message.heard >= this.sent) this.#adopt(message.edits);
@@ -159,33 +159,33 @@ export class RelayLink extends SessionLink {
     }
 
     /** @param {Welcome} welcome */
-    #welcomed(welcome) {
+    #onWelcome(welcome) {
         if (this.welcome && this.welcome.session !== welcome.session) this.#forget();
         this.welcome = welcome;
         this.sent = 0;
         const { session } = this;
         Object.assign(session, { source: welcome.source, recording: welcome.recording, unrecorded: welcome.unrecorded, hasBoard: welcome.has_board });
-        if (session.arrivedAt) session.arrivedAt = this.now; // nothing could arrive meanwhile
+        if (session.arrivedAt) session.arrivedAt = this.now; // no reading could arrive meanwhile
         this.#compareWith(welcome.previous);
-        this.#adopt(welcome.edits); // which say whether that is renewed
+        this.#adopt(welcome.edits); // the edits state whether it is renewed
         this.generation = -1;
     }
 
-    /** Forget the session of a server that was ended: the next one may be of another sensor. */
+    /** Drop the session of an ended server, as the next one may have another sensor. */
     #forget() {
         this.session = new Session(this.data);
         this.comparedWith = "";
     }
 
-    /** @param {import("./wire.d.ts").Edits} edits  that the server keeps */
+    /** @param {import("./wire.d.ts").Edits} edits  stored by the server */
     #adopt(edits) {
         const { session } = this;
-        const kept = JSON.stringify({ ...edits, site: edits.site && stated(edits.site) });
+        const kept = JSON.stringify({ ...edits, site: edits.site && knownSite(edits.site) });
         if (kept !== JSON.stringify(session.edits)) session.adopt(this.now, edits);
         this.told = JSON.stringify(session.edits);
     }
 
-    /** @param {import("./wire.d.ts").Previous} previous  one that cannot be read is none */
+    /** @param {import("./wire.d.ts").Previous} previous  an unreadable one counts as none */
     #compareWith({ name, text, number }) {
         if (number === this.comparedWith) return;
         this.comparedWith = number;
@@ -199,7 +199,7 @@ export class RelayLink extends SessionLink {
     }
 
     /** @param {ArrayBuffer} bytes */
-    #passed(bytes) {
+    #onFrame(bytes) {
         const { passed, unit, frame, generation, isLast } = passedIn(bytes);
         if (generation > this.generation) {
             this.session.restart();
@@ -216,7 +216,7 @@ export class RelayLink extends SessionLink {
         this.step();
     }
 
-    /** @param {ArrayBuffer} bytes  of a log that the server has read */
+    /** @param {ArrayBuffer} bytes  of a log read by the server */
     #open(bytes) {
         const length = Number(new BigUint64Array(bytes, 0, 1)[0]);
         const about = JSON.parse(new TextDecoder().decode(new Uint8Array(bytes, 8, length)));
@@ -230,7 +230,7 @@ export class RelayLink extends SessionLink {
         this.step();
     }
 
-    /** Tell the server what was done here. */
+    /** Send the edits to the server. */
     #tellEdits() {
         const edits = JSON.stringify(this.session.edits);
         if (edits === this.told) return;

@@ -1,4 +1,4 @@
-/** What the page can do itself about what it says: collect more, leave a stretch of time out, take the dip from a place. */
+/** Buttons of the page's own remedies: collect more, leave out a span of time, use the dip of a place. */
 
 import { byId, element, setList } from "./dom.js";
 import { canCollect } from "./store.js";
@@ -7,7 +7,7 @@ import { canCollect } from "./store.js";
 /** @typedef {import("./messages.d.ts").Command} Command */
 
 /**
- * Show a button for each thing that can be done.
+ * Show a button for each remedy.
  * @param {HTMLElement} host
  * @param {State} state
  * @param {(message: Command) => void} send
@@ -19,7 +19,7 @@ export function showRemedies(host, state, send) {
 }
 
 /**
- * What can be done, and what it is called: a stretch of time is left out that the first fault names.
+ * Remedies with their names; spans of time to leave out come from the first fault.
  * @param {State} state
  * @returns {[string, Command][]}
  */
@@ -45,7 +45,7 @@ function button(words, act) {
 }
 
 /**
- * Let a person give the place, whose dip and strength are those of the World Magnetic Model of today.
+ * Let the user enter a place; dip and strength come from the World Magnetic Model at today's date.
  * @param {(message: Command) => void} send
  */
 export function listenForPlace(send) {

@@ -1,23 +1,23 @@
-/** Sounds for who turns a sensor and does not look: a new area, a step that is done, good, wrong. Off until switched on. */
+/** Sounds for a new area, a completed step, a good calibration and a fault. Off until switched on. */
 
-import { remember, remembered } from "./dom.js";
+import { remember, recall } from "./dom.js";
 
 /** @typedef {import("./messages.d.ts").SessionState} State */
 /** @typedef {import("../../../static/view.d.ts").View} View */
 /** @typedef {import("./standalone/lead.js").Lead} Lead */
-/** @typedef {{phase: string, step: number, seen: number}} Heard  What sounds depend on. */
+/** @typedef {{phase: string, step: number, seen: number}} Heard  State that sounds depend on. */
 /** @typedef {keyof typeof NOTES} Sound */
 
-/** Where the browser keeps whether they are on. */
+/** Key of the setting in the browser's storage. */
 const KEY = "flinders-sounds";
-/** Tiles of the sphere, of 642, that make a new area; and seconds from one to the next at the least. */
+/** Tiles of 642 that make a new area, and the least time between two such sounds, s. */
 const [AREA, AREA_S] = [12, 0.4];
 /** Frequencies one after the other, Hz. */
 const NOTES = { area: [880], step: [660, 880], good: [523, 659, 784], wrong: [220, 165] };
 const [NOTE_S, LOUDNESS] = [0.12, 0.15];
 
 /**
- * What there is to hear.
+ * State for the sounds.
  * @param {State} state
  * @param {View | null} view
  * @param {Lead | null} lead
@@ -29,7 +29,7 @@ export function heardOf({ phase }, view, lead) {
 }
 
 /**
- * The sound of what has changed; the gravest of several.
+ * The sound of a change; of several, the most important.
  * @param {Heard} before
  * @param {Heard} after
  * @returns {Sound | null}
@@ -42,14 +42,14 @@ export function soundOf(before, after) {
 }
 
 export class Sounds {
-    /** @param {HTMLInputElement} box  that switches them on */
+    /** @param {HTMLInputElement} box  the switch */
     constructor(box) {
         /** @type {AudioContext | null} */
         this.context = null;
         /** @type {Heard | null} */
         this.heard = null;
         this.at = -Infinity;
-        this.isOn = remembered(KEY) === "on";
+        this.isOn = recall(KEY) === "on";
         box.checked = this.isOn;
         box.addEventListener("change", () => this.switch(box.checked));
     }
@@ -62,7 +62,7 @@ export class Sounds {
     }
 
     /**
-     * Play what has changed.
+     * Play the sound of a change.
      * @param {State} state
      * @param {View | null} view
      * @param {Lead | null} lead

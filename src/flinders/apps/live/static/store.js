@@ -1,5 +1,5 @@
 /**
- * What the page knows: the last state, fit and hello of its session, and the readings shown. Nothing is decided here.
+ * Data of the page: the last state, fit and greeting of its session, and the readings shown.
  */
 
 /** @typedef {import("./messages.d.ts").Hello} Hello */
@@ -9,10 +9,10 @@
 /** @typedef {import("../../../static/view.d.ts").Points} Points */
 /** @typedef {import("../../../static/view.d.ts").Now} Now */
 
-const FIRST_ROOM = 4096;
+const INITIAL_CAPACITY = 4096;
 
 /**
- * The errors that count for what the calibration is for.
+ * The errors that matter for the goal of the calibration.
  * @param {View | null} view
  * @param {string} goal
  * @returns {{rms: number | null, worst: number | null}}
@@ -23,7 +23,7 @@ export function errors(view, goal) {
 }
 
 /**
- * Whether turning the sensor makes a difference: to no log, no playback that has ended, and no calibration that is finished.
+ * Whether further readings count: not for a log, an ended playback or a finished calibration.
  * @param {State} state
  * @returns {boolean}
  */
@@ -32,7 +32,7 @@ export function goesOn({ opened, source, finished }) {
 }
 
 /**
- * Whether there is, or may come, what a calibration that is finished goes on with.
+ * Whether a finished calibration can continue with further readings.
  * @param {State} state
  * @returns {boolean}
  */
@@ -50,19 +50,19 @@ export class Store {
         this.view = null;
         /** @type {Now | null} */
         this.now = null;
-        /** @type {number | null} point that the pointer is at, in any of the views */
+        /** @type {number | null} point under the pointer, in any of the views */
         this.hovered = null;
         this.generation = -1;
-        /** Readings that had come when the newest of the points did. */
+        /** Number of readings at the newest of the points. */
         this.total = -1;
-        /** Readings in memory that are shown, one of so many each. */
+        /** Every so many readings in memory, one is shown. */
         this.most = -1;
         /** @type {Points} */
         this.points = noPoints();
     }
 
     /**
-     * Take a message of the session.
+     * Store a message of the session.
      * @param {FromSession} message
      */
     take(message) {
@@ -81,7 +81,7 @@ export class Store {
     }
 
     /**
-     * Take what is new of a series, of whose readings one of `stride` is shown; of those after Finish the newest alone.
+     * Add new readings of a series, one of `stride`; after Finish, only the newest.
      * @param {import("./standalone/session.js").Series} series
      * @param {number} stride
      * @returns {number} The first point that is new; Infinity where nothing is.
@@ -92,7 +92,7 @@ export class Store {
         const isThinner = stride !== points.stride;
         const most = finishedS === null ? buffer.count : buffer.countUpTo(finishedS);
         if (!isOther && !isThinner && buffer.total === this.total && most === this.most) return Infinity;
-        if (isOther) Object.assign(points, noPoints()); // the same object, which charts that were drawn before look into
+        if (isOther) Object.assign(points, noPoints()); // keep the object, which charts refer to
         if (isOther || isThinner) this.hovered = null;
         thin(points, stride);
         const from = points.count;
@@ -106,8 +106,8 @@ export class Store {
 function noPoints() {
     return {
         count: 0,
-        time: new Float32Array(FIRST_ROOM),
-        field: new Float32Array(3 * FIRST_ROOM),
+        time: new Float32Array(INITIAL_CAPACITY),
+        field: new Float32Array(3 * INITIAL_CAPACITY),
         acceleration: null,
         stride: 1,
     };
@@ -130,7 +130,7 @@ function thin(points, stride) {
 }
 
 /**
- * Add the readings that are not here yet, up to so many in memory, and take those beyond away.
+ * Add missing readings up to a count, and remove those beyond.
  * @param {Points} points
  * @param {import("./standalone/buffer.js").ReadingBuffer} buffer
  * @param {number} most
@@ -149,7 +149,7 @@ function append(points, buffer, most) {
 }
 
 /**
- * Make room for so many points; room doubles, so that appending stays cheap.
+ * Reserve capacity for points; it doubles, so that appending stays cheap.
  * @param {Points} points
  * @param {number} count
  * @param {boolean} accelerated
@@ -158,9 +158,9 @@ function reserve(points, count, accelerated) {
     let room = points.time.length;
     while (room < count) room *= 2;
     if (room > points.time.length) {
-        points.time = grown(points.time, room);
-        points.field = grown(points.field, 3 * room);
-        if (points.acceleration) points.acceleration = grown(points.acceleration, 3 * room);
+        points.time = enlarge(points.time, room);
+        points.field = enlarge(points.field, 3 * room);
+        if (points.acceleration) points.acceleration = enlarge(points.acceleration, 3 * room);
     }
     if (accelerated && !points.acceleration) points.acceleration = new Float32Array(3 * room).fill(NaN);
 }
@@ -170,7 +170,7 @@ function reserve(points, count, accelerated) {
  * @param {number} length
  * @returns {Float32Array}
  */
-function grown(numbers, length) {
+function enlarge(numbers, length) {
     const larger = new Float32Array(length);
     larger.set(numbers);
     return larger;

@@ -1,5 +1,5 @@
 /**
- * The panels of the page beside the status and the sphere: one list of rows, and how a row becomes a panel.
+ * The panels of the page in addition to status and sphere, as a list of rows, and their construction.
  *
  * A widget is one file of `views`: its drawing, its words, its styles, and its row at the end. To add one, write that
  * file and name its row in `WIDGETS`.
@@ -21,12 +21,12 @@ import { strength } from "./views/strength.js";
 /** @typedef {import("../../../static/view.d.ts").Points} Points */
 
 /**
- * What of the session a widget shows.
+ * Part of the session that a widget shows.
  * @typedef {"view" | "state" | "now" | "points"} Part
  */
 
 /**
- * What is to be drawn.
+ * Data to draw.
  * @typedef {object} Picture
  * @property {View | null} view
  * @property {State | null} state
@@ -35,7 +35,7 @@ import { strength } from "./views/strength.js";
  */
 
 /**
- * What a widget may do to the page.
+ * Functions of the page for a widget.
  * @typedef {object} Page
  * @property {Store} store
  * @property {(message: import("./messages.d.ts").Command) => void} send
@@ -44,10 +44,10 @@ import { strength } from "./views/strength.js";
  */
 
 /**
- * What a widget adds to the page beside its drawing.
+ * Controls that a widget adds to the page.
  * @typedef {object} Controls
  * @property {readonly Shortcut[]} shortcuts
- * @property {() => boolean} escape  for the Escape key: whether there was something to take back
+ * @property {() => boolean} escape  for the Escape key: returns whether it had an effect
  * @property {(state: State) => void} show  called with each state
  */
 
@@ -57,14 +57,14 @@ import { strength } from "./views/strength.js";
  * @property {string} name  class of its panel, id of its host
  * @property {string} title
  * @property {"side" | "strip"} place
- * @property {readonly Part[]} on  parts that it is drawn anew for; with "points", at most ten times a second
+ * @property {readonly Part[]} on  parts whose change redraws it; with "points", at most ten times a second
  * @property {string} css
  * @property {(panel: WidgetPanel, picture: Picture) => void} draw
  * @property {(panel: WidgetPanel, page: Page) => Controls | void} [begin]
  * @property {readonly (readonly [string, string])[]} [legend]  classes and words
- * @property {boolean} [showsReadings]  a chart that marks the reading at the pointer, wherever that is
- * @property {string} [enlarges]  what the button that enlarges it names; without it there is none
- * @property {string} [host]  class of the host, where it is no chart
+ * @property {boolean} [showsReadings]  a chart that marks the reading under the pointer, in any view
+ * @property {string} [enlarges]  label of the button that enlarges it; none without a label
+ * @property {string} [host]  class of the host, if it is not a chart
  */
 
 /**
@@ -78,13 +78,13 @@ import { strength } from "./views/strength.js";
  */
 
 /**
- * All of them, in the order of the page.
+ * All widgets, in the order of the page.
  * @type {readonly Widget[]}
  */
 const WIDGETS = [heading, deviation, residuals, strength, projections];
 
 /**
- * Put all widgets onto the page.
+ * Add all widgets to the page.
  * @param {HTMLElement} strip  the foot of the board; widgets of the side stand before it
  * @param {Page} page
  * @returns {WidgetPanel[]}
@@ -103,7 +103,7 @@ export function lay(strip, page) {
 }
 
 /**
- * Draw the widgets that show something of what has changed.
+ * Draw the widgets that show a changed part.
  * @param {readonly WidgetPanel[]} panels
  * @param {readonly Part[]} changed
  * @param {Picture} picture
@@ -117,7 +117,7 @@ export function drawChanged(panels, changed, picture) {
 }
 
 /**
- * Mark a reading in all charts that show it; null takes the marks away.
+ * Mark a reading in all charts that show it; null removes the marks.
  * @param {readonly WidgetPanel[]} panels
  * @param {number | null} reading
  */

@@ -1,9 +1,9 @@
-"""The unit on the bench: from its serial number to its row in the table.
+"""Test bench of a station: one unit at a time, from serial number to row of the table.
 
-A test goes through four phases: ``ready`` for a serial number, ``confirm`` where that one was tested before,
-``testing`` and ``result``; ``judging`` lies between the last two while the calibration of the recording is made. The
-page of the operator asks, and shows the state; nothing is decided there. A test that has begun ends in a row: with a
-result, stopped by the operator, or as interrupted when the program starts again after a power failure.
+A test has the phases ``ready`` for a serial number, ``confirm`` if the unit was tested before, ``testing``, ``judging``
+while the calibration is made, and ``result``. The page of the operator sends requests and shows the state; all
+decisions are made here. Each test that has begun ends in a row: with a result, stopped by the operator, or as
+interrupted when the program starts again after a power failure.
 """
 
 from __future__ import annotations
@@ -34,24 +34,24 @@ if TYPE_CHECKING:
 
 Phase = Literal["ready", "confirm", "testing", "judging", "result"]
 
-NEWEST: Final = 8  # Tests that the page lists
-MAX_NAME: Final = 100  # Characters of an operator's name
+MAX_LISTED_TESTS: Final = 8  # Most tests in the list of the page
+MAX_NAME: Final = 100  # Most characters of an operator's name
 
 
 class StationState(Struct, frozen=True, kw_only=True):
-    """What the page shows."""
+    """State for the page."""
 
     phase: Phase
-    serial: str  # of the unit that is tested, or asked about
-    board_serial: str  # what the board says
-    asked: str  # what is to be known before a unit is tested again
-    seconds: float  # since the test began
-    time_s: float  # after which it is judged
+    serial: str  # of the unit under test, or in question
+    board_serial: str  # serial number that the board reports
+    asked: str  # question before a repeated test
+    seconds: float  # since the start of the test
+    time_s: float  # duration of a test
     operator: str
     passed: int
     failed: int
     result: ShownResult | None
-    trouble: str  # what cannot be written
+    trouble: str  # file that cannot be written, in words
     newest: tuple[ShownResult, ...]  # the newest tests, the newest first
 
 
@@ -61,14 +61,14 @@ class Station:
     Parameters
     ----------
     hub : Hub
-        With the readings; its feed records into `sink`.
+        Hub of the readings; its feed records to `sink`.
     sink : UnitSink
     folder : StationFolder
     plan : Plan
     operator, name : str
-        Who tests, and what the station is called.
+        Names of the operator and of the station.
     board : Announcing, optional
-        The wire, where the board says its serial number.
+        The wire, if the board reports its serial number.
     clock : callable
         Seconds, ascending.
     """
@@ -89,7 +89,7 @@ class Station:
         self.operator, self.name, self._board, self._clock = operator, name, board, clock
         self.phase: Phase = "ready"
         self.trouble = ""
-        self._asked = "", ""  # serial number, and what is known of it
+        self._asked = "", ""  # serial number in question, and the question
         self._test: UnitTest | None = None
         self._begun = 0.0
         self._newest: list[ShownResult] = []
@@ -118,9 +118,9 @@ class Station:
         )
 
     def recover(self) -> UnitTest | None:
-        """Write the row of a test that was interrupted, here or when the program last ran, and return the test.
+        """Write the row of an interrupted test of this or the last run of the program, and return the test.
 
-        Rows that could not be written before are written too; raises `OutputError` where they still cannot be.
+        Also writes rows that failed before; raises `OutputError` if that fails again.
         """
         test = self.folder.interrupted()
         if test is None:
@@ -130,35 +130,35 @@ class Station:
         return test
 
     async def start(self, serial: str, *, again: bool = False) -> None:
-        """Test a unit; one that was tested before is asked about first, unless that is meant: `again`.
+        """Start the test of a unit; for a unit that was tested before, ask first unless `again` is set.
 
         Raises
         ------
         UsageError
-            For what is no serial number.
+            For an invalid serial number.
         OutputError
-            Where the table or the recording cannot be written.
+            If the table or the recording cannot be written.
         """
         async with self._turn:
-            if self.phase in {"testing", "judging"}:  # a serial number that was scanned twice
+            if self.phase in {"testing", "judging"}:  # the serial number was scanned twice
                 return
             self._write_waiting()
             wanted = serial.strip() or (self._asked[0] if again else self.state.board_serial)
             self._refuse_serial(wanted)
             before = None if again or self.plan.serial.repeats else self.folder.table.last(wanted)
             if before is not None:
-                self.phase, self._asked = "confirm", (wanted, _known(before))
+                self.phase, self._asked = "confirm", (wanted, _previous_test_words(before))
                 return
             await self._begin(wanted)
 
     async def finish(self) -> None:
-        """Judge the unit by all that it has sent."""
+        """End the test, and determine its result from all readings."""
         async with self._turn:
             if self.phase == "testing" and self._test is not None:
                 await self._end(self._test, is_aborted=False)
 
     async def abort(self) -> None:
-        """Stop the test, whose recording and row are kept; or take the question about a unit back."""
+        """Stop the test and keep its recording and row, or withdraw the question about a unit."""
         async with self._turn:
             if self.phase == "testing" and self._test is not None:
                 await self._end(self._test, is_aborted=True)
@@ -166,27 +166,27 @@ class Station:
                 self.next()
 
     def next(self) -> None:
-        """Be ready for the next unit."""
+        """Return to the phase ``ready``."""
         if self.phase in {"confirm", "result"}:
             self.phase, self._asked = "ready", ("", "")
 
     def name_operator(self, name: str) -> None:
-        """Say who tests from now on; `UsageError` for a name that is too long."""
+        """Set the operator's name; `UsageError` if it is too long."""
         if len(name) > MAX_NAME:
             raise UsageError(f"a name of {len(name)} letters: need at most {MAX_NAME}")
         self.operator = " ".join(name.split())
 
     def _refuse_serial(self, serial: str) -> None:
         if not serial:
-            raise UsageError("there is no serial number: scan or type that of the unit")
+            raise UsageError("no serial number: scan or type that of the unit")
         if not re.fullmatch(self.plan.serial.pattern, serial):
             raise UsageError(
-                f"{serial[:64]!r} is no serial number of this station: need {self.plan.serial.words}; scan the label "
-                "of the unit again"
+                f"{serial[:64]!r} is not a serial number of this station: need {self.plan.serial.words}; scan the "
+                "label of the unit again"
             )
 
     def _write_waiting(self) -> None:
-        """Write the row that could not be written before: no unit is begun before the table is complete."""
+        """Write a row that failed before, since a test begins only with a complete table."""
         try:
             self.folder.write_waiting()
         except OutputError as error:
@@ -208,13 +208,13 @@ class Station:
         self._test, self._begun, self._asked, self.phase = test, self._clock(), ("", ""), "testing"
 
     def _tick(self) -> None:
-        """Judge the unit when its time is over, also where no page is open."""
+        """End the test when its time is over, even without an open page."""
         is_over = self.phase == "testing" and self._clock() - self._begun >= self.plan.time_s
         if is_over and (self._ending is None or self._ending.done()):
             self._ending = asyncio.get_running_loop().create_task(self.finish())
 
     async def _end(self, test: UnitTest, *, is_aborted: bool) -> None:
-        """End the recording, and write files and row."""
+        """End the recording, and write the files and the row."""
         self.phase = "judging"
         ended_at, is_gone = datetime.now(UTC), self.hub.source.link == "gone"
         not_recorded = await self.hub.on_feed(self.sink.end)
@@ -224,16 +224,16 @@ class Station:
             self._keep(stopped(test, ended_at, "aborted"))
             return
         events = (*["not-recorded"] * bool(not_recorded), *["sensor-gone"] * is_gone)
-        wanted = self._wanted(test, edits)
+        wanted = self._finish_inputs(test, edits)
         try:
             ended = await asyncio.to_thread(judged, test, ended_at, wanted, self.plan, self.folder, events=events)
-        except Exception:  # a fault of ours must not cost the row
+        except Exception:  # an internal error must not lose the row
             self._keep(stopped(test, ended_at, "fault"))
             raise
         self._keep(ended)
 
-    def _wanted(self, test: UnitTest, edits: Edits) -> Wanted:
-        """The recording of a test, all of it."""
+    def _finish_inputs(self, test: UnitTest, edits: Edits) -> Wanted:
+        """Inputs of the calibration: the whole recording of a test."""
         path = self.folder.recording(test.recording)
         whole = msgspec.structs.replace(edits, begun_s=None, paused_s=None, finished_s=None, excluded=())
         return Wanted(test.serial, whole, self.hub.log, path, self.hub.supply.reading, None)
@@ -245,13 +245,13 @@ class Station:
             self.folder.end(ended.row)
         except OutputError as error:
             self.trouble = error.message
-        self._newest = [ended.shown, *self._newest][:NEWEST]
+        self._newest = [ended.shown, *self._newest][:MAX_LISTED_TESTS]
         self._counts[ended.shown.result] += 1
         self._test, self.phase = None, "result"
 
 
-def _known(row: dict[str, str]) -> str:
-    """What is known of a unit that was tested before; dates and results that a spreadsheet has changed are left out."""
+def _previous_test_words(row: dict[str, str]) -> str:
+    """Sentence on an earlier test of a unit; skips dates and results that a spreadsheet has changed."""
     ended = {"pass": " and passed", "fail": " and failed", "aborted": " and was stopped"}.get(row["result"], "")
     when = " before"
     with contextlib.suppress(ValueError, TypeError):

@@ -1,12 +1,12 @@
 """A calibration as a Digital Calibration Certificate (DCC), the XML format of PTB, version 3.3.0, with D-SI units.
 
-It holds the offset and the matrix of the calibration with their expanded uncertainties (k = 2), the heading error to
-expect, the noise and the strength of the field, who calibrated what and when, and whether the unit keeps the limits.
+It states the offset and the matrix of the calibration with their expanded uncertainties (k = 2), the expected heading
+error, the noise and the strength of the field, laboratory, unit and date, and conformity with the limits.
 
 Source: PTB, *Digital Calibration Certificate*, schema version 3.3.0, https://ptb.de/dcc, and *D-SI*, https://ptb.de/si.
 
-What the certificate does not say: that the result is traceable to the SI. A calibration in the earth's field knows its
-directions, and the strength of the field only as well as the sensor's scale or the stated site.
+The certificate does not claim traceability to the SI: a calibration in the earth's field determines directions, but the
+strength of the field only as well as the sensor's scale or the stated site.
 """
 
 from __future__ import annotations
@@ -47,10 +47,10 @@ REMARK: Final = (
 
 @dataclass(frozen=True, slots=True)
 class CertifiedTest:
-    """What a certificate is about."""
+    """Unit and test of a certificate."""
 
     serial: str
-    identifier: str  # of the certificate, among those of the laboratory
+    identifier: str  # of the certificate, unique in the laboratory
     began: datetime
     ended: datetime
     operator: str = ""
@@ -63,18 +63,18 @@ def certificate(fit: Fit, facts: CertificateFacts, about: CertifiedTest, limits:
     Parameters
     ----------
     fit : Fit
-        One that may be used.
+        A good or limited fit.
     facts : CertificateFacts
         Laboratory, person and customer.
     about : CertifiedTest
     limits : PassLimits, optional
-        What the unit was held against: with it the certificate states whether it conforms.
+        Pass limits of the unit; with them the certificate states conformity.
     """
     return _Writer(facts.language).written(fit, facts, about, limits)
 
 
 class _Writer:
-    """Makes the elements of one certificate, whose texts are in one language."""
+    """Writer of the elements of a certificate, with texts in one language."""
 
     def __init__(self, language: str) -> None:
         self.language = language
@@ -167,7 +167,7 @@ class _Writer:
         _real(_dcc(_dcc(condition, "data"), "quantity"), value, unit)
 
     def _result(self, results: ElementTree.Element, name: str) -> ElementTree.Element:
-        """A result by its name; returns its quantity."""
+        """Add a result with a name, and return its quantity."""
         result = _dcc(results, "result")
         self._text(result, "name", name)
         return _dcc(_dcc(result, "data"), "quantity")
@@ -189,7 +189,7 @@ class _Writer:
 
 
 def _limits(limits: PassLimits) -> Iterator[str]:
-    """Each pass limit that a unit is held against, in words."""
+    """Yield each pass limit in words."""
     unit = "microtesla" if limits.unit == "uT" else limits.unit
     yield f"largest heading error of a level vehicle at most {limits.heading_error_deg:g} degrees (1 sigma)"
     if limits.strength is not None:
@@ -204,14 +204,14 @@ def _limits(limits: PassLimits) -> Iterator[str]:
 
 
 def _dcc(parent: ElementTree.Element, name: str, text: str | None = None) -> ElementTree.Element:
-    return _made(parent, DCC, name, text)
+    return _element(parent, DCC, name, text)
 
 
 def _si(parent: ElementTree.Element, name: str, text: str | None = None) -> ElementTree.Element:
-    return _made(parent, SI, name, text)
+    return _element(parent, SI, name, text)
 
 
-def _made(parent: ElementTree.Element, space: str, name: str, text: str | None) -> ElementTree.Element:
+def _element(parent: ElementTree.Element, space: str, name: str, text: str | None) -> ElementTree.Element:
     element = ElementTree.SubElement(parent, f"{{{space}}}{name}")
     element.text = text
     return element

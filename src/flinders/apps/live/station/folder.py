@@ -1,14 +1,14 @@
-"""The folder of a station: one table, and files of each unit by serial number and time.
+"""Folder of a station: one table, and files of each unit by serial number and time.
 
 ::
 
     table.csv                       a row for each test
     recordings/A17/2026-11-29_10-32-05.csv
     calibrations/A17/2026-11-29_10-32-05.json
-    exports/…, certificates/…       the same, where the station's file asks for them
-    unfinished.json                 the unit that is being tested: what a power failure interrupts
+    exports/…, certificates/…       likewise, if the station's file lists them
+    unfinished.json                 the test in progress, for recovery after a power failure
 
-``recordings`` is what `flinders fleet` reads: a folder for each unit, named by its serial number.
+`flinders fleet` reads ``recordings``: a folder for each unit, named by its serial number.
 """
 
 from __future__ import annotations
@@ -31,21 +31,21 @@ FORMAT: Final = "%Y-%m-%d_%H-%M-%S"
 
 
 class UnitTest(Struct, frozen=True, kw_only=True):
-    """A test of a unit that has begun."""
+    """A test of a unit in progress."""
 
     serial: str
-    name: str  # of its files: folder and time, without ending
+    name: str  # of its files: folder and time, without suffix
     began: datetime
     operator: str = ""
     station: str = ""
 
     @property
     def recording(self) -> str:
-        """Its file, in the folder of recordings."""
+        """File of the test in the folder of recordings."""
         return f"{self.name}.csv"
 
     def row(self, result: str, ended: datetime) -> StationRow:
-        """Its row, without a calibration."""
+        """Return the row of the test, without a calibration."""
         return StationRow(
             unit=self.serial,
             recording=self.recording,
@@ -60,12 +60,12 @@ class UnitTest(Struct, frozen=True, kw_only=True):
 
 
 class StationFolder:
-    """The folder of a station, opened.
+    """An open folder of a station.
 
     Raises
     ------
     OutputError
-        Where it or its table cannot be written.
+        If the folder or its table cannot be written.
     """
 
     def __init__(self, path: Path) -> None:
@@ -75,7 +75,7 @@ class StationFolder:
         self._waiting: list[StationRow] = []
 
     def begun(self, serial: str, began: datetime, operator: str, station: str) -> UnitTest:
-        """A new test, of files that are not there yet, noted so that it is in the table whatever happens."""
+        """Return a new test with unused file names, noted in the journal so that it gets a row after any failure."""
         folder, when = folder_of(serial), began.astimezone().strftime(FORMAT)
         name, again = f"{folder}/{when}", 2
         while self.recording(f"{name}.csv").exists():
@@ -85,34 +85,34 @@ class StationFolder:
         return test
 
     def recording(self, name: str) -> Path:
-        """File of readings."""
+        """Path of a recording."""
         return self.path / "recordings" / name
 
     def file_of(self, kind: str, test: UnitTest, suffix: str) -> Path:
-        """Another file of a test, in a folder that is made."""
+        """Path of another file of a test; creates its folder."""
         path = self.path / kind / f"{test.name}{suffix}"
         make_folder(path.parent)
         return path
 
     def end(self, row: StationRow) -> None:
-        """Add the row of the test that is over; raises `OutputError` where it has to wait: see `write_waiting`."""
+        """Add the row of an ended test; raises `OutputError` if the row has to wait, see `write_waiting`."""
         self._waiting.append(row)
         self.write_waiting()
 
     def write_waiting(self) -> None:
-        """Write rows that could not be written before; raises `OutputError` where they still cannot be."""
+        """Write rows that failed before; raises `OutputError` if that fails again."""
         while self._waiting:
             self.table.append(self._waiting[0])
             self._waiting.pop(0)
         self.forget()
 
     def forget(self) -> None:
-        """Note that no test is under way."""
+        """Clear the journal of the test in progress."""
         with contextlib.suppress(OSError):
             self._journal.unlink(missing_ok=True)
 
     def interrupted(self) -> UnitTest | None:
-        """The test that a power failure or a crash has interrupted, and that has no row yet."""
+        """Return the test that a power failure or a crash has interrupted and that has no row yet."""
         try:
             test = msgspec.json.decode(self._journal.read_bytes(), type=UnitTest)
         except (OSError, msgspec.DecodeError):
@@ -121,14 +121,14 @@ class StationFolder:
         return None if test.recording in written else test
 
     def last_written(self, test: UnitTest) -> datetime:
-        """When the recording of a test was written last; when it began where there is none."""
+        """Time of the last write to the recording of a test; its start without a recording."""
         try:
             return datetime.fromtimestamp(self.recording(test.recording).stat().st_mtime, UTC)
         except OSError:
             return test.began
 
     def close(self) -> None:
-        """Let go of the table."""
+        """Close the table."""
         self.table.close()
 
     @property

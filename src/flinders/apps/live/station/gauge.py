@@ -1,4 +1,4 @@
-r"""Gauge repeatability and reproducibility (gauge R&R) of what a station measures, by analysis of variance.
+r"""Gauge repeatability and reproducibility (gauge R&R) of a station's measurements, by analysis of variance.
 
 Each of P parts is measured R times by each of O operators. The mean squares of the two-way table with interaction give
 the variances of repeatability, operator, interaction and part; an interaction whose F test has p > 0.25 is pooled with
@@ -33,14 +33,14 @@ Component = Literal["repeatability", "operator", "interaction", "reproducibility
 Grade = Literal["acceptable", "marginal", "unacceptable"]
 Source = Literal["part", "operator", "interaction", "repeatability"]
 
-POOLED_ABOVE: Final = 0.25  # p of the interaction above which it is pooled with the repeatability (AIAG, appendix A)
+POOLING_P: Final = 0.25  # p of the interaction above which it is pooled with the repeatability (AIAG, appendix A)
 CATEGORIES: Final = 1.41  # √2, as AIAG rounds it: width of a distinct category, in standard deviations of the gauge
 ACCEPTABLE, MARGINAL = 10.0, 30.0  # per cent of the total variation (AIAG, chapter II-D)
 MIN_CATEGORIES: Final = 5
 MIN_PARTS, MIN_REPEATS = 2, 2
-SPREAD: Final = 6.0  # standard deviations of the gauge that are compared with a tolerance
-MAX_TERMS: Final = 300  # of the continued fraction
-SMALL: Final = 1e-300
+SPREAD: Final = 6.0  # standard deviations of the gauge per tolerance
+MAX_TERMS: Final = 300  # most terms of the continued fraction
+TINY: Final = 1e-300
 
 
 @dataclass(frozen=True, slots=True)
@@ -51,13 +51,13 @@ class VarianceRow:
     freedom: int  #: degrees of freedom
     squares: float  #: sum of squares
     mean_square: float
-    f: float  #: ratio to the mean square that it is tested against; NaN of the repeatability
+    f: float  #: ratio to the reference mean square; NaN for the repeatability
     p: float  #: probability of a larger ratio by chance; NaN likewise
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class GaugeStudy:
-    """What varies in a measured quantity, and how much of it is the gauge's."""
+    """Variation of a measured quantity, and the share of the gauge."""
 
     values: Floats  #: (P, O, R): measured, by part, operator and repeat
     rows: tuple[VarianceRow, ...]  #: the analysis of variance, before an interaction is pooled
@@ -69,7 +69,7 @@ class GaugeStudy:
         return math.sqrt(self.variances[component])
 
     def percent(self, component: Component) -> float:
-        """Standard deviation of a component in per cent of that of the total variation; NaN where nothing varies."""
+        """Standard deviation of a component in per cent of the total variation's; NaN without variation."""
         total = self.sigma("total")
         return 100.0 * self.sigma(component) / total if total else math.nan
 
@@ -79,14 +79,14 @@ class GaugeStudy:
 
     @property
     def distinct_categories(self) -> int:
-        """How many classes of parts the gauge can tell apart: ndc, 1 at least, 999 at most."""
+        """Number of classes of parts that the gauge can distinguish (ndc), 1 to 999."""
         gauge = self.sigma("gauge")
         ratio = math.inf if gauge == 0.0 else CATEGORIES * self.sigma("part") / gauge
         return max(1, math.floor(min(ratio, 999.0)))
 
     @property
     def grade(self) -> Grade:
-        """By the guidelines of AIAG for the share of the gauge, which needs five categories to be acceptable."""
+        """Grade by AIAG's guidelines for the share of the gauge; acceptable needs five categories."""
         grade = graded(self.percent("gauge"))
         is_coarse = grade == "acceptable" and self.distinct_categories < MIN_CATEGORIES
         return "marginal" if is_coarse else grade
@@ -94,17 +94,17 @@ class GaugeStudy:
     def as_dict(self) -> dict[str, Any]:
         """JSON-ready."""
         return {
-            "parts": self.values.shape[0],  # how many were measured
-            "operators": self.values.shape[1],  # how many measured them
+            "parts": self.values.shape[0],  # number of parts
+            "operators": self.values.shape[1],  # number of operators
             "repeats": self.values.shape[2],  # of each part by each operator
             "mean": float(self.values.mean()),  # in `unit`
             "sigma": {name: self.sigma(name) for name in self.variances},  # in `unit`, by component
-            "percent": {name: _known(self.percent(name)) for name in self.variances},  # of the total variation
+            "percent": {name: _finite_or_none(self.percent(name)) for name in self.variances},  # of the total variation
             "distinct_categories": self.distinct_categories,  # ndc
             "is_pooled": self.is_pooled,  # the interaction counts as repeatability
             # source, degrees of freedom, sum of squares, mean square, F and p
             "anova": [
-                [row.source, row.freedom, row.squares, row.mean_square, _known(row.f), _known(row.p)]
+                [row.source, row.freedom, row.squares, row.mean_square, _finite_or_none(row.f), _finite_or_none(row.p)]
                 for row in self.rows
             ],
         }
@@ -121,7 +121,7 @@ def graded(percent: float) -> Grade:
     return "acceptable" if percent < ACCEPTABLE else "marginal"
 
 
-def _known(value: float) -> float | None:
+def _finite_or_none(value: float) -> float | None:
     return value if math.isfinite(value) else None
 
 
@@ -147,7 +147,7 @@ def gauge_study(values: ArrayLike) -> GaugeStudy:
     if not np.isfinite(measured).all():
         raise UsageError("a gauge study needs a number for each part, operator and repeat: some are missing")
     rows = _one_way(measured) if measured.shape[1] == 1 else _two_way(measured)
-    is_pooled = any(row.source == "interaction" and not row.p <= POOLED_ABOVE for row in rows)
+    is_pooled = any(row.source == "interaction" and not row.p <= POOLING_P for row in rows)
     return GaugeStudy(measured, rows, _variances(measured.shape, rows, is_pooled=is_pooled), is_pooled)
 
 
@@ -163,7 +163,7 @@ def _two_way(values: Floats) -> tuple[VarianceRow, ...]:
         "interaction": ((parts - 1) * (operators - 1), repeats * float((between**2).sum())),
         "repeatability": (parts * operators * (repeats - 1), float(((values - cells[:, :, None]) ** 2).sum())),
     }
-    return _tested(squares, against={"part": "interaction", "operator": "interaction", "interaction": "repeatability"})
+    return _f_tests(squares, against={"part": "interaction", "operator": "interaction", "interaction": "repeatability"})
 
 
 def _one_way(values: Floats) -> tuple[VarianceRow, ...]:
@@ -174,11 +174,11 @@ def _one_way(values: Floats) -> tuple[VarianceRow, ...]:
         "part": (parts - 1, repeats * float(((of_parts - mean) ** 2).sum())),
         "repeatability": (parts * (repeats - 1), float(((values - of_parts[:, None, None]) ** 2).sum())),
     }
-    return _tested(squares, against={"part": "repeatability"})
+    return _f_tests(squares, against={"part": "repeatability"})
 
 
-def _tested(squares: dict[Source, tuple[int, float]], against: dict[Source, Source]) -> tuple[VarianceRow, ...]:
-    """Rows with their F tests."""
+def _f_tests(squares: dict[Source, tuple[int, float]], against: dict[Source, Source]) -> tuple[VarianceRow, ...]:
+    """Return rows with their F tests."""
     mean_squares = {name: total / freedom for name, (freedom, total) in squares.items()}
     rows = []
     for name, (freedom, total) in squares.items():
@@ -249,8 +249,8 @@ def _continued_fraction(a: float, b: float, x: float) -> float:
             d = -(a + m) * (a + b + m) * x / ((a + 2 * m) * (a + 2 * m + 1))
         else:
             d = m * (b - m) * x / ((a + 2 * m - 1) * (a + 2 * m))
-        lower = 1.0 / (1.0 + d * lower or SMALL)
-        upper = 1.0 + d / upper or SMALL
+        lower = 1.0 / (1.0 + d * lower or TINY)
+        upper = 1.0 + d / upper or TINY
         value *= upper * lower
         if abs(upper * lower - 1.0) < 1e-15:
             break

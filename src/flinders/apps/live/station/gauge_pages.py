@@ -1,4 +1,4 @@
-"""A gauge study for the terminal, and as one HTML file."""
+"""Output of a gauge study to the terminal and as one HTML file."""
 
 from __future__ import annotations
 
@@ -49,8 +49,8 @@ SOURCES: Final = {
     "part": "parts", "operator": "operators", "interaction": "parts × operators", "repeatability": "repeatability",
 }  # fmt: skip
 WIDTH, HEIGHT, LEFT, TOP = 640.0, 220.0, 58.0, 12.0  # of a drawing
-MOST_NAMES: Final = 12  # Parts that are named below a drawing
-COLOURS: Final = 4  # Of operators
+MAX_NAMES: Final = 12  # Most parts named below a drawing
+COLOURS: Final = 4  # Number of colours for operators
 
 
 @dataclass(frozen=True, slots=True)
@@ -59,22 +59,22 @@ class Studied:
 
     measured: MeasuredTable
     study: GaugeStudy
-    tolerance: float = math.nan  #: width of its pass range; NaN where there is none
+    tolerance: float = math.nan  #: width of its pass range; NaN without one
 
     @property
     def name(self) -> str:
-        """With its unit."""
+        """Name of the quantity with its unit."""
         unit = label(self.measured.unit) if self.measured.unit not in {"", "°"} else self.measured.unit
         return f"{self.words}{f', {unit}' if unit else ''}"
 
     @property
     def words(self) -> str:
-        """What it is."""
+        """Name of the quantity in words."""
         return NAMES.get(self.measured.quantity, self.measured.quantity)
 
     @property
     def grade(self) -> Grade:
-        """By the share of the pass range where there is one, which is what a unit is held against; else of `study`."""
+        """Grade by the share of the pass range if there is one, else the grade of `study`."""
         share = self.percent_of_tolerance
         return self.study.grade if share is None else graded(share)
 
@@ -85,10 +85,10 @@ class Studied:
 
     @property
     def sentence(self) -> str:
-        """What it comes to."""
+        """Summary of the study."""
         study = self.study
         if not study.sigma("total"):
-            return "every value is the same, which tells nothing of the gauge"
+            return "all values are equal, so the gauge cannot be studied"
         count = study.distinct_categories
         categories = f"{count} distinct categor{'y' if count == 1 else 'ies'}"
         words = f"{figures(study.percent('gauge'))} % of the total variation, {categories}"
@@ -140,7 +140,7 @@ def html(studied: Sequence[Studied], source: str) -> str:
 
 
 def _section(each: Studied) -> dict[str, object]:
-    """What the page shows of one quantity."""
+    """Content of the page for one quantity."""
     study = each.study
     return {
         "id": each.measured.quantity.replace("_", "-"),
@@ -180,7 +180,7 @@ def drawing(each: Studied) -> str:
     low, high = float(values.min()), float(values.max())
     room = 0.08 * (high - low) or 1.0
     plot = Plot(LEFT, TOP, WIDTH - LEFT - 8, HEIGHT - TOP - 28, Axis(-0.6, parts - 0.4), Axis(low - room, high + room))
-    shown = range(0, parts, -(-parts // MOST_NAMES))
+    shown = range(0, parts, -(-parts // MAX_NAMES))
     marks = [
         plot.rows(round_ticks(plot.up, 5)),
         plot.columns([(place, each.measured.parts[place]) for place in shown], gap=18.0),
@@ -199,7 +199,7 @@ def _worst(studied: Sequence[Studied]) -> Studied:
 
 
 def _notes(studied: Sequence[Studied]) -> list[str]:
-    """What was pooled or left out of a gauge study, and what it cannot tell."""
+    """Notes on pooling, omitted rows and unknown components of a gauge study."""
     notes = ["repeats by one operator: reproducibility is not known"] * (studied[0].study.values.shape[1] == 1)
     pooled = [each.words for each in studied if each.study.is_pooled]
     notes += [f"parts × operators is pooled with the repeatability (p > 0.25): {', '.join(pooled)}"] * bool(pooled)

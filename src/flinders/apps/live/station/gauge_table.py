@@ -1,4 +1,4 @@
-"""Measured values of a gauge study, out of a table with a row for each test.
+"""Measured values of a gauge study, from a table with a row for each test.
 
 >>> noises = [("A", 1), ("A", 2), ("B", 3), ("B", 5)]
 >>> rows = [{"unit": unit, "operator": "Ada", "noise": str(noise)} for unit, noise in noises]
@@ -34,9 +34,9 @@ if TYPE_CHECKING:
 
 TABLE_BYTES: Final = 256 << 20
 QUANTITIES: Final = ("offset_x", "offset_y", "offset_z", "worst_deg", "noise", "field_strength")
-"""Columns that are studied unless others are named."""
+"""Default columns to study."""
 OPERATOR: Final = "operator"
-"""Column of a station's table that names who tested."""
+"""Column of a station's table with the operator."""
 NOBODY: Final = "(no operator)"
 
 
@@ -62,7 +62,7 @@ def read_rows(path: str | os.PathLike[str]) -> list[dict[str, str]]:
     except csv.Error as error:
         raise UnreadableInput(f"{path}: line {reader.line_num} cannot be read: {error}; check its quotes") from None
     if "unit" not in (reader.fieldnames or ()):
-        raise UnreadableInput(f"{path}: is no table of a station: it has no column unit")
+        raise UnreadableInput(f"{path}: is not a table of a station: it has no column unit")
     return rows
 
 
@@ -74,22 +74,22 @@ def measured_of(
     Parameters
     ----------
     rows : iterable of mappings
-        By column.
+        Rows of the table, by column.
     quantity : str
-        Column of numbers; rows without one, as of tests that were stopped, are left out.
+        Column of numbers; rows without a number, as of stopped tests, are left out.
     part, operator : str
-        Columns that name them; a table without a column `OPERATOR` is of one operator.
+        Columns with part and operator; a table without a column `OPERATOR` has one operator.
 
     Raises
     ------
     UsageError
-        For a column that is not there, and parts that were not measured at least twice by each operator.
+        For a missing column, and parts that were not measured at least twice by each operator.
     """
     cells: dict[tuple[str, str], list[float]] = defaultdict(list)
     units: dict[str, None] = {}
     for row in rows:
         if missing := [name for name in (quantity, part, operator) if name not in row and name != OPERATOR]:
-            raise UsageError(f"the table has no column {missing[0]}: there are {', '.join(filter(None, row))}")
+            raise UsageError(f"the table has no column {missing[0]}: it has {', '.join(filter(None, row))}")
         value = _number(row[quantity])
         if math.isfinite(value):
             cells[row.get(part) or "", row.get(operator) or NOBODY].append(value)
@@ -105,7 +105,7 @@ def measured_of(
 def _repeats(
     cells: Mapping[tuple[str, str], list[float]], parts: tuple[str, ...], operators: tuple[str, ...], quantity: str
 ) -> int:
-    """How often every part was measured by every operator."""
+    """Number of measurements that every part has from every operator."""
     if len(parts) < 2:
         raise UsageError(f"{counted(len(parts), 'part')} with {quantity}: a gauge study needs two, better ten")
     for part in parts:
@@ -127,7 +127,7 @@ def _number(text: str | None) -> float:
 
 
 def _unit(quantity: str, units: tuple[str, ...]) -> str:
-    """Unit of a quantity: degrees by its name, else that of the field."""
+    """Unit of a quantity: degrees by its name, else the unit of the field."""
     if quantity.endswith("_deg"):
         return "°"
     is_of_field = quantity.startswith("offset") or quantity in {"noise", "field_strength"}

@@ -1,6 +1,6 @@
-"""What a test comes to: the calibration of its whole recording, what that misses, and its files and row.
+"""Result of a test: calibration of its whole recording, missed limits, files, and row.
 
-The calibration is made and judged as *Finish* of the live page does it, by the engine, from the file of the unit.
+The calibration and its verdict are those of *Finish* of the live page, from the file of the unit.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ Result = Literal["pass", "fail", "aborted"]
 
 
 class ShownReason(Struct, frozen=True):
-    """Why a unit fails, and what to do about it."""
+    """Reason why a unit fails, with a remedy."""
 
     code: str
     words: str
@@ -38,7 +38,7 @@ class ShownReason(Struct, frozen=True):
 
 
 class ShownResult(Struct, frozen=True):
-    """How a test ended, for the page."""
+    """Result of a test for the page."""
 
     serial: str
     result: Result
@@ -48,37 +48,37 @@ class ShownResult(Struct, frozen=True):
 
 @dataclass(frozen=True, slots=True)
 class EndedTest:
-    """A test that is over."""
+    """Ended test with its row."""
 
     row: StationRow
     shown: ShownResult
-    trouble: str = ""  # what could not be written
+    trouble: str = ""  # file that could not be written, in words
 
 
 def stopped(test: UnitTest, ended: datetime, code: str) -> EndedTest:
-    """A test without a calibration: aborted by the operator, or interrupted."""
-    return _ended(test, test.row("aborted", ended), "aborted", (Miss(code),), None)
+    """Return an ended test without a calibration: aborted by the operator, or interrupted."""
+    return _ended_test(test, test.row("aborted", ended), "aborted", (Miss(code),), None)
 
 
 def judged(
     test: UnitTest, ended: datetime, wanted: Wanted, plan: Plan, folder: StationFolder, *, events: tuple[str, ...] = ()
 ) -> EndedTest:
-    """Make the calibration of a test, write its files, and say whether the unit passes.
+    """Make the calibration of a test, write its files, and return its result.
 
     Parameters
     ----------
     test : UnitTest
     ended : datetime
     wanted : Wanted
-        Its recording, and how it is fitted.
+        Recording of the test and settings of the fit.
     plan : Plan
     folder : StationFolder
     events : tuple of str
-        Codes of what went wrong beside the readings, such as ``sensor-gone``.
+        Codes of other faults, such as ``sensor-gone``.
     """
     made = finished("", wanted)
     outcome, trouble = made.outcome, ""
-    missed = [*map(Miss, events), *_of_readings(made, plan)]
+    missed = [*map(Miss, events), *_reading_misses(made, plan)]
     if isinstance(outcome, Fit):
         try:
             write_outputs(made, test, ended, plan, folder, is_passed=not missed)
@@ -88,19 +88,19 @@ def judged(
             missed.append(Miss("not-exported"))
     result: Result = "fail" if missed else "pass"
     row = test.row(result, ended).with_outcome(outcome, sum(file.rows for file in made.files))
-    return replace(_ended(test, row, result, tuple(missed), outcome), trouble=trouble)
+    return replace(_ended_test(test, row, result, tuple(missed), outcome), trouble=trouble)
 
 
-def _of_readings(made: Finished, plan: Plan) -> tuple[Miss, ...]:
-    """What the readings miss; a recording without readings is none that anybody can judge."""
+def _reading_misses(made: Finished, plan: Plan) -> tuple[Miss, ...]:
+    """Return the misses of the readings; only ``no-readings`` if there are none."""
     is_empty = isinstance(made.outcome, UnreadableInput) or not sum(file.rows for file in made.files)
     return (Miss("no-readings"),) if is_empty else misses(made.outcome, plan.limits)
 
 
-def _ended(
+def _ended_test(
     test: UnitTest, row: StationRow, result: Result, missed: tuple[Miss, ...], outcome: Fit | FlindersError | None
 ) -> EndedTest:
-    """The row and what the page shows, with why."""
+    """Return the row and the page's view, with reasons."""
     reasons = tuple(ShownReason(miss.code, *said(miss, outcome)) for miss in missed)
     message = " ".join(f"{reason.words} {reason.remedy}" for reason in reasons[:1])
     row = replace(

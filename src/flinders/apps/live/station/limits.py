@@ -1,6 +1,6 @@
-"""What a unit misses: the verdict of the engine on its readings first, then the pass limits of the station's file.
+"""Limits that a unit misses: first the engine's verdict on its readings, then the pass limits of the station's file.
 
-The verdict is the engine's. What is decided here are comparisons of the fit's numbers with limits that somebody wrote.
+The engine makes the verdict; this module only compares numbers of the fit with the limits of the file.
 
 >>> from flinders import simulate
 >>> from flinders.apps.live.station.plan import PassLimits
@@ -33,46 +33,46 @@ AXES: Final = "xyz"
 
 
 class Miss(Struct, frozen=True):
-    """Something that keeps a unit from passing: a code of `station.words`, of a finding or of an error."""
+    """A reason why a unit fails: a code of `station.words`, of a finding or of an error."""
 
     code: str
-    found: float | None = None  # the number that is outside
-    needed: tuple[float, float] | None = None  # where it has to lie
+    found: float | None = None  # the value outside its limits
+    needed: tuple[float, float] | None = None  # its limits
 
 
 def misses(outcome: Fit | FlindersError, limits: PassLimits) -> tuple[Miss, ...]:
-    """What a fit misses, the gravest first; nothing of one that passes."""
+    """Misses of a fit, the most severe first; empty if it passes."""
     fit = outcome.fit if isinstance(outcome, Refused) else outcome
     if isinstance(fit, FlindersError):
         return (Miss(fit.code),)
     if fit.verdict == "refused":
         return _causes(fit)
     limiting = _causes(fit) if limits.verdict == "good" and fit.verdict == "limited" else ()
-    return (*limiting, *_outside(fit, limits))
+    return (*limiting, *_number_misses(fit, limits))
 
 
 def _causes(fit: Fit) -> tuple[Miss, ...]:
-    """The findings that make the verdict; of a calibration that states none, that nothing is stated."""
+    """Misses by the findings that determine the verdict; ``unstated`` for a calibration without a verdict."""
     codes = [finding.code for finding in first_causes(fit.findings) if finding.severity != "note"]
     return tuple(map(Miss, codes or ["unstated"]))
 
 
-def _outside(fit: Fit, limits: PassLimits) -> Iterator[Miss]:
-    """Numbers of a fit that lie outside their limits; one that is not known lies outside."""
+def _number_misses(fit: Fit, limits: PassLimits) -> Iterator[Miss]:
+    """Yield misses by numbers outside their limits; an unknown number counts as outside."""
     if fit.calibration.unit != limits.unit and (limits.strength or limits.offset or limits.noise is not None):
         yield Miss("other-unit")
         return
-    if limits.verdict != "good" or fit.verdict == "good":  # else the engine's findings have said it
-        yield from _beyond("heading-error", fit.heading_error_deg.worst, (0.0, limits.heading_error_deg))
-    yield from _beyond("strength", fit.calibration.field_strength, limits.strength)
+    if limits.verdict != "good" or fit.verdict == "good":  # else the engine's findings cover it
+        yield from _miss("heading-error", fit.heading_error_deg.worst, (0.0, limits.heading_error_deg))
+    yield from _miss("strength", fit.calibration.field_strength, limits.strength)
     for axis, value in zip(AXES, fit.calibration.offset.tolist(), strict=True):
-        yield from _beyond(f"offset-{axis}", value, limits.offset)
-    yield from _beyond("noise", fit.evidence.noise, None if limits.noise is None else (0.0, limits.noise))
+        yield from _miss(f"offset-{axis}", value, limits.offset)
+    yield from _miss("noise", fit.evidence.noise, None if limits.noise is None else (0.0, limits.noise))
     share = None if limits.coverage is None else (limits.coverage, 1.0)
-    yield from _beyond("coverage-share", fit.evidence.coverage.fraction, share)
+    yield from _miss("coverage-share", fit.evidence.coverage.fraction, share)
 
 
-def _beyond(code: str, value: float | None, ends: tuple[float, float] | None) -> Iterator[Miss]:
+def _miss(code: str, value: float | None, ends: tuple[float, float] | None) -> Iterator[Miss]:
     number = math.nan if value is None else float(value)
     if ends is not None and not ends[0] <= number <= ends[1]:
         yield Miss(code, number if math.isfinite(number) else None, ends)

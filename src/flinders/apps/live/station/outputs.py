@@ -1,4 +1,4 @@
-"""Files of a unit beside its recording: calibration, exports, certificate."""
+"""Output files of a unit: calibration, exports, certificate."""
 
 from __future__ import annotations
 
@@ -22,14 +22,14 @@ if TYPE_CHECKING:
 def write_outputs(
     made: Finished, test: UnitTest, ended: datetime, plan: Plan, folder: StationFolder, *, is_passed: bool
 ) -> None:
-    """Write the calibration of a test, and of a unit that passes what else the station's file asks for.
+    """Write the calibration of a test and, for a unit that passes, the exports and certificate of the station's file.
 
     Raises
     ------
     OutputError
-        Where a file cannot be written.
+        If a file cannot be written.
     FlindersError
-        Where a target cannot hold the calibration.
+        If a target cannot hold the calibration.
     """
     fit = made.fit
     record = ProvenanceRecord(flinders=version("flinders"), date=ended.replace(microsecond=0), files=made.files)

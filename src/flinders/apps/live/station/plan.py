@@ -1,4 +1,4 @@
-r"""The file of a station: pass limits, motion, serial numbers, exports and certificate, as TOML.
+r"""File of a station in TOML: pass limits, motion, serial numbers, exports and certificate.
 
 >>> plan = plan_of('[limits]\nheading_error_deg = 0.5\noffset = [-60, 60]\n[motion]\nbody = "drone"')
 >>> plan.limits.heading_error_deg, plan.limits.offset, plan.motion.body, plan.limits.time_s
@@ -43,11 +43,11 @@ class PassLimits(Struct, frozen=True, kw_only=True):
     strength: Range | None = None  #: of the corrected field, from and to
     offset: Range | None = None  #: of each axis, from and to
     noise: float | None = None  #: of the readings about the ellipsoid, 1 σ, at most
-    coverage: float | None = None  #: share of the sphere that has to be seen, 0 to 1
-    time_s: float = 120.0  #: after which a unit is judged by what has come
+    coverage: float | None = None  #: least share of covered directions, 0 to 1
+    time_s: float = 120.0  #: duration of a test
 
     def tolerance(self, quantity: str) -> float:
-        """Width of the pass range of a column of the table, from 0 of an upper limit; NaN where it has none."""
+        """Width of the pass range of a column, from 0 for an upper limit; NaN without limits."""
         ranges = {
             **dict.fromkeys(("offset_x", "offset_y", "offset_z"), self.offset),
             "field_strength": self.strength,
@@ -59,59 +59,59 @@ class PassLimits(Struct, frozen=True, kw_only=True):
 
 
 class MotionStep(Struct, frozen=True, kw_only=True):
-    """A pose to take, or a motion of the fixture, for so long."""
+    """A pose to take, or a motion of the fixture, for some seconds."""
 
     words: str
     seconds: float
 
 
 class Motion(Struct, frozen=True, kw_only=True):
-    """How a unit is moved: by the live page's sequence of turns for what is in the hand, or by timed steps."""
+    """Motion of a unit: the live page's sequence of turns for a body, or timed steps."""
 
-    body: Body = "board"  #: what is in the hand
-    steps: tuple[MotionStep, ...] = ()  #: in place of that sequence; the unit is judged after the last
+    body: Body = "board"  #: kind of the unit, for the sequence of turns
+    steps: tuple[MotionStep, ...] = ()  #: replace that sequence; the test ends after the last
 
     @property
     def seconds(self) -> float:
-        """What all steps take."""
+        """Duration of all steps."""
         return sum(step.seconds for step in self.steps)
 
 
 class Serials(Struct, frozen=True, kw_only=True):
-    """Serial numbers: what one looks like, and the line of the board that says it."""
+    """Serial numbers: their pattern, and the line of the board that reports one."""
 
     pattern: str = r"[\w.+-]{1,64}"  #: regular expression of a whole serial number
     board_line: str | None = None  #: regular expression of a line of the board; its first group is the serial number
-    repeats: bool = False  #: units are tested several times, as for a gauge study: nothing is asked
+    repeats: bool = False  #: repeated tests of a unit need no confirmation, as for a gauge study
 
     @property
     def words(self) -> str:
-        """What a serial number looks like."""
+        """Description of a serial number, for messages."""
         if self.pattern == Serials().pattern:
             return "up to 64 letters, digits, or - _ . +, without a space"
         return f"one that the plan's serial.pattern matches, {self.pattern}"
 
 
 class StationSite(Struct, frozen=True, kw_only=True):
-    """Where the station is."""
+    """Place of the station."""
 
     dip_deg: float | None = None  #: inclination of the field
 
 
 class Exports(Struct, frozen=True, kw_only=True):
-    """What is written of each unit that passes, beside its calibration file."""
+    """Exports for each unit that passes, in addition to its calibration file."""
 
     targets: tuple[str, ...] = ()  #: names of targets
 
 
 class CertificateFacts(Struct, frozen=True, kw_only=True):
-    """What a Digital Calibration Certificate states that no calibration knows."""
+    """Facts for a Digital Calibration Certificate that no calibration holds."""
 
-    laboratory: str  #: name of who calibrates
+    laboratory: str  #: name of the laboratory
     country: str  #: of the laboratory, two letters of ISO 3166-1
     city: str  #: of the laboratory
-    person: str  #: who is responsible
-    customer: str  #: name of who gets the unit
+    person: str  #: responsible person
+    customer: str  #: name of the customer
     customer_country: str | None = None  #: two letters; by default that of the laboratory
     customer_city: str | None = None  #: by default that of the laboratory
     language: str = "en"  #: two letters of ISO 639-1
@@ -131,7 +131,7 @@ class Plan(Struct, frozen=True, kw_only=True):
 
     @property
     def time_s(self) -> float:
-        """After which a unit is judged by what has come."""
+        """Duration of a test, s."""
         return self.motion.seconds if self.motion.steps else self.limits.time_s
 
 
@@ -147,7 +147,7 @@ def read_plan(path: str | os.PathLike[str]) -> Plan:
     Raises
     ------
     UsageError
-        For a file that cannot be read, is no TOML, or has a key or value that cannot be meant.
+        For a file that cannot be read, is not TOML, or has an unknown key or a value out of range.
     """
     content = read_bytes(path, largest=PLAN_BYTES, what="file of a station", refused=UsageError)
     try:
@@ -157,11 +157,11 @@ def read_plan(path: str | os.PathLike[str]) -> Plan:
 
 
 def plan_of(text: str, name: str = "plan") -> Plan:
-    """Understand the text of such a file, which messages call `name`; raises `UsageError`."""
+    """Parse the text of such a file; `name` is used in messages. Raises `UsageError`."""
     try:
         tables = tomllib.loads(text)
     except tomllib.TOMLDecodeError as error:
-        raise UsageError(f"{name}: is no TOML: {error}") from None
+        raise UsageError(f"{name}: is not TOML: {error}") from None
     _refuse_unknown(name, tables)
     try:
         plan = msgspec.convert(tables, Plan)
@@ -172,7 +172,7 @@ def plan_of(text: str, name: str = "plan") -> Plan:
 
 
 def _refuse_unknown(name: str, tables: Mapping[str, object]) -> None:
-    """Refuse keys that nobody reads, so that no limit is left out by a typing error."""
+    """Refuse unknown keys, so that a typing error does not drop a limit."""
     _refuse_keys(name, tables, TABLES)
     for table, kind in TABLES.items():
         content = tables.get(table, {})
@@ -193,7 +193,7 @@ def _refuse_keys(where: str, table: Mapping[str, object], known: tuple[str, ...]
 
 
 def _refuse_out_of_range(name: str, plan: Plan) -> None:
-    """Refuse numbers and patterns that cannot be meant."""
+    """Refuse numbers and patterns out of range."""
     limits = plan.limits
     _need(name, "limits.heading_error_deg", limits.heading_error_deg, 0.0, MAX_TARGET_DEG)
     _need(name, "limits.time_s", limits.time_s, 0.0, MAX_TIME_S)
@@ -211,7 +211,7 @@ def _refuse_out_of_range(name: str, plan: Plan) -> None:
     _pattern(name, "serial.pattern", plan.serial.pattern)
     if plan.serial.board_line is not None and not _pattern(name, "serial.board_line", plan.serial.board_line).groups:
         raise UsageError(
-            f"{name}: serial.board_line has no group: put the part that is the serial number into brackets, as in "
+            f"{name}: serial.board_line has no group: put the serial number's part in brackets, as in "
             r"'serial: (\w+)'"
         )
     if plan.certificate is not None:
@@ -219,7 +219,7 @@ def _refuse_out_of_range(name: str, plan: Plan) -> None:
 
 
 def _refuse_codes(name: str, facts: CertificateFacts) -> None:
-    """Refuse codes of countries and languages that a certificate cannot hold."""
+    """Refuse invalid codes of countries and languages."""
     for key, value, shape in (
         ("country", facts.country, "[A-Z]{2}"),
         ("customer_country", facts.customer_country or facts.country, "[A-Z]{2}"),
@@ -240,4 +240,4 @@ def _pattern(name: str, key: str, pattern: str) -> re.Pattern[str]:
     try:
         return re.compile(pattern)
     except re.error as error:
-        raise UsageError(f"{name}: {key} {pattern!r} is no regular expression: {error}") from None
+        raise UsageError(f"{name}: {key} {pattern!r} is not a regular expression: {error}") from None

@@ -1,4 +1,4 @@
-r"""A recording for each unit: readings go into the file of the unit that is tested, and else nowhere.
+r"""Recordings of a station: readings go to the file of the unit under test, and are dropped between tests.
 
 >>> import tempfile
 >>> from pathlib import Path
@@ -33,19 +33,19 @@ if TYPE_CHECKING:
 
     from flinders.links.transports import ByteSource
 
-MAX_LINE: Final = 4096  # Bytes of a line that is looked at for a serial number
+MAX_LINE: Final = 4096  # Most bytes of a line to search for a serial number
 
 
 def folder_of(serial: str) -> str:
-    """Name of the folder of a unit: its serial number, with what no folder is called as ``%2F``."""
+    """Name of the folder of a unit: its serial number, with characters invalid in a path escaped as ``%2F``."""
     name = quote(serial, safe="+")
     return f"%2E{name[1:]}" if name.startswith(".") else name
 
 
 class UnitSink:
-    """A sink that writes into the file of the unit that is tested.
+    """A sink that writes to the file of the unit under test.
 
-    The header that the recorder wrote once stands above the rows of each file. Its methods are called on one thread.
+    Each file begins with the header that the recorder wrote once. All methods are called on one thread.
     """
 
     name = "the units' recordings"
@@ -71,7 +71,7 @@ class UnitSink:
             self.why = self._sink.why
 
     def begin(self, path: Path, source: str) -> None:
-        """Write into a new file from now on; `OutputError` where it cannot be made."""
+        """Start a new file; `OutputError` if it cannot be created."""
         self.end()
         make_folder(path.parent)
         self._sink = Patient(ToFile(path), self._say)
@@ -79,7 +79,7 @@ class UnitSink:
         self._sink.write(title(source, is_new=True) + header)
 
     def end(self) -> str:
-        """Close the file, once it is on the disk; returns why not all that came is in it, and nothing where it is."""
+        """Close the file once it is on the disk; returns the reason if readings are missing in it, else empty."""
         sink, self._sink, self.why = self._sink, None, ""
         if sink is None:
             return ""
@@ -91,7 +91,7 @@ class UnitSink:
 
 
 def _header_in(text: str) -> str | None:
-    """The line above the rows in what a recorder has written; empty where rows have none; None before the first row."""
+    """Header line in a recorder's text; empty if rows have none; None before the first row."""
     for line in text.splitlines():
         if line.strip() and not line.startswith("#"):
             return "" if line.lstrip('"')[:1].isdigit() or line[:1] in "-+." else line
@@ -99,7 +99,7 @@ def _header_in(text: str) -> str | None:
 
 
 class Announcing:
-    r"""A source of bytes that is listened to for the serial number of the board.
+    r"""A source of bytes that also extracts the serial number of the board.
 
     >>> from flinders.links.transports import Scripted
     >>> board = Announcing(Scripted([b"serial: A", b"17\r\n1,2,3\n"]), r"serial: (\w+)")
@@ -110,7 +110,7 @@ class Announcing:
     def __init__(self, source: ByteSource, line: str) -> None:
         self._source, self._line, self._rest = source, re.compile(line), b""
         self.name, self.is_framed = source.name, source.is_framed
-        self.serial = ""  #: what the board said last; nothing after it was unplugged
+        self.serial = ""  #: last serial number of the board; empty after it was unplugged
 
     def read(self, timeout: float) -> bytes:
         """As `ByteSource.read`."""

@@ -1,4 +1,4 @@
-"""Requests of a station's page to its program, in addition to those of every live page."""
+"""Requests of a station's page, in addition to those of every live page."""
 
 from __future__ import annotations
 
@@ -24,16 +24,16 @@ MAX_BODY: Final = 4096
 
 
 class Asked(Struct, frozen=True, forbid_unknown_fields=True):
-    """What an operator does."""
+    """Action of an operator."""
 
     do: Literal["start", "finish", "abort", "next", "operator"]
     serial: str = ""
-    again: bool = False  # the unit was tested before, and is tested again
+    again: bool = False  # confirms a repeated test
     name: str = ""  # of the operator
 
 
 class PageFacts(Struct, frozen=True):
-    """What the page has to know once."""
+    """Constant facts for the page."""
 
     name: str  # of the station
     motion: Motion
@@ -42,7 +42,7 @@ class PageFacts(Struct, frozen=True):
 
 
 def routes_of(station: Station) -> list[Route]:
-    """The page of a station, its state, and what an operator does."""
+    """Routes of the station: page, state, and actions of the operator."""
 
     async def page(_: Request) -> Response:
         return FileResponse(STATIC / "station" / "station.html", media_type="text/html; charset=utf-8")
@@ -54,7 +54,7 @@ def routes_of(station: Station) -> list[Route]:
         return Response(msgspec.json.encode(_facts(station.name, station.plan)), media_type=JSON)
 
     async def act(request: Request) -> Response:
-        await _done(station, await _asked(request))
+        await _perform(station, await _action_of(request))
         return await state(request)
 
     return [
@@ -69,7 +69,7 @@ def _facts(name: str, plan: Plan) -> PageFacts:
     return PageFacts(name, plan.motion, plan.limits.verdict == "limited", plan.limits.heading_error_deg)
 
 
-async def _asked(request: Request) -> Asked:
+async def _action_of(request: Request) -> Asked:
     body = b""
     async for chunk in request.stream():
         body += chunk
@@ -81,7 +81,7 @@ async def _asked(request: Request) -> Asked:
         raise UsageError(f"not a message of this page: {in_words(error)}") from None
 
 
-async def _done(station: Station, asked: Asked) -> None:
+async def _perform(station: Station, asked: Asked) -> None:
     match asked.do:
         case "start":
             await station.start(asked.serial, again=asked.again)

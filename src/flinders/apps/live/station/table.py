@@ -1,8 +1,8 @@
-"""The table of a station: a row for each test of each unit, appended at once and whole.
+"""Table of a station: a row for each test, appended in one write.
 
-Columns that a table of `flinders fleet` has, too, have its names; lists are columns of their own: ``offset_x``. A row
-is one write at the end of the file, forced to the disk; half a row that a power failure has left is cut off when the
-table is opened again.
+Columns common with `flinders fleet` have the same names; members of lists are columns of their own: ``offset_x``. A row
+is one write at the end of the file, forced to the disk; a partial row after a power failure is removed when the table
+is opened again.
 
 >>> import tempfile
 >>> from pathlib import Path
@@ -52,22 +52,22 @@ class StationRow:
     unit: str  #: serial number
     recording: str  #: file of its readings, in the folder of the station's recordings
     result: str  #: ``pass``, ``fail`` or ``aborted``
-    code: str = ""  #: of what it missed, the gravest; empty where it passed
-    message: str = ""  #: the same in words, with what to do
-    missed: tuple[str, ...] = ()  #: codes of all that it missed
-    operator: str = ""  #: who tested it
+    code: str = ""  #: of the most severe miss; empty if it passed
+    message: str = ""  #: the same in words, with a remedy
+    missed: tuple[str, ...] = ()  #: codes of all misses
+    operator: str = ""  #: name of the operator
     station: str = ""  #: name of the station
     began: str = ""  #: date and time, UTC
     seconds: float = math.nan  #: from the serial number to the last reading
-    start_s: float = math.nan  #: when it began, s since 1970
-    end_s: float = math.nan  #: when it ended, s since 1970
-    readings: int = 0  #: those there were
-    samples: int = 0  #: those that the fit used
-    verdict: str = ""  #: of the engine: ``good``, ``limited``, ``refused``, or ``failed`` where there is no fit
+    start_s: float = math.nan  #: start of the test, s since 1970
+    end_s: float = math.nan  #: end of the test, s since 1970
+    readings: int = 0  #: number of readings
+    samples: int = 0  #: number of readings used in the fit
+    verdict: str = ""  #: of the engine: ``good``, ``limited``, ``refused``, or ``failed`` without a fit
     method: str = ""  #: of the fit
     worst_deg: float = math.nan  #: heading error at the worst heading, 1 σ
     rms_deg: float = math.nan  #: the same over all headings
-    bound_95_deg: float = math.nan  #: heading error that it stays within with a probability of 95 %
+    bound_95_deg: float = math.nan  #: bound of the heading error with a probability of 95 %
     dip_deg: float = math.nan  #: dip of the field that heading errors are for
     offset: tuple[float, ...] = VECTOR  #: in `unit_of_field`
     matrix: tuple[float, ...] = MATRIX  #: row by row
@@ -78,7 +78,7 @@ class StationRow:
     unit_of_field: str = ""  #: ``uT`` or ``counts``
 
     def with_outcome(self, outcome: Fit | FlindersError, readings: int) -> Self:
-        """The row with a fit, or why there is none."""
+        """Return the row with a fit, or with the reason for the missing fit."""
         columns = FitColumns.empty(1)
         fit = getattr(outcome, "fit", None) or outcome
         fill_row(columns, 0, fit)
@@ -89,7 +89,7 @@ class StationRow:
         return replace(self, **cells, readings=readings, unit_of_field=unit)
 
     def cells(self) -> dict[str, str]:
-        """What stands in the table, by column."""
+        """Cells of the row, by column."""
         cells: dict[str, str] = {}
         for each in fields(self):
             value = getattr(self, each.name)
@@ -120,7 +120,7 @@ COLUMNS: Final = tuple(StationRow(unit="", recording="", result="").cells())
 
 
 class StationTable:
-    """A table that is appended to.
+    """A table for appending rows.
 
     Parameters
     ----------
@@ -129,12 +129,12 @@ class StationTable:
     Attributes
     ----------
     rows : list of dict
-        What stands in it, by column.
+        Rows of the table, by column.
 
     Raises
     ------
     OutputError
-        Where it cannot be written, another program writes it, or it has other columns.
+        If it cannot be written, another program writes it, or it has other columns.
     """
 
     def __init__(self, path: Path) -> None:
@@ -153,7 +153,7 @@ class StationTable:
             raise
 
     def append(self, row: StationRow) -> None:
-        """Add a row, whole or not at all; `OutputError` where that is impossible now."""
+        """Add a whole row; `OutputError` if that fails."""
         cells = row.cells()
         text = io.StringIO()
         writer = csv.DictWriter(text, COLUMNS, lineterminator="\n")
@@ -173,15 +173,15 @@ class StationTable:
         self.rows.append(cells)
 
     def last(self, unit: str) -> dict[str, str] | None:
-        """The newest row of a unit."""
+        """Return the newest row of a unit."""
         return next((row for row in reversed(self.rows) if row["unit"] == unit), None)
 
     def close(self) -> None:
-        """Let go of it."""
+        """Close the file."""
         os.close(self._file)
 
     def _read(self) -> list[dict[str, str]]:
-        """The rows that are there; half a row at the end goes."""
+        """Read the rows, and remove a partial row at the end."""
         if not locked(self._file):
             raise OutputError(f"{self.path}: another station writes this table: stop it, or name another folder")
         content = self.path.read_bytes()
@@ -205,7 +205,7 @@ def rows_of(path: Path, text: str) -> list[dict[str, str]]:
     if reader.fieldnames is not None and tuple(reader.fieldnames) != COLUMNS:
         missing = [name for name in COLUMNS if name not in reader.fieldnames]
         what = f"it has no {missing[0]}" if missing else "its columns are in another order"
-        raise OutputError(f"{path}: is no table of this station: {what}; move it away, or name another folder")
+        raise OutputError(f"{path}: is not a table of this station: {what}; move it away, or name another folder")
     try:
         return list(reader)
     except csv.Error as error:

@@ -1,4 +1,4 @@
-"""How a station says why a unit fails: the reason, and what to do about it, a sentence each.
+"""Sentences on a unit that fails: reason and remedy.
 
 >>> from flinders.apps.live.station.limits import Miss
 >>> from flinders.errors import TooFewSamples
@@ -22,7 +22,7 @@ from flinders.report.plain import error_words
 if TYPE_CHECKING:
     from flinders.apps.live.station.limits import Miss
 
-AGAIN: Final = "Test the unit again."
+REPEAT: Final = "Test the unit again."
 
 
 class LimitWords(NamedTuple):
@@ -30,12 +30,12 @@ class LimitWords(NamedTuple):
 
     name: str
     remedy: str
-    unit: str = ""  # of its own; else that of the field
+    unit: str = ""  # unit if it is not that of the field
 
 
 LIMITS: Final = {
     "heading-error": LimitWords("heading error", "Turn it through more directions, away from iron.", "°"),
-    "strength": LimitWords("field strength", "Check the sensor's scale, and that no iron is near the station."),
+    "strength": LimitWords("field strength", "Check the sensor's scale, and remove iron near the station."),
     **{
         f"offset-{axis}": LimitWords(f"offset of {axis}", "Check the unit for magnetised parts, and demagnetise them.")
         for axis in "xyz"
@@ -46,24 +46,24 @@ LIMITS: Final = {
 """Limits of a station's file."""
 
 EVENTS: Final = {
-    "sensor-gone": ("The sensor was lost during the test.", f"Check its cable. {AGAIN}"),
-    "no-readings": ("No readings came from the unit.", f"Check that it is on and connected. {AGAIN}"),
-    "interrupted": ("The station stopped in the middle of the unit.", AGAIN),
-    "aborted": ("The test was stopped.", AGAIN),
-    "fault": ("The unit could not be judged: a fault of the program.", f"Please report it. {AGAIN}"),
-    "not-recorded": ("The recording could not be written.", f"Make room on the disk. {AGAIN}"),
+    "sensor-gone": ("The sensor was lost during the test.", f"Check its cable. {REPEAT}"),
+    "no-readings": ("No readings came from the unit.", f"Check that it is on and connected. {REPEAT}"),
+    "interrupted": ("The station stopped in the middle of the unit.", REPEAT),
+    "aborted": ("The test was stopped.", REPEAT),
+    "fault": ("The test failed by a fault of the program.", f"Please report it. {REPEAT}"),
+    "not-recorded": ("The recording could not be written.", f"Make room on the disk. {REPEAT}"),
     "not-exported": ("The calibration cannot be written for its target.", "Ask whoever wrote the station's file."),
-    "unstated": ("Nothing states how good the calibration is.", "Calibrate the unit by a recording."),
+    "unstated": ("The calibration has no verdict.", "Calibrate the unit by a recording."),
     "other-unit": (
         "The readings are in another unit than the limits.",
         "Ask whoever wrote the station's file to state the unit of limits and readings.",
     ),
 }
-"""What else keeps a unit from passing."""
+"""Reason and remedy of other misses, by code."""
 
 
 def said(miss: Miss, outcome: Fit | FlindersError | None) -> tuple[str, str]:
-    """Reason and remedy of what a unit misses, whose fit or lack of one is `outcome`."""
+    """Reason and remedy of a miss; `outcome` is the fit, or the error if there is none."""
     fit = outcome if isinstance(outcome, Fit) else getattr(outcome, "fit", None)
     if miss.code in LIMITS and miss.needed is not None:
         unit = label(fit.calibration.unit) if fit else ""
@@ -77,16 +77,16 @@ def said(miss: Miss, outcome: Fit | FlindersError | None) -> tuple[str, str]:
         words, remedy = error_words(outcome)
     else:
         words, remedy = "No calibration could be made.", ""
-    return as_sentence(words), as_sentence(remedy) if remedy else AGAIN
+    return as_sentence(words), as_sentence(remedy) if remedy else REPEAT
 
 
 def _outside(miss: Miss, needed: tuple[float, float], words: LimitWords, unit: str) -> str:
-    """A number that is outside its limits."""
+    """Sentence on a number outside its limits."""
     unit = words.unit or (f" {unit}" if unit else "")
     if miss.found is None:
         return f"The {words.name} is not known."
     if miss.code == "coverage-share":
-        return f"{miss.found:.0%} of all directions were seen, and {needed[0]:.0%} are needed."
+        return f"{miss.found:.0%} of all directions are covered, and {needed[0]:.0%} are needed."
     low, high = (minus(f"{end:g}") for end in needed)
     limits = f"The limit is {high}{unit}." if needed[0] == 0.0 else f"The limits are {low} and {high}{unit}."
     return f"The {words.name} is {_number(miss.found)}{unit}. {limits}"
@@ -97,7 +97,7 @@ def _number(value: float) -> str:
 
 
 def numbers_of(fit: Fit) -> list[tuple[str, str]]:
-    """Name and number of what an operator may be asked for."""
+    """Names and texts of the numbers that the page shows."""
     unit = label(fit.calibration.unit)
     offset = ", ".join(_number(value) for value in fit.calibration.offset.tolist())
     return [

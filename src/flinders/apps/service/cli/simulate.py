@@ -1,4 +1,4 @@
-"""``flinders simulate boat``: days of a boat whose compass is always on."""
+"""``flinders simulate boat``: the compass of a boat over some days."""
 
 from __future__ import annotations
 
@@ -9,10 +9,10 @@ from flinders.cli._simulation import Simulation, size_option
 
 
 class Boat(Simulation):
-    """How long the boat is watched, and where readings and truth go."""
+    """Duration and output of the simulation."""
 
     days: float = program.member(
-        "--days", type=program.positive, default=7.0, show_default=True, metavar="N", help="From midnight on."
+        "--days", type=program.positive, default=7.0, show_default=True, metavar="N", help="Days, from midnight on."
     )
     noise: float = size_option("--noise", "White noise in µT, 1 σ per axis.", default=0.3, show_default=True)
 
@@ -28,12 +28,12 @@ Example:
 """,
 )
 def command(options: Boat) -> int:
-    """Simulate the compass of a small yacht for some days, and what happens to it.
+    """Simulate the compass of a small yacht for some days, with disturbances.
 
     Each day the yacht lies at a berth, is at sea in the morning and in the afternoon, and is off for the night. It
-    begins with two circles. At sea it turns now and then, rolls and heels; steel passes, and once, after four sevenths
-    of the time at sea, the offset moves by 5 µT. Columns: time, in seconds from 1970, and magnetic field, twice a
-    second at sea. The truth is that of the end; --json also tells what happened when.
+    begins with two circles. At sea it turns now and then, rolls and heels; steel passes by, and once, after four
+    sevenths of the time at sea, the offset moves by 5 µT. Columns: time, in seconds from 1970, and magnetic field,
+    twice a second at sea. The true calibration is that of the end; --json also lists the events with their times.
     """
     from flinders.apps.service.simulate_boat import boat
 

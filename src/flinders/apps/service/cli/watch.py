@@ -1,4 +1,4 @@
-"""``flinders watch``: a calibration that keeps itself while a vehicle works."""
+"""``flinders watch``: online calibration while a vehicle works."""
 
 from __future__ import annotations
 
@@ -33,13 +33,13 @@ if TYPE_CHECKING:
 
 
 class LineOptions(option.LinesOptions):
-    """How lines and recordings are read."""
+    """Options to read lines and recordings."""
 
     unit: str | None = program.same_as(option.UnitsOptions, "unit")
 
 
 class WatchedSource(program.Group):
-    """Where readings come from."""
+    """Source of the readings."""
 
     files: tuple[str, ...] = program.argument("[-|LOG...]", required=False, nargs=-1)
     port: str | None = option.serial()
@@ -50,16 +50,16 @@ class WatchedSource(program.Group):
         "--mavlink", metavar="LINK", help="A vehicle: udp:HOST:PORT, tcp:HOST:PORT or a serial port."
     )
     compass: int = program.member(
-        "--compass", type=click.IntRange(1, 3), default=1, show_default=True, help="Which of the vehicle's."
+        "--compass", type=click.IntRange(1, 3), default=1, show_default=True, help="Number of the vehicle's compass."
     )
     ros2: str | None = option.ros2()
     replay: str | None = program.member(
-        "--replay", metavar="LOG", help="Recordings, as fast as they are read; several after one another."
+        "--replay", metavar="LOG", help="Recordings, read at full speed, one after the other."
     )
     lines: LineOptions = program.group(LineOptions)
 
     def check(self) -> None:
-        """See that one source is named.
+        """Refuse other than one source.
 
         Raises `UsageError`.
         """
@@ -95,9 +95,9 @@ class WatchedSource(program.Group):
     def opened(
         self, stack: contextlib.ExitStack, calibration: OnlineCalibration | Begun, *, is_published: bool = False
     ) -> Source:
-        """Open what is named; readings that name no unit are in that of the calibration.
+        """Open the named source; readings without a unit are in the calibration's unit.
 
-        Where they are published again, each is handed on as it comes.
+        If readings are published again, each is passed on without batching.
         """
         from flinders.apps.service import sources
         from flinders.apps.service.watching import frame_in, since_of, unit_of
@@ -110,7 +110,7 @@ class WatchedSource(program.Group):
         if unit is not None and self.lines.unit is None:
             reading |= {"unit": unit.name} if unit == Unit.of(unit.name) else {"unit": unit.name, "scale": unit.scale}
         if self.replay is not None:
-            return self._replayed(stack, unit, frame_in(calibration))
+            return self._recordings(stack, unit, frame_in(calibration))
         if self.files:
             return sources.of_pipe(StandardInput(), since, **reading)
         if self.mavlink is not None:
@@ -124,7 +124,7 @@ class WatchedSource(program.Group):
         stack.enter_context(contextlib.closing(wire))
         return sources.of_wire(wire, since, **reading)
 
-    def _replayed(self, stack: contextlib.ExitStack, unit: Unit | None, frame: str | None) -> Source:
+    def _recordings(self, stack: contextlib.ExitStack, unit: Unit | None, frame: str | None) -> Source:
         """Recordings, one after the other."""
         from flinders.apps.service.sources import of_recordings
         from flinders.core.samples import frame_of
@@ -141,68 +141,73 @@ class WatchedSource(program.Group):
         parts = [CountedRecording(recording) for recording in recordings]
         for part in reversed(parts):
             stack.callback(say_read, part)
-        return of_recordings(parts, [_start(recording) for recording in recordings])
+        return of_recordings(parts, [_start_time(recording) for recording in recordings])
 
 
 class Watch(program.Group):
-    """A source, how the calibration begins, and what is written."""
+    """A source, the initial calibration, and the outputs."""
 
     source: WatchedSource = program.group(WatchedSource)
     calibration: str | None = program.member(
-        "--previous", metavar="CALIBRATION", help="Begin with a calibration file [default: the readings make one]."
+        "--previous", metavar="CALIBRATION", help="Initial calibration file [default: estimated from the readings]."
     )
     walk: float | None = program.member(
         "--walk", type=program.positive, metavar="RATE",
-        help="How far the offset of this unit walks in an hour, 1 σ, in µT or counts, known within a factor of two.",
+        help="Random walk of this unit's offset in an hour, 1 σ, in µT or counts, known within a factor of two.",
     )  # fmt: skip
     history: str | None = program.member(
-        "--history", metavar="HISTORY", help="Take how the offset of this unit walks from an earlier state of it."
+        "--history", metavar="HISTORY", help="Estimate the random walk of this unit's offset from an earlier state."
     )
     axes: str = program.same_as(option.AxesOptions, "axes")
     target_deg: float = option.target()
     dip_deg: float | None = option.dip("Inclination of the field at the site [default: 60].")
-    lock: bool = program.flag("--lock", "Keep the calibration in force, whatever is learnt.", heading=program.METHOD)
+    lock: bool = program.flag(
+        "--lock", "Keep the calibration in force, despite newer estimates.", heading=program.METHOD
+    )
     state: str | None = program.member(
-        "--state", metavar="FILE", help="Go on with this file where it is there, and keep it.", heading=program.OUTPUT
+        "--state",
+        metavar="FILE",
+        help="State file: continue from it if it exists, and update it.",
+        heading=program.OUTPUT,
     )
     every: float = program.member(
         "--every", type=program.positive, default=60.0, show_default=True, metavar="S",
-        help="Write files, and with --json the state, after so many seconds.", heading=program.OUTPUT,
+        help="Period of writing files, and the state with --json, s.", heading=program.OUTPUT,
     )  # fmt: skip
     adopted: str | None = program.member(
-        "--adopted", metavar="FILE|FOLDER", help="Write each calibration that comes into force.",
+        "--adopted", metavar="FILE|FOLDER", help="File or folder for each calibration that comes into force.",
         heading=program.OUTPUT,
     )  # fmt: skip
     status: str | None = program.member(
-        "--status", metavar="FILE", help="Keep a file with the state as JSON.", heading=program.OUTPUT
+        "--status", metavar="FILE", help="File with the state as JSON.", heading=program.OUTPUT
     )
     prometheus: str | None = program.member(
-        "--prometheus", metavar="FILE", help="Keep a file for Prometheus's node exporter.", heading=program.OUTPUT
+        "--prometheus", metavar="FILE", help="File for Prometheus's node exporter.", heading=program.OUTPUT
     )
     page: str | None = program.member(
-        "--page", metavar="FILE.html", help="Keep a page that shows the state, its course and events.",
+        "--page", metavar="FILE.html", help="Page with the state, its history and events.",
         heading=program.OUTPUT,
     )  # fmt: skip
     send: str | None = program.member(
         "--send", metavar="FOLDER", heading=program.OUTPUT,
-        help="Send calibrations to the vehicle of --mavlink while it is disarmed; what it held goes into the folder.",
+        help="Send calibrations to the disarmed vehicle of --mavlink; its previous values go into this folder.",
     )  # fmt: skip
     send_interval_s: float = program.member(
         "--send-interval", type=program.positive, default=3600.0, show_default=True, metavar="S",
-        help="From one sending to the next, at the least.", heading=program.OUTPUT,
+        help="Least time between two sendings, s.", heading=program.OUTPUT,
     )  # fmt: skip
     publish: str | None = program.member(
         "--publish", is_flag=False, flag_value="", metavar="[TOPIC]", heading=program.OUTPUT,
         help="With --ros2: publish corrected readings [default: /imu/mag_corrected], diagnostics, and the calibration.",
     )  # fmt: skip
     as_json: bool = program.flag(
-        "--json", "Print each event, and the state at times, as a line of JSON.", heading=program.OUTPUT
+        "--json", "Print each event, and the state periodically, as a line of JSON.", heading=program.OUTPUT
     )
 
     def check(self) -> None:
-        """See that one source is named, and that files can be written.
+        """Refuse other than one source, and files that cannot be written.
 
-        Raises `UsageError`; `OutputError` where a file cannot be written.
+        Raises `UsageError`; `OutputError` if a file cannot be written.
         """
         from flinders.cli._output import refuse_to_overwrite
         from flinders.core.files import refuse_existing
@@ -212,7 +217,7 @@ class Watch(program.Group):
         if self.publish is not None and self.source.ros2 is None:
             raise UsageError("--publish goes with --ros2: leave it out; --adopted and --json serve other programs")
         if self.walk is not None and self.history is not None:
-            raise UsageError("--walk and --history say the same: leave one of them out")
+            raise UsageError("--walk and --history both give the random walk of the offset: leave one out")
         read = [*self.source.files, *filter(None, (self.source.replay, self.calibration, self.history))]
         files = {
             "--state": self.state, "--status": self.status, "--prometheus": self.prometheus, "--page": self.page,
@@ -223,29 +228,29 @@ class Watch(program.Group):
             if path is None:
                 continue
             if path == "-":
-                raise UsageError(f"{name} is a file that is replaced: give its name; --json prints")
+                raise UsageError(f"{name} needs a regular file, which is replaced; use --json to print the state")
             if other := seen.get(os.path.realpath(path)):
-                raise UsageError(f"{path} is named for {other} and for {name}: give them two names")
+                raise UsageError(f"{path} is given for {other} and for {name}: give two different files")
             seen[os.path.realpath(path)] = name
             refuse_to_overwrite(path, read)
             refuse_existing(path, force=True)
 
     def _check_sending(self) -> None:
-        """See that a source takes calibrations, and that there is a place for what it held before."""
+        """Refuse --send for a source that cannot receive calibrations, or without a folder for previous values."""
         if self.send is None:
             if program.is_typed("send_interval_s"):
                 raise UsageError("--send-interval goes with --send: leave it out")
             return
         if self.source.mavlink is None:
             raise UsageError(
-                "--send goes with --mavlink: a board on a wire does not tell what it held before, so that this could "
-                "not be put back; write calibrations with --adopted, and send one with flinders send"
+                "--send goes with --mavlink: a board on a wire does not report its previous values, so they could not "
+                "be restored; write calibrations with --adopted, and send one with flinders send"
             )
         if not Path(self.send).is_dir():
-            raise UsageError(f"--send {self.send}: need a folder that exists, for what the vehicle held before")
+            raise UsageError(f"--send {self.send}: need an existing folder, for the vehicle's previous values")
 
     def handover(self, source: Source, stopped: Callable[[], bool]) -> Handover | None:
-        """What sends calibrations; None where that is not asked for."""
+        """Return the sender of calibrations; None without --send."""
         if self.send is None or source.recipient is None:
             return None
         from flinders.apps.service.handover import Handover
@@ -253,7 +258,7 @@ class Watch(program.Group):
         return Handover(source.recipient, self.send, interval_s=self.send_interval_s, stopped=stopped, say=say)
 
     def publisher(self, source: Source) -> Publisher | None:
-        """What publishes beside the source; None where that is not asked for."""
+        """Return the publisher of corrected readings; None without --publish."""
         if self.publish is None:
             return None
         from flinders.links.feeds import publisher_kind
@@ -262,7 +267,7 @@ class Watch(program.Group):
         return opened(source.feed, *([self.publish] if self.publish else []))
 
     def began(self) -> OnlineCalibration | Begun:
-        """The calibration of the state file where that is there, else how it begins."""
+        """Return the calibration of the state file if it exists, else the settings to begin one."""
         from flinders.apps.service.watching import Begun
         from flinders.core.axes import Axes
         from flinders.workflows.online import OnlineCalibration
@@ -273,9 +278,9 @@ class Watch(program.Group):
             self._refuse_others(online.state.target_deg)
             begins = {"--previous": self.calibration, "--walk": self.walk, "--history": self.history}
             unused = " and ".join(name for name, value in begins.items() if value is not None)
-            words = f", and {unused} is not used" if unused else ""
-            words += "; it is of another release, whose evidence is left out" if online.is_converted else ""
-            say(f"{self.state}: goes on{words}")
+            words = f"; {unused} is not used" if unused else ""
+            words += "; it comes from another release, whose evidence is left out" if online.is_converted else ""
+            say(f"{self.state}: continues{words}")
             return online
         walk = self.known_walk()
         if self.calibration is None:
@@ -284,11 +289,11 @@ class Watch(program.Group):
             raise UsageError("--axes are those of --previous: leave one of them out")
         start = load("watch --previous", self.calibration)
         begun = Begun(start, target_deg=self.target_deg, dip_deg=self.dip_deg, **walk)
-        begun.calibration(start.calibration.raw)  # what cannot go on is said before anything is opened
+        begun.calibration(start.calibration.raw)  # raises before anything is opened
         return begun
 
     def known_walk(self) -> dict[str, Any]:
-        """How the offset of this unit walks, as far as that is known; `UsageError` of a short history."""
+        """Return the known random walk of this unit's offset as keywords; `UsageError` for a short history."""
         from flinders.core.units import label
         from flinders.workflows.offset_history import OffsetHistory
         from flinders.workflows.walk import MIN_STEPS
@@ -299,23 +304,23 @@ class Watch(program.Group):
         if (walk := history.walk) is None:
             found = len(history.estimates.time_s)
             raise UsageError(
-                f"{self.history} tells no walk: it has {found} estimates of the offset that are two hours apart, and "
-                f"{MIN_STEPS + 1} are needed: give a longer one, or --walk"
+                f"{self.history} is too short for a random walk: it has {found} estimates of the offset two hours apart, "
+                f"need {MIN_STEPS + 1}; give a longer one, or --walk"
             )
-        say(f"{self.history}: the offset of this unit walks {walk}, in {label(history.unit)}")
+        say(f"{self.history}: the random walk of this unit's offset is {walk}, in {label(history.unit)}")
         return {"walk": walk, "walk_unit": history.unit}
 
     def _refuse_others(self, target_deg: float) -> None:
-        """Refuse options that a state has otherwise."""
+        """Refuse options that contradict the state."""
         if program.is_typed("target_deg") and self.target_deg != target_deg:
             raise UsageError(
-                f"--target is {self.target_deg:g}°, and {self.state} was begun with {target_deg:g}°: leave it out, or "
-                "name another state file to begin anew"
+                f"--target is {self.target_deg:g}°, but {self.state} has {target_deg:g}°: leave it out, or "
+                "give another state file to begin again"
             )
 
     @property
     def files(self) -> Files:
-        """What is written."""
+        """Return the files to write."""
         from flinders.apps.service.watching import Files
 
         return Files(self.state, self.adopted, self.status, self.prometheus, self.page)
@@ -337,16 +342,16 @@ Example:
 \b
 Exit codes:
   0  ended by Ctrl-C or a signal, or read to the end
-  5  no port, or no reading came
-  6  the state, or the calibration that came into force, cannot be written, or another program keeps that state
+  5  no port, or no reading arrived
+  6  the state, or the calibration that came into force, cannot be written, or another program uses that state
 """,
 )
 def command(options: Watch) -> None:
-    """Keep the calibration of a sensor while its vehicle works, for as long as it runs.
+    """Keep a sensor calibrated while its vehicle works.
 
-    Readings of ordinary use are enough: the first calibration is found as soon as they allow one, and improved
-    whenever the vehicle turns. The heading error to expect now is known at any time, also while nothing is learnt.
-    What passes, such as iron beside the road, is told from an offset that has moved.
+    Readings of ordinary use are enough: the first calibration is made as soon as they allow it, and improves with every
+    turn of the vehicle. The expected heading error is known at any time, also between updates. The command
+    distinguishes passing disturbances, such as iron near the road, from an offset that has moved.
     """
     from flinders.apps.service.watching import Watch as Watching
     from flinders.core.files import exclusive
@@ -367,31 +372,31 @@ def command(options: Watch) -> None:
             is_locked=options.lock,
             handover=options.handover(source, stopped),
             publisher=options.publisher(source),
-            tell=_json if options.as_json else _told(),
+            tell=_json if options.as_json else _change_printer(),
             say=say,
             stopped=stopped,
         )
         report = watching.run()
     if not report.readings and not stopped():
-        raise UnreadableInput(f"no reading came from {report.source}: name its columns with --columns, and its --unit")
+        raise UnreadableInput(f"no reading of {report.source}: name its columns with --columns, and its --unit")
     say(f"{report.readings:,} readings; {report.line()}")
 
 
 def _json(report: Report) -> None:
-    """A line for programs."""
+    """Print a report as a line of JSON."""
     click.echo(json.dumps(plain(report.as_dict())))
 
 
-def _start(recording: Recording) -> float:
-    """Seconds from 1970 at which the times of a recording start to count; 0 where they count from something else."""
+def _start_time(recording: Recording) -> float:
+    """Start of a recording's times, s from 1970; 0 if unknown."""
     from flinders.apps.service.sources import first_time
 
-    begun: datetime | None = getattr(recording, "begun", None)  # of a log of a vehicle: its first reading
+    begun: datetime | None = getattr(recording, "begun", None)  # for a vehicle's log: its first reading
     return clock_start(recording) if begun is None else begun.timestamp() - first_time(recording)
 
 
-def _told() -> Callable[[Report], None]:
-    """What prints a line where something changes; not that what was learnt just now is in force."""
+def _change_printer() -> Callable[[Report], None]:
+    """Return a function that prints a line for each change, except that a new estimate has come into force."""
     last: list[Any] = [None, None]
 
     def tell(report: Report) -> None:

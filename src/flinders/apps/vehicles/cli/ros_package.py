@@ -8,10 +8,10 @@ from flinders.cli._output import print_json, say
 
 
 class RosPackage(program.Group):
-    """Where the package goes."""
+    """Options of the command."""
 
     folder: str = program.member(
-        "-o", "--output", required=True, metavar="DIR", help="Folder of the package; it is made."
+        "-o", "--output", required=True, metavar="DIR", help="Folder to create for the package."
     )
     force: bool = option.force()
     as_json: bool = option.as_json()
@@ -30,7 +30,7 @@ Example:
 def command(options: RosPackage) -> None:
     """Write a ROS 2 package with a node that calibrates a magnetometer while its robot works.
 
-    It is for those who have ROS: colcon builds it, and it uses this program as a library. Without ROS, flinders watch
+    The package needs ROS: colcon builds it, and its node uses this program as a library. Without ROS, flinders watch
     --ros2 does the same over DDS.
     """
     from flinders.apps.vehicles.ros2 import node_package

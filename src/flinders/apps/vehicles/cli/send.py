@@ -1,4 +1,4 @@
-"""``flinders send``: a calibration into a board or a vehicle, with the proof that it is there."""
+"""``flinders send``: write a calibration to a board or a vehicle, and verify it there."""
 
 from __future__ import annotations
 
@@ -24,11 +24,11 @@ if TYPE_CHECKING:
 
 
 class Send(program.Group):
-    """A calibration, and the board or vehicle that gets it."""
+    """A calibration, and the board or vehicle that receives it."""
 
     calibration: str = program.argument("CALIBRATION")
     port: str | None = program.member(
-        "--serial", metavar="PORT", help="A board that takes what MotionCal sends: /dev/ttyACM0, COM3."
+        "--serial", metavar="PORT", help="A board that accepts MotionCal's packet: /dev/ttyACM0, COM3."
     )
     mavlink: str | None = program.member(
         "--mavlink", metavar="ADDRESS",
@@ -37,25 +37,25 @@ class Send(program.Group):
     baud: int = option.baud()
     compass: int | None = program.member(
         "--compass", type=click.IntRange(0, 3), metavar="N",
-        help="Which compass: ArduPilot's 1 to 3, PX4's 0 to 3 [default: by device id, that of the log, or the first].",
+        help="Compass: ArduPilot's 1 to 3, PX4's 0 to 3 [default: by device id, by the log, or the first].",
     )  # fmt: skip
     device_id: int | None = program.member(
         "--device-id", type=click.IntRange(1, 2**32 - 1), metavar="ID", help="Device id that the compass must have."
     )
     system: int | None = program.member(
-        "--system", type=click.IntRange(1, 255), metavar="N", help="Which vehicle, where several are on the link."
+        "--system", type=click.IntRange(1, 255), metavar="N", help="MAVLink system, if several are on the link."
     )
     mounting: str | None = option.mounting()
     lossy: bool = option.lossy()
     backup: str | None = program.member(
         "--backup", metavar="FILE",
-        help="Where the vehicle's values from before go [default: compass-before-TIME.param(s)].",
+        help="File for the previous values of the vehicle [default: compass-before-TIME.param(s)].",
     )  # fmt: skip
     dry_run: bool = program.flag("--dry-run", "Show what would be sent or changed, and change nothing.")
     as_json: bool = option.as_json()
 
     def check(self) -> None:
-        """See that exactly one receiver is named, and that what is said goes with it."""
+        """Refuse other than exactly one receiver, and options that do not belong to it."""
         if self.port is not None and self.mavlink is not None:
             raise UsageError("--serial and --mavlink name two receivers: send to each with a command of its own")
         if self.port is None and self.mavlink is None:
@@ -89,16 +89,16 @@ Example:
 Exit codes:
   4  refused: armed, another compass, or values that do not fit; nothing was changed
   5  no port, board or vehicle
-  6  sent and not confirmed; says what the board or vehicle holds
+  6  sent and not confirmed; the message states the values that the board or vehicle holds
 """,
 )
 def command(options: Send) -> None:
     """Send CALIBRATION to a board over a serial port, or to an ArduPilot or PX4 vehicle over MAVLink.
 
-    A board gets the packet that MotionCal sends, and has to echo its values. Of a vehicle the compass parameters
-    are set, each with read-back; the values from before are saved first, and put back where anything fails. A
-    rotation of the calibration is set as the compass's new mounting. An armed vehicle is refused, and so is one
-    whose compass has another device id or mounting than the calibration is for.
+    A board receives MotionCal's packet and has to echo its values. On a vehicle, the compass parameters are set and
+    each is read back; the previous values are saved first, and restored if anything fails. A rotation of the
+    calibration is set as the compass's new mounting. An armed vehicle is refused. So is a vehicle whose compass has
+    a device id or mounting that differs from the calibration's.
     """
     options.check()
     fit = for_use("send", options.calibration)
@@ -134,7 +134,7 @@ def _to_board(fit: Fit, port: str, options: Send) -> None:
             say(f"{port}: sending {len(packet.encode())} bytes")
             confirmed = motioncal.send(source, packet)
         except KeyboardInterrupt:
-            say(f"! stopped: {motioncal.EITHER}; send again, or see what it prints with flinders record")
+            say(f"! stopped: {motioncal.EITHER}; send again, or read the board's output with flinders record")
             raise
     say(f"{port}: {confirmed}")
     if options.as_json:
@@ -143,7 +143,7 @@ def _to_board(fit: Fit, port: str, options: Send) -> None:
 
 
 def _show_packet(packet: MotionCalPacket, port: str, options: Send) -> None:
-    """Print what would be sent, and what is waited for."""
+    """Print the packet, and the echo that would be expected."""
     from flinders.links import motioncal
 
     if options.as_json:
@@ -159,7 +159,7 @@ def _show_packet(packet: MotionCalPacket, port: str, options: Send) -> None:
 
 
 def _to_vehicle(fit: Fit, link: ByteSource, options: Send) -> None:
-    """Set the compass parameters of a vehicle, or show what they would be."""
+    """Set the compass parameters of a vehicle, or show the plan for them."""
     from flinders.apps.vehicles.mavlink import Vehicle
     from flinders.apps.vehicles.mavlink_parameters import TARGETS
     from flinders.core.files import write_text
@@ -181,7 +181,7 @@ def _to_vehicle(fit: Fit, link: ByteSource, options: Send) -> None:
     path = options.backup or f"compass-before-{datetime.now(UTC):%Y%m%dT%H%M%SZ}{suffix}"
     _refuse_backup(path)
     write_text(plan.backup(), path)
-    say(f"the values from before are in {path}")
+    say(f"the previous values are in {path}")
     if not options.as_json:
         click.echo(str(plan))
     _carry_out(plan, path)
@@ -194,7 +194,7 @@ def _to_vehicle(fit: Fit, link: ByteSource, options: Send) -> None:
 
 
 def _plan(fit: Fit, vehicle: Vehicle, options: Send) -> ParameterPlan:
-    """What would change, for the compass that is named or that the log knows; says what there is to know."""
+    """Plan the parameters of the compass given by option or by the log, and print the plan's notes."""
     from flinders.apps.vehicles.sending import parameter_plan
 
     plan = lossy_if_agreed(
@@ -214,26 +214,26 @@ def _plan(fit: Fit, vehicle: Vehicle, options: Send) -> ParameterPlan:
 
 
 def _refuse_backup(path: str) -> None:
-    """See that the values from before have a place of their own, which lasts."""
+    """Refuse a backup path that is not a new regular file."""
     from flinders.core.files import refuse_existing
 
     if path in ("", "-"):
-        raise UsageError(f"--backup {path!r}: need the name of a file, which is there when all else fails")
+        raise UsageError(f"--backup {path!r}: need the name of a file that stays on the disk")
     try:
         refuse_existing(path)
     except OutputExists:
         raise OutputError(
-            f"{path} exists, and may hold values that somebody needs: name another file with --backup"
+            f"{path} exists: name another file with --backup, so that earlier values are not overwritten"
         ) from None
 
 
 def _carry_out(plan: ParameterPlan, path: str) -> None:
-    """Change the vehicle; where that fails, say where the old values are."""
+    """Set the parameters; if that fails, add the path of the backup to the error."""
     with stopping(patient=True) as stopped:
         try:
             plan.carry_out(stopped=stopped, say=say)
         except NotConfirmed as error:
-            message = f"{error.message}. The values from before are in {path}"
+            message = f"{error.message}. The previous values are in {path}"
             if not stopped():
                 raise NotConfirmed(message) from None
             say(f"error: {message}")
@@ -241,7 +241,7 @@ def _carry_out(plan: ParameterPlan, path: str) -> None:
 
 
 def _show(plan: ParameterPlan, *, as_json: bool) -> None:
-    """Print each parameter of a plan that is not carried out, before and after."""
+    """Print each parameter of a plan before and after, without setting it."""
     if as_json:
         print_json({**plan.as_dict(), "backup": None, "sent": False})
         return

@@ -1,12 +1,12 @@
-r"""ArduPilot's DataFlash logs, ``.bin`` or turned into text as ``.log``: every compass, with what stood beside it.
+r"""ArduPilot's DataFlash logs, ``.bin`` or turned into text as ``.log``: every compass, with further columns.
 
-A vehicle logs corrected readings, m = I ((r + OFS) SCALE) + MOT x, in whole mG and in its own axes, and beside each of
-them OFS and MOT x. What the compass read is
+A vehicle logs corrected readings, m = I ((r + OFS) SCALE) + MOT x, in whole mG and in its own axes, each with OFS and
+MOT x. The raw reading is
 
     r = I⁻¹ (m − MOT x) / SCALE − OFS
 
-with DIA, ODI and SCALE from the parameters in force at the time. OFS is cut to whole mG in the message; where the
-parameter is what was cut, the parameter is taken.
+with DIA, ODI and SCALE from the parameters in force at the time. OFS is truncated to whole mG in the message; where
+the parameter truncates to the same number, the parameter is used.
 
 >>> import tempfile
 >>> from pathlib import Path
@@ -87,53 +87,53 @@ COMPASS_NAMES: Final = ("MAG", "MAG2", "MAG3")
 QUATERNIONS: Final = ("XKQ", "XKQ1", "NKQ", "NKQ1")
 """Messages with the attitude of the estimator: of EKF 3 and EKF 2, in older logs one name a core."""
 ANGLES: Final = ("ATT", "AHR2")
-"""Messages with roll, pitch and yaw in degrees: what the vehicle went by, and its second estimator."""
+"""Messages with roll, pitch and yaw in degrees, of the estimator in use and of the second one."""
 PRIMARY: Final = {"XKQ": "XKF4", "NKQ": "NKF4"}
-"""Where each estimator says which of its cores is used."""
+"""Messages with the core in use, by the message of each estimator's quaternion."""
 THROTTLE_LABELS: Final = {"CTUN": ("ThO", "ThrOut"), "THR": ("ThrOut",)}
-"""Messages with the throttle that goes to the motors, and what it is called."""
+"""Messages with the throttle of the motors, and its labels."""
 CONTROLLERS: Final = ("ESC", *(f"ESC{number}" for number in range(1, 9)))
 """Messages of speed controllers: of all in ESC with an instance, or, in older logs, one name each."""
 OUTPUTS: Final = "RCOU"
-"""Message with what goes to each output, as the width of a pulse in µs."""
+"""Message with the pulse width of each output, µs."""
 MOTOR_FUNCTIONS: Final = {float(code): place for place, code in enumerate((*range(33, 41), *range(82, 86)))}
-"""Which motor, from 0, an output drives whose ``SERVOn_FUNCTION`` is this."""
+"""Number of a motor, from 0, by ``SERVOn_FUNCTION`` of the output that drives it."""
 PULSES_US: Final = (1000.0, 2000.0)
-"""Widths that ask a motor for nothing and for all, where ``MOT_PWM_MIN`` and ``MOT_PWM_MAX`` do not say."""
+"""Pulse widths of no and full throttle, by default of ``MOT_PWM_MIN`` and ``MOT_PWM_MAX``."""
 NO_PULSE_US: Final = 500.0
-"""Below is no pulse."""
+"""Smaller widths mean that there was no pulse."""
 WANTED: Final = (
     *COMPASS_NAMES, "IMU", "BAT", "CURR", "PARM", "GPS", "POS", "ORGN", "MSG", *QUATERNIONS, *ANGLES,
     *PRIMARY.values(), *THROTTLE_LABELS, *CONTROLLERS, OUTPUTS,
 )  # fmt: skip
 DESCRIPTION: Final = re.compile(rb"^FMT\s*,\s*\d+\s*,\s*\d+\s*,\s*\w+\s*,", re.MULTILINE)
-"""A line that describes messages."""
+"""Matches a line of a text log that describes a message."""
 
-NAMED: Final = re.compile(r"(?P<message>[A-Z][A-Z0-9]*)(?:\[(?P<instance>\d+)\])?\.(?P<field>\w+)", re.IGNORECASE)
-"""Name of a field: that of its message, of several instances which one, and its label."""
+FIELD_NAME: Final = re.compile(r"(?P<message>[A-Z][A-Z0-9]*)(?:\[(?P<instance>\d+)\])?\.(?P<field>\w+)", re.IGNORECASE)
+"""Matches the name of a field: message, optional instance, label."""
 
-MOST_SKIPPED: Final = 0.5
-"""A log of which more than this belongs to no message is refused."""
+MAX_SKIPPED_SHARE: Final = 0.5
+"""Largest share of bytes outside messages; a log with more is refused."""
 
-FIX: Final = 3
-"""GPS.Status from which on there is a position."""
+MIN_FIX: Final = 3
+"""Least GPS.Status with a position."""
 LAST_WEEK, WEEK_MS = 10_000, 604_800_000
-"""Weeks of GPS up to the year 2171, and milliseconds of one: what is beyond is no date."""
+"""Last valid GPS week (year 2171), and milliseconds of a week."""
 GPS_EPOCH: Final = datetime(1980, 1, 6, tzinfo=UTC)
 LEAPS: Final = ((datetime(2017, 1, 1, tzinfo=UTC), 18), (datetime(2015, 7, 1, tzinfo=UTC), 17))
-"""Seconds by which GPS time is ahead of UTC from a day on; before, 16 (since July 2012)."""
+"""Days from which GPS time is ahead of UTC by so many seconds; earlier, by `EARLIER_LEAP` (since July 2012)."""
 EARLIER_LEAP: Final = 16
-MOST_MOTORS: Final = 32
+MAX_MOTORS: Final = 32
 UNITY, PER_CENT, PER_MILLE = 1.0, 0.01, 0.001
-MOST_THROTTLE: Final = ((1.5, UNITY), (150.0, PER_CENT), (np.inf, PER_MILLE))
-"""Up to which largest value of a log a throttle is a share, per cent or per mille: no message says it."""
+THROTTLE_FACTORS: Final = ((1.5, UNITY), (150.0, PER_CENT), (np.inf, PER_MILLE))
+"""Largest throttle of a log, and the factor to a share: logs do not state share, per cent or per mille."""
 
 
 def open_dataflash(file: File) -> Log:
-    """Open a log: find its messages, its compasses, and what was in force.
+    """Open a log: find its messages, its compasses, and the parameters in force.
 
-    Raises `UnreadableInput` for a file that cannot be read, or is mostly something else; `NoMagnetometer` for a log
-    without readings of a compass.
+    Raises `UnreadableInput` for a file that cannot be read, or is mostly not a log; `NoMagnetometer` for a log without
+    readings of a compass.
     """
     messages = _messages(file)
     compasses = _compasses(messages)
@@ -156,7 +156,7 @@ def open_dataflash(file: File) -> Log:
         "ArduPilot DataFlash",
         instruments,
         position=_position(messages),
-        begun=_begun(messages, instruments),
+        begun=_start_time(messages, instruments),
         notes=(*_notes(messages), *damage),
         damage=damage,
     )
@@ -176,16 +176,16 @@ def _messages(file: File, wanted: Collection[str] = WANTED) -> Messages:
     except (OSError, ValueError) as error:
         raise refusal(file.name, error) from None
     messages = read_packed(raw, wanted)
-    if messages.skipped > MOST_SKIPPED * len(raw):
+    if messages.skipped > MAX_SKIPPED_SHARE * len(raw):
         raise UnreadableInput(
-            f"{file.name} begins as an ArduPilot log, and {messages.skipped:,} of its {len(raw):,} bytes belong to no "
-            "message that it describes: it is broken or cut at its beginning; copy it again"
+            f"{file.name} begins as an ArduPilot log, but {messages.skipped:,} of its {len(raw):,} bytes belong to no "
+            "known message: the file is damaged or lacks its beginning; copy it again"
         )
     return messages
 
 
 def _parameters(parm: Table) -> list[tuple[float, str, float]]:
-    """Places, names and values of the parameters, each time that one was written; none where a log is broken."""
+    """Place, name and value of each parameter message; none if the log is damaged."""
     if not parm.has("Name", "Value"):
         return []
     return list(zip(parm.where.tolist(), parm.texts("Name"), parm.column("Value").tolist(), strict=True))
@@ -195,7 +195,7 @@ def _parameters(parm: Table) -> list[tuple[float, str, float]]:
 
 
 def _compasses(messages: Messages) -> list[tuple[str, int, Table]]:
-    """Name, number from 1, and messages of each compass that says something."""
+    """Name, number from 1, and messages of each compass with readings."""
     compasses: list[tuple[str, int, Table]] = []
     for place, name in enumerate(COMPASS_NAMES, 1):
         table = messages.get(name)
@@ -215,17 +215,17 @@ def _compasses(messages: Messages) -> list[tuple[str, int, Table]]:
 
 @dataclass(frozen=True, eq=False)
 class _Compass:
-    """What the readings of a compass are made of."""
+    """Messages of a compass, and the parameters that corrected them."""
 
     source: str
     mag: Table  # its messages
-    stage: NDArray[np.intp]  # (N,): which parameters were in force at each
+    stage: NDArray[np.intp]  # (N,): stage of the parameters in force at each
     parameters: dict[int, ArduPilotParameters]  # by stage
     auxiliary: Mapping[str, Series]
 
     @cached_property
     def offsets(self) -> Floats:
-        """(N, 3) OFS of each reading in mG: the parameter where the message holds its whole part, else the message."""
+        """(N, 3) OFS of each reading, mG: the parameter if the message holds its whole part, else the message."""
         offsets = self.mag.triple("Ofs")
         if offsets is None:
             return np.array([self.parameters[each].offset for each in self.stage]).reshape(-1, 3)
@@ -242,12 +242,12 @@ class _Compass:
 
     @property
     def in_force(self) -> ArduPilotParameters:
-        """The parameters at the end."""
+        """Parameters of the last reading."""
         return replace(self.parameters[int(self.stage[-1])], offset=self.offsets[-1])
 
     @property
     def changes(self) -> int:
-        """How often the parameters changed from one reading to the next."""
+        """Number of changes of the parameters between readings."""
         return int(np.count_nonzero(np.any(np.diff(self.offsets, axis=0), axis=1) | (np.diff(self.stage) > 0)))
 
     def columns(self, as_logged: bool) -> Iterator[Samples]:
@@ -273,7 +273,7 @@ def _instrument(
 ) -> Instrument:
     """Make an instrument of a compass."""
     ill = 0
-    if mag.has("Health"):  # what was logged while the compass did not answer, unless that is everything
+    if mag.has("Health"):  # leave out readings logged without an answer of the compass, unless all are
         well = mag.column("Health") != 0
         mag, ill = (mag.only(well), int((~well).sum())) if well.any() else (mag, 0)
     stage, known = stage_of(mag.where, changes), number in COMPASSES
@@ -304,22 +304,22 @@ def _instrument(
 
 
 def _remarks(compass: _Compass, values: Mapping[str, float], number: int, ill: int) -> Iterator[str]:
-    """What to know about a compass."""
+    """Yield notes on a compass."""
     in_force, offsets, motor = compass.in_force, compass.offsets, compass.motor_offsets
     yield mounting_words(replace(in_force, compass=number), values)
-    yield "readings were logged in whole mG, cut towards zero"
+    yield "readings were logged in whole mG, truncated towards zero"
     if changes := compass.changes:
-        yield f"its parameters changed {counted(changes, 'time')}: each reading has those of its time removed"
+        yield f"its parameters changed {counted(changes, 'time')}: from each reading, those in force then are removed"
     elif in_force.is_identity and not motor.any():
-        yield "no calibration was in force: readings are as they were measured"
+        yield "no calibration was in force: readings are raw"
     if np.any(offsets[-1] != compass.parameters[int(compass.stage[-1])].offset):
         yield (
-            "the offsets logged beside its readings are not those of its parameters, and are taken instead: they were "
-            "learned on the way, or DIA, ODI and SCALE are those of another compass"
+            "the offsets logged with its readings differ from its parameters; the logged ones are used. They were "
+            "learned under way, or DIA, ODI and SCALE belong to another compass"
         )
     if motor.any():
         largest = float(np.linalg.norm(motor, axis=1).max())
-        order = "" if np.array_equal(in_force.iron, np.eye(3)) else ", as newer firmware adds it: after DIA and ODI"
+        order = "" if np.array_equal(in_force.iron, np.eye(3)) else "; newer firmware adds it after DIA and ODI"
         yield f"its motor compensation of up to {largest:.0f} mG is removed{order}"
     if ill:
         yield f"{counted(ill, 'reading')} of an unhealthy compass left out"
@@ -330,10 +330,10 @@ def _remarks(compass: _Compass, values: Mapping[str, float], number: int, ill: i
 
 
 def _auxiliary(messages: Messages, values: Mapping[str, float]) -> dict[str, Series]:
-    """Series of the first IMU, the first battery, throttle, motors and attitude, as far as they are logged."""
-    imu = _timed(messages, "IMU")
+    """Logged series of the first IMU, the first battery, throttle, motors and attitude."""
+    imu = _timed_table(messages, "IMU")
     series: dict[str, Series | None] = {
-        CURRENT: _battery(_timed(messages, "BAT") or _timed(messages, "CURR")),
+        CURRENT: _battery(_timed_table(messages, "BAT") or _timed_table(messages, "CURR")),
         THROTTLE: _throttle(messages),
         ATTITUDE: _attitude(messages, values),
         THROTTLES: _throttles(messages),
@@ -347,14 +347,14 @@ def _auxiliary(messages: Messages, values: Mapping[str, float]) -> dict[str, Ser
     return {kind: each for kind, each in series.items() if each is not None}
 
 
-def _timed(messages: Messages, name: str) -> Table | None:
-    """Messages of the first instance, if they have times."""
+def _timed_table(messages: Messages, name: str) -> Table | None:
+    """Messages of the first instance; None without times."""
     table = messages.get(name)
     return None if table is None or table.seconds is None else table.of_instance() or table
 
 
 def _series(table: Table, values: Floats | None, kind: type[TimeSeries] = TimeSeries) -> TimeSeries | None:
-    """Values by the times of their messages; values that are none make a series that is NaN everywhere."""
+    """Values at the times of their messages; a series of NaN if no value is finite."""
     seconds = table.seconds
     if values is None or seconds is None or not len(seconds):
         return None
@@ -362,35 +362,37 @@ def _series(table: Table, values: Floats | None, kind: type[TimeSeries] = TimeSe
 
 
 def _battery(table: Table | None) -> TimeSeries | None:
-    """A of the first battery, unless it never says that any flow."""
+    """Current of the first battery, A; None if it is always 0."""
     if table is None or not table.has("Curr"):
         return None
     amperes = table.columns("Curr")
     return (
-        _series(table, amperes * (0.01 if table.fields["Curr"].letter in WHOLE else 1.0)) if _flows(amperes) else None
+        _series(table, amperes * (0.01 if table.fields["Curr"].letter in WHOLE else 1.0))
+        if _has_current(amperes)
+        else None
     )
 
 
-def _flows(amperes: Floats) -> bool:
+def _has_current(amperes: Floats) -> bool:
     return bool(np.nan_to_num(amperes).any())
 
 
 def _currents(messages: Messages) -> Series | None:
-    """A of each motor, from the first on, where a speed controller ever says that any flow."""
+    """Current of each motor, A, from the speed controllers; None if all are always 0."""
     series: list[TimeSeries] = []
     numbered = messages.get("ESC")
-    for place in range(MOST_MOTORS):
+    for place in range(MAX_MOTORS):
         table = messages.get(f"ESC{place + 1}") if numbered is None else numbered.of_instance(place)
         if table is None or not len(table) or not table.has("Curr"):
             break
         if (one := _series(table, table.columns("Curr"))) is None:
             break
         series.append(one)
-    return tuple(series) if any(_flows(one.values) for one in series) else None
+    return tuple(series) if any(_has_current(one.values) for one in series) else None
 
 
 def _throttles(messages: Messages) -> TimeSeries | None:
-    """What each motor was asked for, where parameters say which outputs drive the motors, from the first on."""
+    """Commanded throttle of each motor, 0 to 1; None unless parameters name the outputs of all motors."""
     table, parm = messages.get("RCOU"), messages.get("PARM")
     if table is None or parm is None:
         return None
@@ -407,7 +409,7 @@ def _throttles(messages: Messages) -> TimeSeries | None:
 
 
 def _throttle(messages: Messages) -> TimeSeries | None:
-    """What the motors were asked for: copters write a share, older ones per mille, planes and rovers per cent."""
+    """Commanded throttle, 0 to 1; copters log a share, older copters per mille, planes and rovers per cent."""
     for name, labels in THROTTLE_LABELS.items():
         table = messages.get(name)
         label = None if table is None else table.first(labels)
@@ -415,19 +417,19 @@ def _throttle(messages: Messages) -> TimeSeries | None:
             continue
         logged = table.columns(label)
         largest = float(np.max(logged, where=np.isfinite(logged), initial=-np.inf))
-        if _flows(logged):
-            return _series(table, logged * next(factor for most, factor in MOST_THROTTLE if largest <= most))
+        if _has_current(logged):
+            return _series(table, logged * next(factor for most, factor in THROTTLE_FACTORS if largest <= most))
     return None
 
 
 def _attitude(messages: Messages, values: Mapping[str, float]) -> TimeSeries | None:
-    """The attitude of the estimator that is used: its quaternion where it is logged, else angles."""
+    """Attitude of the estimator in use: its quaternion if logged, else angles."""
     names = sorted(QUATERNIONS, key=lambda name: (name[0] == "X") == (values.get("AHRS_EKF_TYPE", 3) == 2))
     labels = ("Q1", "Q2", "Q3", "Q4")
     for name in names:
         table = messages.get(name)
         if table is not None and table.has(*labels) and table.seconds is not None:
-            used = _of_primary(table, messages.get(PRIMARY.get(name, "")))
+            used = _primary_core(table, messages.get(PRIMARY.get(name, "")))
             return _series(used, used.columns(*labels), AttitudeSeries)
     for name in ANGLES:
         table = messages.get(name)
@@ -436,8 +438,8 @@ def _attitude(messages: Messages, values: Mapping[str, float]) -> TimeSeries | N
     return None
 
 
-def _of_primary(quaternions: Table, state: Table | None) -> Table:
-    """Those of the core that was used at the time, where its estimator says which; else of the first."""
+def _primary_core(quaternions: Table, state: Table | None) -> Table:
+    """Quaternions of the core in use at the time, if the estimator reports it; else of the first core."""
     if not quaternions.has("C"):
         return quaternions
     core = quaternions.column("C")
@@ -449,11 +451,11 @@ def _of_primary(quaternions: Table, state: Table | None) -> Table:
 
 
 def named_series(file: File, names: Sequence[str]) -> tuple[dict[str, TimeSeries], list[str]]:
-    """Fields of messages by names such as ``BAT.Curr``, of another instance ``BAT[1].Curr``; and some that there are.
+    """Series of fields named as ``BAT.Curr`` or, of instance 1, ``BAT[1].Curr``; and names of existing fields.
 
-    Without an instance it is the first one.
+    Without an instance, the first one.
     """
-    wanted = {name: match for name in names if (match := NAMED.fullmatch(name))}
+    wanted = {name: match for name in names if (match := FIELD_NAME.fullmatch(name))}
     messages = _messages(file, {match["message"] for match in wanted.values()})
     found, there = dict[str, TimeSeries](), list[str]()
     for name, match in wanted.items():
@@ -474,12 +476,14 @@ def named_series(file: File, names: Sequence[str]) -> tuple[dict[str, TimeSeries
 
 
 def _position(messages: Messages) -> Position | None:
-    """Where the log was made: the origin of its navigation, else its first position, else its first fix."""
+    """Place of the log: the origin of its navigation, else its first position, else its first fix."""
     for name in ("ORGN", "POS", "GPS"):
         table = messages.get(name)
         if table is None or not table.has("Lat", "Lng"):
             continue
-        fixed = table.column("Status") >= FIX if name == "GPS" and table.has("Status") else np.ones(len(table), bool)
+        fixed = (
+            table.column("Status") >= MIN_FIX if name == "GPS" and table.has("Status") else np.ones(len(table), bool)
+        )
         altitude = table.column("Alt") if table.has("Alt") else np.zeros(len(table))
         position = first_position(table.column("Lat"), table.column("Lng"), altitude, fixed=fixed)
         if position is not None:
@@ -488,19 +492,19 @@ def _position(messages: Messages) -> Position | None:
 
 
 def _velocity(messages: Messages) -> TimeSeries | None:
-    """Over ground, north and east, m/s, by speed and course of the satellites."""
+    """(N, 2) velocity over ground, north and east, m/s, from speed and course of the satellite receiver."""
     gps = messages.get("GPS")
-    own = None if gps is None else gps.first(("TimeUS", "T"))  # TimeMS is that of the satellites
+    own = None if gps is None else gps.first(("TimeUS", "T"))  # TimeMS is the satellites' time
     if gps is None or own is None or not gps.has("Spd", "GCrs", "Status"):
         return None
-    course, fixed = np.deg2rad(gps.column("GCrs")), gps.column("Status") >= FIX
+    course, fixed = np.deg2rad(gps.column("GCrs")), gps.column("Status") >= MIN_FIX
     velocity = gps.column("Spd")[:, np.newaxis] * np.column_stack([np.cos(course), np.sin(course)])
     seconds = gps.column(own) * (1e-6 if own == "TimeUS" else 1e-3)
     return TimeSeries.of(seconds[fixed], velocity[fixed])
 
 
-def _begun(messages: Messages, instruments: tuple[Instrument, ...]) -> datetime | None:
-    """UTC of the first reading, from the first GPS fix."""
+def _start_time(messages: Messages, instruments: tuple[Instrument, ...]) -> datetime | None:
+    """Return the UTC of the first reading, from the first GPS fix."""
     gps = messages.get("GPS")
     if gps is None:
         return None
@@ -509,7 +513,7 @@ def _begun(messages: Messages, instruments: tuple[Instrument, ...]) -> datetime 
     if week is None or since is None or not gps.has(own, "Status"):
         return None
     weeks, of_week, clock = gps.column(week), gps.column(since), gps.column(own)
-    fixed = (gps.column("Status") >= FIX) & (weeks > 0) & (weeks < LAST_WEEK)
+    fixed = (gps.column("Status") >= MIN_FIX) & (weeks > 0) & (weeks < LAST_WEEK)
     fixed &= (np.abs(of_week) < LAST_WEEK * WEEK_MS) & (np.abs(clock) < LAST_WEEK * WEEK_MS)
     if not fixed.any():
         return None
@@ -522,16 +526,16 @@ def _begun(messages: Messages, instruments: tuple[Instrument, ...]) -> datetime 
 
 
 def _notes(messages: Messages) -> Iterator[str]:
-    """What to know about the file."""
+    """Yield notes on the file."""
     texts = messages.get("MSG")
     if texts is not None and texts.has("Message"):
         yield f"firmware: {texts.texts('Message')[0]}"
     if messages.get("PARM") is None:
-        yield "no parameters were logged: DIA, ODI and SCALE are taken to be as they were delivered"
+        yield "no parameters were logged: DIA, ODI and SCALE are assumed to have their defaults"
 
 
 def _damage(messages: Messages, file: File) -> Iterator[str]:
-    """What of it could not be read."""
+    """Yield notes on parts of the file that could not be read."""
     if reserved := file.size - filled_size(file.path):
         yield reserved_words(reserved)
     if messages.skipped:
@@ -541,7 +545,7 @@ def _damage(messages: Messages, file: File) -> Iterator[str]:
 
 
 def is_dataflash(head: bytes) -> bool:
-    """Tell whether a file begins with a message, or has a line that describes messages in its first bytes."""
+    """Whether a file begins with a message, or its first bytes hold a line that describes messages."""
     return head.startswith(HEADER) or (b"FMT" in head and DESCRIPTION.search(head) is not None)
 
 
@@ -550,7 +554,7 @@ READERS: Final = (
         "dataflash",
         "ArduPilot DataFlash",
         (".bin", ".log"),
-        "each compass, with the calibration in force removed, and what the vehicle logged beside it",
+        "each compass, with the calibration in force removed, and attitude, motors and other columns",
         sniff=is_dataflash,
         log=open_dataflash,
     ),

@@ -1,8 +1,8 @@
 r"""Messages of ArduPilot's DataFlash logs, which describe themselves: FMT messages name the fields of all others.
 
 A binary message is the bytes A3 95, its type, and its fields packed without gaps, in the order and with the letters
-that the FMT message of its type gives. The starts of all messages are found by following their lengths, for thousands
-at a time; those of the names that are wanted are then copied, and their fields read as strided views.
+that the FMT message of its type gives. The reader finds the starts of all messages by their lengths, thousands at a
+time; then it copies the messages of the wanted names and reads their fields as strided views.
 
 >>> import struct
 >>> def fmt(number, length, name, letters, labels):
@@ -12,7 +12,7 @@ at a time; those of the names that are wanted are then copied, and their fields 
 >>> read_packed(np.frombuffer(log, np.uint8), ["HI"])["HI"].column("X")
 array([0. , 0.5, 1. ])
 >>> broken = read_packed(np.frombuffer(log[:-9] + b"what is this" + log[-9:], np.uint8), ["HI"])
->>> broken["HI"].column("X"), broken.skipped         # nor is the message before broken bytes to be trusted: 9 + 12
+>>> broken["HI"].column("X"), broken.skipped         # the message before the damage is dropped too: 9 + 12
 (array([0., 1.]), 21)
 
 Source: ArduPilot's ``libraries/AP_Logger/README.md`` and ``LogStructure.h`` for the letters and their factors.
@@ -44,11 +44,11 @@ FMT_TYPE, FMT_LENGTH = 128, 89
 FMT_FIELDS: Final = Struct("<3xBB4s16s64s")
 NAME_BYTES: Final = np.arange(5, 9)
 IN_NAMES: Final = np.array([byte == 0 or (chr(byte).isalnum() and byte < 128) for byte in range(256)])
-"""Which bytes a name may hold."""
+"""(256,) whether a name may hold the byte."""
 LONGEST: Final = 255
-"""Bytes of a message at most: its length is one byte."""
+"""Largest message in bytes: its length is one byte."""
 CHUNK: Final = 4 << 20
-"""Bytes looked through at a time."""
+"""Bytes to process at a time."""
 
 LETTERS: Final[dict[str, tuple[str, float]]] = {
     "b": ("<i1", 1), "B": ("<u1", 1), "h": ("<i2", 1), "H": ("<u2", 1), "i": ("<i4", 1), "I": ("<u4", 1),
@@ -56,16 +56,16 @@ LETTERS: Final[dict[str, tuple[str, float]]] = {
     "c": ("<i2", 0.01), "C": ("<u2", 0.01), "e": ("<i4", 0.01), "E": ("<u4", 0.01), "L": ("<i4", 1e-7),
     "n": ("S4", 1), "N": ("S16", 1), "Z": ("S64", 1), "a": ("V64", 1),
 }  # fmt: skip
-"""How each letter of a format is packed, and what it is multiplied by."""
+"""Packing of each letter of a format, and its factor."""
 KINDS: Final = {letter: np.dtype(kind) for letter, (kind, _) in LETTERS.items()}
 CHARACTERS, WHOLE = "nNZa", "bBhHiIqQM"
-"""Letters of fields that are no numbers, and of those that are integers."""
+"""Letters of text fields, and of integer fields."""
 CLOCKS: Final = {"TimeUS": 1e-6, "TimeMS": 1e-3}
 INSTANCE: Final = ("I", "Instance", "Inst")
 
 
 class Format(NamedTuple):
-    """What an FMT message says: type and bytes of a whole message, its name, a letter and a label a field."""
+    """Content of an FMT message: type, length in bytes and name of a message; letter and label of each field."""
 
     number: int
     length: int
@@ -75,18 +75,18 @@ class Format(NamedTuple):
 
     @property
     def places(self) -> list[int]:
-        """At which byte of a message each field begins, and where the last one ends."""
+        """Byte of a message at which each field begins, then the end of the last field."""
         return [*accumulate((KINDS[letter].itemsize for letter in self.letters), initial=HEADER_SIZE)]
 
     @property
     def is_readable(self) -> bool:
-        """All letters are known, and the fields fit into the length."""
+        """Whether all letters are known, and the fields fit into the length."""
         known = all(letter in LETTERS for letter in self.letters) and len(self.labels) <= len(self.letters)
         return known and self.places[-1] <= self.length
 
 
 class Field(NamedTuple):
-    """(N,) values of a field as they are stored, its letter, and what they are multiplied by."""
+    """(N,) values of a field as stored, its letter, and the factor of the values."""
 
     letter: str
     stored: NDArray[Any]
@@ -98,11 +98,11 @@ class Table:
     """Messages of one name."""
 
     fields: dict[str, Field]  # by label
-    where: Places  # (N,) int64: at which byte or on which line each begins; ascending
+    where: Places  # (N,) int64: first byte or line of each; ascending
 
     @classmethod
     def packed(cls, raw: Bytes, format: Format, where: Places) -> Table:
-        """Copy the messages that begin at these bytes of a binary log."""
+        """Return a table of the messages that begin at some bytes of a binary log."""
         whole = np.dtype(f"V{format.length}")
         at_each_byte = np.ndarray((len(raw) - format.length + 1,), whole, raw.data, 0, (1,))
         messages = at_each_byte[where]
@@ -120,7 +120,7 @@ class Table:
         return len(self.where)
 
     def column(self, label: str) -> Floats:
-        """(N,) a field; NaN where it holds characters."""
+        """(N,) values of a field; NaN for text."""
         letter, stored, scale = self.fields[label]
         if letter in CHARACTERS:
             return np.full(len(self), np.nan)
@@ -128,36 +128,36 @@ class Table:
         return values if scale == 1 else values * scale
 
     def columns(self, *labels: str) -> Floats:
-        """(N, k) of several fields."""
+        """(N, k) values of several fields."""
         return np.column_stack([self.column(label) for label in labels])
 
     def triple(self, prefix: str) -> Floats | None:
-        """(N, 3) of the fields that begin so and end in X, Y, Z; None where one is missing."""
+        """(N, 3) values of the fields prefix + X, Y, Z; None if one is missing."""
         labels = [f"{prefix}{axis}" for axis in "XYZ"]
         return self.columns(*labels) if self.has(*labels) else None
 
     def texts(self, label: str) -> list[str]:
-        """A field of characters."""
+        """(N,) texts of a field."""
         stored = self.fields[label].stored
         if stored.dtype.kind != "S":
             return [str(each) for each in stored]
         return [each.partition(b"\0")[0].decode("ascii", "replace") for each in stored.tolist()]
 
     def has(self, *labels: str) -> bool:
-        """Whether it has these fields."""
+        """Whether the messages have these fields."""
         return self.fields.keys() >= set(labels)
 
     def first(self, labels: tuple[str, ...]) -> str | None:
-        """The first of these fields that there is."""
+        """First of some labels that exists, or None."""
         return next((label for label in labels if label in self.fields), None)
 
     def only(self, rows: slice | NDArray[Any]) -> Table:
-        """Some of them."""
+        """Return a table of some of the rows."""
         fields = {label: field._replace(stored=field.stored[rows]) for label, field in self.fields.items()}
         return Table(fields, self.where[rows])
 
     def of_instance(self, instance: float | None = None) -> Table | None:
-        """Those of one of several instances, by default the first; None where they are not numbered."""
+        """Messages of one instance, by default the first; None if instances are not numbered."""
         label = self.first(INSTANCE)
         if label is None:
             return None
@@ -166,25 +166,25 @@ class Table:
 
     @property
     def seconds(self) -> Floats | None:
-        """(N,) s since the vehicle was turned on, where it is logged."""
+        """(N,) s since power-on; None if not logged."""
         label = self.first(tuple(CLOCKS))
         return None if label is None else self.column(label) * CLOCKS[label]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Messages:
-    """What was wanted of a log."""
+    """Wanted messages of a log, and the amount of unreadable data."""
 
-    tables: dict[str, Table]  # by name; those of which there is at least one message
-    skipped: int = 0  # bytes, or lines, that belong to no message, and in how many places they are
+    tables: dict[str, Table]  # by name; only names with at least one message
+    skipped: int = 0  # bytes or lines outside messages; `gaps` is the number of such places
     gaps: int = 0
-    is_text: bool = False  # the log was turned into text: places are lines
+    is_text: bool = False  # the log is text: places are lines
 
     def __getitem__(self, name: str) -> Table:
         return self.tables[name]
 
     def get(self, name: str) -> Table | None:
-        """Those of a name, if there are any."""
+        """Messages of a name, or None."""
         return self.tables.get(name)
 
 
@@ -218,22 +218,22 @@ def read_packed(raw: Bytes, wanted: Collection[str]) -> Messages:
 
 
 class _Segment(NamedTuple):
-    """A part of a log, and where in it messages might begin."""
+    """A part of a log, and the places where messages might begin."""
 
     raw: Bytes  # (size,) uint8: the whole log
-    at: int  # the part; `window` goes on for a message or two
+    at: int  # bounds of the part, in bytes; `window` extends a few messages further
     stop: int
-    headers: Places  # (N,) int64: where the two bytes of a header stand, from `at`
+    headers: Places  # (N,) int64: places of the two header bytes, relative to `at`
 
     @classmethod
     def of(cls, raw: Bytes, at: int, stop: int) -> _Segment:
-        """Look for the two bytes that begin a message."""
+        """Find the two bytes that begin a message."""
         window = raw[at : stop + LONGEST + HEADER_SIZE]
         first = np.flatnonzero(window[:-2] == HEADER[0])
         return cls(raw, at, stop, first[window[first + 1] == HEADER[1]])
 
     def formats(self) -> Iterator[Format]:
-        """Yield what FMT messages there are."""
+        """Yield the formats of the FMT messages."""
         headers = self.at + self.headers
         headers = headers[(self.raw[headers + 2] == FMT_TYPE) & (headers + FMT_LENGTH <= len(self.raw))]
         names = self.raw[headers[:, np.newaxis] + NAME_BYTES]
@@ -242,10 +242,10 @@ class _Segment(NamedTuple):
                 yield each
 
     def follow(self, lengths: Places) -> tuple[Places, int, int]:
-        """Go from message to message by their lengths; after broken bytes, to the next that another one follows.
+        """Go from message to message by their lengths; after damage, resume at two consecutive messages.
 
-        `lengths`: (256,) int64, of the messages of each type; 0 where that is not known. Returns (M,) int64: at which
-        bytes messages begin; where the next stretch begins; in how many places bytes were skipped.
+        `lengths`: (256,) int64, message length of each type; 0 if unknown. Returns (M,) int64 first bytes of the
+        messages; the first byte of the next part; the number of places with skipped bytes.
         """
         count, end = len(self.headers), len(self.raw) - self.at
         steps = lengths[self.raw[self.at + self.headers + 2]]
@@ -275,15 +275,15 @@ class _Segment(NamedTuple):
         return self.at + self.headers[taken], self.at + resume, broken
 
     def _beyond(self, after: Places, taken: Places) -> int:
-        """Where to go on where no header is left: behind the last message, and not before the end of the stretch."""
+        """Byte to continue from without further headers: after the last message and the end of the part."""
         behind = int(after[taken[-1]]) if len(taken) else 0
         return max(behind, self.stop - self.at)
 
 
 def read_listed(lines: Iterable[tuple[int, str]], wanted: Collection[str]) -> Messages:
-    """Find the messages of some names in a log that was turned into text.
+    """Find the messages of some names in a text log.
 
-    `lines`: with their numbers: ``MAG, 11477, 217, 4, -586``; `wanted`: collection of str, names.
+    `lines`: numbers and texts, ``MAG, 11477, 217, 4, -586``; `wanted`: collection of str, names.
     """
     formats: dict[str, Format] = {}
     columns: dict[str, list[Any]] = {}
@@ -294,7 +294,7 @@ def read_listed(lines: Iterable[tuple[int, str]], wanted: Collection[str]) -> Me
         name, _, rest = line.partition(",")
         name = name.strip()
         if name == "FMT":
-            if (each := _listed_format(rest)) is not None:
+            if (each := _text_format(rest)) is not None:
                 formats.setdefault(each.name, each)
         elif name in wanted and name in formats:
             values = _cells(rest, formats[name])
@@ -316,13 +316,13 @@ def read_listed(lines: Iterable[tuple[int, str]], wanted: Collection[str]) -> Me
 
 
 def _next(places: Places, least: int, otherwise: int) -> int:
-    """Find the first of ascending places that is no less."""
+    """First of ascending places that is at least `least`, else `otherwise`."""
     index = int(np.searchsorted(places, least))
     return int(places[index]) if index < len(places) else otherwise
 
 
 def _format(packed: bytes) -> Format | None:
-    """Read an FMT message, or nothing where the bytes are none."""
+    """Read an FMT message; None for other bytes."""
     number, length, *texts = FMT_FIELDS.unpack(packed)
     name, letters, labels = (each.partition(b"\0")[0] for each in texts)
     if not (name.isalnum() and name.isascii() and length >= HEADER_SIZE and letters.isascii() and labels.isascii()):
@@ -331,7 +331,7 @@ def _format(packed: bytes) -> Format | None:
     return Format(number, length, name.decode(), letters.decode(), named)
 
 
-def _listed_format(rest: str) -> Format | None:
+def _text_format(rest: str) -> Format | None:
     """Read ``128, 89, FMT, BBnNZ, Type,Length,Name,Format,Columns``."""
     parts = [part.strip() for part in rest.split(",")]
     if len(parts) < 4 or not (parts[0].isdecimal() and parts[1].isdecimal()):
@@ -340,12 +340,12 @@ def _listed_format(rest: str) -> Format | None:
     return Format(int(parts[0]), int(parts[1]), parts[2], parts[3][: len(labels)], labels)
 
 
-def _holder(letter: str) -> Any:  # noqa: ANN401 - numbers side by side, or a list of texts
+def _holder(letter: str) -> Any:  # noqa: ANN401 - an array of numbers, or a list of texts
     return [] if letter in CHARACTERS else array("d")
 
 
 def _cells(rest: str, format: Format) -> list[Any] | None:
-    """Values of a line, or nothing where they are too few or no numbers; a text at the end may hold commas."""
+    """Values of a line; None if too few or not numbers. A text at the end may hold commas."""
     parts = rest.split(",", len(format.labels) - 1)
     if len(parts) < len(format.labels):
         return None

@@ -1,4 +1,4 @@
-"""Parameters of a vehicle in its log: which were in force when, and readings without them.
+"""Parameters of a vehicle in its log: the stages in which they were in force, and readings without their correction.
 
 >>> entries = [(10, "COMPASS_OFS_X", -90.0), (20, "COMPASS_OFS_X", -95.0), (30, "COMPASS_OFS_X", -95.0)]
 >>> in_force = stages(entries, ("COMPASS",), "flight.bin")
@@ -29,35 +29,35 @@ if TYPE_CHECKING:
     from flinders.core.calibration import Calibration
 
 Stages: TypeAlias = "Sequence[tuple[float, Mapping[str, float]]]"
-"""From which place or time of the log on, and the parameters in force from there; the first from minus infinity."""
+"""Start of each stage, a place or time of the log, and the parameters in force from then; the first is −inf."""
 
 IN_VEHICLE_AXES: Final = ("vehicle", "vehicle")
-"""The `Instrument.frames` of a compass of ArduPilot: nothing is turned back."""
+"""`Instrument.frames` of a compass of ArduPilot: raw and corrected readings are in the vehicle's axes."""
 ARDUPILOT: Final = ("COMPASS", "AHRS_ORIENTATION", "AHRS_EKF_TYPE", "CUST_ROT")
-"""How the names of ArduPilot's parameters begin that matter."""
-MOST_CHANGES: Final = 1000
-"""Changes of compasses' parameters in one log; a calibration makes about twelve."""
+"""Prefixes of the relevant parameters of ArduPilot."""
+MAX_CHANGES: Final = 1000
+"""Most changes of compass parameters in one log; a calibration makes about twelve."""
 
 
 def stages(
     entries: Iterable[tuple[float, str, float]], prefixes: tuple[str, ...], source: str, *, together: float = 0.0
 ) -> Stages:
-    """Which parameters were in force from when on.
+    """Split a log into stages of constant parameters.
 
-    A vehicle writes its parameters in the first seconds of a log: what it says of one first was in force before, too.
+    A vehicle writes its parameters in the first seconds of a log; the first value of each counts from the beginning.
 
-    Raises `UnreadableInput` for more than `MOST_CHANGES`.
+    Raises `UnreadableInput` for more than `MAX_CHANGES`.
 
     Parameters
     ----------
     entries : iterable of (float, str, float)
-        Place in the log or time, ascending, name and value, each time that a parameter was written.
+        Place or time (ascending), name and value of each parameter message.
     prefixes : tuple of str
-        How the names begin that matter.
+        Prefixes of the relevant names.
     source : str
-        Names the log in messages.
+        Name of the log in messages.
     together : float
-        Changes within so much of a stage belong to it.
+        Changes within this time of the start of a stage belong to it.
     """
     changes: list[tuple[float, dict[str, float]]] = [(-np.inf, {})]
     for place, name, value in entries:
@@ -71,16 +71,16 @@ def stages(
             values[name] = value
         else:
             changes.append((place, values | {name: value}))
-        if len(changes) > MOST_CHANGES:
+        if len(changes) > MAX_CHANGES:
             raise UnreadableInput(
-                f"{source} changes the parameters of its compasses more than {MOST_CHANGES:,} times, as no vehicle "
-                "does: it is broken; copy it again"
+                f"{source} changes the parameters of its compasses more than {MAX_CHANGES:,} times; no vehicle does: "
+                "the file is damaged, copy it again"
             )
     return changes
 
 
 def stage_of(where: ArrayLike, changes: Stages) -> NDArray[np.intp]:
-    """(N,) the stage in force at each of (N,) places or times."""
+    """(N,) index of the stage in force at each of (N,) places or times."""
     return np.searchsorted([since for since, _ in changes[1:]], np.asarray(where), side="right")
 
 
@@ -91,9 +91,9 @@ def unapplied(
     parameters: Mapping[int, ArduPilotParameters] | Sequence[Px4Parameters],
     **columns: Floats,
 ) -> Floats:
-    """(N, 3) what a compass read: each reading without the parameters of its stage.
+    """(N, 3) raw readings of a compass: each without the correction of its stage.
 
-    `columns`, (N, …), are more arguments of their `unapply`. Parameters that cannot be undone raise `ArrayError`.
+    `columns`, (N, …), are further arguments of `unapply`. Raises `ArrayError` if a correction cannot be inverted.
     """
     raw = np.empty_like(field)
     for each in set(stage.tolist()):
@@ -103,23 +103,23 @@ def unapplied(
             raw[rows] = parameters[each].unapply(field[rows], **more)
         except ArrayError as error:
             raise ArrayError(
-                f"{source}: {error.message}; take the readings as they were logged", hint={"as_logged": True}
+                f"{source}: {error.message}; use the readings as they were logged", hint={"as_logged": True}
             ) from None
     return raw
 
 
-# what to say of a compass of ArduPilot
+# description of a compass of ArduPilot
 
 
 def stored(parameters: ArduPilotParameters, *, changes: int = 0) -> Stored | None:
-    """What the readings were corrected with at the end, or nothing where that changes nothing."""
+    """Correction of the last readings; None for the identity."""
     if parameters.is_identity:
         return None
     return Stored(onboard(parameters), parameters.words(), changes=changes)
 
 
 def onboard(parameters: CompassParameters) -> Calibration | None:
-    """The calibration that parameters stand for; None where they flatten readings."""
+    """Calibration equal to some parameters; None if their matrix is singular."""
     try:
         return parameters.to_calibration(USUAL_STRENGTH_UT)
     except ArrayError:
@@ -127,18 +127,18 @@ def onboard(parameters: CompassParameters) -> Calibration | None:
 
 
 def mounting_words(parameters: ArduPilotParameters, values: Mapping[str, float]) -> str:
-    """Say in which axes the readings are, and by what they were turned before."""
+    """Sentence on the axes of the readings, and their rotation before logging."""
     name, turn = names("ORIENT", parameters.compass)[0], parameters.orientation
     if not parameters.external:
         name, turn = "AHRS_ORIENTATION", int(values.get("AHRS_ORIENTATION", 0))
     turned = "" if turn == 0 else f", turned by {name} {turn} ({orientation_name(turn)}) before they were logged"
     return (
         f"readings are in the axes of the vehicle (x forward, y right, z down){turned}; ArduPilot's offsets act "
-        "in these axes, and nothing is turned back"
+        "in these axes, so the rotation is kept"
     )
 
 
 def unused(values: Mapping[str, float], number: int) -> list[str]:
-    """Say which parameter turns a compass off, where one does."""
+    """Sentence on the parameter that disables a compass; none if it is used."""
     off = [name for name in names("USE", number) if values.get(name) == 0]
     return [f"the vehicle did not use it ({name} is 0)" for name in off[:1]]

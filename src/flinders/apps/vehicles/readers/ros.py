@@ -1,25 +1,25 @@
 """ROS recordings, read with rosbags: bags of ROS 1 (``.bag``), folders and databases of ROS 2 (``.db3``), MCAP.
 
 Each topic of ``sensor_msgs/MagneticField`` is a magnetometer, in **tesla** (REP-103 wants SI units; some drivers write
-gauss or microtesla all the same, which the length of the readings shows, and a unit that is given is believed). Axes
-that a sensor does not have are NaN: such rows are left out and counted. A ``geometry_msgs/Vector3Stamped`` on a topic
-that names a magnetometer is one too: old drivers wrote it, and it has no unit, so that readings stay in counts unless
-one is given.
+gauss or microtesla all the same, which the length of the readings shows; a unit given by the user takes precedence).
+Axes that a sensor lacks are NaN: such rows are left out and counted. Old drivers wrote a
+``geometry_msgs/Vector3Stamped``, without a unit: it counts as a magnetometer if its topic names one, with readings in
+counts unless the user gives a unit.
 
 Velocity over ground is a ``geometry_msgs/TwistStamped`` or ``TwistWithCovarianceStamped`` of satellites: x east and
-y north, on the topic ``vel`` or one that names GPS, GNSS or the fix: that of wheels or of a command is another.
+y north, on the topic ``vel`` or one that names GPS, GNSS or the fix. Other topics are velocities of wheels or commands.
 
-Beside a reading stand acceleration and rate of the ``sensor_msgs/Imu`` in the same frame, and the temperature of a
-``sensor_msgs/Temperature`` in it. Nothing is turned: axes are those of the frame that the messages name. A body in ROS
-is forward, left, up (REP-103), which ``--axes x,-y,-z`` makes forward, right, down. Acceleration is specific force
-there as here: at rest it is +g along the axis that points up, and so −g along a z that points down.
+A reading has acceleration and rate of the ``sensor_msgs/Imu`` in the same frame, and the temperature of a
+``sensor_msgs/Temperature`` in it. Axes stay those of the frame that the messages name. A body in ROS is forward, left,
+up (REP-103), which ``--axes x,-y,-z`` makes forward, right, down. Acceleration is specific force: at rest +g along an
+axis that points up, and −g along a z that points down.
 
-Times are those of the messages' headers, in seconds since the first reading, or since the clock began where that is
-not 1970; where a header has none, the time of recording.
+Times are those of the messages' headers, in seconds since the first reading, or since the start of the clock if that is
+not 1970; for a header without time, the time of recording.
 
-Only whole recordings are read: a broken one is refused with the command that may mend it. Types are those that the
-recording defines (ROS 1, MCAP), else those of ROS 2 Humble. What is packed is unpacked up to `MOST_PIECE` bytes at a
-time, and to no more than its file can hold.
+Only whole recordings are read: a damaged one is refused with the command that may repair it. Types are those that the
+recording defines (ROS 1, MCAP), else those of ROS 2 Humble. Compressed data is unpacked up to `MOST_PIECE` bytes at a
+time.
 
 Sources: ``sensor_msgs/msg/*.msg``, REP-103 and REP-145; rosbags for the containers; of velocities ``driver.py`` of
 nmea_navsat_driver (``vel``), ``node.cpp`` of ublox (``fix_velocity``), and the topics of MAVROS (``raw/gps_vel``).
@@ -69,47 +69,47 @@ REPAIRS: Final = {
     MCAP: "mcap recover {} -o whole.mcap",
     SQLITE: "sqlite3 {} .recover | sqlite3 whole.db3",
 }
-"""Commands that may mend a broken recording, by its first bytes."""
+"""Commands that may repair a damaged recording, by its first bytes."""
 SUFFIXES: Final = {MCAP: ".mcap", SQLITE: ".db3"}
-"""How rosbags wants a file to end, by its first bytes."""
+"""Suffix that rosbags requires, by a file's first bytes."""
 ZSTD: Final = b"\x28\xb5\x2f\xfd"
 METADATA: Final = "metadata.yaml"
-MOST_METADATA: Final = 16 << 20
+MAX_METADATA_BYTES: Final = 16 << 20
 DISTRIBUTION: Final = "Humble"
-"""Whose types are taken for ROS 2 messages that come without a definition."""
+"""Distribution whose types are used for ROS 2 messages without a definition."""
 
 FIELD, VECTOR = "sensor_msgs/msg/MagneticField", "geometry_msgs/msg/Vector3Stamped"
 IMU, TEMPERATURE, PLACE = "sensor_msgs/msg/Imu", "sensor_msgs/msg/Temperature", "sensor_msgs/msg/NavSatFix"
 TWIST, TWIST_WITH_COVARIANCE = "geometry_msgs/msg/TwistStamped", "geometry_msgs/msg/TwistWithCovarianceStamped"
 NAMES_MAGNETOMETER: Final = re.compile(r"(?:^|[/_])(?:mag|compass)", re.IGNORECASE)
-"""What the topic of a vector needs in its name, so that it is taken for a magnetometer."""
+"""Matches the topic of a vector that counts as a magnetometer."""
 NAMES_SATELLITES: Final = re.compile(r"(?:^|[/_])(?:gps|gnss|navsat|fix)(?:[/_]|$)|(?:^|/)vel$", re.IGNORECASE)
-"""What the topic of a velocity needs in its name, so that it is taken for one over ground by satellites."""
+"""Matches the topic of a velocity over ground from a satellite receiver."""
 IDENTIFIER: Final = re.compile(r"[A-Za-z]\w*", re.ASCII)
-"""What types and fields are called in ROS."""
+"""Matches names of types and fields in ROS."""
 Topics: TypeAlias = "_Topics | Fields"
-"""What takes the messages that it wants."""
-LEAST_FIX: Final = 0
+"""Collector of the messages that it selects."""
+MIN_FIX: Final = 0
 """``NavSatStatus.STATUS_FIX``."""
 
 
 def open_ros(file: File, *, unit: str | None = None) -> Log:
     """Open a recording of ROS 1 or ROS 2.
 
-    Raises `MissingExtra` where rosbags is not installed; `UnreadableInput` for what is no such recording, or broken;
-    `UnitError` for a unit that is not known.
+    Raises `MissingExtra` without rosbags; `UnreadableInput` for a file that is not a recording, or damaged;
+    `UnitError` for an unknown unit.
 
     Parameters
     ----------
     file : File
-        On the disk, and not packed; or a folder with a ``metadata.yaml``, which may be given instead of it.
+        File on the disk, not compressed; or a folder with a ``metadata.yaml``, or that ``metadata.yaml``.
     unit : str, optional
-        What vectors are in, whose message does not say, or what a driver writes in place of tesla: ``G``, ``uT`` …
+        Unit of ``Vector3Stamped``, or the unit that a driver writes in place of tesla: ``G``, ``uT`` …
 
     Returns
     -------
     Log
-        Without instruments where it holds no magnetometer.
+        Without instruments if no topic is a magnetometer.
     """
     needs("rosbags.highlevel", "ros", KIND)
     given = None if unit is None else Unit.of(unit)
@@ -138,15 +138,15 @@ def open_ros(file: File, *, unit: str | None = None) -> Log:
 def named_series(
     file: File, start: bytes | None, since: int, names: Sequence[str]
 ) -> tuple[dict[str, TimeSeries], list[str]]:
-    """Fields of messages by names such as ``/battery.current``, and those that their topics have."""
-    fields = Fields.of(file.name, names, _undecoded(start == BAG), is_first=start == BAG)
+    """Series of fields named as ``/battery.current``, and the names of the fields of their topics."""
+    fields = Fields.of(file.name, names, _raw_decoder(start == BAG), is_first=start == BAG)
     if fields.paths:
         _read(file, start, fields)
     return fields.series(since), fields.there
 
 
-def _undecoded(is_first: bool) -> Callable[[Any], Callable[[bytes, str], Any]]:
-    """How messages of a connection are decoded."""
+def _raw_decoder(is_first: bool) -> Callable[[Any], Callable[[bytes, str], Any]]:
+    """Return a decoder factory that leaves messages raw."""
 
     def decoder(connection: Any) -> Callable[[bytes, str], Any]:  # noqa: ANN401 - rosbags' types are its own
         store = _typestore(connection.msgdef, connection.msgtype)
@@ -156,7 +156,7 @@ def _undecoded(is_first: bool) -> Callable[[Any], Callable[[bytes, str], Any]]:
 
 
 def _read(file: File, start: bytes | None, topics: Topics) -> None:
-    """Read what is wanted of a recording, by its first bytes; of a folder without."""
+    """Read the selected topics of a recording, a file by its first bytes or a folder."""
     with reading(file.name, KIND, advice=_advice(file.path, start)):
         if start is None:
             _read_folder(file, topics)
@@ -168,9 +168,9 @@ def _read(file: File, start: bytes | None, topics: Topics) -> None:
 
 
 def _read_folder(file: File, topics: Topics) -> None:
-    """Read a folder of ROS 2; refuse one of which messages are missing, as rosbags may end at damage without a word."""
-    if (file.path / METADATA).stat().st_size > MOST_METADATA:
-        raise UnreadableInput(f"the {METADATA} of {file.name} has more than {MOST_METADATA >> 20} MB: no ROS wrote it")
+    """Read a folder of ROS 2; refuse it if messages are missing, since rosbags may stop at damage silently."""
+    if (file.path / METADATA).stat().st_size > MAX_METADATA_BYTES:
+        raise UnreadableInput(f"the {METADATA} of {file.name} has more than {MAX_METADATA_BYTES >> 20} MB")
     for packed in file.path.glob("*.zstd"):
         with _mcap().zstd.open(packed, "rb") as stream:
             chunks, size = iter(partial(stream.read, 1 << 20), b""), packed.stat().st_size
@@ -179,25 +179,25 @@ def _read_folder(file: File, topics: Topics) -> None:
     expected, read = _read_by_rosbags(file.path, topics)
     if read < expected:
         raise UnreadableInput(
-            f"{file.name} is damaged: {read:,} of {counted(expected, 'message')} are there; copy it again, or mend the "
-            "file in it with mcap recover or sqlite3 .recover"
+            f"{file.name} is damaged: {read:,} of {counted(expected, 'message')} are readable; copy it again, or "
+            "repair the file in it with mcap recover or sqlite3 .recover"
         )
 
 
 def _read_file(path: Path, start: bytes, topics: Topics) -> None:
-    """Read a recording in one file; raise ValueError where messages are missing."""
-    with _named(path, SUFFIXES.get(start, "")) as named:
+    """Read a recording in one file; raise ValueError if messages are missing."""
+    with _suffixed_path(path, SUFFIXES.get(start, "")) as named:
         expected, read = (_read_bag if start == BAG else _read_by_rosbags)(named, topics)
     if read < expected:
-        raise ValueError(f"{read:,} of {counted(expected, 'message')} are there")
+        raise ValueError(f"{read:,} of {counted(expected, 'message')} are readable")
 
 
 def _read_bag(path: Path, topics: Topics) -> tuple[int, int]:
-    """Let rosbags read a bag of ROS 1; as `_read_by_rosbags`."""
+    """Read a bag of ROS 1 with rosbags; returns as `_read_by_rosbags`."""
     from rosbags.rosbag1 import Reader as FirstReader
 
     class BoundedReader(FirstReader):
-        """Refuse an index that is longer than the file, as where chunks share one."""
+        """Refuse an index that is longer than the file, as when chunks share one."""
 
         indexed = 0
 
@@ -207,7 +207,7 @@ def _read_bag(path: Path, topics: Topics) -> tuple[int, int]:
             super().read_index_data(pos, indexes)
             self.indexed += self.bio.tell() - begin
             if self.indexed > path.stat().st_size:
-                raise ValueError("its index says the same several times")
+                raise ValueError("its index has repeated entries")
 
     _bound_unpacking()
     with BoundedReader(path) as reader:
@@ -215,7 +215,7 @@ def _read_bag(path: Path, topics: Topics) -> tuple[int, int]:
 
 
 def _read_by_rosbags(path: Path, topics: Topics) -> tuple[int, int]:
-    """Let rosbags read what is wanted of a recording of ROS 2; how many messages it says it has, and how many came."""
+    """Read a recording of ROS 2 with rosbags; returns the number of messages in its index, and the number read."""
     from rosbags.rosbag2 import Reader as SecondReader
 
     _bound_unpacking()
@@ -230,10 +230,10 @@ def _read_by_rosbags(path: Path, topics: Topics) -> tuple[int, int]:
 def _read_messages(reader: Any, topics: Topics) -> tuple[int, int]:  # noqa: ANN401 - one of two of rosbags
     wanted = [one for one in reader.connections if topics.is_wanted(one)]
     read = 0
-    for connection, recorded, packed in reader.messages(wanted) if wanted else ():  # none given would be all
+    for connection, recorded, packed in reader.messages(wanted) if wanted else ():  # an empty selection would mean all
         if packed[:4] == ZSTD:
             raise UnreadableInput(
-                f"messages of {topics.source} are packed, as its {METADATA} says: give the folder it lies in"
+                f"messages of {topics.source} are compressed, as its {METADATA} states: give the folder of the file"
             )
         topics.add(connection, recorded, packed)
         read += 1
@@ -241,7 +241,7 @@ def _read_messages(reader: Any, topics: Topics) -> tuple[int, int]:  # noqa: ANN
 
 
 def _refuse_packed_chunks(storage: Any, source: str) -> None:  # noqa: ANN401 - of rosbags
-    """Refuse an MCAP whose chunks unpack to too much: those of one time are in memory together."""
+    """Refuse an MCAP whose chunks are too large unpacked: chunks that overlap in time are in memory together."""
     chunks = getattr(storage, "chunks", ())
     if len({chunk.chunk_start_offset for chunk in chunks}) < len(chunks):
         raise ValueError("its index names a chunk twice")
@@ -250,33 +250,33 @@ def _refuse_packed_chunks(storage: Any, source: str) -> None:  # noqa: ANN401 - 
 
 
 def _advice(path: Path, start: bytes | None) -> str:
-    """What to do about a broken recording."""
+    """Remedy for a damaged recording."""
     repair = f"copy it again, or try {REPAIRS[start].format(shown(path.name))}" if start else "copy it again"
     return (_unfinished(path) or repair) if start == SQLITE else repair
 
 
 def _unfinished(path: Path) -> str:
-    """Tell what lies beside a database that was not closed, and what to do; empty where nothing does."""
+    """Sentence on the write-ahead log of a database that was not closed, with the remedy; empty without one."""
     log = path.with_name(f"{path.name}-wal")
     if not log.is_file() or not log.stat().st_size:
         return ""
     return (
-        f"{log.name} holds messages that are not yet in it: copy both, and run "
+        f"{log.name} holds messages that are not yet in the database: copy both, and run "
         f"sqlite3 {path.name} 'PRAGMA wal_checkpoint(TRUNCATE)'"
     )
 
 
 def _about(file: File, topics: _Topics) -> Iterator[str]:
-    """What to know about the recording."""
+    """Yield notes on the recording."""
     for path in file.path.glob("*.db3") if file.path.is_dir() else [file.path]:
         yield from filter(None, [_unfinished(path)])
     if topics.is_undefined:
-        yield f"messages are read as those of ROS 2 {DISTRIBUTION}: it defines none"
+        yield f"messages are read as those of ROS 2 {DISTRIBUTION}: the recording defines no types"
 
 
 @contextmanager
-def _named(path: Path, suffix: str) -> Iterator[Path]:
-    """The path, or a link to it that ends as rosbags wants it, and holds nothing that means more in a URI."""
+def _suffixed_path(path: Path, suffix: str) -> Iterator[Path]:
+    """Yield the path, or a link to it with the suffix that rosbags requires and no special characters of a URI."""
     if not suffix or (path.suffix == suffix and not set("?#%") & set(str(path))):
         yield path
         return
@@ -289,12 +289,12 @@ def _named(path: Path, suffix: str) -> Iterator[Path]:
 
 
 def _mcap() -> Any:  # noqa: ANN401 - of rosbags
-    """What rosbags reads MCAP by; its `zstd` is Python's own, or its backport."""
+    """Return rosbags' module for MCAP; its `zstd` is Python's own, or its backport."""
     return needs("rosbags.rosbag2.storage_mcap", "ros", KIND)
 
 
 def _bound_unpacking() -> None:
-    """Have rosbags unpack chunks up to `MOST_PIECE` bytes; what is sound unpacks as before."""
+    """Limit rosbags' unpacking of chunks to `MOST_PIECE` bytes; undamaged chunks unpack as before."""
     lz4 = needs("lz4.frame", "ros", KIND).LZ4FrameDecompressor
     unpackers = {"lz4": lz4, "zstd": _mcap().zstd.ZstdDecompressor, "bz2": bz2.BZ2Decompressor}
     for table in (_mcap().DECOMPRESSORS, needs("rosbags.rosbag1.reader", "ros", KIND).decompressors):
@@ -302,7 +302,7 @@ def _bound_unpacking() -> None:
 
 
 def _chunk(unpacker: Callable[[], Any], packed: bytes, *_: int) -> bytes:
-    """Unpack a chunk, as rosbags asks for it."""
+    """Unpack a chunk, with the interface of rosbags' decompressor."""
     try:
         return unpacked_piece(unpacker(), packed)
     except (RuntimeError, _mcap().zstd.ZstdError) as error:  # of lz4, of zstd
@@ -310,11 +310,11 @@ def _chunk(unpacker: Callable[[], Any], packed: bytes, *_: int) -> bytes:
 
 
 def _small_messages(messages: Callable[..., Iterator[Any]], *asked: object) -> Iterator[Any]:
-    """Let through packed messages that say how long they are, unpacked, and are not too long."""
+    """Yield messages whose unpacked size is stated and within the limit; refuse others."""
     for connection, stamp, packed in messages(*asked):
         length = _mcap().zstd.get_frame_info(packed).decompressed_size
         if length is None or length > MOST_PIECE:
-            raise UnreadableInput("a packed message of the recording does not say how long it is, or is too long")
+            raise UnreadableInput("a compressed message of the recording does not state its size, or is too large")
         yield connection, stamp, packed
 
 
@@ -323,7 +323,7 @@ def _small_messages(messages: Callable[..., Iterator[Any]], *asked: object) -> I
 
 @dataclass(slots=True, eq=False)
 class _Topic:
-    """What one topic holds."""
+    """Messages of one topic."""
 
     name: str
     kind: str
@@ -334,11 +334,11 @@ class _Topic:
 
     @property
     def is_magnetometer(self) -> bool:
-        """Its messages are readings of a magnetometer."""
+        """Whether its messages are readings of a magnetometer."""
         return self.kind in (FIELD, VECTOR)
 
     def add(self, recorded: int, message: Any) -> None:  # noqa: ANN401
-        """Take a message in; `recorded` is when it was written, in ns."""
+        """Add a message; `recorded` is the time of recording, ns."""
         stamp = message.header.stamp.sec * 10**9 + message.header.stamp.nanosec
         numbers, frame = _NUMBERS[self.kind](message), str(message.header.frame_id).strip("/")
         self.stamps.append(stamp or recorded)
@@ -349,7 +349,7 @@ class _Topic:
             self.frame = frame
 
     def seconds(self, since: int) -> Floats:
-        """(N,) s from a stamp on."""
+        """(N,) s since a stamp in ns."""
         return (np.asarray(self.stamps, np.int64) - since) * 1e-9
 
     @property
@@ -359,12 +359,12 @@ class _Topic:
 
 
 def vector_of(vector: Any) -> tuple[float, float, float]:  # noqa: ANN401
-    """(3,) of a vector of a message."""
+    """Components of a vector of a message."""
     return vector.x, vector.y, vector.z
 
 
 def motion_of(message: Any) -> tuple[float, ...]:  # noqa: ANN401
-    """Acceleration, then rate; a covariance that starts with −1 says that there is none of it (``Imu.msg``)."""
+    """Acceleration, then rate; NaN if the first covariance is −1, which marks a missing quantity (``Imu.msg``)."""
     none = (np.nan,) * 3
     return (
         *(none if message.linear_acceleration_covariance[0] == -1 else vector_of(message.linear_acceleration)),
@@ -381,25 +381,25 @@ _NUMBERS: Final[dict[str, Callable[[Any], tuple[float, ...]]]] = {
     TWIST: lambda message: (message.twist.linear.y, message.twist.linear.x),
     TWIST_WITH_COVARIANCE: lambda message: (message.twist.twist.linear.y, message.twist.twist.linear.x),
 }
-"""What is taken of a message of each kind."""
+"""Numbers to take from a message of each kind."""
 
 
 @dataclass(slots=True, eq=False)
 class _Topics:
-    """What is read of a recording, message by message."""
+    """Selected messages of a recording, added one by one."""
 
     source: str
     is_first: bool  # messages are those of ROS 1
-    is_undefined: bool = False  # a type was not defined, and taken from `DISTRIBUTION`
+    is_undefined: bool = False  # a type was undefined and taken from `DISTRIBUTION`
     _by_name: dict[tuple[str, str], _Topic] = field(default_factory=dict)
     _decoders: dict[int, Callable[[bytes, str], Any]] = field(default_factory=dict)
 
     def is_wanted(self, connection: Any) -> bool:  # noqa: ANN401 - rosbags' types are its own
-        """Tell whether a topic is one of those that are read."""
+        """Whether a topic is read."""
         return _is_wanted(connection)
 
     def add(self, connection: Any, recorded: int, packed: bytes) -> None:  # noqa: ANN401
-        """Decode a message; one that cannot be decoded raises whatever rosbags makes of it."""
+        """Decode a message and add it; rosbags' exceptions pass through."""
         key = connection.topic, connection.msgtype
         topic = self._by_name.setdefault(key, _Topic(*key))
         if connection.id not in self._decoders:
@@ -408,25 +408,25 @@ class _Topics:
         try:
             topic.add(recorded, message)
         except (AttributeError, TypeError) as error:  # its fields are those that the recording defines
-            raise ValueError(f"{connection.msgtype} is defined otherwise: {error}") from None
+            raise ValueError(f"{connection.msgtype} has an unexpected definition: {error}") from None
 
     def _decoder(self, connection: Any) -> Callable[[bytes, str], Any]:  # noqa: ANN401
-        """How messages of a connection are decoded: by the recording's own types where it has them."""
+        """Return the decoder of a connection, by the recording's own types if defined."""
         from rosbags.interfaces import MessageDefinitionFormat
 
         if connection.msgdef.format == MessageDefinitionFormat.NONE:
             self.is_undefined = True
-        return _undecoded(self.is_first)(connection)
+        return _raw_decoder(self.is_first)(connection)
 
     def sorted(self) -> list[_Topic]:
-        """Those with messages, magnetometers first, those with tesla before those without a unit."""
+        """Topics with messages: magnetometers in tesla, magnetometers without a unit, then others."""
         order = (FIELD, VECTOR, IMU, TEMPERATURE, PLACE, TWIST, TWIST_WITH_COVARIANCE)
         read = (topic for topic in self._by_name.values() if topic.stamps)
         return sorted(read, key=lambda topic: (order.index(topic.kind), topic.name))
 
 
 def _is_wanted(connection: Any) -> bool:  # noqa: ANN401 - rosbags' types are its own
-    """Tell whether a topic is one of those of magnetometers, and of what stands beside them."""
+    """Whether a topic is a magnetometer, or a sensor whose columns go with one."""
     if connection.msgtype == VECTOR:
         return NAMES_MAGNETOMETER.search(connection.topic) is not None
     if connection.msgtype in (TWIST, TWIST_WITH_COVARIANCE):
@@ -436,7 +436,7 @@ def _is_wanted(connection: Any) -> bool:  # noqa: ANN401 - rosbags' types are it
 
 @lru_cache(maxsize=32)
 def _typestore(definition: MessageDefinition, name: str) -> Typestore:
-    """The types of a message; decoders of a type are compiled once, for all topics and recordings that define it so."""
+    """Types of a message; decoders are compiled once per definition, for all topics and recordings."""
     from rosbags.interfaces import MessageDefinitionFormat
     from rosbags.typesys import Stores, get_types_from_idl, get_types_from_msg, get_typestore
 
@@ -454,11 +454,11 @@ def _typestore(definition: MessageDefinition, name: str) -> Typestore:
 
 
 def _plain(types: dict[str, Any]) -> dict[str, Any]:
-    """Types without their constants, and with names that are nothing but names: rosbags makes a program of them."""
+    """Types without constants; refuses names that are not identifiers, since rosbags generates code from them."""
     for name, (_, fields) in types.items():
         for part in (*name.split("/"), *(label for label, _ in fields)):
             if not IDENTIFIER.fullmatch(part):
-                raise ValueError(f"{shown(part)!r} is no name of a type or of a field")
+                raise ValueError(f"{shown(part)!r} is not a valid name of a type or field")
     return {name: ([], fields) for name, (_, fields) in types.items()}
 
 
@@ -468,7 +468,7 @@ def _plain(types: dict[str, Any]) -> dict[str, Any]:
 def _columns(
     source: str, unit: Unit, time: Floats, field: Floats, auxiliary: Mapping[str, TimeSeries | None], _: bool
 ) -> Iterator[Samples]:
-    """The readings of a magnetometer with the series of the sensors in its frame; nothing was applied to them."""
+    """Return a function that yields raw readings of a magnetometer with the series of sensors in its frame."""
 
     def rows(part: slice) -> dict[str, Any]:
         return {"field": field[part], "time": time[part], **resampled(auxiliary, time[part])}
@@ -477,7 +477,7 @@ def _columns(
 
 
 def _instruments(source: str, topics: Sequence[_Topic], since: int, given: Unit | None) -> Iterator[Instrument]:
-    """Each magnetometer, with the sensors in its frame."""
+    """Yield each magnetometer, with the sensors in its frame."""
     for topic in topics:
         if not topic.is_magnetometer:
             continue
@@ -502,15 +502,15 @@ def _instruments(source: str, topics: Sequence[_Topic], since: int, given: Unit 
 
 
 def _companion(topic: _Topic, topics: Sequence[_Topic], kind: str) -> _Topic | None:
-    """The topic of a kind that is in the same frame; of several, the one whose name has most in common."""
+    """Topic of a kind in the same frame; of several, the one whose name shares the longest beginning."""
     same = [other for other in topics if other.kind == kind and other.frame == topic.frame]
-    return max(same, key=lambda other: _in_common(topic.name, other.name), default=None)
+    return max(same, key=lambda other: _common_parts(topic.name, other.name), default=None)
 
 
-def _in_common(one: str, other: str) -> int:
-    """Count the parts in which two names begin alike.
+def _common_parts(one: str, other: str) -> int:
+    """Number of leading parts that two names share.
 
-    >>> _in_common("/boat/imu/mag", "/boat/imu/data_raw")
+    >>> _common_parts("/boat/imu/mag", "/boat/imu/data_raw")
     2
     """
     parts = zip(one.strip("/").split("/"), other.strip("/").split("/"), strict=False)
@@ -518,7 +518,7 @@ def _in_common(one: str, other: str) -> int:
 
 
 def _notes(topic: _Topic, unit: Unit, motion: _Topic | None, topics: Sequence[_Topic]) -> Iterator[str]:
-    """What to know about one magnetometer."""
+    """Yield notes on one magnetometer."""
     yield (
         f"axes are those of the frame {shown(topic.frame) or 'without a name'}; where that is forward, left, up "
         "(REP-103), --axes x,-y,-z makes it forward, right, down"
@@ -526,37 +526,37 @@ def _notes(topic: _Topic, unit: Unit, motion: _Topic | None, topics: Sequence[_T
     if topic.kind == VECTOR and unit.name == COUNTS:
         yield "the message (Vector3Stamped) does not say its unit: readings are in counts"
     if topic.kind == FIELD and unit != TESLA:
-        yield f"the message (MagneticField) is in tesla by its definition, and is read in {unit.name} as was asked"
-    elif topic.kind == FIELD and (length := _typical(topic.table)) and not 5e-6 < length < 5e-4:
+        yield f"the message (MagneticField) is in tesla by its definition, and is read in {unit.name} as given"
+    elif topic.kind == FIELD and (length := _median_length(topic.table)) and not 5e-6 < length < 5e-4:
         yield (
             f"readings are about {length:.2g} T long, and the earth's field is 2e-05 to 7e-05 T: the driver writes "
-            "another unit (say which with --unit), or normalises"
+            "another unit (give it with --unit), or normalises"
         )
     others = sorted({shown(other.frame) for other in topics if other.kind == IMU})
     if motion is None and others:
         yield f"acceleration and rate are left out: they are in another frame ({', '.join(others)})"
     if topic.unstamped:
-        yield f"{topic.unstamped:,} messages have no time of their own: the time of recording is used for those"
+        yield f"{topic.unstamped:,} messages have no time in their header: their time of recording is used"
 
 
-def _typical(field: Floats) -> float:
-    """The median length of finite readings; 0 where there is none."""
+def _median_length(field: Floats) -> float:
+    """Median length of finite readings; 0 without any."""
     finite = field[np.isfinite(field).all(axis=1)]
     with np.errstate(over="ignore"):
         return float(np.median(np.linalg.norm(finite, axis=1))) if len(finite) else 0.0
 
 
 def _position(topics: Sequence[_Topic]) -> Position | None:
-    """The first place with a fix."""
+    """First position with a fix."""
     for topic in topics:
         if topic.kind == PLACE:
             latitude, longitude, altitude, status = topic.table.T
-            return first_position(latitude, longitude, altitude, fixed=status >= LEAST_FIX)
+            return first_position(latitude, longitude, altitude, fixed=status >= MIN_FIX)
     return None
 
 
 def _velocity(topics: Sequence[_Topic], since: int) -> TimeSeries | None:
-    """Over ground, north and east, m/s, of the first topic that has one."""
+    """(N, 2) velocity over ground, north and east, m/s, of the first topic that has it."""
     velocities = (topic for topic in topics if topic.kind in (TWIST, TWIST_WITH_COVARIANCE))
     return next((TimeSeries.of(topic.seconds(since), topic.table) for topic in velocities), None)
 

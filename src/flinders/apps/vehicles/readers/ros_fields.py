@@ -1,11 +1,11 @@
-"""Numbers of any message of a ROS recording, by the name of its topic and the path of a field.
+"""Numbers in any message of a ROS recording, by topic and path of a field.
 
 ``/battery.current`` is ``current`` of ``sensor_msgs/BatteryState``; ``/odom.twist.twist.linear.x`` the speed of a
 ``nav_msgs/Odometry``; ``/servos.data[2]`` one of several numbers. Of ``sensor_msgs/JointState``, whose joints have
-names, it is ``/joint_states.wheel_left.velocity``; ``position`` and ``effort`` likewise. A joint, whose name may have
-points, comes before a path. Names of topics have none.
+names, it is ``/joint_states.wheel_left.velocity``; ``position`` and ``effort`` likewise. Names of joints may have
+points, names of topics have none. A joint's name takes precedence over a path.
 
-Times are those of the headers, else of recording, as of magnetometers.
+Times are those of the headers, else of recording, as for magnetometers.
 
 >>> from types import SimpleNamespace as Message
 >>> joints = Message(name=["arm.lift", "wheel"], velocity=[0.5, 20.0], position=[], effort=[])
@@ -32,21 +32,21 @@ if TYPE_CHECKING:
 OF_A_JOINT: Final = ("position", "velocity", "effort")
 """Lists of ``sensor_msgs/JointState``, one number a joint; each may be empty."""
 STEP: Final = re.compile(r"([A-Za-z]\w*)(?:\[(\d+)\])?", re.ASCII)
-"""A step of a path: a field, and of a list which of its members."""
+"""Matches a step of a path: a field, and the index in a list."""
 MAX_NAMED: Final = 200
-"""Fields that an error lists."""
+"""Most fields that an error lists."""
 
 
 @dataclass(slots=True, eq=False)
 class Fields:
-    """Fields that are asked for, collected message by message."""
+    """Wanted fields, collected message by message."""
 
     source: str
     is_first: bool  # messages are those of ROS 1
     decoder: Callable[[Any], Callable[[bytes, str], Any]]  # of a connection
-    paths: dict[str, tuple[str, str]]  # topic and path by the name that was asked for
+    paths: dict[str, tuple[str, str]]  # topic and path, by the wanted name
     is_undefined: bool = False
-    there: list[str] = field(default_factory=list)  # fields of those topics
+    there: list[str] = field(default_factory=list)  # all fields of the wanted topics
     stamps: dict[str, array[int]] = field(default_factory=dict)  # ns, by name
     values: dict[str, array[float]] = field(default_factory=dict)
     _decoders: dict[int, Callable[[bytes, str], Any]] = field(default_factory=dict)
@@ -55,17 +55,17 @@ class Fields:
     def of(
         cls, source: str, names: Sequence[str], decoder: Callable[[Any], Callable[[bytes, str], Any]], *, is_first: bool
     ) -> Fields:
-        """Ask for fields by name."""
+        """Return a collector of fields by name."""
         split = {name: name.partition(".") for name in names}
         paths = {name: (topic, path) for name, (topic, _, path) in split.items() if path}
         return cls(source, is_first, decoder, paths)
 
     def is_wanted(self, connection: Any) -> bool:  # noqa: ANN401 - rosbags' types are its own
-        """Whether a topic has one of them."""
+        """Whether a topic has one of the wanted fields."""
         return any(connection.topic == topic for topic, _ in self.paths.values())
 
     def add(self, connection: Any, recorded: int, packed: bytes) -> None:  # noqa: ANN401
-        """Take a message in; `recorded` is when it was written, in ns."""
+        """Add a message; `recorded` is the time of recording, ns."""
         if connection.id not in self._decoders:
             self._decoders[connection.id] = self.decoder(connection)
         message = self._decoders[connection.id](packed, connection.msgtype)
@@ -83,7 +83,7 @@ class Fields:
         return {each.partition(".")[0] for each in self.there}
 
     def series(self, since: int) -> dict[str, TimeSeries]:
-        """What was found, by name, in seconds from a stamp on."""
+        """Series by name, with times in s since a stamp in ns."""
         made = {
             name: TimeSeries.of(
                 (np.asarray(stamps, np.int64) - since) * 1e-9,
@@ -95,7 +95,7 @@ class Fields:
 
 
 def number(message: Any, path: str) -> float | None:  # noqa: ANN401
-    """The number at a path of a message, that of a joint by its name; None where there is none."""
+    """Number at a path of a message, or at the name of a joint; None without one."""
     joint, _, what = path.rpartition(".")
     names = getattr(message, "name", None)
     if what in OF_A_JOINT and isinstance(names, list) and joint in names:
@@ -111,7 +111,7 @@ def number(message: Any, path: str) -> float | None:  # noqa: ANN401
 
 
 def paths_of(message: Any, before: str = "") -> list[str]:  # noqa: ANN401
-    """Paths of the numbers of a message, no more than an error lists; a list is named once, by its first member.
+    """Paths of the numbers of a message, at most as many as an error lists; a list is named by its first member.
 
     >>> from types import SimpleNamespace as Message
     >>> paths_of(Message(current=1.0, cells=[3.6, 3.7], pose=Message(x=0.0), name="pack"))

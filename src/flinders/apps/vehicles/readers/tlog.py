@@ -1,19 +1,19 @@
-"""MAVLink telemetry logs (``.tlog``): what a ground station received, each packet after the time it came.
+"""MAVLink telemetry logs (``.tlog``): the packets that a ground station received, each after its time of arrival.
 
 RAW_IMU and SCALED_IMU hold the first compass of a vehicle, SCALED_IMU2 and SCALED_IMU3 the second and the third, in
-whole mG; HIGHRES_IMU that by which the vehicle steers, in gauss. **ArduPilot puts corrected readings into all of
+whole mG; HIGHRES_IMU holds the compass in use, in gauss. **ArduPilot puts corrected readings into all of
 them**, whatever RAW_IMU is called: its ``send_raw_imu`` and ``send_scaled_imu`` take ``compass.get_field``. They are
-un-applied with the parameters that the log holds, where the ground station fetched them (PARAM_VALUE) while it was
-logging, motor compensation with the current or the throttle that was sent. **PX4 puts vehicle_magnetometer into
-HIGHRES_IMU**, which is corrected with CAL_MAG, less what its estimator learned in flight: of which compass is not
-said, and readings are as they were sent. Of other autopilots it is not known here, and they are as well.
+un-applied with the parameters in the log, if the ground station fetched them (PARAM_VALUE) while logging; motor
+compensation with the current or the throttle that was sent. **PX4 puts vehicle_magnetometer into HIGHRES_IMU**, which
+is corrected with CAL_MAG less the estimator's in-flight estimate. It does not name the compass, so readings stay as
+sent. They stay as sent for other autopilots too, whose correction is unknown.
 
-With a reading go acceleration, rate, current (SYS_STATUS), throttle (VFR_HUD) and, where readings are in the axes of
-the vehicle, its attitude (ATTITUDE_QUATERNION or ATTITUDE, whichever was sent more often). Speed and course over
-ground are those of the satellites (GPS_RAW_INT), else of the vehicle's estimate (GLOBAL_POSITION_INT).
+A reading has acceleration, rate, current (SYS_STATUS), throttle (VFR_HUD) and, for readings in the axes of the vehicle,
+its attitude (ATTITUDE_QUATERNION or ATTITUDE, the more frequent one). Speed and course over ground come from the
+satellites (GPS_RAW_INT), else from the vehicle's estimate (GLOBAL_POSITION_INT).
 
-The packets are found here and unpacked by pymavlink, which also checks their sums. Its times are those of the
-vehicle; the date is that of the ground station's clock.
+This module finds the packets; pymavlink unpacks them and checks their sums. Times are those of the vehicle; the date is
+that of the ground station's clock.
 
 Sources: https://mavlink.io/en/messages/common.html for messages and units; PX4's
 ``src/modules/mavlink/streams/HIGHRES_IMU.hpp``; that ArduPilot's ``send_highres_imu`` takes the same field as the
@@ -69,9 +69,9 @@ TIME_SIZE: Final = 8
 FIRST_VERSION, SECOND_VERSION = 0xFE, 0xFD  # first byte of a packet of MAVLink 1 and 2
 SIGNATURE_SIZE: Final = 13
 EARLIEST_US, LATEST_US = 946_684_800_000_000, 4_102_444_800_000_000
-"""Microseconds from 1970 to the years 2000 and 2100: no time of a packet lies beyond."""
-MAY_BEGIN: Final = re.compile(rb"\x00[\x03-\x0e].{6}[\xfd\xfe]", re.DOTALL)
-"""A time between those, and the first byte of a packet."""
+"""Range of valid times of a packet: the years 2000 to 2100, in microseconds since 1970."""
+PACKET_START: Final = re.compile(rb"\x00[\x03-\x0e].{6}[\xfd\xfe]", re.DOTALL)
+"""Matches a valid time and the first byte of a packet."""
 
 HEARTBEAT, SYS_STATUS, PARAM_VALUE, RAW_IMU, GPS_RAW_INT, GLOBAL_POSITION_INT = 0, 1, 22, 27, 24, 33
 ATTITUDE, ATTITUDE_QUATERNION, VFR_HUD, HIGHRES_IMU = 30, 31, 74, 105
@@ -82,16 +82,16 @@ COMPASS_MESSAGES: Final = {
     129: ("SCALED_IMU3", 3),
     HIGHRES_IMU: ("HIGHRES_IMU", 1),
 }
-"""Number of a message: its name, and which compass it holds."""
+"""Name of a message and the number of its compass, by the message's number."""
 PLACES: Final = (GLOBAL_POSITION_INT, GPS_RAW_INT)
-"""Where the vehicle says that it is, and where its GPS does."""
+"""Messages with the position, of the vehicle's estimator and of its GPS."""
 UNKNOWN: Final = 0xFFFF
-"""Speed or course of GPS_RAW_INT that is not known."""
+"""Value of an unknown speed or course in GPS_RAW_INT."""
 WANTED: Final = frozenset({
     HEARTBEAT, SYS_STATUS, PARAM_VALUE, ATTITUDE, ATTITUDE_QUATERNION, VFR_HUD, *PLACES, *COMPASS_MESSAGES,
 })  # fmt: skip
 MAG_UPDATED: Final = 0b1_1100_0000
-"""Bits of HIGHRES_IMU.fields_updated that say that its compass was read anew."""
+"""Bits of HIGHRES_IMU.fields_updated for a new reading of the compass."""
 AN_ARDUPILOT, A_PX4 = 3, 12
 """HEARTBEAT.autopilot."""
 GROUND_STATION: Final = 6
@@ -100,35 +100,35 @@ FIX: Final = 3
 FIELDS: Final = ("xmag", "ymag", "zmag", "xacc", "yacc", "zacc", "xgyro", "ygyro", "zgyro", "temperature")
 PLACE, SINCE, CLOCK, MAG, ACC, GYRO, TEMPERATURE = 0, 1, 2, slice(3, 6), slice(6, 9), slice(9, 12), 12
 WIDTH: Final = 3 + len(FIELDS)
-"""Numbers kept of a reading: its place in the log, s of the ground station since 1970, s of the vehicle, and fields."""
+"""Numbers per reading: place in the log, ground station's time (s since 1970), vehicle's time (s), and `FIELDS`."""
 ATTITUDE_FIELDS: Final = {ATTITUDE_QUATERNION: ("q1", "q2", "q3", "q4"), ATTITUDE: ("roll", "pitch", "yaw")}
-"""What is kept of an attitude, after s of the vehicle and s of the ground station since 1970: w, x, y, z, or rad."""
-SAME_CLOCK: Final = 1.0
-"""Seconds by which the clocks of two messages may differ, seen from the ground station, and be the same."""
+"""Fields of an attitude, kept after the two times: quaternion w, x, y, z, or angles in rad."""
+MAX_CLOCK_DIFFERENCE_S: Final = 1.0
+"""Seconds: two messages have one clock if their offsets from the ground station's clock differ by less."""
 
 
 class Units(NamedTuple):
-    """What the numbers of a message are in."""
+    """Units of the numbers in a message."""
 
     field: Unit
-    rate: float  # rad/s of one
+    rate: float  # rad/s per unit of the message
     temperature: float
-    in_mg: float  # mG, in which ArduPilot's parameters are, of one of the field
+    in_mg: float  # mG, the unit of ArduPilot's parameters, per unit of the field
 
 
 WHOLE: Final = Units(Unit.of("mG"), 1e-3, 0.01, 1.0)
 IN_SI: Final = Units(Unit.of("G"), 1.0, 1.0, 1000.0)
-"""Those of HIGHRES_IMU; all others have whole numbers."""
+"""Units of HIGHRES_IMU; `WHOLE` are those of all other messages."""
 
 
 def begins_with_packet(head: bytes) -> bool:
-    """Tell whether these are the first bytes of such a log: a time, a packet, and another unless they end there."""
+    """Whether a file begins with a time and a packet, followed by a second time if the bytes go on."""
     first = _packet(head, 0)
     return first is not None and (first.end + TIME_SIZE >= len(head) or head[first.end] == 0)
 
 
 def open_tlog(file: File) -> Log:
-    """Open a log: gather the readings, the parameters and the places that it holds.
+    """Open a log: gather its readings, parameters and positions.
 
     Raises `MissingExtra` without pymavlink; `UnreadableInput` for a file that cannot be read, or holds no packets;
     `NoMagnetometer` for a log without readings of a compass.
@@ -164,7 +164,7 @@ def open_tlog(file: File) -> Log:
 
 
 class Packet(NamedTuple):
-    """The number of a message, s since 1970 by the ground station's clock, and where its bytes begin and end."""
+    """Number of a message, time in s since 1970 by the ground station's clock, and bounds in bytes."""
 
     message: int
     since: float
@@ -173,7 +173,7 @@ class Packet(NamedTuple):
 
 
 def reading(number: int, message: Any) -> tuple[float, ...]:  # noqa: ANN401 - of a generated class
-    """S of the vehicle and `FIELDS` of a reading; nothing where HIGHRES_IMU has the reading before once more."""
+    """Vehicle's time in s and `FIELDS` of a reading; empty if HIGHRES_IMU repeats the previous reading."""
     if number == HIGHRES_IMU and not message.fields_updated & MAG_UPDATED:
         return ()
     in_micros = number in (RAW_IMU, HIGHRES_IMU)
@@ -188,13 +188,13 @@ def _reading(packet: Packet, message: Any) -> tuple[float, ...]:  # noqa: ANN401
 
 
 def _attitude(packet: Packet, message: Any) -> tuple[float, ...]:  # noqa: ANN401
-    """Two clocks, and `ATTITUDE_FIELDS`."""
+    """Vehicle's time in s, ground station's time in s, and `ATTITUDE_FIELDS`."""
     fields = (getattr(message, name) for name in ATTITUDE_FIELDS[packet.message])
     return (1e-3 * message.time_boot_ms, packet.since, *fields)
 
 
 def _battery(packet: Packet, message: Any) -> tuple[float, ...]:  # noqa: ANN401
-    """A, where it is known."""
+    """Time in s and current in A; empty if the current is unknown."""
     return (packet.since, 0.01 * message.current_battery) if message.current_battery >= 0 else ()
 
 
@@ -203,15 +203,15 @@ def _throttle(packet: Packet, message: Any) -> tuple[float, ...]:  # noqa: ANN40
 
 
 def _place(packet: Packet, message: Any) -> tuple[float, ...]:  # noqa: ANN401
-    """Degrees, metres, s since 1970, and m/s over ground, north and east, where there is a fix."""
+    """Degrees, metres, s since 1970, and m/s over ground (north, east); empty without a fix."""
     if packet.message == GPS_RAW_INT and message.fix_type < FIX:
         return ()
-    velocity = _by_satellites(message) if packet.message == GPS_RAW_INT else (0.01 * message.vx, 0.01 * message.vy)
+    velocity = _satellite_velocity(message) if packet.message == GPS_RAW_INT else (0.01 * message.vx, 0.01 * message.vy)
     return (1e-7 * message.lat, 1e-7 * message.lon, 1e-3 * message.alt, packet.since, *velocity)
 
 
-def _by_satellites(message: Any) -> tuple[float, float]:  # noqa: ANN401
-    """Speed and course of GPS_RAW_INT as m/s, north and east; NaN where one is not known."""
+def _satellite_velocity(message: Any) -> tuple[float, float]:  # noqa: ANN401
+    """Velocity of GPS_RAW_INT, m/s north and east; NaN if speed or course is unknown."""
     if UNKNOWN in (message.vel, message.cog):
         return math.nan, math.nan
     speed, course = 0.01 * message.vel, math.radians(0.01 * message.cog)
@@ -225,32 +225,32 @@ ROWS: Final = {
     SYS_STATUS: (_battery, 2),
     VFR_HUD: (_throttle, 2),
 }
-"""The numbers that are taken of a message, and how many they are."""
+"""Function that returns the row of a message, and the width of the row, by the message's number."""
 
 
 @dataclass(slots=True, eq=False)
 class _Telemetry:
-    """What was gathered of a log."""
+    """Rows, parameters and counts gathered from a log."""
 
     dialect: Any  # pymavlink's
-    # by system and number of the message: its numbers as `ROWS` takes them, one message after the other
+    # by system and number of the message: its rows, one after the other, see `ROWS`
     rows: dict[tuple[int, int], array[float]] = field(default_factory=dict)
-    # by system: place, name and value, each time that a parameter was sent
+    # by system: place, name and value of each parameter message
     parameters: dict[int, list[tuple[int, str, float]]] = field(default_factory=dict)
     autopilots: dict[int, int] = field(default_factory=dict)  # by system
-    packets: int = 0  # how many there were, how many had a wrong sum, bytes that belong to none, and in how many places
+    packets: int = 0  # all packets; those with a wrong sum; bytes outside packets, and the number of such places
     broken: int = 0
     skipped: int = 0
     gaps: int = 0
 
     def gather(self, content: mmap.mmap) -> None:
-        """Go from packet to packet; after broken bytes, to the next that could be one."""
+        """Go from packet to packet; after damaged bytes, to the next possible start."""
         decoder, at = self.dialect.MAVLink(None), 0
         wrong = (self.dialect.MAVError, struct.error, ValueError, IndexError, KeyError, TypeError)
         while at < len(content):
             packet = _packet(content, at)
             if packet is None:
-                further = MAY_BEGIN.search(content, at + 1)
+                further = PACKET_START.search(content, at + 1)
                 after = further.start() if further else len(content)
                 self.skipped, self.gaps, at = self.skipped + after - at, self.gaps + 1, after
                 continue
@@ -265,7 +265,7 @@ class _Telemetry:
                     self.take(packet, message)
 
     def take(self, packet: Packet, message: Any) -> None:  # noqa: ANN401 - of a generated class
-        """Keep what is needed of a message."""
+        """Add the row of a message."""
         system, number = message.get_srcSystem(), packet.message
         if number in ROWS:
             if row := ROWS[number][0](packet, message):
@@ -276,11 +276,11 @@ class _Telemetry:
             self.parameters.setdefault(system, []).append((packet.start, message.param_id, message.param_value))
 
     def table(self, system: int, number: int) -> Floats:
-        """(N, k) numbers of a system's message."""
+        """(N, k) rows of a system's message."""
         return np.frombuffer(self.rows.get((system, number), array("d"))).reshape(-1, ROWS[number][1])
 
     def drives(self, system: int) -> dict[str, TimeSeries]:
-        """Current and throttle, as far as they were sent, by the ground station's clock."""
+        """Current and throttle that were sent, by the ground station's clock."""
         battery, throttle = self.table(system, SYS_STATUS), self.table(system, VFR_HUD)
         drives = {
             CURRENT: TimeSeries.of(battery[:, 0], battery[:, 1:]) if battery[:, 1].any() else None,
@@ -290,7 +290,7 @@ class _Telemetry:
 
     @property
     def position(self) -> Position | None:
-        """The first of a vehicle's own, else of a GPS."""
+        """First position of a vehicle's estimator, else of a GPS."""
         tables = [self.table(*each) for number in PLACES for each in self.rows if each[1] == number]
         places = (first_position(*table[:, :3].T, fixed=np.ones(len(table), bool)) for table in tables)
         return next((each for each in places if each is not None), None)
@@ -303,13 +303,13 @@ class _Telemetry:
         return next((each for each in velocities if each is not None), None)
 
     def attitude(self, system: int, table: Floats) -> tuple[AttitudeSeries | None, int]:
-        """Attitude of a system, and which column of a table of readings its times are to be compared with."""
+        """Attitude of a system, and the column of a table of readings with the clock of the attitude."""
         rows = max((self.table(system, number) for number in ATTITUDE_FIELDS), key=len)
         if not len(rows):
             return None, SINCE
         attitude = rows[:, 2:] if rows.shape[1] == 6 else of_angles(rows[:, 2:])
         ahead = np.median(rows[:, 0] - rows[:, 1]) - np.median(table[:, CLOCK] - table[:, SINCE])
-        is_same = bool(abs(ahead) < SAME_CLOCK)
+        is_same = bool(abs(ahead) < MAX_CLOCK_DIFFERENCE_S)
         return AttitudeSeries.of(rows[:, 0 if is_same else 1], attitude), CLOCK if is_same else SINCE
 
 
@@ -318,16 +318,16 @@ class _Telemetry:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Compass:
-    """What the readings of a compass are made of."""
+    """Rows of a compass, and the parameters that corrected them."""
 
     source: str
     table: Floats  # (N, `WIDTH`)
     units: Units
-    stage: NDArray[np.intp]  # (N,): which parameters were in force at each
-    parameters: dict[int, ArduPilotParameters]  # by stage; empty where they are not known
+    stage: NDArray[np.intp]  # (N,): stage of the parameters in force at each
+    parameters: dict[int, ArduPilotParameters]  # by stage; empty if unknown
     drives: Mapping[str, TimeSeries]  # by the clock of the ground station
     attitude: AttitudeSeries | None
-    attitude_by: int  # column of the table with the clock that the attitude goes by
+    attitude_by: int  # column of the table with the clock of the attitude
 
     def columns(self, as_logged: bool) -> Iterator[Samples]:
         """Go through the readings; see `Instrument`."""
@@ -348,17 +348,17 @@ class _Compass:
         return blocks(self.source, self.units.field, len(self.table), rows)
 
     def drive(self, parameters: ArduPilotParameters) -> TimeSeries | None:
-        """What a compass's motor compensation goes by, where it is on and that was sent."""
+        """Current or throttle of the motor compensation; None if it is off or the series was not sent."""
         kind = {BY_CURRENT: CURRENT, BY_THROTTLE: THROTTLE}.get(parameters.motor_by, "")
         return self.drives.get(kind) if parameters.has_disturbances else None
 
-    def taken_off(self, parameters: ArduPilotParameters) -> ArduPilotParameters:
-        """What is un-applied of them: all but a motor compensation that goes by what was not sent."""
+    def removable(self, parameters: ArduPilotParameters) -> ArduPilotParameters:
+        """Parameters that can be un-applied: without a motor compensation whose series was not sent."""
         stays = parameters.has_disturbances and self.drive(parameters) is None
         return replace(parameters, motor_by=OFF) if stays else parameters
 
     def _raw(self, table: Floats, stage: NDArray[np.intp]) -> Floats:
-        """(N, 3) what the compass read, in the axes of the vehicle; NaN where its motor compensation is not known."""
+        """(N, 3) raw readings in the axes of the vehicle; NaN if the motor compensation is unknown."""
         if not self.parameters:
             return table[:, MAG]
         motor = np.zeros((len(table), 3))
@@ -371,7 +371,7 @@ class _Compass:
 
 
 def _instrument(file: File, telemetry: _Telemetry, system: int, message: int, *, several: bool) -> Instrument:
-    """Make an instrument of the readings in one kind of message."""
+    """Make an instrument from the readings in one kind of message."""
     name, number = COMPASS_MESSAGES[message]
     table = telemetry.table(system, message)
     changes = stages(telemetry.parameters.get(system, ()), ARDUPILOT, file.name)
@@ -394,7 +394,7 @@ def _instrument(file: File, telemetry: _Telemetry, system: int, message: int, *,
         f"{name} (system {system})" if several else name,
         units.field,
         compass.columns,
-        stored=None if in_force is None else stored(compass.taken_off(in_force), changes=len(parameters) - 1),
+        stored=None if in_force is None else stored(compass.removable(in_force), changes=len(parameters) - 1),
         frames=IN_VEHICLE_AXES if is_turned else ("sensor", "sensor"),
         autopilot="ardupilot" if is_ardupilot else None,
         compass=number if is_ardupilot else None,
@@ -403,7 +403,7 @@ def _instrument(file: File, telemetry: _Telemetry, system: int, message: int, *,
         beginning=float(table[0, CLOCK]),
         velocity=telemetry.velocity(system, table),
         readings=len(table),
-        notes=(*remarks, *["readings were sent in whole mG, cut towards zero"] * (units is WHOLE)),
+        notes=(*remarks, *["readings were sent in whole mG, truncated towards zero"] * (units is WHOLE)),
         file=file,
     )
 
@@ -411,45 +411,45 @@ def _instrument(file: File, telemetry: _Telemetry, system: int, message: int, *,
 def _remarks(
     compass: _Compass, in_force: ArduPilotParameters, values: Mapping[str, float], message: int
 ) -> Iterator[str]:
-    """What to know about a compass whose parameters are in the log."""
+    """Yield notes on a compass whose parameters are in the log."""
     yield mounting_words(in_force, values)
     if message == RAW_IMU:
         yield "ArduPilot sends corrected readings in RAW_IMU, too"
     if changes := len(compass.parameters) - 1:
-        yield f"its parameters changed {counted(changes, 'time')}: each reading has those of its time removed"
+        yield f"its parameters changed {counted(changes, 'time')}: from each reading, those in force then are removed"
     elif in_force.is_identity:
-        yield "no calibration was in force: readings are as they were measured"
+        yield "no calibration was in force: readings are raw"
     if in_force.has_disturbances:
         by = "current" if in_force.motor_by == BY_CURRENT else "throttle"
         if compass.drive(in_force) is None:
-            yield f"its motor compensation (COMPASS_MOT) stays on the readings: the {by} it goes by is not in the log"
+            yield f"its motor compensation (COMPASS_MOT) stays on the readings: the log lacks the {by}"
         else:
             yield (
-                f"its motor compensation (COMPASS_MOT) is removed by the {by} that was sent, which is told less "
-                "often than it acts: read the vehicle's own log (.bin) where the motors ran"
+                f"its motor compensation (COMPASS_MOT) is removed with the {by} in the telemetry, which is slower "
+                "than the compensation: read the vehicle's own log (.bin) if the motors ran"
             )
     yield from unused(values, in_force.compass)
 
 
 def _unknown(autopilot: int | None, message: int) -> Iterator[str]:
-    """What to know about a compass whose parameters are not there."""
+    """Yield notes on a compass whose parameters are not in the log."""
     if autopilot == AN_ARDUPILOT:
         yield (
-            "readings are corrected ones, and the log does not hold the parameters (COMPASS_OFS) to take that off: "
-            "fetch them in the ground station while it is logging, or read the vehicle's own log (.bin)"
+            "readings are corrected, and the log lacks the parameters (COMPASS_OFS) to undo that: "
+            "fetch them in the ground station while logging, or read the vehicle's own log (.bin)"
         )
     elif autopilot == A_PX4 and message == HIGHRES_IMU:
         yield (
-            "readings are in the axes of the vehicle, corrected with CAL_MAG of a compass that is not named, less what "
-            "the estimator learned in flight: they are as they were sent, and a calibration of them comes on top; for "
-            "parameters read the vehicle's own log (.ulg)"
+            "readings are in the axes of the vehicle, corrected with CAL_MAG of an unnamed compass and with the "
+            "estimator's in-flight estimate. They are used as sent; a calibration from them adds to that correction. "
+            "For parameters, read the vehicle's own log (.ulg)"
         )
     else:
-        yield "whether readings are raw or corrected is not known for this autopilot: they are as they were sent"
+        yield "whether readings are raw or corrected is not known for this autopilot: they are used as sent"
 
 
 def _damage(telemetry: _Telemetry, size: int) -> Iterator[str]:
-    """What of the file could not be read."""
+    """Yield notes on parts of the file that could not be read."""
     if telemetry.broken:
         yield f"{counted(telemetry.broken, 'packet')} with a wrong check sum left out"
     if telemetry.skipped:
@@ -458,7 +458,7 @@ def _damage(telemetry: _Telemetry, size: int) -> Iterator[str]:
 
 
 def _packet(content: bytes | mmap.mmap, at: int) -> Packet | None:
-    """Find the time and the packet that begin here, or nothing where there are none."""
+    """Return the packet whose time begins here, or None."""
     head = content[at : at + TIME_SIZE + 10]
     since = int.from_bytes(head[:TIME_SIZE], "big")
     if len(head) < TIME_SIZE + 8 or not EARLIEST_US < since < LATEST_US:
@@ -479,7 +479,7 @@ READERS: Final = (
         "tlog",
         "MAVLink telemetry",
         (".tlog",),
-        "each compass that a ground station heard of, with the calibration removed where it heard that too",
+        "each compass in the telemetry, with the calibration in force removed if its parameters were fetched",
         starts=(b"\x00",),  # of a time before the year 4000
         sniff=begins_with_packet,
         log=open_tlog,

@@ -1,21 +1,20 @@
 """PX4 logs (``.ulg``), read with pyulog.
 
-Three topics may hold a magnetometer, and each is offered where it holds more than the one before it:
+Three topics may hold a magnetometer, and each is offered if it holds more readings than the one before:
 
-- ``sensor_mag``, one instance a compass, in gauss and in the axes of the sensor. From version 1.12 on it is what the
-  compass read; up to 1.11 the driver had applied CAL_MAGn_SCALE and OFF to it, which is removed here.
+- ``sensor_mag``, one instance a compass, in gauss and in the axes of the sensor. It is raw from version 1.12 on; up to
+    1.11 the driver had applied CAL_MAGn_SCALE and OFF to it, which is removed here.
 - ``vehicle_magnetometer``: corrected and in the axes of the vehicle. The correction is removed with the parameters
-  of the compass that it says, or the one that ``sensor_selection`` or CAL_MAG_PRIME names. What the estimator learned
-  in flight, which versions from 1.13 on may take off as well, and COMP, which needs throttle or current, stay on it.
+    of the compass named in it, or in ``sensor_selection`` or CAL_MAG_PRIME. Not removed are the estimator's in-flight
+    estimate, which versions from 1.13 on may subtract, and COMP, which needs throttle or current.
 - ``sensor_combined.magnetometer_ga`` of logs up to 2018: as ``vehicle_magnetometer``, repeated at the rate of the gyro.
 
-Beside a reading stand acceleration and rate (``sensor_combined``, else ``vehicle_imu``), the attitude
-(``vehicle_attitude``), the current of the first battery that knows one and the throttle (length of
+A reading has acceleration and rate (``sensor_combined``, else ``vehicle_imu``), the attitude
+(``vehicle_attitude``), the current of the first battery that measures it and the throttle (length of
 ``vehicle_thrust_setpoint.xyz``, in older logs ``actuator_controls_0.control[3]``), current and throttle of each motor
 (``esc_status``, ``actuator_motors``; field order not verified on a log), all at the time of the reading, and
 the compass's own temperature. Acceleration is specific force in axes forward, right, down, as `Samples` wants it;
-where the sensor is turned against the vehicle it, rate and attitude are turned into its axes, and left out where
-nothing says how it sits.
+acceleration, rate and attitude are turned into the axes of the sensor, and left out if its mounting is unknown.
 
 Times are seconds since the autopilot started.
 
@@ -63,7 +62,7 @@ SYNC: Final = b"\x2f\x73\x13\x20\x25\x0c\xbb\x12"
 HEADER: Final = 16
 """Bytes before the first message."""
 TAIL: Final = 1 << 24
-"""Bytes at the end in which the last mark is looked for; newer loggers write them throughout."""
+"""Bytes at the end to search for the last mark; newer loggers write marks throughout."""
 GAUSS: Final = Unit.of("G")
 
 TOPICS: Final = (
@@ -71,41 +70,41 @@ TOPICS: Final = (
     "battery_status", "vehicle_gps_position", "sensor_gps", "vehicle_attitude", "vehicle_thrust_setpoint",
     "actuator_controls_0", "esc_status", "actuator_motors",
 )  # fmt: skip
-"""All that is read of a log: the rest never comes into memory."""
+"""Topics to read; others are not loaded."""
 
-FIX: Final = 3
-"""``fix_type`` from which on there is a place in three dimensions."""
+MIN_FIX: Final = 3
+"""Least ``fix_type`` of a position in three dimensions."""
 INVALID_RELATIVE: Final = 0x7FFFFFFF
 """``magnetometer_timestamp_relative`` of a row without a magnetometer."""
 RAW_SINCE: Final = (1, 12)
-"""Version from which on ``sensor_mag`` is what the compass read."""
-MOST_CONTROLLERS, MOST_MOTORS = 8, 12
-"""Places of ``esc_status``, and of ``actuator_motors``."""
-MOST_FIELDS: Final = 20_000
-"""Columns of all topics together, beyond which definitions are those of no autopilot."""
-DEEPEST: Final = 8
-"""Topics within topics; PX4 has two."""
-TOGETHER: Final = 1.0
-"""Seconds within which changes of parameters are those of one calibration on board."""
-MUCH_MORE: Final = 1.5
-"""How many times the readings of ``sensor_mag`` another topic needs, so that it is worth un-applying."""
+"""First version in which ``sensor_mag`` is raw."""
+MAX_CONTROLLERS, MAX_MOTORS = 8, 12
+"""Lengths of the arrays in ``esc_status`` and ``actuator_motors``."""
+MAX_FIELDS: Final = 20_000
+"""Most columns of all topics together; more indicate a damaged file."""
+MAX_DEPTH: Final = 8
+"""Deepest nesting of topics; PX4 has two levels."""
+CHANGE_WINDOW_S: Final = 1.0
+"""Seconds: changes of parameters within this time belong to one calibration on board."""
+MIN_READINGS_RATIO: Final = 1.5
+"""Least ratio of readings in another topic to those in ``sensor_mag`` for that topic to be offered."""
 EARLIEST, LATEST = datetime(2000, 1, 1, tzinfo=UTC), datetime(2100, 1, 1, tzinfo=UTC)
 
 
 def open_ulog(file: File) -> Log:
-    """Open a PX4 log, on the disk and not packed.
+    """Open a PX4 log, on the disk and not compressed.
 
-    Returns without instruments where it holds no magnetometer. Raises `MissingExtra` where pyulog is not installed;
-    `UnreadableInput` for what is no ULog, or broken so that nothing can be read.
+    Returns a log without instruments if it holds no magnetometer. Raises `MissingExtra` without pyulog;
+    `UnreadableInput` for a file that is not a ULog, or damaged beyond reading.
     """
     pyulog = needs("pyulog", "px4", KIND)
     with reading(file.name, KIND):
-        flight = _Flight.of(file.name, _parsed(pyulog, file))
+        flight = _Flight.of(file.name, _parse_log(pyulog, file))
         instruments = [*_sensor_mag(flight)]
         for derived in (_vehicle_magnetometer, _sensor_combined):
             others = [*derived(flight)]
             most = max((one.readings or 0 for one in instruments), default=0)
-            if max((one.readings or 0 for one in others), default=0) > MUCH_MORE * most:
+            if max((one.readings or 0 for one in others), default=0) > MIN_READINGS_RATIO * most:
                 instruments = [*others, *instruments]
         damage = tuple(_damage(file, flight))
         velocity = _velocity(flight)
@@ -125,7 +124,7 @@ def open_ulog(file: File) -> Log:
 
 
 class _Bounded(io.BufferedReader):
-    """A file that is not gone over again and again: pyulog looks for sound messages byte by byte in a broken one."""
+    """A file with a limit on seeks: pyulog searches a damaged file byte by byte for valid messages."""
 
     def __init__(self, raw: io.FileIO, name: str, size: int) -> None:
         super().__init__(raw, 1 << 16)
@@ -136,24 +135,22 @@ class _Bounded(io.BufferedReader):
         after = super().seek(offset, whence)
         self._left -= max(before - after, 0) + 64
         if self._left < 0:
-            raise UnreadableInput(
-                f"{self._file} is broken from byte {after:,} on, and no end of it is found: copy it again"
-            )
+            raise UnreadableInput(f"{self._file} is damaged from byte {after:,} on: copy it again")
         return after
 
 
-def _parsed(pyulog: Any, file: File, topics: Sequence[str] = TOPICS) -> Any:  # noqa: ANN401 - pyulog has no types
-    """Let pyulog read the topics that are wanted; what it would print is not printed."""
+def _parse_log(pyulog: Any, file: File, topics: Sequence[str] = TOPICS) -> Any:  # noqa: ANN401 - pyulog has no types
+    """Read the wanted topics with pyulog, and suppress its output."""
     filled = filled_size(file.path)
     opened = UpTo(file.path, file.size if filled == file.size else _end_of_message(file, filled))
     with redirect_stdout(io.StringIO()), _Bounded(opened, file.name, file.size) as handle:
-        return _guarded(pyulog.ULog)(handle, message_name_filter_list=list(topics))
+        return _guarded_parser(pyulog.ULog)(handle, message_name_filter_list=list(topics))
 
 
-def _guarded(ulog: type[Any]) -> type[Any]:
-    """A parser that refuses definitions which nest into more columns than memory holds; as pyulog does broken ones."""
-    left = MOST_FIELDS
-    whole = ulog._MessageAddLogged  # the one place where columns are made
+def _guarded_parser(ulog: type[Any]) -> type[Any]:
+    """Return a parser that refuses definitions which nest into too many columns, as it refuses damaged ones."""
+    left = MAX_FIELDS
+    whole = ulog._MessageAddLogged  # the only class that creates columns
 
     class Subscription(whole):  # type: ignore[misc, valid-type]
         def _parse_format(self, message_formats: Mapping[str, Any]) -> None:
@@ -165,21 +162,21 @@ def _guarded(ulog: type[Any]) -> type[Any]:
 
 
 def _columns(name: str, formats: Mapping[str, Any], most: int, depth: int = 0) -> int:
-    """Count the columns of a topic, without making them.
+    """Count the columns of a topic, without creating them.
 
-    Raises `ValueError` where there are more than so many, or topics nest in a circle.
+    Raises `ValueError` for more than `most`, or if topics nest in a circle.
     """
     total = 0
     for kind, length, _ in formats[name].fields:
-        inner = _columns(kind, formats, most, depth + 1) if kind in formats and depth < DEEPEST else 1
+        inner = _columns(kind, formats, most, depth + 1) if kind in formats and depth < MAX_DEPTH else 1
         total += max(length, 1) * max(inner, 1)
-        if total > most or depth == DEEPEST:
+        if total > most or depth == MAX_DEPTH:
             raise ValueError(f"{name} has more than {most} columns, or nests in a circle")
     return total
 
 
 def _end_of_message(file: File, filled: int) -> int:
-    """Find where the message ends that holds the last byte before `filled`: they are gone through from a mark on."""
+    """End of the message that holds the last byte before `filled`, found by following messages from a mark."""
     if file.size <= HEADER:
         return HEADER
     with file.mapped() as content:
@@ -194,7 +191,7 @@ def _end_of_message(file: File, filled: int) -> int:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Flight:
-    """What the topics hold, and which parameters were in force when."""
+    """Topics of a log, and the parameters in force in each stage."""
 
     source: str
     log: Any  # pyulog.ULog
@@ -204,41 +201,41 @@ class _Flight:
 
     @classmethod
     def of(cls, source: str, log: Any) -> _Flight:  # noqa: ANN401 - pyulog has no types
-        """Take what pyulog read."""
+        """Return the topics and stages of a log that pyulog has read."""
         topics = {(one.name, one.multi_id): one.data for one in log.data_list}
         initial = [(-np.inf, *each) for each in log.initial_parameters.items()]
         changed = [(1e-6 * stamp, name, value) for stamp, name, value in log.changed_parameters]
         entries = ((since, name, value) for since, name, value in initial + changed if isinstance(value, (int, float)))
-        changes = stages(entries, ("CAL_MAG", "SENS_BOARD"), source, together=TOGETHER)
+        changes = stages(entries, ("CAL_MAG", "SENS_BOARD"), source, together=CHANGE_WINDOW_S)
         return cls(source, log, topics, changes, {kind: find(topics) for kind, find in AUXILIARY.items()})
 
     def instances(self, name: str) -> Iterator[tuple[int, Mapping[str, Any]]]:
-        """Go through the instances of a topic, in order."""
+        """Yield the instances of a topic, in order."""
         for topic, instance in sorted(self.topics):
             if topic == name:
                 yield instance, self.topics[topic, instance]
 
     @property
     def values(self) -> Mapping[str, float]:
-        """The parameters at the end."""
+        """Parameters of the last stage."""
         return self.stages[-1][1]
 
     @property
     def satellites(self) -> Mapping[str, Any]:
-        """What the receiver of satellites gave; empty where there was none."""
+        """Columns of the satellite receiver; empty without one."""
         return self.topics.get(("vehicle_gps_position", 0)) or self.topics.get(("sensor_gps", 0)) or {}
 
     @property
     def version(self) -> tuple[int, int] | None:
-        """Major and minor number of the release, where the log has them."""
+        """Major and minor number of the release; None if not logged."""
         packed = self.log.msg_info_dict.get("ver_sw_release")
         return (packed >> 24 & 0xFF, packed >> 16 & 0xFF) if isinstance(packed, int) and packed > 0 else None
 
     @property
     def is_raw(self) -> bool:
-        """Whether ``sensor_mag`` is what the compass read: parameters of one time or the other tell, else the version.
+        """Whether ``sensor_mag`` is raw, by parameters that only older or newer versions have, else by the version.
 
-        PX4 logs the parameters that it uses, so that a log of 1.12 on with a calibration in it has those below.
+        PX4 logs the parameters that it uses, so a log of 1.12 or later with a calibration has the newer ones.
         """
         ends = {name.rpartition("_")[2] for name in self.values if name.startswith("CAL_MAG")}
         if "PRIO" in ends or any(end.endswith("ODIAG") for end in ends):
@@ -247,34 +244,34 @@ class _Flight:
 
 
 def _stack(columns: Mapping[str, Any], *names: str) -> Floats:
-    """(N, len(names)) of a topic's columns; columns that it has not are NaN."""
+    """(N, len(names)) columns of a topic; missing ones are NaN."""
     rows = len(columns["timestamp"])
-    with np.errstate(invalid="ignore"):  # of a broken log, which may hold any bits
+    with np.errstate(invalid="ignore"):  # a damaged log may hold any bits
         return np.column_stack([np.asarray(columns.get(name, np.full(rows, np.nan)), np.float64) for name in names])
 
 
 def _whole(values: Any) -> NDArray[np.int64]:  # noqa: ANN401 - a column of pyulog
-    """Whole numbers; any where a broken log holds what is none."""
+    """Integers; arbitrary for values of a damaged log that are not integers."""
     with np.errstate(invalid="ignore"):
         return np.asarray(values).astype(np.int64)
 
 
 def _three(columns: Mapping[str, Any], name: str) -> Floats:
-    """(N, 3) of an array."""
+    """(N, 3) columns of an array with three members."""
     return _stack(columns, *(f"{name}[{axis}]" for axis in range(3)))
 
 
 def _seconds(columns: Mapping[str, Any]) -> Floats:
-    """(N,) when it was measured, else when it was logged."""
+    """(N,) time of measurement, else of logging, s."""
     logged = np.asarray(columns["timestamp"], np.float64)
     measured = np.asarray(columns.get("timestamp_sample", logged), np.float64)
     return 1e-6 * np.where(measured > 0, measured, logged)
 
 
 def _motion(topics: Topics, measured: str, change: str) -> TimeSeries | None:
-    """What ``sensor_combined`` measured, else the change that ``vehicle_imu`` has over its duration.
+    """Columns of ``sensor_combined``, else the increments of ``vehicle_imu`` divided by their duration.
 
-    In m/s² or rad/s and the axes of the vehicle.
+    In m/s² or rad/s, in the axes of the vehicle.
     """
     combined, imu = topics.get(("sensor_combined", 0)), topics.get(("vehicle_imu", 0))
     if combined is not None:
@@ -286,7 +283,7 @@ def _motion(topics: Topics, measured: str, change: str) -> TimeSeries | None:
 
 
 def _current(topics: Topics) -> TimeSeries | None:
-    """A of the first battery that knows its current; −1 is what PX4 writes where it does not."""
+    """Current of the first battery that measures it, A; PX4 writes −1 for an unknown current."""
     for (name, _), columns in sorted(topics.items(), key=lambda item: item[0]):
         if name == "battery_status":
             amperes = _stack(columns, "current_a")
@@ -297,7 +294,7 @@ def _current(topics: Topics) -> TimeSeries | None:
 
 
 def _throttle(topics: Topics) -> TimeSeries | None:
-    """Length of the thrust that is asked for, 0 to 1; of a plane that also flies as a copter, of all its motors."""
+    """Length of the commanded thrust, 0 to 1; for a VTOL plane, of all its motors."""
     thrust, controls = topics.get(("vehicle_thrust_setpoint", 0)), topics.get(("actuator_controls_0", 0))
     if thrust is not None:
         return TimeSeries.of(_seconds(thrust), shares(np.linalg.norm(_three(thrust, "xyz"), axis=1))[:, np.newaxis])
@@ -305,27 +302,27 @@ def _throttle(topics: Topics) -> TimeSeries | None:
 
 
 def _currents(topics: Topics) -> TimeSeries | None:
-    """A of each motor, by its speed controller; None where none ever says that any flows."""
+    """Current of each motor, A, from the speed controllers; None if all are always 0."""
     columns = topics.get(("esc_status", 0))
     if columns is None:
         return None
-    count = min(int(np.max(columns.get("esc_count", 0), initial=0)), MOST_CONTROLLERS)
+    count = min(int(np.max(columns.get("esc_count", 0), initial=0)), MAX_CONTROLLERS)
     amperes = _stack(columns, *(f"esc[{place}].esc_current" for place in range(count)))
     return TimeSeries.of(_seconds(columns), amperes) if np.nan_to_num(amperes).any() else None
 
 
 def _throttles(topics: Topics) -> TimeSeries | None:
-    """What each motor was asked for, 0 to 1; one that is stopped, which PX4 writes as NaN, was asked for nothing."""
+    """Commanded throttle of each motor, 0 to 1; 0 for a stopped motor, which PX4 logs as NaN."""
     columns = topics.get(("actuator_motors", 0))
     if columns is None:
         return None
-    asked = _stack(columns, *(f"control[{place}]" for place in range(MOST_MOTORS)))
+    asked = _stack(columns, *(f"control[{place}]" for place in range(MAX_MOTORS)))
     used = np.flatnonzero((np.nan_to_num(asked) != 0.0).any(axis=0))
     return TimeSeries.of(_seconds(columns), np.nan_to_num(asked[:, : used[-1] + 1])) if len(used) else None
 
 
 def _attitude(topics: Topics) -> AttitudeSeries | None:
-    """From the axes of the vehicle to north, east, down, as the estimator that is used has it."""
+    """Attitude of the estimator in use, from the axes of the vehicle to north, east, down."""
     columns = topics.get(("vehicle_attitude", 0))
     if columns is None:
         return None
@@ -341,13 +338,13 @@ AUXILIARY: Final[Mapping[str, Callable[[Topics], TimeSeries | None]]] = {
     THROTTLES: _throttles,
     ATTITUDE: _attitude,
 }
-"""How each column of `Samples` that is no compass's is found."""
+"""Function that returns the series of each auxiliary column of `Samples`."""
 
 
 def named_series(file: File, names: Sequence[str]) -> tuple[dict[str, TimeSeries], list[str]]:
-    """Fields of topics by names such as ``battery_status.current_a``, and the fields that those topics have.
+    """Series of fields named as ``battery_status.current_a``, and the names of the fields of those topics.
 
-    Of another instance than the first it is ``battery_status[1].current_a``.
+    For another instance than the first: ``battery_status[1].current_a``.
     """
     parts = {name: name.partition(".") for name in names if "." in name}
     topics = {name: topic.partition("[") for name, (topic, _, _) in parts.items()}
@@ -355,7 +352,7 @@ def named_series(file: File, names: Sequence[str]) -> tuple[dict[str, TimeSeries
         return {}, []
     pyulog = needs("pyulog", "px4", KIND)
     with reading(file.name, KIND):
-        log = _parsed(pyulog, file, sorted({topic for topic, _, _ in topics.values()}))
+        log = _parse_log(pyulog, file, sorted({topic for topic, _, _ in topics.values()}))
     data = {(one.name, one.multi_id): one.data for one in log.data_list}
     found, there = dict[str, TimeSeries](), list[str]()
     for name, (topic, _, instance) in topics.items():
@@ -373,16 +370,16 @@ def named_series(file: File, names: Sequence[str]) -> tuple[dict[str, TimeSeries
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Readings:
-    """What one magnetometer gave, and how what it read is found again."""
+    """Logged readings of one magnetometer, and the parameters to un-apply."""
 
     flight: _Flight
     time: Floats  # (N,), s
     field: Floats  # (N, 3): as logged
-    # what was applied to `field` in each stage of the flight, mounting included; empty where nothing was
+    # parameters applied to `field` in each stage of the flight, mounting included; empty for raw readings
     applied: tuple[px4.Px4Parameters, ...] = ()
-    # (3, 3): from the axes of `field`, with nothing applied, to those of the vehicle; None where it is not known
+    # (3, 3): from the axes of raw readings to those of the vehicle; None if unknown
     mounting: Floats | None = None
-    is_turned: bool = False  # what was logged is in the axes of the vehicle
+    is_turned: bool = False  # logged readings are in the axes of the vehicle
     temperature: Floats | None = None  # (N,), °C
 
     def columns(self, as_logged: bool) -> Iterator[Samples]:
@@ -403,13 +400,13 @@ class _Readings:
 
     @property
     def changes(self) -> list[float]:
-        """s since start-up at which what was applied changed."""
+        """Times at which the applied parameters changed, s since start-up."""
         words = [each.words() for each in self.applied]
         return [self.flight.stages[stage][0] for stage in range(1, len(words)) if words[stage] != words[stage - 1]]
 
 
 def _sensor_mag(flight: _Flight) -> Iterator[Instrument]:
-    """Each compass, before or, up to version 1.11, after its own calibration."""
+    """Yield each compass; up to version 1.11 with its own calibration applied."""
     for instance, columns in flight.instances("sensor_mag"):
         device = _device(columns)
         parameters = px4.of_device(flight.values, device)
@@ -418,7 +415,7 @@ def _sensor_mag(flight: _Flight) -> Iterator[Instrument]:
             flight,
             _seconds(columns),
             _stack(columns, "x", "y", "z"),
-            () if flight.is_raw else _applied(flight, device, turned=False),
+            () if flight.is_raw else _applied_parameters(flight, device, turned=False),
             mounting=None if parameters is None else parameters.mounting,
             temperature=temperature if np.isfinite(temperature).any() else None,
         )
@@ -427,14 +424,16 @@ def _sensor_mag(flight: _Flight) -> Iterator[Instrument]:
 
 
 def _vehicle_magnetometer(flight: _Flight) -> Iterator[Instrument]:
-    """What the vehicle steered by, with the correction of the compass that it came from."""
+    """Yield the compass in use, with the correction of the compass it came from."""
     for instance, columns in flight.instances("vehicle_magnetometer"):
         readings = _Readings(flight, _seconds(columns), _three(columns, "magnetometer_ga"))
-        yield _corrected(f"vehicle_magnetometer {instance}", readings, _device(columns) or _selected(flight))
+        yield _corrected_instrument(
+            f"vehicle_magnetometer {instance}", readings, _device(columns) or _selected_device(flight)
+        )
 
 
 def _sensor_combined(flight: _Flight) -> Iterator[Instrument]:
-    """What the vehicle steered by, in old logs, without repeated readings."""
+    """Yield the compass in use of old logs, without repeated readings."""
     columns = flight.topics.get(("sensor_combined", 0), {})
     if "magnetometer_ga[0]" not in columns:
         return
@@ -442,31 +441,31 @@ def _sensor_combined(flight: _Flight) -> Iterator[Instrument]:
     measured = _whole(columns["timestamp"]) + relative
     new = (relative != INVALID_RELATIVE) & (np.diff(measured, prepend=-1) != 0)
     readings = _Readings(flight, 1e-6 * measured[new], _three(columns, "magnetometer_ga")[new])
-    yield _corrected("sensor_combined.magnetometer_ga", readings, _selected(flight))
+    yield _corrected_instrument("sensor_combined.magnetometer_ga", readings, _selected_device(flight))
 
 
-def _corrected(name: str, readings: _Readings, device: int) -> Instrument:
-    """An instrument whose readings were corrected and turned: what that was is removed where the log says it."""
+def _corrected_instrument(name: str, readings: _Readings, device: int) -> Instrument:
+    """Instrument of corrected and turned readings; both are undone if the log names the compass."""
     parameters = px4.of_device(readings.flight.values, device)
     readings = replace(readings, is_turned=True, mounting=np.eye(3))
     if parameters is None:
         note = (
-            f"the log does not say which calibration was applied to {name}: readings are as logged, after it and in "
+            f"the log does not name the calibration applied to {name}: readings are used as logged, corrected and in "
             "the axes of the vehicle"
         )
         return replace(_instrument(name, readings, None, device), notes=(note,), frames=("vehicle", "vehicle"))
-    applied = _applied(readings.flight, device, turned=True)
+    applied = _applied_parameters(readings.flight, device, turned=True)
     readings = replace(readings, applied=applied, mounting=parameters.mounting)
     return replace(_instrument(name, readings, parameters, device), frames=("sensor", "vehicle"))
 
 
 def _instrument(name: str, readings: _Readings, parameters: px4.Px4Parameters | None, device: int = 0) -> Instrument:
-    """Say what is known of one magnetometer; device 0 is one that is not known."""
+    """Return an instrument with its notes; device 0 means unknown."""
     notes, stored = [], None
     if readings.mounting is None and any(map(readings.flight.auxiliary.get, (ACCELERATION, RATE, ATTITUDE))):
         notes.append(
-            "no parameters say how this compass is mounted: acceleration, rate and attitude are left out, as they are "
-            "in the axes of the vehicle"
+            "the mounting of this compass is not in the parameters: acceleration, rate and attitude are left out, as "
+            "they are in the axes of the vehicle"
         )
     if changes := readings.changes:
         at = ", ".join(f"{since:.0f} s" for since in changes[:3])
@@ -476,7 +475,7 @@ def _instrument(name: str, readings: _Readings, parameters: px4.Px4Parameters | 
         )
     if parameters is not None:
         if parameters.motor.any() and readings.applied and readings.is_turned:
-            notes.append("COMP is not removed: with the motors running, readings are those after it")
+            notes.append("COMP is not removed: with running motors, readings include the motor compensation")
         words, is_applied = parameters.words(), bool(readings.applied)
         in_readings = replace(parameters, motor=np.zeros(3)) if readings.is_turned else parameters
         stored = Stored(onboard(in_readings), words, applied=is_applied, changes=len(changes))
@@ -495,27 +494,27 @@ def _instrument(name: str, readings: _Readings, parameters: px4.Px4Parameters | 
     )
 
 
-def _applied(flight: _Flight, device: int, *, turned: bool) -> tuple[px4.Px4Parameters, ...]:
-    """What was applied to a compass in each stage; without the mounting where it had not been turned yet."""
+def _applied_parameters(flight: _Flight, device: int, *, turned: bool) -> tuple[px4.Px4Parameters, ...]:
+    """Parameters applied to a compass in each stage; without the mounting if readings were not turned."""
     applied = []
     for _, values in flight.stages:
         parameters = replace(px4.of_device(values, device) or px4.Px4Parameters(), motor=np.zeros(3))
         if not turned:
             parameters = replace(parameters, rotation=px4.INTERNAL, board=np.eye(3))
         if not np.isfinite(parameters.matrix).all() or np.linalg.matrix_rank(parameters.matrix) < 3:
-            raise ArrayError(f"{parameters.words()} cannot be undone")
+            raise ArrayError(f"{parameters.words()} cannot be inverted")
         applied.append(parameters)
     return tuple(applied)
 
 
 def _device(columns: Mapping[str, Any]) -> int:
-    """The number of the compass that most readings come from; 0 where it is not logged."""
+    """Device id of most readings; 0 if not logged."""
     numbers = Counter(_whole(columns.get("device_id", np.zeros(0))).tolist())
     return int(numbers.most_common(1)[0][0]) if numbers else 0
 
 
-def _selected(flight: _Flight) -> int:
-    """The number of the compass that was steered by, where one topic is made of several compasses; 0 if unknown."""
+def _selected_device(flight: _Flight) -> int:
+    """Device id of the compass in use, for a topic made from several compasses; 0 if unknown."""
     selection = flight.topics.get(("sensor_selection", 0), {})
     chosen = _device({"device_id": selection["mag_device_id"]}) if "mag_device_id" in selection else 0
     prime = float(flight.values.get("CAL_MAG_PRIME", 0))
@@ -526,7 +525,7 @@ def _selected(flight: _Flight) -> int:
 
 
 def _position(flight: _Flight) -> Position | None:
-    """The first place with a fix."""
+    """First position with a fix."""
     columns = flight.satellites
     if not columns:
         return None
@@ -538,16 +537,16 @@ def _position(flight: _Flight) -> Position | None:
 
 
 def _velocity(flight: _Flight) -> TimeSeries | None:
-    """Over ground, north and east, m/s, where satellites gave a place in three dimensions."""
+    """(N, 2) velocity over ground, north and east, m/s, at fixes in three dimensions."""
     columns = flight.satellites
     if "vel_n_m_s" not in columns:
         return None
-    fixed = np.asarray(columns.get("fix_type", np.full(len(columns["timestamp"]), FIX)), np.float64) >= FIX
+    fixed = np.asarray(columns.get("fix_type", np.full(len(columns["timestamp"]), MIN_FIX)), np.float64) >= MIN_FIX
     return TimeSeries.of(_seconds(columns)[fixed], _stack(columns, "vel_n_m_s", "vel_e_m_s")[fixed])
 
 
 def _begun(flight: _Flight) -> datetime | None:
-    """When the log was begun, by the clock of the satellites."""
+    """UTC of the start of the log, by the satellites' clock."""
     columns = flight.satellites
     utc = np.asarray(columns.get("time_utc_usec", np.zeros(0)), np.float64)
     known = np.flatnonzero(utc > 0)
@@ -561,14 +560,14 @@ def _begun(flight: _Flight) -> datetime | None:
 
 
 def _damage(file: File, flight: _Flight) -> Iterator[str]:
-    """What of it is not there."""
+    """Yield notes on missing parts."""
     reserved = file.size - filled_size(file.path)
     if reserved:
         yield reserved_words(reserved)
     if flight.log.file_corruption:
-        yield "parts of it are broken and were left out: copy it again if you can"
+        yield "parts of the file are damaged and were left out: copy it again if you can"
     elif not reserved and not flight.log.has_data_appended and _end_of_message(file, file.size) != file.size:
-        yield "it ends within a message, as after a loss of power: what comes before was read"
+        yield "the file ends within a message, as after a loss of power: all before it was read"
     if lost := flight.log.dropouts:
         seconds = 1e-3 * sum(one.duration for one in lost)
         yield f"the logger lost {figures(seconds)} s in {counted(len(lost), 'dropout')}"
@@ -579,7 +578,7 @@ READERS: Final = (
         "ulog",
         "PX4 ULog",
         (".ulg",),
-        "each compass, with the calibration in force removed, and what the vehicle logged beside it",
+        "each compass, with the calibration in force removed, and attitude, motors and other columns",
         starts=(MAGIC,),
         log=open_ulog,
         extra="px4",

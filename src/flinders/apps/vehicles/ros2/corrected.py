@@ -1,6 +1,6 @@
-"""What a calibration in force makes of readings, for messages of ROS: corrected fields in tesla, and a diagnosis.
+"""Content of ROS messages from a calibration in force: corrected fields in tesla, covariances, and a diagnosis.
 
-The covariance of a corrected reading has the noise of a reading and the error of the calibration at its direction
+The covariance of a corrected reading adds the noise of a reading and the error of the calibration in its direction
 (`flinders.fitting.measurement_noise`).
 
 >>> from flinders import fit, simulate
@@ -30,17 +30,17 @@ if TYPE_CHECKING:
     from flinders.workflows.online import OnlineCalibration
 
 TESLA: Final = 1.0 / PER_UNIT["T"]
-"""Of a microtesla."""
+"""Tesla in one microtesla."""
 LEVELS: Final[dict[Verdict, int]] = {"good": 0, "limited": 1, "refused": 2}
 """``OK``, ``WARN`` and ``ERROR`` of ``diagnostic_msgs/DiagnosticStatus``."""
 STATUS: Final = "flinders: magnetometer calibration"
 CORRECTED: Final = "/imu/mag_corrected"
-"""Topic of corrected readings, where none is named."""
+"""Default topic of corrected readings."""
 DIAGNOSTICS: Final = "/diagnostics"
 CALIBRATION: Final = "/calibration"
-"""What the topic of the calibration is called, behind that of the corrected readings."""
-EVERY_S: Final = 1.0
-"""Seconds between two diagnoses, and between two claims for the covariance."""
+"""Suffix of the calibration's topic, appended to the topic of the corrected readings."""
+PERIOD_S: Final = 1.0
+"""Seconds between two diagnoses, and between two updates of the covariance."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -48,12 +48,12 @@ class CorrectedField:
     """Corrected readings as ``sensor_msgs/MagneticField`` has them."""
 
     field: Floats  #: (N, 3) T, in the axes of the readings
-    covariance: Floats  #: (N, 3, 3) T², about the same axes; zero where it is not known, as the message says
+    covariance: Floats  #: (N, 3, 3) T², about the same axes; zero if unknown, as the message defines
 
 
 @dataclass(frozen=True, slots=True)
 class Diagnosis:
-    """What is known of a calibration as ``diagnostic_msgs/DiagnosticStatus`` has it."""
+    """State of a calibration in the fields of ``diagnostic_msgs/DiagnosticStatus``."""
 
     level: int  #: as `LEVELS`
     message: str
@@ -67,7 +67,7 @@ def corrected_field(fit: Fit, readings: Floats) -> CorrectedField:
     ----------
     fit : Fit
     readings : (N, 3) µT
-        In the axes as recorded: those of the fit are applied, and taken back of what is corrected.
+        In the recorded axes. The axes of the fit are applied for the correction and undone in the corrected readings.
 
     Raises
     ------
@@ -86,12 +86,12 @@ def corrected_field(fit: Fit, readings: Floats) -> CorrectedField:
 
 
 def diagnosis_of(online: OnlineCalibration, now: float) -> Diagnosis:
-    """What is known of a calibration that goes on, at a time of its readings."""
+    """Return the state of an online calibration at a time of its readings."""
     state = online.at(now)
     if state.doing == "learning":
         words = "no calibration yet: turn the sensor through all directions, or a level vehicle all the way round"
     elif state.doing == "disturbed":
-        words = "readings contradict the calibration: something passes, or the offset has moved"
+        words = "readings contradict the calibration: iron passes by, or the offset has moved"
     elif state.verdict == "good":
         words = f"headings are good to {state.heading_error_deg:.2g}° (1 σ)"
     else:
@@ -122,7 +122,7 @@ def _text(value: Any) -> str:  # noqa: ANN401 - a word or a number
 
 
 class CalibrationNews:
-    """What is new of a calibration that goes on: its fit, asked for once a second, and when its file has to be sent.
+    """Changes of an online calibration: its fit, at most one new a second, and its file when that is to be published.
 
     Parameters
     ----------
@@ -136,21 +136,21 @@ class CalibrationNews:
         self._told: bytes = b""
 
     def fit(self) -> Fit | None:
-        """The fit in force, no more than a second old; None without one."""
+        """Return the fit in force, at most one second old; None without one."""
         now = self._online.time_s
-        if not abs(now - self._asked) < EVERY_S:
+        if not abs(now - self._asked) < PERIOD_S:
             self._asked, self._fit = now, self._online.fit
         return self._fit
 
     def diagnosis(self, now: float) -> Diagnosis | None:
-        """What is known at a time; None within a second of the last, and before anything was read."""
-        if math.isnan(self._online.time_s) or not abs(now - self._diagnosed) >= EVERY_S:
+        """Return the state at a time; None within a second of the previous one, and before the first reading."""
+        if math.isnan(self._online.time_s) or not abs(now - self._diagnosed) >= PERIOD_S:
             return None
         self._diagnosed = now
         return diagnosis_of(self._online, now)
 
     def file(self) -> str | None:
-        """The calibration file of the fit in force where that is another calibration than the last; None else."""
+        """Return the calibration file of the fit in force if that calibration is new, else None."""
         fit = self.fit()
         if fit is None:
             return None

@@ -1,4 +1,4 @@
-"""A topic of ``sensor_msgs/MagneticField`` as a feed of readings, with the `Imu` beside it where that is named.
+"""A topic of ``sensor_msgs/MagneticField`` as a feed of readings, with an `Imu` topic if one is named.
 
 Readings are in **tesla**, as the message says, in the axes of the frame that its header names; times are those of the
 headers, from the first one on, or those of the publishers where a header has none. Acceleration and rate are those of
@@ -31,43 +31,43 @@ if TYPE_CHECKING:
 UNIT: Final = "T"
 SECOND_NS: Final = 1_000_000_000
 BATCH_S: Final = 0.03
-"""Seconds: readings that arrive within it are handed on together."""
-SILENT_S: Final = 3.0  # Seconds without a reading after which advice is given
-STILL: Final = 100
-"""Readings in a row that are the same, after which advice is given."""
-STILL_S: Final = 3.0  # Seconds that they last, at the least
-UNLIKELY: Final = 20
-"""Readings at the beginning whose length is looked at."""
+"""Seconds: readings that arrive within this time form one batch."""
+SILENT_S: Final = 3.0  # Time without a reading after which advice is given
+MIN_REPEATS: Final = 100
+"""Equal readings in a row after which advice is given."""
+STILL_S: Final = 3.0  # Least duration of these readings
+STRENGTH_READINGS: Final = 20
+"""First readings, whose median length shows a wrong unit."""
 MAX_MOTIONS: Final = 2000
-"""Messages of an `Imu` that are kept."""
+"""Most messages of an `Imu` kept for matching."""
 MAX_APART_NS: Final = SECOND_NS // 10
-"""Between a reading and the `Imu` beside it."""
+"""Largest time difference of a reading and its `Imu` message, ns."""
 
 
 class Reading(NamedTuple):
-    """A message of the field, and when it was."""
+    """A message of the field with its time."""
 
-    at_ns: int  # from 1970, or the clock of the headers
+    at_ns: int  # since 1970, or by the clock of the headers
     message: Any
 
 
 class TopicFeed:
-    """A topic of the field: a `Feed`.
+    """A `Feed` of the readings of a topic.
 
     Parameters
     ----------
     participant : Participant
     topic : str
-        Somebody publishes it.
+        Topic that has a publisher.
     imu_topic : str, optional
         Of ``sensor_msgs/Imu`` in the same frame.
     unit : str, optional
-        What the driver writes in place of tesla.
+        Unit that the driver writes in place of tesla.
 
     Attributes
     ----------
     newest : list of Reading
-        Those of the `Samples` that were handed on last.
+        Readings of the newest `Samples`.
     """
 
     def __init__(
@@ -139,7 +139,7 @@ class TopicFeed:
         )
 
     def _events(self, readings: list[Reading]) -> Iterator[FeedEvent]:
-        """What has happened to the topic, and to its readings."""
+        """Yield events of the connection and of the readings."""
         if readings:
             self._heard = time.monotonic()
             self._readings += len(readings)
@@ -151,7 +151,7 @@ class TopicFeed:
             yield from self._of_frames()
 
     def _connection(self, *, is_heard: bool) -> Iterator[FeedEvent]:
-        """Whether a publisher is there, sends, and all of it arrives."""
+        """Yield events of the connection: no publisher, no readings, lost readings, or readings again."""
         is_matched = is_heard or self._reader.get_subscription_matched_status().current_count > 0
         self._was_matched = self._was_matched or is_matched
         if self._was_matched and is_matched == self._is_gone:
@@ -176,9 +176,9 @@ class TopicFeed:
             yield FeedEvent("lost", self._now(), words)
 
     def _of_values(self, values: Floats) -> Iterator[FeedEvent]:
-        """What is wrong with values: axes that are not reported, one value again and again, another unit."""
+        """Yield events on faults of the values: missing axes, a repeated reading, another unit."""
         self._unreported += int((~np.isfinite(values)).any(axis=1).sum())
-        if self._unreported >= UNLIKELY:
+        if self._unreported >= STRENGTH_READINGS:
             yield from self._advise(
                 "no-answer",
                 f"{counted(self._unreported, 'reading')} of {self.topic} have an axis without a value (NaN), and are "
@@ -188,20 +188,20 @@ class TopicFeed:
             self._same = self._same + 1 if row == self._last else 1
             self._same_since = self._now() if self._same == 1 else self._same_since
             self._last = row
-        if self._same >= STILL and self._now() - self._same_since >= STILL_S:
+        if self._same >= MIN_REPEATS and self._now() - self._same_since >= STILL_S:
             yield from self._advise(
                 "no-answer",
                 f"the last {self._same} readings of {self.topic} are the same: turn the sensor; if they stay so, its "
                 "driver repeats an old reading: restart it",
                 about="still",
             )
-        elif self._same < STILL:
+        elif self._same < MIN_REPEATS:
             self._advised.discard("still")
-        if len(values) and self._readings >= UNLIKELY:
+        if len(values) and self._readings >= STRENGTH_READINGS:
             yield from self._of_strength(float(np.linalg.norm(values, axis=1).mean()) * self.unit.scale)
 
     def _of_strength(self, strength: float) -> Iterator[FeedEvent]:
-        """Say once that readings are in another unit."""
+        """Yield one event if the readings are in another unit."""
         low, high = EARTH_WITH_ROOM_UT
         if not np.isfinite(strength) or low / 4 < strength < 4 * high or self.unit.name != UNIT:
             return
@@ -212,7 +212,7 @@ class TopicFeed:
         )
 
     def _of_frames(self) -> Iterator[FeedEvent]:
-        """Say once that the `Imu` beside is in another frame, and is left out."""
+        """Yield one event if the `Imu` is in another frame and left out."""
         if self._motions.others:
             other, frame = min(self._motions.others), self._motions.frame
             yield from self._advise(
@@ -221,14 +221,14 @@ class TopicFeed:
             )
 
     def _advise(self, kind: Kind, words: str, *, about: str = "") -> Iterator[FeedEvent]:
-        """Say something once; until it is so no more, where it is discarded."""
+        """Yield an event unless it was given already; `about` is forgotten once the fault has ended."""
         if (about or kind) not in self._advised:
             self._advised.add(about or kind)
             yield FeedEvent(kind, self._now(), words)
 
 
 class _Motions:
-    """Messages of an `Imu`, by their times."""
+    """Messages of an `Imu` with their times."""
 
     def __init__(self) -> None:
         self.frame: str | None = None
@@ -237,7 +237,7 @@ class _Motions:
         self._rows: deque[tuple[float, ...]] = deque(maxlen=MAX_MOTIONS)
 
     def add(self, messages: list[Any]) -> None:
-        """Take messages of the frame."""
+        """Add messages of the frame."""
         for message in messages:
             if not hasattr(message, "header"):
                 continue
@@ -248,7 +248,7 @@ class _Motions:
                 self._rows.append(motion_of(message))
 
     def near(self, at_ns: int) -> tuple[float, ...]:
-        """(6,) acceleration and rate nearest to a time; NaN where none is near."""
+        """(6,) acceleration and rate nearest to a time; NaN beyond `MAX_APART_NS`."""
         place = bisect(self._times, at_ns)
         around = [index for index in (place - 1, place) if 0 <= index < len(self._times)]
         nearest = min(around, key=lambda index: abs(self._times[index] - at_ns), default=None)
@@ -258,13 +258,13 @@ class _Motions:
 
 
 def _stamp(message: Any) -> int:  # noqa: ANN401 - a message of Cyclone DDS
-    """Time of a message in ns: that of its header, else when it was published."""
+    """Time of a message in ns: from its header, else its time of publication."""
     stamp = message.header.stamp
     return int(stamp.sec * SECOND_NS + stamp.nanosec or message.sample_info.source_timestamp)
 
 
 def opened(topic: str, imu_topic: str | None = None, unit: str | None = None) -> TopicFeed:
-    """Find a topic in the domain of ``ROS_DOMAIN_ID``, and listen to it.
+    """Find a topic in the domain of ``ROS_DOMAIN_ID``, and return its feed.
 
     Raises as `domain_id`, `full_name`, `Participant` and `Participant.find`.
     """

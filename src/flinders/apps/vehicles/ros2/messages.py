@@ -2,7 +2,7 @@
 
 Fields and their order are those of ``*.msg`` of common_interfaces and rcl_interfaces. Types are final, and written as
 CDR version 1, which is all that the middleware of ROS 2 reads (eclipse-cyclonedds/cyclonedds, issue 1412).
-Annotations are looked at when a class is made: they stay what they are, and do not become text.
+Cyclone DDS evaluates annotations when a class is made, so this module has no ``from __future__ import annotations``.
 
 >>> MagneticField_().magnetic_field_covariance[:2], MagneticField_.__idl_typename__
 ([0.0, 0.0], 'sensor_msgs.msg.dds_.MagneticField_')
@@ -15,7 +15,7 @@ from cyclonedds.idl import IdlStruct
 from cyclonedds.idl.annotations import autoid, final
 from cyclonedds.idl.types import array, byte, float64, int32, sequence, uint32
 
-if TYPE_CHECKING:  # mypy does not know what these stand for
+if TYPE_CHECKING:  # mypy cannot resolve these types
     Nine = list[float]
 else:
     Nine = array[float64, 9]
@@ -153,4 +153,4 @@ TYPE_HASHES: Final[dict[type[IdlStruct], str]] = {
     DiagnosticArray_: "RIHS01_5a8a36efb05fb25070fa0fb3810290c0e6cd4862b54a8fb975a1ee8dc55a333e",
     String_: "RIHS01_df668c740482bbd48fb39d76a70dfd4bd59db1288021743503259e948f6b1a18",
 }
-"""Hash of each type that is published (REP-2016), which `ros2 topic info -v` shows."""
+"""Hash of each published type (REP-2016), shown by `ros2 topic info -v`."""

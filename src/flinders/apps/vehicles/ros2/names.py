@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 PREFIX: Final = "rt"
 DOMAIN: Final = "ROS_DOMAIN_ID"
 MAX_DOMAIN: Final = 232
-"""Beyond it ports of DDS are above 65535: 7400 + 250 · domain."""
+"""Largest domain: beyond it, DDS ports 7400 + 250 · domain are above 65535."""
 TOPIC: Final = re.compile(r"(?:/[A-Za-z_][A-Za-z0-9_]*)+")
 TYPE: Final = re.compile(r"(\w+)::(\w+)::dds_::(\w+)_")
 MAGNETIC_FIELD: Final = "sensor_msgs/msg/MagneticField"
@@ -30,7 +30,7 @@ IMU: Final = "sensor_msgs/msg/Imu"
 
 
 def full_name(topic: str) -> str:
-    """Name of a topic from the root; `UsageError` for what no topic of ROS 2 is called.
+    """Name of a topic from the root; `UsageError` for an invalid name.
 
     >>> full_name("imu/mag")
     '/imu/mag'
@@ -50,7 +50,7 @@ def dds_topic(topic: str) -> str:
 
 
 def ros_topic(name: str) -> str | None:
-    """The topic of ROS 2 that has a name on the wire; None where it is none."""
+    """Topic of ROS 2 for a name on the wire; None for a name that is not a topic of ROS 2."""
     return name.removeprefix(PREFIX) if name.startswith(f"{PREFIX}/") else None
 
 
@@ -61,18 +61,18 @@ def dds_type(kind: str) -> str:
 
 
 def ros_type(name: str) -> str:
-    """The type of ROS 2 that has a name on the wire; the name itself where it is none."""
+    """Type of ROS 2 for a name on the wire; the name itself for other types."""
     match = TYPE.fullmatch(name)
     return "/".join(match.groups()) if match else name
 
 
 def domain_id(environment: Mapping[str, str] = os.environ) -> int:
-    """Domain that ``ROS_DOMAIN_ID`` names, 0 without it; `UsageError` where it is no number from 0 to 232.
+    """Domain in ``ROS_DOMAIN_ID``, by default 0; `UsageError` unless it is a number from 0 to 232.
 
     >>> domain_id({"ROS_DOMAIN_ID": "7"}), domain_id({})
     (7, 0)
     """
     text = environment.get(DOMAIN, "").strip() or "0"
     if not (text.isascii() and text.isdigit() and int(text) <= MAX_DOMAIN):
-        raise UsageError(f"{DOMAIN} is {text!r}: need a number from 0 to {MAX_DOMAIN}, that of the publisher")
+        raise UsageError(f"{DOMAIN} is {text!r}: need the publisher's number, from 0 to {MAX_DOMAIN}")
     return int(text)

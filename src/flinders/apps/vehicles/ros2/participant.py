@@ -1,7 +1,7 @@
-"""A participant of a domain of ROS 2: which topics are published there, and readers and writers of them.
+"""A participant of a ROS 2 domain: lists its topics, reads them and writes them.
 
-Qualities of service are those that rmw_cyclonedds makes of profiles of ROS 2 (``create_readwrite_qos``): readers ask
-for best effort, as `SensorDataQoS` does, which publishers of every kind offer; writers offer reliable.
+Qualities of service are those of rmw_cyclonedds for the profiles of ROS 2 (``create_readwrite_qos``). Readers request
+best effort, as `SensorDataQoS` does, which matches every publisher; writers offer reliable.
 """
 
 from __future__ import annotations
@@ -22,15 +22,15 @@ if TYPE_CHECKING:
     from cyclonedds.sub import DataReader
 
 EXTRA: Final = "ros2"
-DISCOVERY_S: Final = 5.0  # Seconds in which a publisher has to be found
+DISCOVERY_S: Final = 5.0  # Longest search for a publisher
 LOOK_S: Final = 0.02
 MAX_WAITING: Final = 20_000
-"""Readings that wait in a reader at most; older ones go."""
+"""Most readings in the queue of a reader; older ones are dropped."""
 MAX_TAKEN: Final = 5000
-"""Samples that are taken together at most."""
-OUTGOING: Final = 10  # Samples that a writer keeps for a slow reader, as in the default profile of ROS 2
+"""Most samples per call of a reader."""
+MAX_OUTGOING: Final = 10  # Samples that a writer keeps for a slow reader, as in the default profile of ROS 2
 ALIVE: Final = 16
-"""``DDS_IST_ALIVE``: state of an instance that has not been disposed of."""
+"""``DDS_IST_ALIVE``: state of an instance that was not disposed of."""
 BLOCKING_NS: Final = 100_000_000
 NETWORK: Final = "CYCLONEDDS_URI"
 
@@ -41,14 +41,14 @@ class Participant:
     Parameters
     ----------
     domain : int
-        As ``ROS_DOMAIN_ID``.
+        Number as in ``ROS_DOMAIN_ID``.
 
     Raises
     ------
     MissingExtra
-        Where Cyclone DDS's Python package is not installed.
+        If Cyclone DDS's Python package is not installed.
     LinkError
-        Where it cannot use the network; what it says of the reason has gone to standard error.
+        If DDS cannot use the network; DDS itself prints the reason to standard error.
     """
 
     def __init__(self, domain: int) -> None:
@@ -66,10 +66,10 @@ class Participant:
         self._publications: dict[UUID, tuple[str, str]] = {}
 
     def published(self) -> dict[str, set[str]]:
-        """Types of each topic that somebody publishes, by its name in ROS 2."""
+        """Types of each topic that has a publisher, by its name in ROS 2."""
         endpoints: list[DcpsEndpoint] = self._found.take(MAX_TAKEN)
         for endpoint in endpoints:
-            info: Any = endpoint.sample_info  # type: ignore[attr-defined]  # which the reader puts there
+            info: Any = endpoint.sample_info  # type: ignore[attr-defined]  # set by the reader
             name = ros_topic(endpoint.topic_name or "")
             if info.instance_state != ALIVE:
                 self._publications.pop(endpoint.key, None)
@@ -81,9 +81,9 @@ class Participant:
         return topics
 
     def find(self, topic: str, kind: str) -> None:
-        """Wait until somebody publishes a topic of a type.
+        """Wait for a publisher of a topic with a type.
 
-        Raises `LinkError` where nobody does, or it has another type; the message names topics of that type.
+        Raises `LinkError` without one, or for another type; the message names topics of the wanted type.
         """
         end = time.monotonic() + DISCOVERY_S
         while kind not in (topics := self.published()).get(topic, ()):
@@ -101,14 +101,14 @@ class Participant:
         return DataReader(self._entity, self._topic(topic, message), qos=qos)
 
     def writer(self, topic: str, message: type[IdlStruct], *, is_latched: bool = False) -> DataWriter[Any]:
-        """Publish a topic; what is `is_latched` is kept for those who subscribe later, the last sample of it."""
+        """Publish a topic; with `is_latched`, later subscribers receive its last sample."""
         from cyclonedds.core import Policy
         from cyclonedds.pub import DataWriter
         from cyclonedds.qos import Qos
 
         from flinders.apps.vehicles.ros2.messages import TYPE_HASHES
 
-        kept = Policy.History.KeepLast(1 if is_latched else OUTGOING)
+        kept = Policy.History.KeepLast(1 if is_latched else MAX_OUTGOING)
         policies = [
             *_plain(),
             Policy.Reliability.Reliable(BLOCKING_NS),
@@ -121,7 +121,7 @@ class Participant:
         return DataWriter(self._entity, self._topic(topic, message), qos=Qos(*policies))
 
     def waitset(self, *readers: DataReader[Any]) -> Any:  # noqa: ANN401 - a WaitSet, whose `wait` takes nanoseconds
-        """What waits for a sample of any reader."""
+        """Return an object that waits for a sample of any reader."""
         from cyclonedds.core import InstanceState, ReadCondition, SampleState, ViewState, WaitSet
 
         waiting = WaitSet(self._entity)
@@ -136,23 +136,23 @@ class Participant:
 
 
 def _plain() -> list[Any]:
-    """CDR of version 1, which ROS 2 reads and writes."""
+    """Representation that ROS 2 uses: CDR version 1."""
     from cyclonedds.core import Policy
 
     return [Policy.DataRepresentation(use_cdrv0_representation=True, use_xcdrv2_representation=False)]
 
 
 def _not_found(topic: str, kind: str, topics: dict[str, set[str]], domain: int) -> str:
-    """What there is in place of a topic, and what to do."""
+    """Message for a missing topic: the topics found, and a remedy."""
     usable = sorted(name for name, kinds in topics.items() if kind in kinds)
     instead = f"name one of those with {kind}: {', '.join(usable)}" if usable else ""
     if topic in topics:
         is_of = f"{topic} is of {' and '.join(sorted(topics[topic]))}, and {kind} is needed"
         return f"{is_of}: {instead or f'no topic of domain {domain} has it; start the driver of the sensor'}"
-    found = f"nobody publishes {topic} in domain {domain} within {DISCOVERY_S:g} s"
+    found = f"no publisher of {topic} in domain {domain} within {DISCOVERY_S:g} s"
     if usable:
         return f"{found}: {instead}"
-    seen = f"{len(topics)} other topics are there, none with {kind}" if topics else "no topic is there at all"
+    seen = f"{len(topics)} other topics are published, none with {kind}" if topics else "no topic at all is published"
     return (
         f"{found}, and {seen}: see that the driver runs on DDS with the same {DOMAIN}, and that both use a network "
         f"that carries multicast, or the same interface of one machine ({NETWORK})"

@@ -1,8 +1,8 @@
-"""Publishes what a calibration that goes on makes of a topic: corrected readings, a diagnosis, and the calibration.
+"""Publishes the output of an online calibration on ROS 2: corrected readings, a diagnosis, and the calibration.
 
 - corrected readings: ``sensor_msgs/MagneticField`` with the header of each reading, and its covariance in T²
 - ``/diagnostics``: ``diagnostic_msgs/DiagnosticArray``, once a second
-- ``…/calibration``: ``std_msgs/String`` with the calibration file, latched: whoever subscribes later gets the last one
+- ``…/calibration``: ``std_msgs/String`` with the calibration file, latched: later subscribers receive the last one
 """
 
 from __future__ import annotations
@@ -34,18 +34,18 @@ if TYPE_CHECKING:
 
 
 class TopicPublisher:
-    """Publishes beside a feed, as its participant.
+    """Publishes for a feed, with the feed's DDS participant.
 
     Parameters
     ----------
     feed : TopicFeed
     topic : str
-        Of the corrected readings.
+        Topic of the corrected readings.
 
     Raises
     ------
     UsageError
-        For a name that is none, or that of the readings.
+        For an invalid name, or the topic of the readings.
     """
 
     def __init__(self, feed: TopicFeed, topic: str = CORRECTED) -> None:
@@ -61,14 +61,14 @@ class TopicPublisher:
         self._news: CalibrationNews | None = None
 
     def publish(self, online: OnlineCalibration | None, now: float) -> None:
-        """Publish what is new.
+        """Publish new readings, and a diagnosis and calibration when due.
 
         Parameters
         ----------
         online : OnlineCalibration, optional
             None before the first reading.
         now : float, s
-            By the clock of its readings.
+            By the clock of the readings.
         """
         if online is None or math.isnan(now):
             return
@@ -81,7 +81,7 @@ class TopicPublisher:
             self._correct(fit)
 
     def _correct(self, fit: Fit) -> None:
-        """Publish the readings that came last, corrected."""
+        """Publish the newest readings, corrected."""
         from flinders.apps.vehicles.ros2.messages import MagneticField_, Vector3_
 
         readings, self._feed.newest = self._feed.newest, []
@@ -115,7 +115,7 @@ class TopicPublisher:
 
 
 def opened(feed: Feed, topic: str = CORRECTED) -> TopicPublisher:
-    """Publish beside a feed of a topic; `UsageError` for another feed, and as `TopicPublisher`."""
+    """Return the publisher for a feed of a topic; `UsageError` for another feed, or as `TopicPublisher`."""
     if not isinstance(feed, TopicFeed):
-        raise UsageError(f"{feed.name} is no topic of ROS 2, beside which something could be published")
+        raise UsageError(f"{feed.name} is not a topic of ROS 2: --publish needs a feed with --ros2")
     return TopicPublisher(feed, topic)

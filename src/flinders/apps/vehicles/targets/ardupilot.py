@@ -1,8 +1,8 @@
 """ArduPilot's compass parameters: ``m = I ((r + OFS) SCALE) + MOT x``.
 
 r is what the compass reads, in mG, turned into the axes of the vehicle (forward, right, down) first; x is the battery
-current in A or the throttle from 0 to 1, as COMPASS_MOTCT says; I is symmetric, with DIA on its diagonal and ODI beside
-it. Ours is corrected = A (raw − b), so
+current in A or the throttle from 0 to 1, as COMPASS_MOTCT says; I is symmetric, with DIA on its diagonal and ODI off
+it. A calibration here is corrected = A (raw − b), so
 
     SCALE = mean of the diagonal of A,   DIA, ODI = A / SCALE,   OFS = −b
 
@@ -24,11 +24,11 @@ Offsets are added here, and act after the mounting: PX4 and most others subtract
 A rotation of the calibration goes into COMPASS_ORIENT: r = R(orientation) sensor for an external compass, and for
 101 and 102 R is the Euler rotation 321 of CUST_ROT1 or CUST_ROT2, in degrees. Internal compasses turn with the board.
 
-Sources: ``AP_Compass_Backend::correct_field`` and ``rotate_field``, ``AP_CustomRotation::init`` at 2ddaf4b5
-(ArduPilot, GPL-3; the formulas were taken from them and none of their code);
-``AP_Math/rotations.h`` and MAVLink's ``MAV_SENSOR_ROTATION`` for the mountings; limits of ``CompassCalibrator`` and of
-the check before arming. Older firmware added the motor term before I, from which version on it does not was not seen;
-both agree where I is the identity or there is no motor term.
+Sources: ``AP_Compass_Backend::correct_field`` and ``rotate_field``, ``AP_CustomRotation::init`` at 2ddaf4b5 (ArduPilot,
+GPL-3; the formulas were taken from them and none of their code); ``AP_Math/rotations.h`` and MAVLink's
+``MAV_SENSOR_ROTATION`` for the mountings; limits of ``CompassCalibrator`` and of the check before arming. Older
+firmware added the motor term before I; the version of the change is unknown. Both agree if I is the identity or there
+is no motor term.
 """
 
 from __future__ import annotations
@@ -78,33 +78,33 @@ if TYPE_CHECKING:
 MG: Final = PER_UNIT["mG"]
 """µT in one mG."""
 COMPASSES: Final = (1, 2, 3)
-MOST_OFFSET: Final = 1800.0
-"""COMPASS_OFFS_MAX as it is delivered, in mG: a vehicle with longer offsets does not arm."""
-LEAST_DIAGONAL, MOST_DIAGONAL = 0.2, 5.0
-MOST_OFF_DIAGONAL: Final = 1.0
-"""What ArduPilot's own calibrator accepts of DIA and ODI."""
-MOST_SCALE: Final = 1.5
+MAX_OFFSET_MG: Final = 1800.0
+"""Default of COMPASS_OFFS_MAX, mG: a vehicle with longer offsets does not arm."""
+MIN_DIAGONAL, MAX_DIAGONAL = 0.2, 5.0
+MAX_OFF_DIAGONAL: Final = 1.0
+"""Range of DIA and ODI that ArduPilot's own calibrator accepts."""
+MAX_SCALE: Final = 1.5
 """A COMPASS_SCALE beyond 1/1.5 to 1.5 counts as 1."""
 LIMITS: Final = (
-    Limit("COMPASS_OFS", "offset", (0, 1, 2), 0.0, MOST_OFFSET, unit=MG),
+    Limit("COMPASS_OFS", "offset", (0, 1, 2), 0.0, MAX_OFFSET_MG, unit=MG),
     *(
-        Limit(f"COMPASS_DIA_{axis}", "iron", (at,), LEAST_DIAGONAL, MOST_DIAGONAL)
+        Limit(f"COMPASS_DIA_{axis}", "iron", (at,), MIN_DIAGONAL, MAX_DIAGONAL)
         for axis, at in zip("XYZ", (0, 4, 8), strict=True)
     ),
     *(
-        Limit(f"COMPASS_ODI_{axis}", "iron", (at,), -MOST_OFF_DIAGONAL, MOST_OFF_DIAGONAL)
+        Limit(f"COMPASS_ODI_{axis}", "iron", (at,), -MAX_OFF_DIAGONAL, MAX_OFF_DIAGONAL)
         for axis, at in zip("XYZ", (1, 2, 5), strict=True)
     ),
-    Limit("COMPASS_SCALE", "scale", (0,), 1 / MOST_SCALE, MOST_SCALE),
+    Limit("COMPASS_SCALE", "scale", (0,), 1 / MAX_SCALE, MAX_SCALE),
 )
 OFF, BY_THROTTLE, BY_CURRENT = 0, MOTORS["throttle"], MOTORS["current"]
-"""What COMPASS_MOTCT says that COMPASS_MOT is multiplied by."""
+"""Values of COMPASS_MOTCT: the quantity that multiplies COMPASS_MOT."""
 
 NOT_WRITTEN: Final = (
-    "COMPASS_MOT and COMPASS_MOTCT are not written: what is on board stays, and belongs to the old DIA, ODI and SCALE; "
-    "where it is not 0 and those change, run CompassMot again"
+    "COMPASS_MOT and COMPASS_MOTCT are not written: the values on board stay and belong to the old DIA, ODI and SCALE; "
+    "if they are not 0 and DIA, ODI or SCALE changes, run CompassMot again"
 )
-"""MOT x is added after I and SCALE: with others it would have to be I' SCALE' (I SCALE)⁻¹ MOT."""
+"""MOT x is added after I and SCALE: for new I' and SCALE' it would have to be I' SCALE' (I SCALE)⁻¹ MOT."""
 COMPENSATED: Final = (
     "COMPASS_MOT is in mG per A (COMPASS_MOTCT 2) or at full throttle (1), added after DIA, ODI and SCALE; "
     "COMPASS_MOTCT is one for all compasses: set COMPASS_MOT of the others, or leave them 0"
@@ -121,7 +121,7 @@ class ArduPilotParameters(CompassParameters):
     """
 
     compass: int = 1
-    scale: float = 0.0  #: COMPASS_SCALE; 0, or what lies beyond 1/1.5 to 1.5, counts as 1
+    scale: float = 0.0  #: COMPASS_SCALE; 0, or a value beyond 1/1.5 to 1.5, counts as 1
     orientation: int = 0  #: COMPASS_ORIENT, a row of `ORIENTATIONS`; ArduPilot uses it for external compasses only
     #: COMPASS_EXTERNAL: the compass is turned by its own orientation, not by that of the board
     external: bool = False
@@ -135,27 +135,27 @@ class ArduPilotParameters(CompassParameters):
 
     @classmethod
     def of(cls, calibration: Calibration, *, compass: int = 1, mounting: Floats | None = None) -> Self:
-        """Turn a calibration into parameters; where it follows a current or a throttle, COMPASS_MOT is −W P.
+        """Convert a calibration to parameters; if it depends on a current or a throttle, COMPASS_MOT is −W P.
 
-        A rotation of the calibration is left out: it belongs into the mounting, see `remounting`.
+        A rotation of the calibration is left out: it belongs in the mounting, see `remounting`.
 
         Parameters
         ----------
         calibration : Calibration
-            In the axes of the vehicle, as a log of ArduPilot is; or in those of the sensor, with its `mounting`.
+            In the axes of the vehicle, as in a log of ArduPilot; or in those of the sensor, with its `mounting`.
         compass : int
             1, 2 or 3.
         mounting : (3, 3) float, optional
-            Rotation R from the axes of the sensor to those of the vehicle: what is written is R A Rᵀ and R b.
+            Rotation R from the axes of the sensor to those of the vehicle; the parameters then hold R A Rᵀ and R b.
 
         Raises
         ------
         UnitError
             For a calibration in counts.
         NotExportable
-            For values that ArduPilot does not take: `beyond` names them, ``evidence["wanted"]`` holds them.
+            For values out of ArduPilot's range: `beyond` names them, ``evidence["wanted"]`` holds them.
         UsageError
-            For a compass that there is not.
+            For another number of a compass.
         """
         root = cls.symmetric(calibration, compass)
         plain, follows = followed(calibration)
@@ -186,9 +186,9 @@ class ArduPilotParameters(CompassParameters):
 
     @classmethod
     def read(cls, values: Mapping[str, float], compass: int = 1) -> Self:
-        """Take one compass out of a vehicle's parameters, in either scheme of names.
+        """Read the parameters of one compass from a vehicle's parameters, in either naming scheme.
 
-        What is not there, or not finite, is the default; a compass that there is not is refused.
+        Missing and non-finite values are the default; another number of a compass raises `UsageError`.
 
         >>> ArduPilotParameters.read({"COMPASS_OFS3_X": -12.0, "COMPASS3_SCALE": 1.1}, 3).scale
         1.1
@@ -220,12 +220,12 @@ class ArduPilotParameters(CompassParameters):
 
     @property
     def gain(self) -> float:
-        """SCALE as ArduPilot uses it: 1 where it is off or out of its range."""
-        return self.scale if 1 / MOST_SCALE <= self.scale <= MOST_SCALE else 1.0
+        """SCALE as ArduPilot uses it: 1 if it is off or out of range."""
+        return self.scale if 1 / MAX_SCALE <= self.scale <= MAX_SCALE else 1.0
 
     @property
     def iron(self) -> Floats:
-        """(3, 3) I, symmetric; with DIA all zero the identity with ODI beside it, as ArduPilot has it."""
+        """(3, 3) I, symmetric; if DIA is all zero, its diagonal is 1, as in ArduPilot."""
         return of_six(self.diagonal if self.diagonal.any() else np.ones(3), self.off_diagonal)
 
     @property
@@ -245,7 +245,7 @@ class ArduPilotParameters(CompassParameters):
 
     @property
     def own_mounting(self) -> Floats | None:
-        """(3, 3) R, vehicle = R sensor; None for a compass that is turned by the board, or a number that is not known.
+        """(3, 3) R, vehicle = R sensor; None for a compass that turns with the board, or an unknown number.
 
         >>> turned = {"COMPASS_EXTERNAL": 1.0, "COMPASS_ORIENT": 101.0, "CUST_ROT1_YAW": 90.0}
         >>> ArduPilotParameters.read(turned).own_mounting @ [1, 0, 0]
@@ -259,7 +259,7 @@ class ArduPilotParameters(CompassParameters):
 
     @property
     def is_identity(self) -> bool:
-        """Nothing is corrected."""
+        """Whether the parameters correct nothing."""
         return not (self.offset.any() or self.has_disturbances) and np.array_equal(self.matrix, np.eye(3))
 
     def apply(self, raw: ArrayLike, drive: ArrayLike = 0.0) -> Floats:
@@ -271,10 +271,9 @@ class ArduPilotParameters(CompassParameters):
         return readings
 
     def unapply(self, corrected: ArrayLike, drive: ArrayLike = 0.0, *, motor_offset: ArrayLike | None = None) -> Floats:
-        """Tell what the compass read, r = I⁻¹ (m − MOT x) / SCALE − OFS: undoes `apply`.
+        """Return raw readings, r = I⁻¹ (m − MOT x) / SCALE − OFS: undoes `apply`.
 
-        `motor_offset`, (..., 3) mG, is MOT x itself, where a log holds it. Where I flattens readings, `ArrayError` is
-        raised.
+        `motor_offset`, (..., 3) mG, is MOT x itself, if the log holds it. Raises `ArrayError` if I is singular.
 
         >>> offset, off_diagonal = np.array([-100.0, 0, 50]), np.array([0.1, 0, 0])
         >>> set_up = ArduPilotParameters(offset=offset, off_diagonal=off_diagonal, scale=1.2)
@@ -308,11 +307,11 @@ class ArduPilotParameters(CompassParameters):
         return (*rows, *([("COMPASS_MOTCT", float(self.motor_by))] if self.motor.any() else []))
 
     def as_float32(self) -> Self:
-        """The same after ArduPilot has kept each value as a float32."""
+        """Return the parameters after ArduPilot has stored each value as a float32."""
         return replace(super(ArduPilotParameters, self).as_float32(), scale=float(np.float32(self.scale)))
 
     def words(self) -> str:
-        """Write what is in force on one line, with its names.
+        """Write the parameters in force on one line, with their names.
 
         >>> ArduPilotParameters(offset=np.array([-12.0, 40.5, -93.0]), compass=2).words()
         'COMPASS_OFS2 -12, 40.5, -93 mG'
@@ -330,33 +329,33 @@ class ArduPilotParameters(CompassParameters):
         return "; ".join(parts)
 
     def refuse_beyond(self) -> None:
-        """Raise `NotExportable` for values that ArduPilot ignores, does not arm with, or its calibrator refuses."""
+        """Raise `NotExportable` for values that ArduPilot ignores or rejects, at arming or in its calibrator."""
         digit = _digit(self.compass)
         beyond: dict[str, tuple[float, str]] = {}
         length = float(np.linalg.norm(self.offset))
-        if not length <= MOST_OFFSET:
-            words = f"{figures(length, 4)} mG long, and a vehicle arms with at most {MOST_OFFSET:,.0f}"
+        if not length <= MAX_OFFSET_MG:
+            words = f"{figures(length, 4)} mG long, and a vehicle arms with at most {MAX_OFFSET_MG:,.0f}"
             beyond[f"COMPASS_OFS{digit}"] = length, f"{words} (COMPASS_OFFS_MAX)"
         for name, values, low, high in (
-            ("DIA", self.diagonal, LEAST_DIAGONAL, MOST_DIAGONAL),
-            ("ODI", self.off_diagonal, -MOST_OFF_DIAGONAL, MOST_OFF_DIAGONAL),
+            ("DIA", self.diagonal, MIN_DIAGONAL, MAX_DIAGONAL),
+            ("ODI", self.off_diagonal, -MAX_OFF_DIAGONAL, MAX_OFF_DIAGONAL),
         ):
             for axis, value in zip("XYZ", values, strict=True):
                 if not low < value < high:
                     words = f"{figures(value, 4)}, and needs to lie between {low:g} and {high:g}"
                     beyond[f"COMPASS_{name}{digit}_{axis}"] = float(value), words
-        if not 1 / MOST_SCALE <= self.scale <= MOST_SCALE:
+        if not 1 / MAX_SCALE <= self.scale <= MAX_SCALE:
             words = (
-                f"{figures(self.scale, 4)}, and ArduPilot ignores what is not between {1 / MOST_SCALE:.3f} and "
-                f"{MOST_SCALE:g}: corrected readings would be {figures(1 / self.scale, 3)} times as long. Check the "
+                f"{figures(self.scale, 4)}, and ArduPilot ignores values not between {1 / MAX_SCALE:.3f} and "
+                f"{MAX_SCALE:g}: corrected readings would be {figures(1 / self.scale, 3)} times as long. Check the "
                 "unit of the recording and the field strength"
             )
             beyond[f"COMPASS_SCALE{digit}"] = self.scale, words
-        advice = ". Take away or demagnetise what is near the compass, mount it elsewhere, or check the recording"
+        advice = ". Remove or demagnetise iron near the compass, mount it elsewhere, or check the recording"
         refuse_values(beyond, advice)
 
     def _motor(self, drive: ArrayLike) -> Floats:
-        """(..., 3) mG: MOT x, where COMPASS_MOTCT turns it on."""
+        """(..., 3) MOT x, mG; 0 if COMPASS_MOTCT is off."""
         return floats(drive, "drive")[..., np.newaxis] * (self.motor if self.has_disturbances else np.zeros(3))
 
 
@@ -425,7 +424,7 @@ OF_COMPASS: Final = re.compile(r"COMPASS_(OFS|DIA|ODI|SCALE|MOT|ORIENT|EXTERNAL|
 
 
 def compasses(values: Iterable[str]) -> tuple[int, ...]:
-    """Tell of which compasses there are parameters, by their names.
+    """Numbers of the compasses that have parameters, by the names of these.
 
     >>> compasses(["COMPASS_OFS_X", "COMPASS_OFS3_X", "COMPASS_USE2"])
     (1, 3)
@@ -435,7 +434,7 @@ def compasses(values: Iterable[str]) -> tuple[int, ...]:
 
 
 def names(group: str, compass: int, axis: str = "") -> tuple[str, str]:
-    """What a parameter of a compass is called, in each scheme.
+    """Names of a parameter of a compass, in each naming scheme.
 
     >>> names("OFS", 2, "_X"), names("EXTERNAL", 3)
     (('COMPASS_OFS2_X', 'COMPASS2_OFS_X'), ('COMPASS_EXTERN3', 'COMPASS3_EXTERN'))
@@ -446,7 +445,7 @@ def names(group: str, compass: int, axis: str = "") -> tuple[str, str]:
 
 
 def spellings(name: str) -> tuple[str, str]:
-    """A name of the first scheme, and what it is in the second; the same where it is not of a compass.
+    """A name of the first scheme, and its name in the second; the same if it is not of a compass.
 
     >>> spellings("COMPASS_OFS2_X"), spellings("COMPASS_SCALE"), spellings("CUST_ROT1_YAW")
     (('COMPASS_OFS2_X', 'COMPASS2_OFS_X'), ('COMPASS_SCALE', 'COMPASS1_SCALE'), ('CUST_ROT1_YAW', 'CUST_ROT1_YAW'))
@@ -459,7 +458,7 @@ def spellings(name: str) -> tuple[str, str]:
 
 
 def _digit(compass: int) -> str:
-    """What a compass's number looks like in COMPASS_OFS2_X; the first has none."""
+    """Digit of a compass in names such as COMPASS_OFS2_X; none for the first."""
     return "" if compass == 1 else str(compass)
 
 
@@ -470,7 +469,7 @@ def write(calibration: Calibration, asked: ExportOptions) -> Written:
     """Write the parameters of one compass, by default the first; raises as `ArduPilotParameters.of`."""
     compass = 1 if asked.compass is None else asked.compass
     in_place = in_vehicle_axes(calibration)
-    Affine.of(in_place, "mG", who="ArduPilot")  # refuses counts, and numbers beyond all bounds
+    Affine.of(in_place, "mG", who="ArduPilot")  # refuses counts, and numbers out of float32
     new = remounting(in_place, asked.mounting, MOUNTINGS, after=True)
     turn = None if new is None else new.turn
     parameters = ArduPilotParameters.of(in_place, compass=compass, mounting=turn).as_float32()
@@ -511,7 +510,7 @@ TARGETS: Final = (
         limits=LIMITS,
         inertial=inertial.ARDUPILOT,
         write=write,
-        # pins that Betaflight calls so are none
+        # excludes pins of the same name in Betaflight
         reader=TargetReader(
             rb"(?s)\A(?!.*resource COMPASS_).*COMPASS1?_", FILE.read, "parameters of ArduPilot", FILE.which
         ),

@@ -1,6 +1,6 @@
-"""What ArduPilot and PX4 share: parameters of a compass, mountings by number, motors, parameter files.
+"""Common parts of ArduPilot and PX4: parameters of a compass, mountings by number, motors, parameter files.
 
-Both correct with a symmetric matrix in six numbers, an offset, and what each A or full throttle adds.
+Both correct with a symmetric matrix in six numbers, an offset, and a vector per A or at full throttle.
 
 >>> from flinders.targets._mounting import euler
 >>> name, roll, pitch, yaw = ROTATIONS[10]
@@ -41,12 +41,12 @@ if TYPE_CHECKING:
     from flinders.targets._mounting import Angles
 
 USUAL_STRENGTH_UT: Final = 50.0
-"""Length of corrected readings where nobody says how strong the field is: parameters do not hold it."""
+"""Default length of corrected readings, µT: parameters do not hold the strength of the field."""
 ANGLE: Final = re.compile(r"(ROLL|PITCH|YAW)_(\d+)")
 
 
 def mountings(names: str) -> tuple[tuple[str, float, float, float], ...]:
-    """Name, and roll, pitch and yaw in degrees, which the name says, of each mounting.
+    """Name of each mounting, and the roll, pitch and yaw in degrees that the name states.
 
     >>> mountings("NONE ROLL_180_YAW_45")
     (('NONE', 0.0, 0.0, 0.0), ('ROLL_180_YAW_45', 180.0, 0.0, 45.0))
@@ -77,11 +77,13 @@ class CompassParameters:
     """The parameters of one compass."""
 
     offset: Floats = field(default_factory=lambda: np.zeros(3))  # (3,), in `unit`
-    # (3,): of the symmetric matrix; its entries xy, xz and yz
+    # (3,): diagonal of the symmetric matrix; its entries xy, xz and yz
     diagonal: Floats = field(default_factory=lambda: np.ones(3))
     off_diagonal: Floats = field(default_factory=lambda: np.zeros(3))
-    motor: Floats = field(default_factory=lambda: np.zeros(3))  # (3,): what each A, kA or full throttle adds, in `unit`
-    motor_by: int = 0  # one of `MOTORS`, or 0: what `motor` is multiplied by
+    motor: Floats = field(
+        default_factory=lambda: np.zeros(3)
+    )  # (3,): added field per A or kA or at full throttle, in `unit`
+    motor_by: int = 0  # one of `MOTORS`, the quantity that multiplies `motor`, or 0
     compass: int = 0  # which of several
     device_id: int | None = None
 
@@ -92,7 +94,7 @@ class CompassParameters:
 
     @classmethod
     def read(cls, values: Mapping[str, float], compass: int) -> Self:
-        """Take one compass out of a vehicle's parameters; `UsageError` for one that there is not."""
+        """Read one compass from a vehicle's parameters; `UsageError` for another number of a compass."""
         raise NotImplementedError
 
     @property
@@ -107,27 +109,27 @@ class CompassParameters:
 
     @property
     def has_disturbances(self) -> bool:
-        """It compensates for motors."""
+        """Whether the parameters compensate for motors."""
         return self.motor_by in MOTORS.values() and bool(self.motor.any())
 
     def as_float32(self) -> Self:
-        """The parameters after the autopilot has kept each value as a float32."""
+        """Return the parameters after the autopilot has stored each value as a float32."""
         diagonal, off_diagonal = single(self.diagonal), single(self.off_diagonal)
         stored = replace(self, offset=single(self.offset), motor=single(self.motor))
         return replace(stored, diagonal=diagonal, off_diagonal=off_diagonal)
 
     def words(self) -> str:
-        """Write what is in force on one line, with its names."""
+        """Write the parameters in force on one line, with their names."""
         raise NotImplementedError
 
     @classmethod
     def mounting_names(cls, compass: int) -> tuple[str, ...]:
-        """Names of the parameters that say how a compass is mounted."""
+        """Names of the parameters with the mounting of a compass."""
         raise NotImplementedError
 
     @property
     def own_mounting(self) -> Floats | None:
-        """(3, 3) R, vehicle = R sensor; None for a compass that is turned by the board, or where it is not known."""
+        """(3, 3) R, vehicle = R sensor; None for a compass that turns with the board, or an unknown mounting."""
         raise NotImplementedError
 
     @property
@@ -140,24 +142,24 @@ class CompassParameters:
         return roll, pitch, yaw
 
     def inverse(self) -> Floats:
-        """(3, 3) A⁻¹; `ArrayError` where A flattens readings."""
+        """(3, 3) A⁻¹; `ArrayError` if A is singular."""
         try:
             return floats(np.linalg.inv(self.matrix))
         except np.linalg.LinAlgError:
             raise ArrayError(
-                f"{self.words()}: this flattens all readings into a plane, so that what the compass read is lost"
+                f"{self.words()}: this matrix flattens all readings into a plane, so raw readings cannot be recovered"
             ) from None
 
     def motor_shift(self, name: str) -> Floats:
-        """(3,) µT by which raw readings are off for each A, or at full throttle."""
+        """(3,) shift of raw readings per A or at full throttle, µT."""
         raise NotImplementedError
 
     def to_calibration(self, field_strength: float, *, known: bool = False) -> Calibration:
-        """The calibration that the parameters stand for, without a mounting, with motors if `has_disturbances`.
+        """Convert the parameters to a calibration, without a mounting, with motors if `has_disturbances`.
 
-        They do not hold the length of corrected readings, `field_strength` in µT, which is `known` where it was given;
-        nor at which currents the motors' part was found, while a throttle goes from 0 to 1. A matrix that flattens
-        readings raises `ArrayError`.
+        Parameters lack the length of corrected readings, `field_strength` in µT, which is `known` if the user gave it.
+        They also lack the range of currents of the motors' calibration; a throttle goes from 0 to 1. Raises
+        `ArrayError` for a singular matrix.
         """
         raw = Unit.of(self.unit)
         plain = Calibration(self.matrix, self.centre, field_strength, known, raw=raw, frame=self.frame)
@@ -169,30 +171,30 @@ class CompassParameters:
 
     @classmethod
     def refuse_unknown(cls, compass: int) -> None:
-        """Refuse a compass that there is not."""
+        """Raise `UsageError` for a number that no compass of the autopilot has."""
         if compass not in cls.compasses:
             numbers = f"{', '.join(map(str, cls.compasses[:-1]))} and {cls.compasses[-1]}"
             raise UsageError(f"compass {compass}: {cls.who} keeps parameters of compass {numbers}")
 
     @classmethod
     def symmetric(cls, calibration: Calibration, compass: int) -> Floats:
-        """(3, 3) the symmetric matrix of a calibration without motors, in the axes as recorded, without its rotation.
+        """(3, 3) the symmetric matrix of a calibration without motors, in the recorded axes, without its rotation.
 
-        Raises `UnitError` for a calibration in counts; `UsageError` for a compass that there is not.
+        Raises `UnitError` for a calibration in counts; `UsageError` for another number of a compass.
         """
         cls.refuse_unknown(compass)
         if calibration.unit != MICROTESLA:
             others = "mG, uT" if cls.unit == "G" else "G, uT"
             raise UnitError(
                 f"the calibration is in counts, and {cls.who}'s parameters are in {cls.unit}: calibrate again in "
-                f"{cls.unit} (or {others} …), or with the microtesla in one count where they are known",
+                f"{cls.unit} (or {others} …), or give the sensor's µT per count",
                 hint={"unit": cls.unit, "scale": None},
             )
         return without_turn(in_recorded_axes(followed(calibration)[0])[0])[0]
 
 
 def of_six(diagonal: Floats, off_diagonal: Floats) -> Floats:
-    """(3, 3) the symmetric matrix of its diagonal and its entries xy, xz and yz.
+    """(3, 3) symmetric matrix with a diagonal and entries xy, xz and yz.
 
     >>> of_six(np.ones(3), np.array([0.1, 0.2, 0.3]))
     array([[1. , 0.1, 0.2],
@@ -209,13 +211,13 @@ def in_six(matrix: Floats) -> tuple[Floats, Floats]:
 
 
 def motor_kind(values: Mapping[str, float], name: str) -> int:
-    """The number of `MOTORS` that a parameter holds; 0 for what is not known."""
+    """The number of `MOTORS` in a parameter; 0 for other values."""
     kind = float(values.get(name, 0.0))
     return int(kind) if kind in MOTORS.values() else 0
 
 
 def refuse_values(beyond: Mapping[str, tuple[float, str]], advice: str) -> None:
-    """Raise `NotExportable` for parameters, each with its value and what it would be, unless there are none."""
+    """Raise `NotExportable` if there are parameters out of range, given with value and description."""
     if beyond:
         wanted = {name: value for name, (value, _) in beyond.items()}
         clauses = "; ".join(f"{name} would be {words}" for name, (_, words) in beyond.items())
@@ -223,7 +225,7 @@ def refuse_values(beyond: Mapping[str, tuple[float, str]], advice: str) -> None:
 
 
 def listed(values: Iterable[float]) -> str:
-    """Write numbers for a sentence, to six digits."""
+    """Write numbers for a sentence, to six digits, with commas."""
     return ", ".join(f"{value + 0.0:.6g}" for value in values)
 
 
@@ -235,37 +237,37 @@ NAME: Final = re.compile(r"[A-Z][A-Z0-9_]{0,15}")
 
 @dataclass(frozen=True, slots=True)
 class ParameterFile:
-    """Reads the parameters of one compass back: `read` and `which` are those of a `TargetReader`."""
+    """Reader of one compass in a parameter file; `read` and `which` are used by a `TargetReader`."""
 
     kind: type[CompassParameters]
-    # ``offsets(values)`` tells of which compasses there are offsets
+    # ``offsets(values)`` returns the numbers of the compasses with offsets
     offsets: Callable[[Mapping[str, float]], Sequence[int]]
-    need: str  # names the parameters of one
+    need: str  # example of a needed parameter, for messages
 
     def read(
         self, content: bytes, source: str, *, strength: float | None = None, compass: int | None = None
     ) -> Calibration:
         """Read a calibration.
 
-        `strength`, µT, is `USUAL_STRENGTH_UT` unless given, and `compass` the only one where there is one.
+        `strength`, µT, is by default `USUAL_STRENGTH_UT`, and `compass` the only compass in the file.
         """
         parameters = self.parameters(content, source, compass)
         return parameters.to_calibration(strength or USUAL_STRENGTH_UT, known=strength is not None)
 
     def which(self, content: bytes, source: str, compass: int | None = None) -> tuple[int, int | None]:
-        """Number, and device id where the file has it, of the compass that `read` takes."""
+        """Number of the compass that `read` uses, and its device id if in the file."""
         parameters = self.parameters(content, source, compass)
         return parameters.compass, parameters.device_id % 2**32 if parameters.device_id else None
 
     def parameters(self, content: bytes, source: str, compass: int | None) -> CompassParameters:
-        """Take the compass that is wanted, or the only one; `InputError` where it is not there, or not clear."""
+        """Read the wanted compass, or the only one; `InputError` if it is missing, or the choice is open."""
         values = parse(decoded(content, source), source)
         there = self.offsets(values)
         if not there:
             raise DocumentError(f"{source}: holds no offsets of a compass: need {self.need} and so on")
         numbers = " and ".join(map(str, there))
         if compass is None and len(there) > 1:
-            raise DocumentError(f"{source}: holds compass {numbers}: say which one", hint={"compass": None})
+            raise DocumentError(f"{source}: holds compass {numbers}: choose one", hint={"compass": None})
         if compass is not None and compass not in there:
             raise DocumentError(
                 f"{source}: holds compass {numbers} and not {compass}: check which one is meant", hint={"compass": None}
@@ -277,8 +279,8 @@ def parse(text: str, source: str = "parameters") -> dict[str, float]:
     r"""Read a parameter file, as Mission Planner, MAVProxy or QGroundControl write it; `source` names it in messages.
 
     Lines are ``NAME,value``, ``NAME value``, ``param set NAME value`` or the five columns of QGroundControl with the
-    name in the third; what follows # is a remark. Of a name that comes twice, the last counts. Other lines raise
-    `InputError`, which names the first, and how many there are.
+    name in the third; text after # is a remark. For a repeated name, the last value counts. Other lines raise
+    `InputError`, which states the first and their number.
 
     >>> parse("# my boat\nCOMPASS_OFS_X,-12.5\nCOMPASS_OFS_Y  40\n1\t1\tCOMPASS_OFS_Z\t-93.0\t9\n")
     {'COMPASS_OFS_X': -12.5, 'COMPASS_OFS_Y': 40.0, 'COMPASS_OFS_Z': -93.0}

@@ -55,9 +55,9 @@ def write(calibration: Calibration, asked: ExportOptions) -> Written:
     new = remounting(in_place, asked.mounting, MOUNTINGS, after=True)
     turn = np.eye(3) if new is None else new.turn
     zero = in_16_bits(turn @ affine.offset, NAMES)
-    values = {**({} if new is None else _aligned(new.mounting)), SETTING: ",".join(map(str, zero))}
+    values = {**({} if new is None else _alignment_settings(new.mounting)), SETTING: ",".join(map(str, zero))}
     body = [*(f"set {name} = {value}" for name, value in values.items()), "save"]
-    # no log tells what was in force, and magADC has it removed
+    # no log holds the calibration in force, and magADC has it applied
     notes = [
         *(left_out(in_place) if new is None else [new.words("align_mag"), *_custom_notes(new.mounting)]),
         "for readings recorded with mag_calibration = 0,0,0: it replaces what the board holds",
@@ -66,7 +66,7 @@ def write(calibration: Calibration, asked: ExportOptions) -> Written:
     return Written(lambda raw: raw @ turn.T - floats(zero), body, {**values, SETTING: zero}, notes, turn=written)
 
 
-def _aligned(mounting: Mounting) -> dict[str, str]:
+def _alignment_settings(mounting: Mounting) -> dict[str, str]:
     """Settings of a mounting."""
     if mounting.number is not None:
         return {"align_mag": mounting.name}
@@ -75,8 +75,8 @@ def _aligned(mounting: Mounting) -> dict[str, str]:
 
 
 def _custom_notes(mounting: Mounting) -> list[str]:
-    """What else has to be so for a mounting to turn as it should."""
-    by_angles = ["mag_align_roll, pitch and yaw are for Betaflight 2026.6 or newer: older versions turn otherwise"]
+    """Notes on the conditions of a mounting."""
+    by_angles = ["mag_align_roll, pitch and yaw are for Betaflight 2026.6 or newer: older versions rotate differently"]
     straight = "for a board with align_board_roll, pitch and yaw of 0, which turn the compass as well"
     return [*by_angles * (mounting.number is None), straight]
 
@@ -84,11 +84,9 @@ def _custom_notes(mounting: Mounting) -> list[str]:
 def read(content: bytes, source: str, *, strength: float | None = None) -> Calibration:
     """Read the setting back, out of a dump or diff, for readings in the axes of the board; the matrix is the identity.
 
-    `strength`, counts: length of a reading once the offset is removed; it has to be given, since no other number
-    tells it.
+    `strength`, counts: length of a reading less the offset; required, since the file does not hold it.
 
-    Raises `DocumentError` where it is missing, stands there with two values, or is not three whole numbers of 16
-    bits.
+    Raises `DocumentError` if the setting is missing, has two values, or is not three whole numbers of 16 bits.
     """
     value = settings(content, source, [SETTING]).get(SETTING)
     words = [] if value is None else value.split(",")
@@ -97,8 +95,8 @@ def read(content: bytes, source: str, *, strength: float | None = None) -> Calib
     zero = counts(dict(zip(NAMES, words, strict=True)), NAMES, source)
     if strength is None:
         raise DocumentError(
-            f"{source}: holds an offset of {zero} counts, and nothing tells how long readings are: give "
-            "that in counts, the length of a reading less the offset",
+            f"{source}: holds an offset of {zero} counts, but not the length of readings: give "
+            "the length of a reading less the offset, in counts",
             hint={"strength": None},
         )
     calibration = Affine(np.eye(3), floats(zero), strength).to_calibration(COUNTS, known=True)

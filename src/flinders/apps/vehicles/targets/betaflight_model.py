@@ -14,28 +14,28 @@ array([0., 1., 0.])
 >>> back.apply([1000.0, 750.0, 200.0]).round(6), round(back.field_strength, 6), back.frame
 (array([   0., 1250.,    0.]), 1250.0, 'vehicle')
 
-**Formula.** ``c = soft_iron (raw − center)``, raw in counts, so that c is `radius` long. One unit of c is the strength
-of the field over the radius, in nT and gauss. Here the radius is 1, as the Configurator's fit of a unit sphere has it
-but for a thousandth.
+**Formula.** ``c = soft_iron (raw − center)``, raw in counts, with c of length `radius`. One unit of c is the strength
+of the field divided by the radius, in nT and gauss. The radius written here is 1; the Configurator's fit of a unit
+sphere gives 1 to within a thousandth.
 
 **Axes.** `alignment` is the proposed ``align_mag``, `captured_under` the one in force, and `hard_iron` the
-``mag_calibration`` that goes with the proposed one. A file is in one of two axes, and `hard_iron` tells which:
+``mag_calibration`` that goes with the proposed one. A file is in one of two axes, shown by `hard_iron`:
 
-    captured    hard_iron = A C⁻¹ (center + mag_zero)      as the description of the schema has it; written here
+    captured    hard_iron = A C⁻¹ (center + mag_zero)      by the description of the schema; written here
     sensor      hard_iron = A center                       as the Configurator's full calibration writes it
 
 with A the proposed and C the captured rotation, R_z(yaw) R_y(pitch) R_x(roll). The corrected field of the vehicle is
 A C⁻¹ c or A c. `frame` always says FRD; the numbers are for ``magADC``, which the firmware turns to the world as
 forward, left and up (``flight/imu.c``), so nothing is mirrored here.
 
-**Noise.** `residual_rms` is the white noise of a reading over the strength of the field: the Configurator takes it from
-the lengths of corrected readings about the radius, which is that noise along the field. `mag_noise_gauss` is for the
-measurement noise R of a filter, so that "a good calibration earns tight mag trust". It is therefore that noise and the
-error of the calibration together, added as variances, as for EKF2_MAG_NOISE of PX4; the Configurator puts the noise
-alone, which a poor calibration does not make larger. A filter takes R for white, and the error of a calibration is not:
-it is the same in every reading of an attitude. Also with both in R a filter is too sure of a heading that it holds, and
-the R that makes it right depends on its rate and its gyro (`flinders.targets._measurement_noise`); so a note of the
-export states both parts.
+**Noise.** `residual_rms` is the white noise of a reading divided by the strength of the field: the Configurator
+computes it from the lengths of corrected readings about the radius, so it is the noise along the field.
+`mag_noise_gauss` is for the measurement noise R of a filter, so that "a good calibration earns tight mag trust". It is
+written here as that noise plus the error of the calibration, added as variances, as for EKF2_MAG_NOISE of PX4; the
+Configurator writes the noise alone, which a poor calibration does not enlarge. A filter treats R as white, but the
+error of a calibration is the same in every reading at one attitude. Even with both parts in R, the filter
+underestimates the error of a constant heading. The R that avoids this depends on the filter's rate and its gyro
+(`flinders.targets._measurement_noise`), so a note of the export states both parts.
 
 Source: betaflight-configurator, ``src/js/utils/magModelExport.ts`` at 7cd82d45, and beside it ``ellipsoidFit.ts``,
 ``magAlignment.js``, ``magCharacterizationCompute.ts`` and ``magTiltAlign.ts``; ``exportFullCalModel`` of
@@ -83,25 +83,25 @@ if TYPE_CHECKING:
 
 WHO: Final = "Betaflight's model file"
 CUSTOM: Final = 9
-"""``align_mag`` that has angles; 1 to 8 are the rows of `MOUNTINGS`, 0 is taken for 1."""
+"""``align_mag`` with angles; 1 to 8 are the rows of `MOUNTINGS`, and 0 counts as 1."""
 LABELS: Final = tuple(f"CW {angle}°{flip}" for flip in ("", " flip") for angle in (0, 90, 180, 270))
-"""Of the presets 1 to 8."""
-MOST_OFF: Final = 2.0
-"""Counts: an axis of `hard_iron`, which is in whole counts, fits `center` to within this."""
+"""Labels of the presets 1 to 8."""
+MAX_OFFSET_DIFFERENCE: Final = 2.0
+"""Counts: largest difference of `hard_iron`, which is in whole counts, and `center` on an axis."""
 
 
-# written
+# writing
 
 
 def write(calibration: Calibration, asked: ExportOptions) -> Written:
     """Write the model; a recording that was not in raw counts raises `UnitError`.
 
-    A rotation of the calibration goes into `alignment` if the mounting in force is known, else into `soft_iron`. Raises
-    `NotExportable` where int16 cannot hold the offset, which the board needs as ``mag_calibration``.
+    A rotation of the calibration is written to `alignment` if the mounting in force is known, else to `soft_iron`.
+    Raises `NotExportable` if int16 cannot hold the offset, which the board needs as ``mag_calibration``.
     """
     in_place = in_vehicle_axes(calibration)
     affine = Affine.of(in_place, COUNTS, who=WHO)
-    in_force = _in_force(asked.mounting)
+    in_force = _recorded_mounting(asked.mounting)
     new = remounting(in_place, in_force, MOUNTINGS, after=True)
     turn = np.eye(3) if new is None else new.turn
     soft_iron = turn.T @ affine.matrix / affine.strength
@@ -109,7 +109,7 @@ def write(calibration: Calibration, asked: ExportOptions) -> Written:
     residual, noise = _noise(in_place, asked.noise)
     strength_nt = _strength_nt(in_place)
     model = Model(
-        captured_under=None if in_force is None else _captured(in_force),
+        captured_under=None if in_force is None else _captured_under(in_force),
         ellipsoid_correction=EllipsoidCorrection(
             center=_vector(affine.offset), soft_iron=_rows(soft_iron), radius=1.0, residual_rms=residual
         ),
@@ -131,7 +131,7 @@ def write(calibration: Calibration, asked: ExportOptions) -> Written:
 
 
 def _fusion(soft_iron: Floats, strength_nt: float | None, noise: Noise) -> DownstreamFusion:
-    """The block for a filter, of corrected readings that are 1 long; without a declination no field of the earth."""
+    """Block for a filter of corrected readings of length 1; without the earth's field, which needs a declination."""
     gauss = None if strength_nt is None else strength_nt / 1e5
     one, level, vertical = (None, None, None) if gauss is None or noise is None else (gauss * part for part in noise)
     return DownstreamFusion(
@@ -144,12 +144,12 @@ def _fusion(soft_iron: Floats, strength_nt: float | None, noise: Noise) -> Downs
 
 
 Noise: TypeAlias = tuple[float, float, float] | None
-"""Parts of the field strength: 1 σ of a corrected reading, noise and error of the calibration together, across the
+"""1 σ of a corrected reading as shares of the field strength, noise and calibration error together: across the
 horizontal field, of x and y, and of z."""
 
 
 def _noise(calibration: Calibration, noise: MeasurementNoise | None) -> tuple[float | None, Noise]:
-    """White noise of a corrected reading over the field strength, and `Noise`; None where nothing is known."""
+    """White noise of a corrected reading divided by the field strength, and `Noise`; None if unknown."""
     if noise is None:
         return None, None
     back, strength = unmapped(calibration), calibration.field_strength
@@ -159,24 +159,24 @@ def _noise(calibration: Calibration, noise: MeasurementNoise | None) -> tuple[fl
 
 
 def _strength_nt(calibration: Calibration) -> float | None:
-    """Field strength; None where it is relative, or in counts."""
+    """Field strength in nT; None if it is relative, or in counts."""
     is_known = calibration.field_strength_known and calibration.unit == MICROTESLA
     return 1e3 * calibration.field_strength if is_known else None
 
 
 def _dip(noise: MeasurementNoise | None) -> float | None:
-    """Dip of the field where the readings were taken."""
+    """Dip of the field at the place of the readings, degrees."""
     return None if noise is None or noise.dip_assumed else noise.dip_deg
 
 
-def _in_force(mounting: Floats | None) -> Floats | None:
-    """(3, 3) mounting of the recording: that of the row where it is one."""
+def _recorded_mounting(mounting: Floats | None) -> Floats | None:
+    """(3, 3) mounting of the recording, exact if it is a row of `MOUNTINGS`."""
     row = None if mounting is None else MOUNTINGS.mounting(mounting)
     return mounting if row is None or row.number is None else row.rotation
 
 
-def _captured(in_force: Floats) -> CapturedUnder:
-    """The mounting of the recording; no log tells ``mag_calibration``."""
+def _captured_under(in_force: Floats) -> CapturedUnder:
+    """Block with the mounting of the recording; ``mag_calibration`` is unknown, as no log holds it."""
     number = MOUNTINGS.mounting(in_force).number
     if number is not None:
         return CapturedUnder(alignment=number + 1)
@@ -209,14 +209,14 @@ def _rows(matrix: Floats) -> tuple[Triple, Triple, Triple]:
 
 
 def _notes(model: Model, calibration: Calibration, noise: MeasurementNoise | None) -> list[str]:
-    """What the file has no room for, and what is null in it."""
+    """Notes on facts that the file cannot hold, and on its null fields."""
     recorded = "for readings recorded with mag_calibration = 0,0,0, as magADC of a blackbox has them"
     notes = [
         f"{recorded}; frame says FRD as the schema does, and nothing is mirrored",
-        "latitude, longitude, declination and the earth's field are null: a calibration does not keep its place",
+        "latitude, longitude, declination and the earth's field are null: a calibration does not store its place",
     ]
     if model.alignment is None:
-        notes.append("alignment and captured_under are null: nobody said how the compass was mounted (align_mag)")
+        notes.append("alignment and captured_under are null: the mounting (align_mag) of the recording is unknown")
     if model.geo_reference.field_strength_nt is None:
         notes.append(
             "field strength, scale and noise in gauss are null: calibrate with the microtesla in one count and the "
@@ -226,30 +226,30 @@ def _notes(model: Model, calibration: Calibration, noise: MeasurementNoise | Non
 
 
 def _noise_words(calibration: Calibration, noise: MeasurementNoise | None) -> str:
-    """The two parts of the noise."""
+    """Sentence on the two parts of the noise."""
     if noise is None:
         return "residual_rms and noise are null: the calibration states no noise, or no uncertainty"
     across = noise.horizontal * math.radians(noise.heading_calibration_deg)
     reading, rest = (100.0 * part / calibration.field_strength for part in (noise.reading, across))
     return (
         f"residual_rms is the white noise of a reading, {figures(reading)} % of the field (heading "
-        f"{figures(noise.heading_reading_deg)}° level); mag_noise_gauss has the error of the calibration in it, "
-        f"{figures(rest)} % across the horizontal field (heading {figures(noise.heading_calibration_deg)}°): that is "
-        "alike in every reading of an attitude, and a filter takes it for white"
+        f"{figures(noise.heading_reading_deg)}° level); mag_noise_gauss includes the error of the calibration, "
+        f"{figures(rest)} % across the horizontal field (heading {figures(noise.heading_calibration_deg)}°), which is "
+        "the same in every reading at one attitude, though a filter treats it as white"
     )
 
 
-# read back
+# reading back
 
 
 def read(content: bytes, source: str, *, strength: float | None = None) -> Calibration:
     """Read a model, in counts: for ``magADC`` with the proposed ``align_mag`` and ``mag_calibration = 0,0,0``.
 
-    `strength`, counts: length of corrected readings; without it that which makes the determinant of the matrix 1, since
-    the microtesla in one count are those of this one fit (`proposals` tells them).
+    `strength`, counts: length of corrected readings; by default the length that makes the determinant of the matrix 1,
+    since the µT per count in the file hold for that fit only (`proposals` states them).
 
-    Raises `DocumentError` for a file of another schema, one that is damaged, and one whose `hard_iron` does not belong
-    to its `center`.
+    Raises `DocumentError` for a file of another schema, a damaged file, and a `hard_iron` that does not agree with the
+    `center`.
     """
     model = _model(content, source)
     correction = model.ellipsoid_correction
@@ -261,7 +261,7 @@ def read(content: bytes, source: str, *, strength: float | None = None) -> Calib
 
 
 def _length(correction: EllipsoidCorrection, source: str) -> float:
-    """Counts: length of the readings, less the offset: the geometric mean of the radii of their ellipsoid."""
+    """Length of the readings less the offset, counts: the geometric mean of the radii of their ellipsoid."""
     with np.errstate(all="ignore"):
         determinant = abs(float(np.linalg.det(floats(correction.soft_iron))))
     if not 0.0 < determinant < BEYOND_ALL:
@@ -272,7 +272,7 @@ def _length(correction: EllipsoidCorrection, source: str) -> float:
 
 
 def proposals(content: bytes, source: str) -> list[str]:
-    """What a model states beside the calibration, in words; raises as `read`."""
+    """Sentences on the model's further statements; raises as `read`."""
     model = _model(content, source)
     correction, quality = model.ellipsoid_correction, model.quality
     zero = ",".join(f"{value:.0f}" for value in _triple(model.hard_iron))
@@ -287,12 +287,12 @@ def proposals(content: bytes, source: str) -> list[str]:
         count = "" if quality.sample_count is None else f" over {quality.sample_count:,} readings"
         words.append(f"it states a mean residual of the dip of {figures(quality.mean_residual_deg)}°{count}")
     if model.captured_under is not None and not model.captured_under.mag_zero_known:
-        words.append("! mag_calibration at its recording was not known, and is taken for 0,0,0")
+        words.append("! mag_calibration during its recording is unknown, and assumed as 0,0,0")
     return words
 
 
 def _model(content: bytes, source: str) -> Model:
-    """Understand a file."""
+    """Parse a file into a model; `DocumentError` if that fails."""
     fields = loaded(content, source)
     for place in gaps(fields):
         raise DocumentError(f"{source}: {place} is not finite: need a number")
@@ -311,9 +311,9 @@ def _model(content: bytes, source: str) -> Model:
 
 
 def _in_proposed_axes(model: Model, source: str) -> tuple[Floats, Floats]:
-    """(3, 3) from the axes of the file to those of the proposed mounting, and (3,) the offset there, in counts.
+    """(3, 3) rotation from the axes of the file to those of the proposed mounting, and (3,) the offset there, counts.
 
-    Of the two axes that a file may be in, those in which the offset comes nearest to `hard_iron`.
+    Of the two possible axes of a file, those whose offset is nearest to `hard_iron`.
     """
     captured, proposed = _rotations(model, source)
     centre, hard = (_triple(vector) for vector in (model.ellipsoid_correction.center, model.hard_iron))
@@ -322,21 +322,21 @@ def _in_proposed_axes(model: Model, source: str) -> tuple[Floats, Floats]:
     across = proposed @ captured.T
     found = [(across, across @ (centre + zero)), (proposed, proposed @ centre)]
     off = [float(np.abs(offset - hard).max()) for _, offset in found]
-    if not min(off) <= MOST_OFF:
+    if not min(off) <= MAX_OFFSET_DIFFERENCE:
         raise DocumentError(
             f"{source}: hard_iron is {figures(min(off), 3)} counts from the center in the axes of alignment, need "
-            f"{MOST_OFF:.0f} or less: one of them was changed, export the model again"
+            f"{MAX_OFFSET_DIFFERENCE:.0f} or less: one of them was changed, export the model again"
         )
-    if max(off) <= MOST_OFF and not np.array_equal(captured, np.eye(3)):
+    if max(off) <= MAX_OFFSET_DIFFERENCE and not np.array_equal(captured, np.eye(3)):
         raise DocumentError(
-            f"{source}: center and hard_iron fit each other both before and after captured_under.alignment, so that "
-            "the axes of soft_iron cannot be told: record with align_mag = CW0, and export the model again"
+            f"{source}: center and hard_iron agree both before and after captured_under.alignment, so that "
+            "the axes of soft_iron are ambiguous: record with align_mag = CW0, and export the model again"
         )
     return found[off.index(min(off))]
 
 
 def _rotations(model: Model, source: str) -> tuple[Floats, Floats]:
-    """(3, 3) mounting in force and proposed one: each that of the other where it is not stated."""
+    """(3, 3) mounting in force and (3, 3) proposed mounting; one that is not stated equals the other."""
     captured = _captured_rotation(model, source)
     proposed = _proposed_rotation(model, source)
     if captured is None:
@@ -345,7 +345,7 @@ def _rotations(model: Model, source: str) -> tuple[Floats, Floats]:
 
 
 def _captured_rotation(model: Model, source: str) -> Floats | None:
-    """(3, 3) mounting in force."""
+    """(3, 3) mounting in force; None if not stated."""
     under = model.captured_under
     if under is None:
         return None
@@ -353,13 +353,13 @@ def _captured_rotation(model: Model, source: str) -> Floats | None:
 
 
 def _proposed_rotation(model: Model, source: str) -> Floats | None:
-    """(3, 3) proposed mounting."""
+    """(3, 3) proposed mounting; None if not stated."""
     asked = model.alignment
     return None if asked is None else _rotation(asked.preset, asked.euler_zyx_deg, f"{source}: alignment.preset")
 
 
 def _rotation(number: int, own: EulerAngles | None, where: str) -> Floats:
-    """(3, 3) of a number of ``align_mag``, or of angles."""
+    """(3, 3) rotation for a number of ``align_mag``, or for angles."""
     if number == CUSTOM and own is not None:
         return euler(own.roll, own.pitch, own.yaw)
     if not 0 <= number < CUSTOM:
@@ -368,7 +368,7 @@ def _rotation(number: int, own: EulerAngles | None, where: str) -> Floats:
 
 
 def _proposed_words(model: Model, source: str) -> str:
-    """The proposed ``align_mag``."""
+    """The proposed ``align_mag``, in words."""
     rotation = _proposed_rotation(model, source)
     if rotation is None:
         return "align_mag as it was"

@@ -4,7 +4,7 @@
 {"sigma":0.005,"sigma_xy":null,"sigma_z":null}
 
 Source: betaflight-configurator, ``src/js/utils/magModelExport.ts`` at 7cd82d45: CharacterizationModel, and
-computeMagQualityBounds with its limits, which are after those of ArduPilot's CompassCalibrator.
+computeMagQualityBounds with its limits, which follow those of ArduPilot's CompassCalibrator.
 """
 
 from __future__ import annotations
@@ -24,13 +24,13 @@ VERSION: Final = "2.2"
 SCHEMA: Final = f"https://betaflight.com/blackbox/mag-characterization-model/{VERSION}"
 
 STRENGTH_MG: Final = (150.0, 950.0)
-MOST_OFF_DIAGONAL: Final = 1.0
-MOST_ANISOTROPY: Final = 2.24
-"""Limits of `quality_bounds`: of the field, and of the soft iron."""
+MAX_OFF_DIAGONAL: Final = 1.0
+MAX_ANISOTROPY: Final = 2.24
+"""Limits of `quality_bounds` on the field in mG and on the soft iron."""
 
 
 class Vector(Struct, frozen=True, kw_only=True):
-    """Along three axes."""
+    """Components along three axes."""
 
     x: float
     y: float
@@ -46,7 +46,7 @@ class EulerAngles(Struct, frozen=True, kw_only=True):
 
 
 class CapturedUnder(Struct, frozen=True, kw_only=True):
-    """What the board held when the readings were taken."""
+    """Settings of the board during the recording."""
 
     alignment: int
     custom_angles: EulerAngles | None = None  # of alignment 9
@@ -82,7 +82,7 @@ class Alignment(Struct, frozen=True, kw_only=True):
 
 
 class Quality(Struct, frozen=True, kw_only=True):
-    """How well the proposed mounting fits the dip of the field."""
+    """Agreement of the proposed mounting with the dip of the field."""
 
     mean_residual_deg: float | None = None
     sample_count: int | None = None
@@ -111,7 +111,7 @@ class QualityBounds(Struct, frozen=True, kw_only=True):
 
 
 class DownstreamFusion(Struct, frozen=True, kw_only=True):
-    """What a filter of the field needs."""
+    """Inputs of a filter that fuses the field."""
 
     frame: Literal["FRD"]
     nt_per_corrected_unit: float | None = None
@@ -137,7 +137,7 @@ class Model(Struct, frozen=True, kw_only=True):
 
 
 def quality_bounds(soft_iron: Floats, strength_nt: float | None) -> QualityBounds:
-    """Judge the (3, 3) soft iron and the field strength in nT as the Configurator does, computeMagQualityBounds.
+    """Check the (3, 3) soft iron and the field strength in nT against the Configurator's limits.
 
     >>> quality_bounds(np.diag([5.0, 0.1, 1.0]), 53_000.0).soft_iron_anisotropy_ok
     False
@@ -150,8 +150,8 @@ def quality_bounds(soft_iron: Floats, strength_nt: float | None) -> QualityBound
     low, high = STRENGTH_MG
     within = (
         None if strength_mg is None else low <= strength_mg <= high,
-        None if ratio is None else ratio < MOST_OFF_DIAGONAL,
-        None if anisotropy is None else anisotropy < MOST_ANISOTROPY,
+        None if ratio is None else ratio < MAX_OFF_DIAGONAL,
+        None if anisotropy is None else anisotropy < MAX_ANISOTROPY,
     )
     return QualityBounds(
         field_strength_mg=strength_mg,

@@ -1,13 +1,14 @@
-"""The claim as parameters of the estimators of PX4 and ArduPilot: noise of the heading and of the field, and gates.
+"""Noise and gate parameters of the estimators of PX4 and ArduPilot from the uncertainty of a calibration.
 
-Both take the yaw of a compass in one of two ways, and each has a noise of its own.
+Both estimators use a compass in one of two ways, each with its own noise parameter.
 
-- As an angle, beside a gyro with a bias (EKF2_HEAD_NOISE up to version 1.14, EK3_YAW_M_NSE). The filter takes its
-  noise for white. It gets the noise at which its own variance is that of its yaw (`YawFilter`), on a heading that is
-  held.
-- As the vector of the field, beside states for the earth's field and for what is fixed in the body (EKF2_MAG_NOISE,
-  EK3_MAG_M_NSE). One number is the noise of a reading and the first uncertainty of these states. It gets both parts,
-  added as variances: the noise is averaged away, and the uncertainty of the body stays until the vehicle turns.
+- As an angle, fused with a gyro that has a bias (EKF2_HEAD_NOISE up to version 1.14, EK3_YAW_M_NSE). The filter
+    treats the noise as white. The noise written is the one at which the filter's variance equals the true variance of
+    its yaw (`YawFilter`) at a constant heading.
+- As the vector of the field, with states for the earth's field and the body's field (EKF2_MAG_NOISE,
+    EK3_MAG_M_NSE). One parameter is both the noise of a reading and the initial uncertainty of these states. The value
+    written is both, added as variances: the noise averages out, and the uncertainty of the body's field stays until
+    the vehicle turns.
 
 >>> heading = EKF2.heading_sigma(1.0, 1.0)
 >>> round(math.degrees(heading), 1), round(EKF2.yaw.stated_deg(heading), 2)
@@ -18,7 +19,7 @@ Sources. PX4 (BSD-3-Clause): ``params_magnetometer.yaml`` and ``ekf2_params.c`` 
 ``mag_control.cpp``: R_MAG and the variance of the first heading, EKF2_HEAD_NOISE also as limit of a heading that
 agrees with GNSS, EKF2_MAG_CHK_STR and INC against the World Magnetic Model. ArduPilot (GPL-3; only its published
 values are used): ``AP_NavEKF3.cpp`` (names, ranges, defaults), ``CovariancePrediction`` (GYRO_P_NSE, GBIAS_P_NSE at
-10 ms), ``fuseEulerYaw`` (R_YAW). Both as they are delivered.
+10 ms), ``fuseEulerYaw`` (R_YAW). Values are the defaults.
 """
 
 from __future__ import annotations
@@ -43,14 +44,14 @@ GAUSS: Final = PER_UNIT["G"]
 """µT in one gauss."""
 MODEL_SIGMA, MODEL_DIP_SIGMA_DEG = 0.148, 0.20
 """µT and degrees: 1 σ of strength and dip of the World Magnetic Model, with the crust (WMM2020 report, table 5)."""
-TOO_SURE: Final = 0.8
-"""Share of the heading's error that an estimator states, below which its parameters are too small for the error."""
+MIN_STATED_SHARE: Final = 0.8
+"""Least share of the heading's error that an estimator states; with less, its parameters are too small."""
 STRENGTH, INCLINATION = 1, 2
 """Bits of EKF2_MAG_CHECK."""
 
 
 class Parameter(NamedTuple):
-    """A parameter of an estimator, and the range that it takes."""
+    """A parameter of an estimator, and its range."""
 
     name: str
     low: float
@@ -59,7 +60,7 @@ class Parameter(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class Estimator:
-    """How the estimator of an autopilot takes a compass, as it is delivered."""
+    """Compass fusion of an autopilot's estimator, with default parameters."""
 
     who: str
     yaw: YawFilter
@@ -85,13 +86,13 @@ class Estimator:
         return {name: float(f"{sigma:.3g}") for name, sigma in sigmas.items()}
 
     def notes(self, noise: MeasurementNoise, sigma: float) -> list[str]:
-        """What the noise means, and what a range cuts off; `sigma`, rad, is that of a heading as it is written."""
+        """Notes on the meaning of the noise, and on clipping to a range; `sigma`, rad: written noise of a heading."""
         heading = self.heading_noise.name
         stated, claimed = self.yaw.stated_deg(sigma), noise.heading_calibration_deg
         in_both = (
             f"{self.field_noise.name} (G) is {figures(noise.reading / GAUSS)} G of white noise and "
             f"{figures(noise.horizontal * math.radians(claimed) / GAUSS)} G that the calibration leaves across the "
-            "horizontal field in every reading of a heading, added as variances"
+            "horizontal field in every reading at one heading, added as variances"
         )
         notes = [self.yaw.words(heading, sigma, noise, who=f"{self.who} ({self.conditions})"), in_both]
         wanted = {
@@ -99,13 +100,13 @@ class Estimator:
             self.field_noise: noise.across / GAUSS,
         }
         notes += [
-            f"{parameter.name} is written as {figures(parameter.low)}, the least that it takes: {self.who} is more "
-            "careful than need be"
+            f"{parameter.name} is written as {figures(parameter.low)}, its minimum: {self.who} weights the compass "
+            "less than it could"
             for parameter, least in wanted.items()
             if least < parameter.low
         ]
-        if stated < TOO_SURE * claimed:
-            notes.append(f"{heading} is at the end of its range: {self.who} states less than its yaw errs by")
+        if stated < MIN_STATED_SHARE * claimed:
+            notes.append(f"{heading} is at the end of its range: {self.who} understates the error of its yaw")
         return notes
 
 
@@ -128,15 +129,15 @@ EKF3: Final = Estimator(
 def estimator_values(
     estimator: Estimator, calibration: Calibration, asked: ExportOptions
 ) -> tuple[dict[str, float], list[str]]:
-    """Names and values of an estimator's parameters, and what to know of them; nothing where they were not asked for.
+    """Names and values of an estimator's parameters, with notes; empty unless requested.
 
-    Raises `NotExportable` where the calibration states no noise or no uncertainty.
+    Raises `NotExportable` if the calibration states no noise or no uncertainty.
     """
     if not asked.estimator:
         return {}, []
     if asked.noise is None:
         raise NotExportable(
-            f"the calibration states no heading error, of which {estimator.who} could have a noise: fit a recording, "
+            f"the calibration states no heading error, which the noise for {estimator.who} needs: fit a recording, "
             "or leave the noise out",
             hint={"noise": None},
             beyond=(estimator.heading_noise.name, estimator.field_noise.name),
@@ -149,7 +150,7 @@ def estimator_values(
 
 
 def _checks(gates: Gates | None, calibration: Calibration) -> dict[str, float]:
-    """EKF2_MAG_CHECK and its limits, as far as strength and dip of a clean reading are known."""
+    """EKF2_MAG_CHECK and its limits, for those of strength and dip whose spread is known."""
     checks: dict[str, float] = {}
     if gates is not None and calibration.field_strength_known:
         limit = math.hypot(gates.strength_limit, SIGMAS * MODEL_SIGMA) / GAUSS

@@ -1,7 +1,7 @@
 """INAV's ``magzero`` and ``maggain``: ``m = (raw − zero) 1024 / gain``, whole numbers, in the axes of the sensor.
 
-A gain is the radius of its axis in counts, so that corrected readings are 1024 long; with D the diagonal that comes
-nearest to the matrix and F the length of corrected readings in counts, gain = F / D.
+A gain is the radius of its axis in counts, so that corrected readings have length 1024; with D the diagonal nearest to
+the matrix and F the length of corrected readings in counts, gain = F / D.
 
 >>> from flinders.core.calibration import Calibration
 >>> written = write(Calibration(np.diag([1.25, 1.0, 0.8]), [120.4, -31.6, 7.0], 400.0), ExportOptions())
@@ -23,7 +23,7 @@ A rotation of the calibration goes into ``align_mag``, one of eight names, or in
 R_z(−yaw) R_y(−pitch) R_x(−roll) in the axes forward, left and up, and then without the alignment of the board.
 
 Source: INAV, ``sensors/compass.c`` at 005b1ee7, ``rotationMatrixFromAngles`` of ``common/maths.c`` at 063f3509,
-``rotationMatrixRotateVector`` of ``common/vector.h``; int16, and a division that leaves off what is behind the point.
+``rotationMatrixRotateVector`` of ``common/vector.h``; int16, and an integer division.
 """
 
 from __future__ import annotations
@@ -44,44 +44,43 @@ from flinders.targets._target import ExportOptions, Target, TargetReader, Writte
 if TYPE_CHECKING:
     from flinders.core.calibration import Calibration
 
-UNITY: Final = 1024
+UNIT_LENGTH: Final = 1024
 """Length of a corrected reading."""
 ZEROS: Final = ("magzero_x", "magzero_y", "magzero_z")
 ANGLES: Final = ("align_mag_roll", "align_mag_pitch", "align_mag_yaw")
 MOUNTINGS: Final = MountingTable("INAV", "align_mag", ALIGNMENTS, sense=-1, step_deg=DECIDEGREE)
-STRAIGHT: Final = "for a board with align_board_roll, pitch and yaw of 0"
+BOARD_CONDITION: Final = "for a board with align_board_roll, pitch and yaw of 0"
 GAINS: Final = ("maggain_x", "maggain_y", "maggain_z")
 
 
 def write(calibration: Calibration, asked: ExportOptions) -> Written:
     """Write the lines; a recording that was not in raw counts raises `UnitError`.
 
-    Raises `NotExportable` where what is left out costs more than 0.5° of heading, or int16 cannot hold the
-    numbers.
+    Raises `NotExportable` if the settings lose more than 0.5° of heading, or int16 cannot hold the numbers.
     """
     new = remounting(calibration, asked.mounting, MOUNTINGS, after=False)
     turn = None if new is None else new.turn
     offset, radii = offset_and_radii(calibration, who="INAV", turn=turn)
     zero, gain = in_16_bits(offset, ZEROS), in_16_bits(radii, GAINS, lowest=1)
     values = {
-        **({} if new is None else _aligned(new.mounting)),
+        **({} if new is None else _alignment_settings(new.mounting)),
         **dict(zip((*ZEROS, *GAINS), (*zero, *gain), strict=True)),
     }
     body = [*(f"set {name} = {value}" for name, value in values.items()), "save"]
-    # no log tells what was in force, and magADC is after it
+    # no log holds the calibration in force, and magADC has it applied
     notes = [
-        *(left_out(calibration) if new is None else [new.words("align_mag"), STRAIGHT]),
+        *(left_out(calibration) if new is None else [new.words("align_mag"), BOARD_CONDITION]),
         "for readings recorded with magzero 0 and maggain 1024 on each axis: it replaces what the board holds",
     ]
 
     def apply(raw: Floats) -> Floats:
-        corrected = np.trunc((raw - floats(zero)) * UNITY / floats(gain)) + 0.0
+        corrected = np.trunc((raw - floats(zero)) * UNIT_LENGTH / floats(gain)) + 0.0
         return corrected if turn is None else corrected @ turn.T
 
     return Written(apply, body, values, notes, turn=turn)
 
 
-def _aligned(mounting: Mounting) -> dict[str, str | int]:
+def _alignment_settings(mounting: Mounting) -> dict[str, str | int]:
     """Settings of a mounting: a name with angles of 0, or angles alone."""
     name: dict[str, str | int] = {} if mounting.number is None else {"align_mag": mounting.name}
     tenths = (round(angle / DECIDEGREE) for angle in mounting.angles)
@@ -93,14 +92,14 @@ def read(content: bytes, source: str, *, strength: float | None = None) -> Calib
 
     `strength`, counts: length of corrected readings; without it the geometric mean of the gains.
 
-    Raises `DocumentError` where one is missing, stands there with two values, or is none that INAV holds.
+    Raises `DocumentError` if a setting is missing, has two values, or is out of INAV's range.
     """
     pairs = settings(content, source, [*ZEROS, *GAINS])
     missing = [name for name in (*ZEROS, *GAINS) if name not in pairs]
     if missing:
         raise DocumentError(
-            f"{source}: no {', '.join(missing)}: need all six, magzero_x to maggain_z. INAV's diff leaves out what is "
-            "at its default: save what dump prints"
+            f"{source}: no {', '.join(missing)}: need all six, magzero_x to maggain_z. INAV's diff leaves out "
+            "defaults: save the output of dump"
         )
     zero, gain = counts(pairs, ZEROS, source), counts(pairs, GAINS, source, between=(1, INT16[1]))
     return of_radii(zero, floats(gain), strength)

@@ -1,7 +1,7 @@
-"""How autopilots hold an accelerometer and a gyro: ``c = (raw − offset) scale`` of each axis, and no misalignment.
+"""Accelerometer and gyro parameters of autopilots: ``c = (raw − offset) scale`` of each axis, no misalignment.
 
-ArduPilot and PX4 take m/s² and rad/s in the axes of the sensor, before the board is turned; INAV and Paparazzi raw
-counts in those axes; Betaflight raw counts in the axes of the board, and offsets alone.
+ArduPilot and PX4 use m/s² and rad/s in the axes of the sensor, before the board's rotation; INAV and Paparazzi raw
+counts in those axes; Betaflight raw counts in the axes of the board, with offsets alone.
 
 >>> from flinders.core.inertial import Inertial
 >>> from flinders.targets._inertial import written
@@ -37,12 +37,12 @@ if TYPE_CHECKING:
     from flinders.arrays import Floats
 
 AXES: Final = "XYZ"
-UNITY: Final = 4096
+UNIT_GAIN: Final = 4096
 """INAV's gain of 1."""
-FRACTION: Final = 2**10
-"""Paparazzi's accelerations in one m/s²."""
+UNITS_PER_MS2: Final = 2**10
+"""Paparazzi's units of acceleration in one m/s²."""
 LIMITS_32: Final = -(2**31), 2**31 - 1
-SIXTEEN: Final = ' integer="16"'
+INTEGER_ATTRIBUTE: Final = ' integer="16"'
 RESTART: Final = "restart the vehicle afterwards"
 
 
@@ -81,7 +81,7 @@ def _ardupilot_gyro(triad: Triad, asked: Asked) -> Numbers:
 
 
 def _digit(asked: Asked) -> str:
-    """What an IMU's number looks like in INS_ACC2OFFS_X; the first has none."""
+    """Digit of an IMU in names such as INS_ACC2OFFS_X; none for the first."""
     number = 1 if asked.imu is None else asked.imu
     if number not in (1, 2, 3):
         raise UsageError(f"IMU {number}: ArduPilot's parameters are those of IMU 1, 2 and 3")
@@ -95,14 +95,14 @@ def _px4(lines: Callable[[dict[str, float]], list[str]]) -> InertialForm:
         offset, scale = offset_and_gains(triad)
         number = _px4_number(asked)
         values = {
-            **_of_px4(f"CAL_ACC{number}_", "OFF", offset, -np.inf, np.inf),
-            **_of_px4(f"CAL_ACC{number}_", "SCALE", scale, 0.1, 3.0),
+            **_px4_values(f"CAL_ACC{number}_", "OFF", offset, -np.inf, np.inf),
+            **_px4_values(f"CAL_ACC{number}_", "SCALE", scale, 0.1, 3.0),
         }
         return Numbers(lambda raw: (raw - offset) * scale, values, lines(values))
 
     def gyro(triad: Triad, asked: Asked) -> Numbers:
         offset = single(triad.offset)
-        values = _of_px4(f"CAL_GYRO{_px4_number(asked)}_", "OFF", offset, -np.inf, np.inf)
+        values = _px4_values(f"CAL_GYRO{_px4_number(asked)}_", "OFF", offset, -np.inf, np.inf)
         return Numbers(lambda raw: raw - offset, values, lines(values))
 
     return InertialForm(
@@ -117,27 +117,27 @@ def _px4(lines: Callable[[dict[str, float]], list[str]]) -> InertialForm:
 
 
 def _px4_number(asked: Asked) -> int:
-    """Which IMU; `UsageError` for one that there is not."""
+    """Number of the IMU; `UsageError` unless it is 0 to 3."""
     number = 0 if asked.imu is None else asked.imu
     if number not in range(4):
         raise UsageError(f"IMU {number}: PX4's parameters are those of IMU 0 to 3")
     return number
 
 
-def _of_px4(prefix: str, group: str, values: Floats, low: float, high: float) -> dict[str, float]:
-    """Values by their names: the axis stands between prefix and group."""
+def _px4_values(prefix: str, group: str, values: Floats, low: float, high: float) -> dict[str, float]:
+    """Values by name: prefix, axis, group."""
     return _named("", values, low, high, "PX4", lambda axis: f"{prefix}{axis}{group}")
 
 
 def _named(
     prefix: str, values: Floats, low: float, high: float, who: str, name: Callable[[str], str] | None = None
 ) -> dict[str, float]:
-    """Values by their names; `NotExportable` for one that is out of its range."""
+    """Values by name; `NotExportable` for one out of its range."""
     called = {axis: name(axis) if name else f"{prefix}{axis}" for axis in AXES}
     for axis, value in zip(AXES, values, strict=True):
         if not low <= value <= high:
             raise NotExportable(
-                f"{called[axis]} would be {figures(float(value), 4)}, and {who} takes {low:g} to {high:g}: check the "
+                f"{called[axis]} would be {figures(float(value), 4)}, and {who} accepts {low:g} to {high:g}: check the "
                 "unit of the recording, and the accelerometer",
                 beyond=(called[axis],),
                 wanted={called[axis]: float(value)},
@@ -151,12 +151,12 @@ def _inav(triad: Triad, _asked: Asked) -> Numbers:
     one_g = 2.0 ** round(np.log2(length))
     zeros, gains = [f"acczero_{axis}" for axis in "xyz"], [f"accgain_{axis}" for axis in "xyz"]
     zero = in_16_bits(triad.offset, zeros)
-    gain = in_16_bits(UNITY * one_g * np.diag(triad.matrix) / STANDARD_GRAVITY, gains, lowest=1)
+    gain = in_16_bits(UNIT_GAIN * one_g * np.diag(triad.matrix) / STANDARD_GRAVITY, gains, lowest=1)
     values = dict(zip((*zeros, *gains), (*zero, *gain), strict=True))
     body = [*(f"set {name} = {value}" for name, value in values.items()), "save"]
 
     def apply(raw: Floats) -> Floats:
-        return np.trunc((raw - floats(zero)) * floats(gain) / UNITY)
+        return np.trunc((raw - floats(zero)) * floats(gain) / UNIT_GAIN)
 
     return Numbers(apply, {**values, "counts_per_g": one_g}, body)
 
@@ -175,7 +175,7 @@ def _paparazzi(triad: Triad, _asked: Asked) -> Numbers:
     low, high = LIMITS_32
     neutral = whole(triad.offset, neutrals, lowest=low, highest=high, advice="check the recording")
     gains = {
-        f"ACCEL_{axis}_SENS": float(f"{FRACTION * gain:.9g}")
+        f"ACCEL_{axis}_SENS": float(f"{UNITS_PER_MS2 * gain:.9g}")
         for axis, gain in zip(AXES, np.diag(triad.matrix), strict=True)
     }
     values = {**dict(zip(neutrals, neutral, strict=True)), **gains}
@@ -186,7 +186,7 @@ def _paparazzi(triad: Triad, _asked: Asked) -> Numbers:
 def _defines(values: dict[str, float]) -> Iterator[str]:
     """Lines of the section IMU."""
     for name, value in values.items():
-        yield f'<define name="{name}" value="{value:.9g}"{"" if name.endswith("NEUTRAL") else SIXTEEN}/>'
+        yield f'<define name="{name}" value="{value:.9g}"{"" if name.endswith("NEUTRAL") else INTEGER_ATTRIBUTE}/>'
 
 
 ARDUPILOT: Final = InertialForm(
@@ -198,7 +198,7 @@ ARDUPILOT: Final = InertialForm(
     holds_rates="offset",
     notes=(
         (
-            "INS_ACC and INS_GYR act before AHRS_ORIENTATION; ArduPilot usually finds GYROFFS anew at each boot; "
+            "INS_ACC and INS_GYR act before AHRS_ORIENTATION; ArduPilot usually measures GYROFFS again at each boot; "
             f"{RESTART}"
         ),
     ),
@@ -231,6 +231,6 @@ PAPARAZZI: Final = InertialForm(
     source="sw/tools/calibration/calibrate.py",
     accelerometer=_paparazzi,
     unit="counts",
-    gives=1.0 / FRACTION,
+    gives=1.0 / UNITS_PER_MS2,
     holds="gains",
 )

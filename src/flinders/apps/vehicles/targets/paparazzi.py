@@ -1,7 +1,7 @@
 """Paparazzi's ``MAG_X_NEUTRAL`` and ``MAG_X_SENS``: ``m = (raw − neutral) sens``, in the axes of the sensor.
 
-Corrected readings are 2048 long, 1 in fixed point with eleven bits; with D the diagonal that comes nearest to the
-matrix and F the length of corrected readings in counts, sens = 2048 D / F.
+Corrected readings have length 2048, 1 in fixed point with eleven bits; with D the diagonal nearest to the matrix and F
+the length of corrected readings in counts, sens = 2048 D / F.
 
 >>> from flinders.core.calibration import Calibration
 >>> written = write(Calibration(np.diag([1.25, 1.0, 0.8]), [120.4, -31.6, 7.0], 400.0), ExportOptions())
@@ -34,7 +34,7 @@ from flinders.targets._target import ExportOptions, Target, TargetReader, Writte
 if TYPE_CHECKING:
     from flinders.core.calibration import Calibration
 
-UNITY: Final = 2**11
+UNIT_LENGTH: Final = 2**11
 NEUTRALS: Final = ("MAG_X_NEUTRAL", "MAG_Y_NEUTRAL", "MAG_Z_NEUTRAL")
 SENSITIVITIES: Final = ("MAG_X_SENS", "MAG_Y_SENS", "MAG_Z_SENS")
 NAMES: Final = (*NEUTRALS, *SENSITIVITIES)
@@ -47,19 +47,21 @@ ATTRIBUTE: Final = re.compile(r"""\b(name|value)\s*=\s*("[^"]*"|'[^']*')""")
 def write(calibration: Calibration, _asked: ExportOptions) -> Written:
     """Write the defines for the section IMU; a recording that was not in raw counts raises `UnitError`.
 
-    Raises `NotExportable` where what is left out costs more than 0.5° of heading, the offset is no number of 32
-    bits, or an axis would change its sign.
+    Raises `NotExportable` if the settings lose more than 0.5° of heading, the offset exceeds 32 bits, or an axis would
+    change its sign.
     """
     offset, radii = offset_and_radii(calibration, who="Paparazzi")
     if not np.all(radii > 0):
         raise NotExportable(
-            "a sensitivity would not be above 0, and change the sign of its axis: map the axes when you calibrate",
+            "a sensitivity would be 0 or less, which changes the sign of its axis: map the axes when you calibrate",
             hint={"axes": None},
             beyond=SENSITIVITIES,
         )
     rounded = whole(offset, NEUTRALS, lowest=LOWEST, highest=HIGHEST, advice="check the unit of the recording")
     neutral = dict(zip(NEUTRALS, rounded, strict=True))
-    sensitivity = {name: float(f"{UNITY / radius:.9g}") for name, radius in zip(SENSITIVITIES, radii, strict=True)}
+    sensitivity = {
+        name: float(f"{UNIT_LENGTH / radius:.9g}") for name, radius in zip(SENSITIVITIES, radii, strict=True)
+    }
     gains = floats(list(sensitivity.values()))
     body = [
         *(f'<define name="{name}" value="{value}"/>' for name, value in neutral.items()),
@@ -69,25 +71,25 @@ def write(calibration: Calibration, _asked: ExportOptions) -> Written:
 
 
 def read(content: bytes, source: str, *, strength: float | None = None) -> Calibration:
-    """Read the defines back, with or without the prefix ``IMU_``; those in comments are left aside.
+    """Read the defines back, with or without the prefix ``IMU_``; those in comments are ignored.
 
     `strength`, counts: length of corrected readings; without it the geometric mean of the radii, 2048 / sens.
 
-    Raises `DocumentError` where one is missing, stands there with two values or is no such number, and where an
-    axis is turned over.
+    Raises `DocumentError` if a define is missing, has two values or is not a number of its kind, and if an axis is
+    inverted.
     """
     defines = _defines(decoded(content, source), source)
     turned = [name for name in SIGNS if defines.get(name, "1").strip() not in {"1", "+1"}]
     if turned:
         raise DocumentError(
-            f"{source}: {turned[0]} is {defines[turned[0]]}: whether the numbers stand before or after that change of "
-            "sign is not known here; take the axes of IMU_MAG_RAW, and define no sign but 1"
+            f"{source}: {turned[0]} is {defines[turned[0]]}: the order of the sign and the numbers is "
+            "unknown; use the axes of IMU_MAG_RAW, and define no sign but 1"
         )
     neutral = counts(defines, NEUTRALS, source, between=(LOWEST, HIGHEST))
     sensitivity = numbers(defines, SENSITIVITIES, source)
     if not np.all(sensitivity > 0):
-        raise DocumentError(f"{source}: {', '.join(SENSITIVITIES)} must be above 0: an axis is lost or turned over")
-    return of_radii(neutral, UNITY / sensitivity, strength)
+        raise DocumentError(f"{source}: {', '.join(SENSITIVITIES)} must be above 0: an axis is lost or inverted")
+    return of_radii(neutral, UNIT_LENGTH / sensitivity, strength)
 
 
 def _defines(text: str, source: str) -> dict[str, str]:

@@ -1,9 +1,9 @@
 """PX4's compass parameters: ``m = R S ((r + x COMP) − OFF)``.
 
-r is what the compass reads, in gauss and in its own axes; R turns what was corrected into the axes of the vehicle
-(forward, right, down): by CAL_MAGn_ROT, or for an internal compass (ROT −1) as the board sits; S is symmetric, with
-SCALE on its diagonal and ODIAG beside it; x is the throttle from 0 to 1 or the battery current in **kA**, as
-CAL_MAG_COMP_TYP says. Ours is corrected = A (raw − b), so
+r is the raw reading, in gauss and in the compass's own axes; R turns the corrected reading into the axes of the vehicle
+(forward, right, down): by CAL_MAGn_ROT, or for an internal compass (ROT −1) by the board's mounting; S is symmetric,
+with SCALE on its diagonal and ODIAG off it; x is the throttle from 0 to 1 or the battery current in **kA**, by
+CAL_MAG_COMP_TYP. A calibration here is corrected = A (raw − b), so
 
     S = A,   OFF = b
 
@@ -27,10 +27,10 @@ of CAL_MAGn_ROLL, PITCH and YAW in degrees; where one of these is not 0, ROT cou
 
 Sources: ``Magnetometer::Correct``, ``set_custom_rotation`` and ``ParametersUpdate`` of PX4's
 ``src/lib/sensor_calibration`` (BSD-3-Clause; the formula was taken from it and none of its code),
-``src/lib/conversion/rotation.h``, limits of ``src/modules/sensors/module.yaml``, which gives the unit of the offsets
-as "m": it is gauss. Up to version 1.11 the driver itself applied SCALE and OFF, and there was no ODIAG. The angles
+``src/lib/conversion/rotation.h``, limits of ``src/modules/sensors/module.yaml``, which gives the unit of the offsets as
+"m", though it is gauss. Up to version 1.11 the driver itself applied SCALE and OFF, and there was no ODIAG. The angles
 SENS_BOARD_X_OFF … Z_OFF turn after SENS_BOARD_ROT, which a log of 2016 shows to the bit of its sensor; the newest
-versions leave them to the estimator (since when was not seen).
+versions leave them to the estimator (first version unknown).
 """
 
 from __future__ import annotations
@@ -70,12 +70,12 @@ if TYPE_CHECKING:
 GAUSS: Final = PER_UNIT["G"]
 """µT in one gauss."""
 DRIVE_UNITS: Final = {"throttle": 1.0, "current": 1000.0}
-"""Throttle, and amperes in the kA in which PX4 has the current of the first battery."""
+"""Units of drive in one unit of PX4: throttle, and A in one kA, PX4's unit of battery current."""
 COMPASSES: Final = (0, 1, 2, 3)
-LEAST_SCALE, MOST_SCALE = 0.1, 3.0
+MIN_SCALE, MAX_SCALE = 0.1, 3.0
 """Range of CAL_MAGn_XSCALE."""
 INTERNAL: Final = -1
-"""CAL_MAGn_ROT of a compass on the board: it is turned as the board is."""
+"""CAL_MAGn_ROT of a compass on the board, which has the board's rotation."""
 
 MOUNTINGS: Final = ROTATIONS + mountings("""
     ROLL_270_YAW_180 ROLL_270_YAW_270 PITCH_90_YAW_180 PITCH_9_YAW_180 PITCH_45 ROLL_270_YAW_225
@@ -83,7 +83,7 @@ MOUNTINGS: Final = ROTATIONS + mountings("""
 """)
 """Name, roll, pitch and yaw in degrees of CAL_MAGn_ROT and SENS_BOARD_ROT 0 to 47; older versions end at 40."""
 CUSTOM: Final = 100
-"""CAL_MAGn_ROT of a compass that is turned by CAL_MAGn_ROLL, PITCH and YAW."""
+"""CAL_MAGn_ROT of a compass whose rotation is CAL_MAGn_ROLL, PITCH and YAW."""
 TABLE: Final = MountingTable("PX4", "CAL_MAGn_ROT", MOUNTINGS)
 RESTART: Final = "restart the vehicle afterwards"
 EXTERNAL_ONLY: Final = (
@@ -105,7 +105,7 @@ class Px4Parameters(CompassParameters):
 
     rotation: int = INTERNAL  #: CAL_MAGn_ROT, a row of `MOUNTINGS`, `CUSTOM` or `INTERNAL`
     custom: Floats = field(default_factory=lambda: np.zeros(3))  #: (3,), degrees: CAL_MAGn_ROLL, PITCH and YAW
-    board: Floats = field(default_factory=lambda: np.eye(3))  #: (3, 3): how the board sits, for an internal compass
+    board: Floats = field(default_factory=lambda: np.eye(3))  #: (3, 3): mounting of the board, for an internal compass
 
     who: ClassVar[str] = "PX4"
     unit: ClassVar[str] = "G"
@@ -113,9 +113,9 @@ class Px4Parameters(CompassParameters):
 
     @classmethod
     def of(cls, calibration: Calibration, *, compass: int = 0) -> Self:
-        """Turn a calibration into parameters; where it follows a current or a throttle, COMP is −P.
+        """Convert a calibration to parameters; if it depends on a current or a throttle, COMP is −P.
 
-        A rotation of the calibration is left out: it belongs into the mounting, see `remounting`.
+        A rotation of the calibration is left out: it belongs in the mounting, see `remounting`.
 
         Parameters
         ----------
@@ -129,9 +129,9 @@ class Px4Parameters(CompassParameters):
         UnitError
             For a calibration in counts.
         NotExportable
-            For values that PX4 does not take: `beyond` names them, ``evidence["wanted"]`` holds them.
+            For values out of PX4's range: `beyond` names them, ``evidence["wanted"]`` holds them.
         UsageError
-            For a compass that there is not.
+            For another number of a compass.
         """
         matrix = cls.symmetric(calibration, compass)
         plain, follows = followed(calibration)
@@ -146,7 +146,7 @@ class Px4Parameters(CompassParameters):
 
     @classmethod
     def read(cls, values: Mapping[str, float], compass: int = 0) -> Self:
-        """Take one compass out of a vehicle's parameters; what is not there is the default, another compass is refused.
+        """Read one compass from a vehicle's parameters; missing ones are the default. `UsageError` for another number.
 
         >>> Px4Parameters.read({"CAL_MAG1_YOFF": -0.25, "CAL_MAG1_ROT": 6, "CAL_MAG1_ID": 592905}, 1).offset
         array([ 0.  , -0.25,  0.  ])
@@ -170,7 +170,7 @@ class Px4Parameters(CompassParameters):
             diagonal=three("SCALE", 1.0),
             off_diagonal=three("ODIAG"),
             motor=three("COMP"),
-            motor_by=motor_kind(values, "CAL_MAG_COMP_TYP"),  # of ESC currents a calibration has no column
+            motor_by=motor_kind(values, "CAL_MAG_COMP_TYP"),  # a calibration has no column of ESC currents
             rotation=INTERNAL if rotation is None else rotation,
             custom=custom,
             board=board_mounting(values),
@@ -185,7 +185,7 @@ class Px4Parameters(CompassParameters):
 
     @property
     def mounting(self) -> Floats:
-        """(3, 3) R, from the axes of the sensor to those of the vehicle; a number that is not known turns nothing."""
+        """(3, 3) R, from the axes of the sensor to those of the vehicle; the identity for an unknown number."""
         if self.rotation == INTERNAL:
             return self.board
         if self.rotation == CUSTOM:
@@ -199,7 +199,7 @@ class Px4Parameters(CompassParameters):
 
     @property
     def own_mounting(self) -> Floats | None:
-        """(3, 3) R; None for a compass on the board, or a number that is not known."""
+        """(3, 3) R; None for a compass on the board, or an unknown number."""
         is_known = self.rotation == CUSTOM or 0 <= self.rotation < len(MOUNTINGS)
         return self.mounting if is_known else None
 
@@ -213,7 +213,7 @@ class Px4Parameters(CompassParameters):
         return readings
 
     def unapply(self, corrected: ArrayLike, drive: ArrayLike = 0.0) -> Floats:
-        """Tell what the compass read, r = S⁻¹ Rᵀ m + OFF − x COMP: undoes `apply`; `ArrayError` where it cannot.
+        """Return raw readings, r = S⁻¹ Rᵀ m + OFF − x COMP: undoes `apply`; `ArrayError` for a singular S.
 
         >>> set_up = Px4Parameters(offset=np.array([0.1, 0, -0.2]), off_diagonal=np.array([0.1, 0, 0]), rotation=6)
         >>> set_up.unapply(set_up.apply([0.1, 0.2, 0.3])).round(9)
@@ -225,7 +225,7 @@ class Px4Parameters(CompassParameters):
         return readings
 
     def motor_shift(self, name: str) -> Floats:
-        """(3,) µT, P = −COMP, for each A where x counts kA: COMP x is added to a reading."""
+        """(3,) P = −COMP in µT, per A for a current, since COMP x is added to a reading."""
         shift: Floats = -GAUSS * self.motor / DRIVE_UNITS[name]
         return shift
 
@@ -241,7 +241,7 @@ class Px4Parameters(CompassParameters):
         )
 
     def words(self) -> str:
-        """Write what is in force on one line, with its names.
+        """Write the parameters in force on one line, with their names.
 
         >>> Px4Parameters(offset=np.array([0.0282, -0.2002, -0.1369]), compass=1).words()
         'CAL_MAG1_OFF 0.0282, -0.2002, -0.1369 G'
@@ -256,10 +256,10 @@ class Px4Parameters(CompassParameters):
         return ", ".join(parts)
 
     def refuse_beyond(self) -> None:
-        """Raise `NotExportable` for values out of the ranges that PX4's parameters have."""
+        """Raise `NotExportable` for values out of the ranges of PX4's parameters."""
         largest = float(np.finfo(np.float32).max)
         checked = {
-            "SCALE": (self.diagonal, (self.diagonal >= LEAST_SCALE) & (self.diagonal <= MOST_SCALE)),
+            "SCALE": (self.diagonal, (self.diagonal >= MIN_SCALE) & (self.diagonal <= MAX_SCALE)),
             "OFF": (self.offset, np.abs(self.offset) < largest),
             "ODIAG": (self.off_diagonal, np.abs(self.off_diagonal) < largest),
         }
@@ -270,13 +270,13 @@ class Px4Parameters(CompassParameters):
                 for axis, value, fit in zip("XYZ", values, fits, strict=True)
                 if not fit
             },
-            f": PX4 takes a SCALE of {LEAST_SCALE:g} to {MOST_SCALE:g}, and float32 numbers. Check the unit of the "
+            f": PX4 accepts a SCALE of {MIN_SCALE:g} to {MAX_SCALE:g}, and float32 numbers. Check the unit of the "
             "recording and the field strength, and that the axes are those of the sensor",
         )
 
 
 def mounting(rotation: int) -> Floats:
-    """(3, 3) R of a CAL_MAGn_ROT or SENS_BOARD_ROT, vehicle = R sensor; −1 turns nothing, others raise `UsageError`.
+    """(3, 3) R of a CAL_MAGn_ROT or SENS_BOARD_ROT, vehicle = R sensor; identity for −1, else `UsageError`.
 
     >>> mounting(6) @ [1, 0, 0]                                             # YAW_270: its x points to the left
     array([ 0., -1.,  0.])
@@ -305,7 +305,7 @@ def mounting_rows(mounting: Mounting, compass: int) -> tuple[tuple[str, float], 
 
 
 def board_mounting(values: Mapping[str, float]) -> Floats:
-    """(3, 3) how the board sits: SENS_BOARD_ROT, then SENS_BOARD_X_OFF, Y_OFF and Z_OFF in degrees; vehicle = R board.
+    """(3, 3) mounting of the board, vehicle = R board: SENS_BOARD_ROT, then SENS_BOARD_X_OFF, Y_OFF and Z_OFF, degrees.
 
     >>> board_mounting({"SENS_BOARD_ROT": 4}) @ [1, 0, 0]                   # YAW_180
     array([-1.,  0.,  0.])
@@ -317,7 +317,7 @@ def board_mounting(values: Mapping[str, float]) -> Floats:
 
 
 def compasses(values: Iterable[str]) -> tuple[int, ...]:
-    """Tell of which compasses there are parameters, by their names.
+    """Numbers of the compasses that have parameters, by the names of these.
 
     >>> compasses(["CAL_MAG0_XOFF", "CAL_MAG2_ID", "CAL_MAG_SIDES"])
     (0, 2)
@@ -327,7 +327,7 @@ def compasses(values: Iterable[str]) -> tuple[int, ...]:
 
 
 def of_device(values: Mapping[str, float], device_id: int) -> Px4Parameters | None:
-    """The parameters that PX4 uses for the compass with this number, or None where there are none.
+    """Return the parameters that PX4 uses for the compass with this device id, or None.
 
     >>> of_device({"CAL_MAG2_ID": 396809, "CAL_MAG2_XOFF": 0.5}, 396809).offset
     array([0.5, 0. , 0. ])
@@ -342,8 +342,8 @@ def of_device(values: Mapping[str, float], device_id: int) -> Px4Parameters | No
 
 FLOAT, WHOLE = 9, 6
 """MAV_PARAM_TYPE_REAL32 and INT32, the last column of QGroundControl's file."""
-WHOLES: Final = ("COMP_TYP", "_ROT", "_CHECK")
-"""How names of whole numbers end."""
+WHOLE_SUFFIXES: Final = ("COMP_TYP", "_ROT", "_CHECK")
+"""Suffixes of parameters with whole numbers."""
 COMPENSATED: Final = (
     "COMP is in G per kA (CAL_MAG_COMP_TYP 2, current of the first battery) or at full throttle (1), added to a "
     "reading before OFF is removed; CAL_MAG_COMP_TYP is one for all compasses"
@@ -357,20 +357,20 @@ def write(calibration: Calibration, asked: ExportOptions) -> Written:
     """
 
     def line(name: str, value: str) -> str:
-        return f"1\t1\t{name}\t{value}\t{WHOLE if name.endswith(WHOLES) else FLOAT}"
+        return f"1\t1\t{name}\t{value}\t{WHOLE if name.endswith(WHOLE_SUFFIXES) else FLOAT}"
 
-    return _written(calibration, line, asked)
+    return _write_lines(calibration, line, asked)
 
 
 def write_shell(calibration: Calibration, asked: ExportOptions) -> Written:
     """Write lines for the shell of the vehicle; raises as `write`."""
-    return _written(calibration, lambda name, value: f"param set {name} {value}", asked)
+    return _write_lines(calibration, lambda name, value: f"param set {name} {value}", asked)
 
 
-def _written(calibration: Calibration, line: Callable[[str, str], str], asked: ExportOptions) -> Written:
-    """The parameters of one compass, the first unless another is asked for, each as a line."""
+def _write_lines(calibration: Calibration, line: Callable[[str, str], str], asked: ExportOptions) -> Written:
+    """Write the parameters of one compass, by default the first, each as a line."""
     compass = 0 if asked.compass is None else asked.compass
-    Affine.of(calibration, "G", who="PX4")  # refuses counts, and numbers beyond all bounds
+    Affine.of(calibration, "G", who="PX4")  # refuses counts, and numbers out of float32
     new = remounting(calibration, asked.mounting, TABLE, after=False)
     turn = np.eye(3) if new is None else new.turn
     parameters = Px4Parameters.of(calibration, compass=compass).as_float32()
@@ -383,7 +383,7 @@ def _written(calibration: Calibration, line: Callable[[str, str], str], asked: E
     values |= of_estimator
 
     def apply(raw: Floats, value: float = 0.0) -> Floats:
-        """The formula with a value in amperes or as a share, which COMP_TYP has in its own unit."""
+        """Apply the formula with a value in A or as a share, converted to the unit of COMP_TYP."""
         return parameters.apply(raw, value / size) @ turn.T
 
     its_mounting = "" if new else f", and CAL_MAG{compass}_ROT its mounting"
@@ -398,11 +398,11 @@ def _written(calibration: Calibration, line: Callable[[str, str], str], asked: E
     return Written(apply, body, values, notes, compensated=compensated, turn=None if new is None else turn)
 
 
-def _with_offsets(values: Mapping[str, float]) -> list[int]:
+def _compasses_with_offsets(values: Mapping[str, float]) -> list[int]:
     return [number for number in COMPASSES if f"CAL_MAG{number}_XOFF" in values]
 
 
-FILE: Final = ParameterFile(Px4Parameters, _with_offsets, "CAL_MAG0_XOFF")
+FILE: Final = ParameterFile(Px4Parameters, _compasses_with_offsets, "CAL_MAG0_XOFF")
 PX4: Final = Target(
     name="px4",
     use="PX4, file of QGroundControl",
@@ -418,7 +418,7 @@ PX4: Final = Target(
     compasses=range(4),
     mountings=TABLE,
     limits=tuple(
-        Limit(f"CAL_MAG0_{axis}SCALE", "matrix", (at,), LEAST_SCALE, MOST_SCALE)
+        Limit(f"CAL_MAG0_{axis}SCALE", "matrix", (at,), MIN_SCALE, MAX_SCALE)
         for axis, at in zip("XYZ", (0, 4, 8), strict=True)
     ),
     inertial=inertial.PX4,

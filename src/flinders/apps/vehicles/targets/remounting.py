@@ -1,7 +1,7 @@
 """The rotation of a calibration as a new mounting of the compass.
 
-A matrix W = Q P of a calibration both corrects (P, symmetric) and turns (Q). What holds no more than P gets Q as a
-mounting: with the compass mounted by A when it was recorded, from then on by
+A matrix W = Q P of a calibration both corrects (P, symmetric) and turns (Q). Firmware that stores only P receives Q as
+a mounting. If the mounting was A during the recording, the new mounting is
 
     Q A        where the numbers act after the mounting (ArduPilot, Betaflight)
     A Q        where they act before it (PX4, INAV)
@@ -36,7 +36,7 @@ ALIGNMENTS: Final = (
 )
 """Betaflight's and INAV's ``align_mag``, in their axes: forward, left and up."""
 DECIDEGREE: Final = 0.1
-"""Their step of an angle."""
+"""Step of an angle in Betaflight and INAV, degrees."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -48,7 +48,7 @@ class Remounting:
     in_force: Floats  #: (3, 3) the mounting that is replaced
 
     def words(self, setting: str) -> str:
-        """What is replaced by what."""
+        """Sentence on the old and the new mounting."""
         return (
             f"{setting} is written with the numbers: {self.mounting.name} in place of {in_words(self.in_force)}, with "
             f"the rotation of the calibration ({in_words(self.turn)}). Write both, or neither"
@@ -58,10 +58,10 @@ class Remounting:
 def remounting(
     calibration: Calibration, in_force: Floats | None, table: MountingTable, *, after: bool
 ) -> Remounting | None:
-    """The mounting with the rotation of a calibration in it; None where that matters little, or cannot be told.
+    """Return a mounting that includes the rotation of a calibration; None if negligible or undetermined.
 
-    `in_force`: (3, 3), how the compass was mounted when it was recorded, vehicle = A sensor; `after`: the numbers act
-    after the mounting.
+    `in_force`: (3, 3) mounting of the compass during the recording, vehicle = A sensor; `after`: the numbers act after
+    the mounting.
     """
     turn = turn_of(in_recorded_axes(calibration)[0])
     if in_force is None or turn is None or np.linalg.det(turn) < 0:
@@ -74,6 +74,6 @@ def remounting(
 
 
 def left_out(calibration: Calibration) -> list[str]:
-    """What to say of a rotation that is in no mounting."""
+    """Notes on a rotation that is not written as a mounting."""
     turn = turn_of(in_recorded_axes(calibration)[0])
-    return [] if turn is None else [f"left out: a rotation of {in_words(turn)}, which belongs into the mounting"]
+    return [] if turn is None else [f"left out: a rotation of {in_words(turn)}, which belongs in the mounting"]

@@ -13,12 +13,12 @@
 >>> read(find("ros-pipeline").render(calibration).text.encode(), "params.yaml").isclose(calibration)
 True
 
-What is known of the noise goes with it. ``orientation_stddev`` of imu_filter_madgwick is squared into the covariance
-of the orientation that it publishes, which robot_localization takes for white noise of a yaw, besides a process noise
-of 0.06 rad²/s and at 30 updates a second, as it is delivered: the value is the noise at which its yaw is stated as well
-as it is (`ROBOT_LOCALIZATION`). ``magnetometer.noise_rad`` of FusionCore is the noise of a heading in a filter with a
-gyro and its bias (`FUSIONCORE`). The driver's ``magnetic_field_stddev`` (REP 145) becomes the covariance of the field
-in T², and stands in a comment, since it is set where the field is published.
+Noise parameters are written if the noise is known. imu_filter_madgwick squares ``orientation_stddev`` into the
+covariance of the orientation that it publishes. robot_localization treats that as white noise of a yaw, with a default
+process noise of 0.06 rad²/s and 30 updates a second: the value is the noise at which it states the true error of its
+yaw (`ROBOT_LOCALIZATION`). ``magnetometer.noise_rad`` of FusionCore is the noise of a heading in a filter with a gyro
+and its bias (`FUSIONCORE`). The driver's ``magnetic_field_stddev`` (REP 145) becomes the covariance of the field in T²;
+it is written as a comment, since the driver sets it.
 
 Sources: CCNY imu_tools, ``ImuFilterMadgwick.cfg`` (mag_bias, −10 to 10); ctu-vras magnetometer_pipeline,
 ``bias_remover.cpp``: the code reads initial_mag_scaling_matrix, its README says initial_scaling_matrix, and is wrong;
@@ -45,27 +45,27 @@ if TYPE_CHECKING:
     from flinders.targets._measurement_noise import MeasurementNoise
 
 ROBOT_LOCALIZATION: Final = YawFilter(rate_hz=30.0, drift=0.06, is_of_gyro=False)
-"""Its yaw, beside a process noise that is delivered with it."""
+"""Filter of its yaw with the default process noise."""
 FUSIONCORE: Final = YawFilter(rate_hz=50.0, drift=0.005**2 * 0.01, bias_drift=1e-5 * 100.0)
-"""Its yaw and the bias of its gyro, with a magnetometer at 50 Hz."""
+"""Filter of its yaw and its gyro bias, with a magnetometer at 50 Hz."""
 BODY_AXES: Final = (
     "the readings must be in the axes of the body, x forward, y left and z up, and magnetometer.declination_rad that "
     "of the place"
 )
-LARGEST_T: Final = 10.0
+MAX_BIAS_T: Final = 10.0
 BIAS: Final = ("mag_bias_x", "mag_bias_y", "mag_bias_z")
 INITIAL_BIAS: Final = tuple(f"initial_{name}" for name in BIAS)
 INITIAL_MATRIX: Final = "initial_mag_scaling_matrix"
 
 
 def write_madgwick(calibration: Calibration, asked: ExportOptions) -> Written:
-    """Write a file of parameters for ROS 2, for a node of any name: it subtracts a bias, and knows no soft iron.
+    """Write a file of parameters for ROS 2, for a node of any name: a bias, and no soft iron.
 
-    Raises `UnitError` for a calibration in counts; `NotExportable` for more than 10 T, and where the soft iron left
-    out costs more than 0.5° of heading.
+    Raises `UnitError` for a calibration in counts; `NotExportable` for more than 10 T, or if the omitted soft iron
+    loses more than 0.5° of heading.
     """
-    bias = _ten_digits(Affine.of(calibration, "T", who="imu_filter_madgwick").offset)
-    if not np.all(np.abs(bias) <= LARGEST_T):
+    bias = _round_to_ten_digits(Affine.of(calibration, "T", who="imu_filter_madgwick").offset)
+    if not np.all(np.abs(bias) <= MAX_BIAS_T):
         raise NotExportable("mag_bias would be beyond 10 T: check the unit of the recording", beyond=BIAS)
     values: dict[str, float] = dict(zip(BIAS, bias.tolist(), strict=True))
     notes: list[str] = []
@@ -87,7 +87,7 @@ def write_fusioncore(calibration: Calibration, asked: ExportOptions) -> Written:
     Axes must be those of the body: x forward, y left, z up.
     """
     exact = Affine.of(calibration, "T", who="FusionCore", acts=acting("mapped", calibration))
-    affine = Affine(_ten_digits(exact.matrix), _ten_digits(exact.offset), exact.strength)
+    affine = Affine(_round_to_ten_digits(exact.matrix), _round_to_ten_digits(exact.offset), exact.strength)
     values: dict[str, Any] = {"hard_iron": affine.offset, "soft_iron": affine.matrix.ravel()}
     notes = [BODY_AXES]
     if (noise := asked.noise) is not None:
@@ -108,23 +108,23 @@ def write_fusioncore(calibration: Calibration, asked: ExportOptions) -> Written:
 
 
 def unknown_noise(name: str) -> str:
-    """That a parameter is not written, since the calibration claims nothing."""
+    """Note on a parameter that is not written, since the calibration states no heading error."""
     return f"{name} is not written, and stays as it is: the calibration states no heading error"
 
 
 def field_words(noise: MeasurementNoise) -> str:
-    """The noise of a corrected reading for a driver after REP 145, whose fit is in µT."""
+    """Sentence on the noise of a corrected reading, for a driver after REP 145; the fit is in µT."""
     return (
         f"magnetic_field_stddev (REP 145) of corrected readings is {noise.axis * 1e-6:.3g} T, its square the "
         f"covariance of an axis in T²: {noise.reading * 1e-6:.3g} T of white noise, and {noise.calibration * 1e-6:.3g} "
-        "T that the calibration leaves in every reading of an attitude"
+        "T of calibration error, the same in every reading at one attitude"
     )
 
 
 def write_pipeline(calibration: Calibration, asked: ExportOptions) -> Written:
     """Write the parameters of bias_remover, for rosparam; a calibration in counts raises `UnitError`."""
     exact = Affine.of(calibration, "T", who="magnetometer_pipeline")
-    affine = Affine(_ten_digits(exact.matrix), _ten_digits(exact.offset), exact.strength)
+    affine = Affine(_round_to_ten_digits(exact.matrix), _round_to_ten_digits(exact.offset), exact.strength)
     named = [f"{name}: {_yaml(value)}" for name, value in zip(INITIAL_BIAS, affine.offset, strict=True)]
     rows = [f"  {', '.join(map(_yaml, row))}" for row in affine.matrix]
     values = {"initial_mag_bias": affine.offset, INITIAL_MATRIX: affine.matrix}
@@ -136,9 +136,9 @@ def write_pipeline(calibration: Calibration, asked: ExportOptions) -> Written:
 def read(content: bytes, source: str, *, strength: float | None = None) -> Calibration:
     """Read the parameters of magnetometer_pipeline back.
 
-    `strength`, µT: length of corrected readings, which they do not hold; 50 µT where it is not given.
+    `strength`, µT: length of corrected readings, which the parameters do not hold; by default 50 µT.
 
-    Raises `DocumentError` where numbers are missing.
+    Raises `DocumentError` if numbers are missing.
     """
     text = decoded(content, source)
     offset = numbers(keyed(text, source, ":"), INITIAL_BIAS, source)
@@ -153,7 +153,7 @@ def read(content: bytes, source: str, *, strength: float | None = None) -> Calib
     return Affine(matrix, offset, 50e-6).to_calibration("T", strength=strength)
 
 
-def _ten_digits(values: Floats) -> Floats:
+def _round_to_ten_digits(values: Floats) -> Floats:
     """Round to the digits that are written."""
     return np.array([float(f"{value:.9e}") for value in values.ravel()]).reshape(values.shape)
 

@@ -1,11 +1,11 @@
-"""How a magnetometer sits on a robot: a fixed joint of URDF, and a static transform of ROS 2.
+"""Mounting of a magnetometer on a robot: a fixed joint of URDF, and a static transform of ROS 2.
 
-Both give the frame of the sensor in that of its parent: a vector m of the sensor is R m there,
+Both give the frame of the sensor in its parent's frame: a vector m of the sensor is R m in the parent's,
 
     R = R_z(yaw) R_y(pitch) R_x(roll)        ``rpy`` of a joint, in radians about the parent's axes
     R of (qx, qy, qz, qw)                    ``static_transform_publisher``
 
-The parent is the frame of what the rotation was found with: accelerometer, gyro or attitude.
+The parent is the frame of the accelerometer, gyro or attitude used to estimate the rotation.
 
 >>> from flinders.core.calibration import Calibration
 >>> from flinders.targets import find
@@ -51,11 +51,11 @@ NAME: Final = "magnetometer"
 QUATERNION: Final = ("qx", "qy", "qz", "qw")
 NOTES: Final = (
     (
-        "the parent is the frame of the accelerometer, gyro or attitude that found the rotation: put its name for "
-        f"{PARENT}. Frames of a body have x forward, y left, z up (REP 103); one with z down needs a frame of its own, "
-        "such as base_link_frd"
+        "the parent is the frame of the accelerometer, gyro or attitude used to estimate the rotation: replace "
+        f"{PARENT} by its name. Frames of a body have x forward, y left, z up (REP 103); one with z down needs a frame "
+        "of its own, such as base_link_frd"
     ),
-    "the place is not known: fill in x, y and z in metres",
+    "the position of the sensor is unknown: fill in x, y and z in metres",
 )
 
 
@@ -76,9 +76,9 @@ def write_urdf(calibration: Calibration, asked: ExportOptions) -> Written:
 
 
 def read_urdf(content: bytes, source: str, *, strength: float | None = None) -> Calibration:
-    """Read the one joint of a piece of URDF whose name or child speaks of a magnetometer, or its only joint.
+    """Read the joint of a piece of URDF whose name or child names a magnetometer, or its only joint.
 
-    Raises `DocumentError` for another text, and where there are several.
+    Raises `DocumentError` for another text, or for several such joints.
     """
     text = re.sub(r"<\?xml.*?\?>", "", decoded(content, source), flags=re.DOTALL)
     if "<!DOCTYPE" in text or "<!ENTITY" in text:
@@ -99,13 +99,13 @@ def read_urdf(content: bytes, source: str, *, strength: float | None = None) -> 
 
 
 def _names(joint: ElementTree.Element) -> str:
-    """Its name and that of its child, in small letters."""
+    """Names of a joint and its child, in lower case."""
     child = joint.find("child")
     return f"{joint.get('name', '')} {'' if child is None else child.get('link', '')}".casefold()
 
 
 def write_transform(calibration: Calibration, asked: ExportOptions) -> Written:
-    """Write the command that publishes it; raises `NotExportable` for a mirrored sensor."""
+    """Write the command that publishes the transform; raises `NotExportable` for a mirrored sensor."""
     placement = _placement(calibration, asked, "a transform of ROS")
     w, x, y, z = np.round(of_matrix(placement.rotation), 9).tolist()
     quaternion = np.array([x, y, z, w]) + 0.0
@@ -120,7 +120,7 @@ def write_transform(calibration: Calibration, asked: ExportOptions) -> Written:
 
 
 def read_transform(content: bytes, source: str, *, strength: float | None = None) -> Calibration:
-    """Read the command, by a quaternion or by roll, pitch and yaw in radians.
+    """Read the command, with a quaternion or with roll, pitch and yaw in radians.
 
     Raises `DocumentError` for another text.
     """
@@ -139,7 +139,7 @@ def read_transform(content: bytes, source: str, *, strength: float | None = None
 
 
 def rotation_of(quaternion: Floats) -> Floats:
-    """(3, 3) of x, y, z and w.
+    """(3, 3) rotation of a quaternion x, y, z, w.
 
     >>> rotation_of(np.array([0.0, 0.0, 1.0, 0.0])) @ [1.0, 2.0, 3.0]
     array([-1., -2.,  3.])
@@ -148,7 +148,7 @@ def rotation_of(quaternion: Floats) -> Floats:
 
 
 def _placement(calibration: Calibration, asked: ExportOptions, who: str) -> Placement:
-    """How the sensor sits; `NotExportable` where it is mirrored, or nothing says."""
+    """Return the mounting of the sensor; `NotExportable` if it is mirrored or unknown."""
     placement = Placement.of(calibration, asked, who=who)
     placement.refuse_mirror(who)
     return placement

@@ -1,4 +1,4 @@
-/* What the files of a board share. */
+/* Declarations shared by the files of the board's calibrator. */
 #ifndef FLINDERS_ANSWER_H
 #define FLINDERS_ANSWER_H
 

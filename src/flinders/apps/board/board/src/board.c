@@ -1,11 +1,10 @@
-/* A calibration that grows with each reading, in a few kilobytes: readings spread over the sphere, and the engine's fit of
- * them. */
+/* Calibrator with a few kilobytes of memory: stores readings spread over the sphere, and fits them with the engine. */
 #include "answer.h"
 
 enum { READINGS = FLINDERS_BOARD_READINGS, CELLS = 100, FEWEST = 12 };
 
-#define MOST_FREEDOM ((real)1.3) /* that correlated residuals take from a covariance */
-#define MOVED ((real)0.1)       /* of the extent: cells are counted anew about a centre that is as far off */
+#define MAX_FREEDOM ((real)1.3) /* most that correlated residuals may take from a covariance */
+#define RECOUNT_SHARE ((real)0.1)       /* share of the extent; a larger move of the centre makes cells be counted again */
 
 /* Begin. */
 void flinders_board_begin(flinders_board *board)
@@ -25,7 +24,7 @@ static uint32_t random_below(flinders_board *board, uint32_t bound)
     return (uint32_t)((uint64_t)board->random * bound >> 32);
 }
 
-/* The direction of a reading from the centre. */
+/* Direction of a reading from the centre. */
 static void direction_of(const flinders_board *board, const real reading[3], real direction[3])
 {
     real local[3];
@@ -35,7 +34,7 @@ static void direction_of(const flinders_board *board, const real reading[3], rea
     for (int axis = 0; axis < 3; axis++) direction[axis] /= length > FL_SHORT ? length : FL_SHORT;
 }
 
-/* The cell of the sphere that each of up to a block of readings lies in. */
+/* Cells of the sphere of up to a block of readings. */
 static void cells_of(const flinders_board *board, const real *readings, int n, uint8_t *out)
 {
     real direction[3], axes[3][FL_BLOCK];
@@ -48,7 +47,7 @@ static void cells_of(const flinders_board *board, const real *readings, int n, u
     for (int i = 0; i < n; i++) out[i] = (uint8_t)cells[i];
 }
 
-/* Count cells anew about another centre; of readings that are not stored each cell has its share. */
+/* Count the readings of cells again about another centre; readings that are not stored are shared out among cells. */
 static void count_cells(flinders_board *board)
 {
     const int count = board->count;
@@ -60,7 +59,7 @@ static void count_cells(flinders_board *board)
         board->seen[cell] = (uint32_t)((uint64_t)board->stored[cell] * board->readings / board->count);
 }
 
-/* Widen the extent by a reading; before there is a fit its middle is the centre that directions are seen from. */
+/* Widen the extent by a reading; before the first fit its middle is the centre of directions. */
 static void widen(flinders_board *board, const real reading[3])
 {
     int has_moved = board->readings == 1;
@@ -68,7 +67,7 @@ static void widen(flinders_board *board, const real reading[3])
         real *const low = board->lowest + axis, *const high = board->highest + axis;
         if (board->readings == 1 || reading[axis] < *low) *low = reading[axis];
         if (board->readings == 1 || reading[axis] > *high) *high = reading[axis];
-        has_moved |= fl_abs((*low + *high) / 2 - board->centre[axis]) > MOVED * (*high - *low);
+        has_moved |= fl_abs((*low + *high) / 2 - board->centre[axis]) > RECOUNT_SHARE * (*high - *low);
     }
     if (board->answer.status == FLINDERS_OK || !has_moved) return;
     for (int axis = 0; axis < 3; axis++) board->centre[axis] = (board->lowest[axis] + board->highest[axis]) / 2;
@@ -76,7 +75,7 @@ static void widen(flinders_board *board, const real reading[3])
     if (board->count) count_cells(board);
 }
 
-/* Leave a stored reading out; those behind it move up, and stay in order. */
+/* Remove a stored reading; later ones move up and keep their order. */
 static void leave_out(flinders_board *board, uint8_t cell, uint32_t which)
 {
     int row = 0;
@@ -87,8 +86,8 @@ static void leave_out(flinders_board *board, uint8_t cell, uint32_t which)
     for (int i = 3 * row; i < 3 * board->count; i++) board->field[i] = board->field[i + 3];
 }
 
-/* Make room for a reading of a cell: one of the fullest cell goes. In that cell itself each reading that came has the same
- * chance to stay (J. S. Vitter, Random sampling with a reservoir, ACM TOMS 11 (1985)). Nonzero where there is none. */
+/* Make room for a reading of a cell by removing one of the fullest cell. If that is the same cell, each of its readings has
+ * the same chance to stay (J. S. Vitter, Random sampling with a reservoir, ACM TOMS 11 (1985)). Nonzero without room. */
 static int make_room(flinders_board *board, uint8_t cell)
 {
     uint8_t fullest = cell;
@@ -155,7 +154,7 @@ static real upright_of(const flinders_board *board, const real centres[CELLS][3]
     return sum;
 }
 
-/* Readings that say as much as an independent one: from the autocovariance of the residuals, in their order. */
+/* Number of readings with the information of one independent reading, from the autocovariance of the residuals. */
 FL_APART static real correlation_time(flinders_board *board, const fl_view *view, const fl_surface *surface)
 {
     real autocovariance[FL_LAGS];
@@ -165,14 +164,14 @@ FL_APART static real correlation_time(flinders_board *board, const fl_view *view
     return fl_time_of(autocovariance, fl_autocovariance(&residuals, autocovariance));
 }
 
-/* Factor by which correlated residuals widen a covariance, those that the parameters take up with them. */
+/* Factor by which correlated residuals widen a covariance, with the share that the parameters absorb. */
 static real widening(real used, real time)
 {
     const real independent = used / time, fewer = independent / (independent - 9 > 1 ? independent - 9 : 1);
-    return time > 1 ? time * (fewer < MOST_FREEDOM ? fewer : MOST_FREEDOM) : 1;
+    return time > 1 ? time * (fewer < MAX_FREEDOM ? fewer : MAX_FREEDOM) : 1;
 }
 
-/* The level heading that advice is given for. */
+/* Level heading for which advice is given. */
 static flinders_goal goal_of(const flinders_board *board, real dip_deg)
 {
     flinders_goal goal;
@@ -181,7 +180,7 @@ static flinders_goal goal_of(const flinders_board *board, real dip_deg)
     return goal;
 }
 
-/* Where the next readings would tell most; a reading is worth as much as the covariance is wider than for independent ones. */
+/* Direction of the most useful next readings; their weight is reduced like that of correlated readings. */
 FL_APART static void advise(flinders_board *board, const flinders_record *record, real variance)
 {
     const flinders_goal goal = goal_of(board, record->dip_deg);
@@ -211,15 +210,15 @@ static void place(flinders_board *board, const flinders_record *record, const fl
     memcpy(board->inverse, surface->inverse, sizeof board->inverse);
 }
 
-/* Widen the covariance of a record for correlated residuals, and fill in what the engine does without its statistics; what
- * a board does not know is not known to the judge. */
+/* Widen the covariance of a record for correlated residuals, and fill in fields that the engine leaves without its
+ * statistics; quantities unknown on a board are marked as unknown. */
 FL_APART static void complete(flinders_board *board, const fl_view *view, const fl_surface *surface, const real centres[CELLS][3],
                     flinders_record *record)
 {
     const real time = correlation_time(board, view, surface), wider = widening((real)record->used, time);
     for (int i = 0; i < 81; i++) record->covariance[i] = wider * record->textbook[i];
     record->correlation_time = time, record->excess_variance = 1;
-    record->fitted_distinct = record->fitted; /* none that equals the one before it is stored */
+    record->fitted_distinct = record->fitted; /* repeated readings are not stored */
     record->at_rest = record->rails = -1;
     record->step = FL_NOT_A_NUMBER;
     record->coverage = flinders_board_seen(board);
@@ -228,7 +227,7 @@ FL_APART static void complete(flinders_board *board, const fl_view *view, const 
     record->dip_deg = board->dip_deg;
 }
 
-/* Judge a fit. */
+/* Compute the verdict of a fit. */
 FL_APART static void judge(flinders_board *board, flinders_record *record)
 {
     flinders_answer *const answer = &board->answer;
@@ -241,13 +240,13 @@ FL_APART static void judge(flinders_board *board, flinders_record *record)
     answer->heading_rms_deg = judgement.rms_deg, answer->heading_worst_deg = judgement.worst_deg;
     answer->verdict = judgement.verdict > FLINDERS_NOTE ? judgement.verdict : FLINDERS_NOTE;
     memcpy(answer->findings, judgement.severities, sizeof answer->findings);
-    for (int i = 0, k = 0; i < 9; i++) /* for a calibration that goes on: flinders_service_begin */
+    for (int i = 0, k = 0; i < 9; i++) /* for online calibration, see flinders_service_begin */
         for (int j = 0; j <= i; j++) board->work[k++] = judgement.covariance[9 * i + j];
     for (int i = 0; i < FLINDERS_RULES_OF_A_FIT; i++)
         answer->is_checked[i] = (uint8_t)flinders_is_checked(i, judgement.quantities);
 }
 
-/* Widen the covariance of a fit, and judge it; returns the variance of a further reading. */
+/* Widen the covariance of a fit, and compute its verdict; returns the variance of a further reading. */
 FL_APART static real describe(flinders_board *board, const fl_view *view, const fl_surface *surface, flinders_record *record)
 {
     real centres[CELLS][3];
@@ -259,7 +258,7 @@ FL_APART static real describe(flinders_board *board, const fl_view *view, const 
     return record->noise * record->noise * record->covariance[0] / record->textbook[0];
 }
 
-/* Make one reading of each rest. None is left out: readings that were a rest at the fit before are not told from a turn. */
+/* Replace each rest by its mean. No reading is left out, since means of earlier rests look like readings of a turn. */
 static void leave_rests(flinders_board *board)
 {
     const fl_fitted in_place = {board->field, NULL, NULL, NULL};
@@ -272,7 +271,7 @@ static void leave_rests(flinders_board *board)
     count_cells(board);
 }
 
-/* Fit and judge. */
+/* Fit the readings and compute the verdict. */
 int flinders_board_solve(flinders_board *board)
 {
     leave_rests(board);
@@ -294,7 +293,7 @@ int flinders_board_solve(flinders_board *board)
     return board->answer.status;
 }
 
-/* The simplest attitude that meets the field near the advised direction. */
+/* Simplest attitude with the field near the advised direction. */
 const char *flinders_board_turn(const flinders_board *board)
 {
     const flinders_goal goal = goal_of(board, board->dip_deg);

@@ -1,7 +1,7 @@
 /* flinders_board.h - calibrates a magnetometer on the board that reads it, with the engine of flinders.h.
  *
- * Add every reading, solve every second or so, and look at the answer: which share of the sphere was seen, what heading
- * error to expect, which findings there are, how to hold the sensor next, and the offset and matrix so far.
+ * Add every reading, solve about once a second, and use the answer: the covered share of the sphere, the expected heading
+ * error, the findings, the attitude for the next readings, and the offset and matrix so far.
  *
  *     static flinders_board board;
  *     flinders_board_begin(&board);
@@ -11,14 +11,13 @@
  *             print(board.answer.heading_worst_deg, flinders_board_turn(&board));
  *     }
  *
- * A reading is corrected by `flinders_board_apply`. Readings may come in any unit; with `is_microtesla` 0 their length is
- * not compared with that of the earth's field.
+ * `flinders_board_apply` corrects a reading. Readings may be in any unit; with `is_microtesla` 0 their length is not
+ * compared with the strength of the earth's field.
  *
- * The board stores at most FLINDERS_BOARD_READINGS readings, in the order in which they came, spread over directions:
- * a new one replaces one of the cell of the sphere that has most, and what is read while the direction stands still
- * becomes one reading, its mean. The fit is that of the library to these readings. Its
- * heading error allows for the correlation of their residuals and for few readings. The library's own judge judges it; what
- * it finds from the order or the number of all readings is not checked here: `answer.is_checked` says so.
+ * The board stores at most FLINDERS_BOARD_READINGS readings, in order of arrival, spread over directions: a new one
+ * replaces one of the fullest cell of the sphere, and readings at rest are replaced by their mean. The fit is that of the
+ * library. Its heading error allows for correlated residuals and for few readings. The verdict is that of the library,
+ * without rules that need the order or the number of all readings: see `answer.is_checked`.
  */
 #ifndef FLINDERS_BOARD_H
 #define FLINDERS_BOARD_H
@@ -29,33 +28,33 @@
 #define FLINDERS_BOARD_READINGS 300 /* 40 to 512; 24 bytes each in single precision */
 #endif
 
-extern const char *const flinders_poses[FLINDERS_SENSOR_POSES]; /* attitudes of the sensor, in words after "hold it" */
+extern const char *const flinders_poses[FLINDERS_SENSOR_POSES]; /* attitudes of the sensor in words, for use after "hold it" */
 
 typedef struct flinders_answer {
-    int32_t status;                     /* FLINDERS_OK, or why there is no fit: `flinders_message` has words */
-    int32_t verdict;                    /* the worst of `findings`; FLINDERS_REFUSES where there is no fit */
+    int32_t status;                     /* FLINDERS_OK, or the reason for no fit, see `flinders_message` */
+    int32_t verdict;                    /* the worst of `findings`; FLINDERS_REFUSES without a fit */
     uint8_t findings[FLINDERS_RULES_OF_A_FIT]; /* severity of each finding; `flinders_rule_of` has code and remedy */
-    uint8_t is_checked[FLINDERS_RULES_OF_A_FIT]; /* 1 where the board looks for it */
+    uint8_t is_checked[FLINDERS_RULES_OF_A_FIT]; /* 1 if the board checks the rule */
     flinders_real offset[3];            /* unit of the readings */
     flinders_real matrix[9];            /* row by row, determinant 1: corrected = matrix (reading - offset) */
     flinders_real field;                /* length of corrected readings, unit */
     flinders_real noise;                /* standard deviation of the distances from the ellipsoid, unit */
-    flinders_real heading_rms_deg;      /* error of a level heading, 1 sigma, over all headings; NaN where there is no fit */
+    flinders_real heading_rms_deg;      /* error of a level heading, 1 sigma, over all headings; NaN without a fit */
     flinders_real heading_worst_deg;    /* at the worst heading */
-    flinders_real turn[3];              /* where the field should point next, a unit vector in corrected axes */
-    flinders_real after_deg;            /* worst heading error after a few readings there */
+    flinders_real turn[3];              /* direction wanted for the field next, a unit vector in corrected axes */
+    flinders_real after_deg;            /* expected worst heading error after a few readings there */
 } flinders_answer;
 
 typedef struct flinders_board {
     flinders_real dip_deg;      /* inclination of the field, -89 to 89 (60) */
-    flinders_real target_deg;   /* heading error that is good enough (1) */
+    flinders_real target_deg;   /* target of the heading error (1) */
     int32_t is_microtesla;      /* the unit of readings is microtesla (1) */
-    flinders_answer answer;     /* of the last `flinders_board_solve`; offset, matrix and field of the last that found a fit */
+    flinders_answer answer;     /* of the last `flinders_board_solve`; offset, matrix and field of the last successful fit */
 
-    /* What follows is the library's. */
+    /* Internal state of the library. */
     uint32_t readings;          /* added, without repeats */
     uint32_t random;
-    flinders_real centre[3], inverse[6]; /* of the surface that cells are counted about */
+    flinders_real centre[3], inverse[6]; /* of the surface used to assign cells */
     flinders_real lowest[3], highest[3];
     uint16_t count;             /* readings stored */
     uint16_t stored[100];       /* readings stored of each cell */
@@ -70,11 +69,11 @@ typedef struct flinders_board {
 extern "C" {
 #endif
 
-/* Begin without readings, with the defaults in parentheses above. */
+/* Reset to no readings, with the defaults in parentheses above. */
 void flinders_board_begin(flinders_board *board);
 
-/* Add a reading; FLINDERS_NOT_FINITE for one that is none. One that equals the reading before it is not added, nor one of
- * three equal numbers, such as 0, 0, 0 or −1, −1, −1, which a bus gives whose sensor does not answer. */
+/* Add a reading; FLINDERS_NOT_FINITE for an invalid one. Skips a repeated reading, and one of three equal numbers such as
+ * 0, 0, 0 or −1, −1, −1, which a bus returns without an answer of the sensor. */
 int flinders_board_add(flinders_board *board, const flinders_real reading[3]);
 
 /* Share of a hundred equal cells of the sphere that hold a reading, 0 to 1. */
@@ -83,20 +82,20 @@ flinders_real flinders_board_seen(const flinders_board *board);
 /* Fit the stored readings, and fill `answer`; returns its status. */
 int flinders_board_solve(flinders_board *board);
 
-/* How to hold the sensor next, after "hold it", for a full turn about the vertical: "with its +x side down". */
+/* Next attitude of the sensor, for use after "hold it": "with its +x side down"; turn it once about the vertical. */
 const char *flinders_board_turn(const flinders_board *board);
 
 /* Correct a reading by an answer; both arrays may be the same. */
 void flinders_board_apply(const flinders_answer *answer, const flinders_real reading[3], flinders_real corrected[3]);
 
-/* MotionCal's packet of 68 bytes: what `flinders send --serial` sends, and a board may keep in EEPROM. */
+/* MotionCal's packet of 68 bytes, sent by `flinders send --serial`; a board may store it in EEPROM. */
 enum { FLINDERS_PACKET = 68 };
 
-/* Take a byte of a stream into the packet; 1 where that completes it and its checksum is right. */
+/* Add a byte of a stream to the packet; returns 1 if the packet is complete and its checksum is right. */
 int flinders_packet_add(unsigned char packet[FLINDERS_PACKET], unsigned char byte);
 
-/* Write and read offset, matrix and field of an answer; reading returns 1, and leaves the answer alone, for bytes that
- * are no packet. */
+/* Write and read offset, matrix and field of an answer. For bytes that are not a packet, reading returns 1 and does not
+ * change the answer. */
 void flinders_packet_write(const flinders_answer *answer, unsigned char packet[FLINDERS_PACKET]);
 int flinders_packet_read(const unsigned char packet[FLINDERS_PACKET], flinders_answer *answer);
 

@@ -18,7 +18,7 @@ static inline void writeRegister(uint8_t name, uint8_t value) {
   Wire.endTransmission();
 }
 
-// Ask for registers from one on; false where the sensor does not answer.
+// Request registers from a first one on; false without an answer.
 static inline bool request(uint8_t name, uint8_t count) {
   Wire.beginTransmission(FLINDERS_LIS3MDL_ADDRESS);
   Wire.write((uint8_t)(name | 0x80));        // the next ones follow

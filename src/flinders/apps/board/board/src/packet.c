@@ -40,7 +40,7 @@ static flinders_real number_at(const unsigned char *bytes)
     return (flinders_real)single;
 }
 
-/* Whether these bytes are a packet: signature, checksum, numbers. */
+/* Whether bytes are a packet, by signature, checksum and numbers. */
 static int is_packet(const unsigned char *packet)
 {
     const uint16_t crc = checksum(packet, CHECKED);
@@ -51,7 +51,7 @@ static int is_packet(const unsigned char *packet)
     return 1;
 }
 
-/* Take a byte: the last 68 are the packet, wherever it begins in the stream. */
+/* Add a byte; the last 68 bytes of the stream may be the packet. */
 int flinders_packet_add(unsigned char packet[FLINDERS_PACKET], unsigned char byte)
 {
     memmove(packet, packet + 1, FLINDERS_PACKET - 1);

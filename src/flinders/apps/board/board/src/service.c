@@ -1,19 +1,19 @@
-/* A calibration that goes on when it is good, on a board: its clock, what it answers, and what it stores. */
+/* Online calibration on a board: its clock, its answers, and its storage. */
 #include "answer.h"
 #include "flinders_service.h"
 #include "online.h"
 
 enum { VERSION = 1, PERIOD_S = 4096, PERIOD_MS = PERIOD_S * 1000, MOVED_AGAIN_S = 600, BETTER_AGAIN_S = 3600 };
 
-#define BETTER ((real)0.8) /* of what would be restored, from which on it is worth a write; as of what is adopted */
+#define MAX_ERROR_RATIO ((real)0.8) /* largest ratio of heading errors, in force to stored, that is worth a write or adoption */
 
-/* Seconds of the board's clock since the origin of times; negative where it went back. */
+/* Seconds of the board's clock since the origin; negative after a step back. */
 static real seconds_at(const flinders_service *service, uint32_t ms)
 {
     return (real)(int32_t)(ms - service->origin_ms) / 1000;
 }
 
-/* Count the time that was watched: sums of milliseconds lose digits. */
+/* Update the observed time, in few steps, since sums of milliseconds lose digits. */
 static void count_watched(flinders_service *service)
 {
     flinders_online *const online = &service->online;
@@ -21,7 +21,7 @@ static void count_watched(flinders_service *service)
     service->watched = online->watched, service->watched_at = online->now;
 }
 
-/* Count times from a later origin. */
+/* Move the origin of times. */
 static void shift(flinders_service *service, real seconds)
 {
     count_watched(service);
@@ -29,7 +29,7 @@ static void shift(flinders_service *service, real seconds)
     service->watched_at -= seconds, service->moved_at -= seconds, service->stored_at -= seconds;
 }
 
-/* The time of a reading, s. The origin follows, so that single precision tells milliseconds. */
+/* Time of a reading, s. The origin moves with it, so that single precision resolves milliseconds. */
 static real time_of(flinders_service *service, uint32_t ms)
 {
     const int32_t since = (int32_t)(ms - service->origin_ms), periods = since > 0 ? since / PERIOD_MS : 0;
@@ -38,7 +38,7 @@ static real time_of(flinders_service *service, uint32_t ms)
     return seconds_at(service, ms);
 }
 
-/* Begin without anything. */
+/* Reset. */
 void flinders_service_clear(flinders_service *service)
 {
     memset(service, 0, sizeof *service);
@@ -46,7 +46,7 @@ void flinders_service_clear(flinders_service *service)
     service->moved_at = service->moved_by = service->stored[0] = FL_NOT_A_NUMBER;
 }
 
-/* Go on with the calibration of a board. */
+/* Continue from the calibration of a board. */
 int flinders_service_begin(flinders_service *service, const flinders_board *board, uint32_t ms)
 {
     real parameters[9], covariance[81];
@@ -81,13 +81,13 @@ int32_t flinders_service_add(flinders_service *service, const real reading[3], u
     return events;
 }
 
-/* Time has passed by another clock. */
+/* Account for time by another clock. */
 void flinders_service_slept(flinders_service *service, real seconds)
 {
     if (seconds > 0) shift(service, seconds);
 }
 
-/* What is known at a time of the board's clock. */
+/* Fill an answer at a time of the board's clock. */
 void flinders_service_answer_at(const flinders_service *service, uint32_t ms, flinders_service_answer *answer)
 {
     const flinders_online *const online = &service->online;
@@ -117,7 +117,7 @@ void flinders_service_answer_at(const flinders_service *service, uint32_t ms, fl
     answer->good_s = left > 0 ? left : 0;
 }
 
-/* Worst heading error that would be claimed with what was stored last, were it restored now. */
+/* Worst heading error of the stored calibration, if restored now. */
 static real restored_deg(const flinders_service *service)
 {
     const flinders_online *const online = &service->online;
@@ -134,7 +134,7 @@ static real restored_deg(const flinders_service *service)
     return fl_sqrt(worst * worst + service->stored_deg * service->stored_deg);
 }
 
-/* Whether what is in force is worth a write. */
+/* Whether to store the calibration in force. */
 int flinders_service_wants_storing(flinders_service *service)
 {
     const flinders_online *const online = &service->online;
@@ -144,7 +144,7 @@ int flinders_service_wants_storing(flinders_service *service)
     if (isnan(service->stored[0])) return isfinite(claim.worst_deg);
     if (!(online->adopted_at > service->stored_at)) return 0;
     if (online->moves > service->stored_moves) return seconds >= MOVED_AGAIN_S && isfinite(claim.worst_deg);
-    return seconds >= BETTER_AGAIN_S && claim.worst_deg < BETTER * restored_deg(service);
+    return seconds >= BETTER_AGAIN_S && claim.worst_deg < MAX_ERROR_RATIO * restored_deg(service);
 }
 
 /* CRC-32 (IEEE 802.3). */
@@ -159,7 +159,7 @@ static uint32_t checksum_of(const flinders_stored *record)
     return ~crc;
 }
 
-/* Remember what is stored, and when. */
+/* Note the stored values and their time. */
 static void remember(flinders_service *service, real at, real worst_deg)
 {
     memcpy(service->stored, service->online.in_force, sizeof service->stored);
@@ -197,7 +197,7 @@ int flinders_service_store(flinders_service *service, uint32_t clock_s, flinders
     return (int)(record->sequence & 1);
 }
 
-/* Take the numbers of a record. */
+/* Read the numbers of a record. */
 static int take(flinders_service *service, const flinders_stored *record, real off)
 {
     flinders_online *const online = &service->online;
@@ -211,7 +211,7 @@ static int take(flinders_service *service, const flinders_stored *record, real o
     online->now = -off, online->moved_at = -off - (real)record->moved_s;
     online->target_deg = record->target_deg, online->dip_deg = record->dip_deg;
     online->place = record->place, online->scatter = record->scatter;
-    flinders_online_expect_walk(online, record->expected_walk, record->expected_walk_sigma); /* where it is known */
+    flinders_online_expect_walk(online, record->expected_walk, record->expected_walk_sigma); /* if known */
     for (int k = 0; k < FL_RATES; k++) online->rates[k] = record->rates[k];
     online->moves = record->moves, online->moves_square = record->moves_square, online->watched = record->watched;
     for (int i = 0; i < 3; i++) online->moved[i] = record->moved[i];
@@ -220,7 +220,7 @@ static int take(flinders_service *service, const flinders_stored *record, real o
     return 0;
 }
 
-/* Begin with a record, where it is whole and newer than the one before. */
+/* Begin from a record if it is complete and newer than the one before. */
 int flinders_service_restore(flinders_service *service, const flinders_stored *record, uint32_t clock_s, uint32_t ms)
 {
     if (record->version != VERSION || record->checksum != checksum_of(record)) return 0;

@@ -1,5 +1,5 @@
 /**
- * Which way to turn the sensor next, in words: one direction, or the path of somebody who turns it now. The engine finds
+ * Advice on the next turn of the sensor, in words: one direction, or a path while the user turns it. The engine computes
  * both.
  */
 
@@ -15,16 +15,16 @@ import { apply } from "./linear.js";
 /** @typedef {"heading" | "attitude"} Goal */
 /** @typedef {"sensor" | "vehicle"} Frame */
 
-/** Direction that a fit has to know better than so in every direction to be asked for a path, degrees. */
-const KNOWN_DEG = 10;
-/** Degrees a second that a hand turns a sensor by, for what its readings along the way are worth. */
-const SPEED_DEG = 90;
+/** Largest error in any direction of a fit for which a path is planned, degrees. */
+const MAX_PATH_ERROR_DEG = 10;
+/** Assumed turn rate of a hand, degrees a second, for the number of readings along a path. */
+const TURN_RATE_DEGPS = 90;
 
 /**
- * What is known, and where the next readings would tell most.
+ * Present error, and the direction of the most useful next readings.
  * @typedef {object} Advice
- * @property {number} worstDeg The error that matters: of a level heading, or of any direction.
- * @property {number} afterDeg That after a batch there.
+ * @property {number} worstDeg Error for the goal: of a level heading, or of any direction.
+ * @property {number} afterDeg The error after a batch of readings there.
  * @property {number[]} direction Of the field, in corrected axes.
  * @property {number} pose Number of the attitude to hold.
  * @property {string} words
@@ -70,9 +70,9 @@ function wantedOf({ dipDeg, targetDeg, headingError }, goal) {
 }
 
 /**
- * Which way to turn the sensor next: a level heading while that is not good enough, then all attitudes.
+ * The next turn: for the level heading until that reaches the target, then for all attitudes.
  * @param {Fit} fit
- * @returns {[string] | [string, number]} A name of `steps`, and the number of a pose where it takes one.
+ * @returns {[string] | [string, number]} A name of `steps`, and the number of a pose if the step has one.
  */
 export function nextMovement(fit) {
     if (fit.plane) return ["turn-level"];
@@ -81,7 +81,7 @@ export function nextMovement(fit) {
 }
 
 /**
- * Whether no direction would help more than the others.
+ * Whether all directions would help equally.
  * @param {Advice} advice
  * @param {EngineData} data
  * @returns {boolean}
@@ -91,7 +91,7 @@ export function isIdle({ worstDeg, afterDeg }, { numbers }) {
 }
 
 /**
- * Put the path from the newest reading into the view of a fit; not where it gains nothing.
+ * Add the path from the newest reading to the view of a fit, if it reduces the error.
  * @param {View} view
  * @param {Fit} fit
  * @param {Readings} readings
@@ -100,10 +100,10 @@ export function isIdle({ worstDeg, afterDeg }, { numbers }) {
  * @param {Frame} frame
  * @returns {View}
  */
-export function guided(view, fit, readings, isFlat, goal, frame) {
+export function withPath(view, fit, readings, isFlat, goal, frame) {
     if (fit.plane) return view;
     const { surface, claimed, data, engine } = fit;
-    const isRough = isFlat || engine.directionWorstDeg(surface, claimed, fit.headingError.dipDeg) > KNOWN_DEG;
+    const isRough = isFlat || engine.directionWorstDeg(surface, claimed, fit.headingError.dipDeg) > MAX_PATH_ERROR_DEG;
     const belief = isRough ? engine.rough(readings.field) : claimOf(fit);
     if (!belief) return view;
     const { inverse } = surfaceOf(belief.centre, belief.shape);
@@ -136,18 +136,18 @@ function round({ centre: [x, y, z], shape: [radius] }) {
 }
 
 /**
- * Readings for each degree that a hand turns the sensor by.
+ * Readings per degree of a hand's turn.
  * @param {Float64Array} time
  * @param {EngineData} data
  * @returns {number}
  */
 function readingsPerDeg(time, { numbers }) {
     const seconds = time[time.length - 1] - time[0];
-    return seconds > 0 ? (time.length - 1) / seconds / SPEED_DEG : numbers.READINGS_PER_DEG;
+    return seconds > 0 ? (time.length - 1) / seconds / TURN_RATE_DEGPS : numbers.READINGS_PER_DEG;
 }
 
 /**
- * How to turn the sensor so that the field's direction goes along a path, in at most two turns.
+ * Turns of the sensor that move the field's direction along a path, at most two, in words.
  * @param {number[][]} path
  * @param {EngineData} data
  * @param {Frame} frame
@@ -159,7 +159,7 @@ function turns(path, data, frame) {
 }
 
 /**
- * The turn about the axis that it is mostly about: the field stays, so that the body turns the other way.
+ * Words of a turn about its main axis; the body turns opposite to the field's direction.
  * @param {number[]} there
  * @param {number[]} here
  * @param {[right: string, left: string][]} words

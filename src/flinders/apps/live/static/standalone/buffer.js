@@ -1,28 +1,28 @@
 /**
- * Readings that grow, and the stretches of time that a person has taken out of them. Memory is bounded, and which readings
- * stay depends on their count only.
+ * Growing buffer of readings with bounded memory, and the spans of time that the user has excluded. The choice of readings
+ * in memory depends on their count only.
  */
 
 /** @typedef {[number, number]} Span */
 
 /**
- * Readings that came together.
+ * Readings of one batch.
  * @typedef {object} Rows
  * @property {ArrayLike<number>} time  N, in s; NaN where there is none.
  * @property {ArrayLike<number>} field  3 N
  * @property {ArrayLike<number> | null} [acceleration]  3 N
  *
- * Readings in memory elsewhere, from number `first` of these on: of `total` that have come, one of `stride`.
+ * Readings in another buffer's memory from number `first` on: of `total` received, one of `stride`.
  * @typedef {Rows & {first: number, stride: number, total: number, latest: ArrayLike<number>}} Passed
  */
 
-const FIRST_ROOM = 4096;
-/** Steps that can be undone, and stretches, at most. */
-const REMEMBERED = 200;
-const MOST_SPANS = 1000;
+const INITIAL_CAPACITY = 4096;
+/** Most steps that can be undone, and most excluded spans. */
+const MAX_UNDO_STEPS = 200;
+const MAX_SPANS = 1000;
 
 /**
- * The smallest power of two such that of `total` readings, counted from the first, no more than `most` are taken.
+ * Smallest power of two by which `total` readings are thinned to at most `most`.
  * @param {number} total
  * @param {number} most
  * @returns {number}
@@ -33,7 +33,7 @@ export function strideFor(total, most) {
     return stride;
 }
 
-/** Puts the times of a source onto the timeline of a session, which never goes back. */
+/** Converts times of a source to the timeline of a session, which never decreases. */
 export class Timeline {
     constructor() {
         this.last = NaN;
@@ -42,7 +42,7 @@ export class Timeline {
     }
 
     /**
-     * A clock that was set back goes on from where it was; a time that is not there is that of the reading before.
+     * After a clock was set back, the timeline continues from its last time; a missing time is that of the reading before.
      * @param {ArrayLike<number>} times
      * @returns {Float64Array}
      */
@@ -65,11 +65,11 @@ export class ReadingBuffer {
         this.total = 0;
         this.stride = 1;
         this.count = 0;
-        this.times = new Float64Array(FIRST_ROOM);
-        this.fields = new Float64Array(3 * FIRST_ROOM);
+        this.times = new Float64Array(INITIAL_CAPACITY);
+        this.fields = new Float64Array(3 * INITIAL_CAPACITY);
         /** @type {Float64Array | null} */
         this.accelerations = null;
-        /** The newest reading, and its acceleration, also where it is not in memory. */
+        /** The newest reading with its acceleration, even if not in memory. */
         this.latest = new Float64Array(6).fill(NaN);
         /** Time of the newest; 0 before the first. */
         this.seconds = 0;
@@ -85,7 +85,7 @@ export class ReadingBuffer {
         return this.fields.subarray(0, 3 * this.count);
     }
 
-    /** Accelerations in memory, three numbers each, NaN where there is none; null where there never was one. */
+    /** Accelerations in memory, three numbers each, NaN if missing; null if all are missing. */
     get acceleration() {
         return this.accelerations && this.accelerations.subarray(0, 3 * this.count);
     }
@@ -108,7 +108,7 @@ export class ReadingBuffer {
     }
 
     /**
-     * Keep what another buffer has in memory; what is here already, or would leave a gap, changes nothing.
+     * Add readings of another buffer; known ones, and those after a gap, have no effect.
      * @param {Passed} passed
      */
     follow(passed) {
@@ -122,7 +122,7 @@ export class ReadingBuffer {
     }
 
     /**
-     * Every so many of some rows, from one on.
+     * Add every `step`-th of some rows, from `first` on.
      * @param {Rows} rows
      * @param {number} first
      * @param {number} step
@@ -159,13 +159,13 @@ export class ReadingBuffer {
     #reserve(count) {
         if (count <= this.times.length) return;
         const room = Math.max(count, Math.min(2 * this.times.length, this.most));
-        this.times = grown(this.times, room);
-        this.fields = grown(this.fields, 3 * room);
-        if (this.accelerations) this.accelerations = grown(this.accelerations, 3 * room);
+        this.times = enlarge(this.times, room);
+        this.fields = enlarge(this.fields, 3 * room);
+        if (this.accelerations) this.accelerations = enlarge(this.accelerations, 3 * room);
     }
 
     /**
-     * Which readings in memory lie within stretches, ends included.
+     * Ranges of the readings in memory within spans, ends included.
      * @param {readonly Span[]} spans
      * @returns {[number, number][]}  first, and the one after the last
      */
@@ -173,13 +173,13 @@ export class ReadingBuffer {
         return spans.map(([start, end]) => [firstFrom(this.time, start, false), firstFrom(this.time, end, true)]);
     }
 
-    /** @param {number} seconds @returns {number} How many readings in memory came up to a time. */
+    /** @param {number} seconds @returns {number} Number of readings in memory up to a time. */
     countUpTo(seconds) {
         return firstFrom(this.time, seconds, true);
     }
 
     /**
-     * Readings within stretches that lie apart; of a long session to within a stride.
+     * Number of readings within disjoint spans; of a thinned session to within a stride.
      * @param {readonly Span[]} spans
      * @returns {number}
      */
@@ -189,7 +189,7 @@ export class ReadingBuffer {
     }
 
     /**
-     * Places of the readings in memory that lie outside of stretches.
+     * Indices of the readings in memory outside of spans.
      * @param {readonly Span[]} spans  ascending, apart from each other
      * @returns {Uint32Array}
      */
@@ -210,14 +210,14 @@ export class ReadingBuffer {
  * @param {Float64Array} numbers
  * @param {number} length
  */
-function grown(numbers, length) {
+function enlarge(numbers, length) {
     const larger = new Float64Array(length);
     larger.set(numbers);
     return larger;
 }
 
 /**
- * The first place of ascending numbers that are not below a value, or above it.
+ * First index of ascending numbers that are not below a value or, with `above`, above it.
  * @param {Float64Array} numbers
  * @param {number} value
  * @param {boolean} above
@@ -234,11 +234,11 @@ function firstFrom(numbers, value, above) {
 }
 
 /**
- * Put stretches in order, and those that touch together.
+ * Sort spans, and merge those that touch.
  * @param {readonly Span[]} spans
  * @returns {Span[]}
  */
-export function merged(spans) {
+export function mergeSpans(spans) {
     /** @type {Span[]} */
     const united = [];
     for (const [start, end] of [...spans].sort(([a, b], [c, d]) => a - c || b - d)) {
@@ -260,7 +260,7 @@ function without(spans, hole) {
     return spans.flatMap(around).filter(([start, end]) => start < end);
 }
 
-/** Excluded stretches, ascending and disjoint, with the steps that led there. Each step is a new value. */
+/** Excluded spans, ascending and disjoint, with the history of steps. Each step is a new value. */
 export class Exclusions {
     /**
      * @param {Span[]} spans
@@ -273,40 +273,40 @@ export class Exclusions {
         this.future = future;
     }
 
-    /** Whether there are as many stretches as there may be. */
+    /** Whether the largest number of spans is reached. */
     get isFull() {
-        return this.spans.length >= MOST_SPANS;
+        return this.spans.length >= MAX_SPANS;
     }
 
     /** @param {Span} span */
-    excluding(span) {
-        return this.#then(merged([...this.spans, span]));
+    exclude(span) {
+        return this.#then(mergeSpans([...this.spans, span]));
     }
 
     /** @param {Span} span */
-    restoring(span) {
+    restore(span) {
         return this.#then(without(this.spans, span));
     }
 
-    /** As another page has them: one step, taken here too. @param {Span[]} spans */
-    becoming(spans) {
+    /** Adopt the spans of another page as one step. @param {Span[]} spans */
+    replaceSpans(spans) {
         const isSame = (/** @type {Exclusions} */ step) => JSON.stringify(step.spans) === JSON.stringify(spans);
-        return [this.undone(), this.redone()].find(isSame) ?? this.#then(spans);
+        return [this.undo(), this.redo()].find(isSame) ?? this.#then(spans);
     }
 
-    undone() {
+    undo() {
         const before = this.past.at(-1);
         return before ? new Exclusions(before, this.past.slice(0, -1), [...this.future, this.spans]) : this;
     }
 
-    redone() {
+    redo() {
         const after = this.future.at(-1);
         return after ? new Exclusions(after, [...this.past, this.spans], this.future.slice(0, -1)) : this;
     }
 
     /** @param {Span[]} spans @returns {Exclusions} */
     #then(spans) {
-        if (JSON.stringify(spans) === JSON.stringify(this.spans) || spans.length > MOST_SPANS) return this;
-        return new Exclusions(spans, [...this.past, this.spans].slice(-REMEMBERED));
+        if (JSON.stringify(spans) === JSON.stringify(this.spans) || spans.length > MAX_SPANS) return this;
+        return new Exclusions(spans, [...this.past, this.spans].slice(-MAX_UNDO_STEPS));
     }
 }

@@ -1,4 +1,4 @@
-/** The choice of where readings come from: the first view of the page, and a button of its bar. */
+/** The choice of the source of readings: the first view of the page, and a button of its bar. */
 
 import { byId, Refusal, setText } from "../dom.js";
 import { sentence } from "../views/words.js";
@@ -7,8 +7,8 @@ import { Board, Phone, serial, Simulated } from "./sources.js";
 /** @typedef {import("./link.js").OwnLink} OwnLink */
 /** @typedef {import("./link.js").PageData} PageData */
 
-const NO_SERIAL = "This browser cannot open ports: use Chrome or Edge on a computer, or drop here what the board printed.";
-const NO_PORT = "No port was chosen. A board that is not in the list is not plugged in, or lacks its driver.";
+const NO_SERIAL = "This browser cannot open ports: use Chrome or Edge on a computer, or drop a file with the board's output here.";
+const NO_PORT = "No port was chosen. If the board is missing in the list, plug it in, or install its driver.";
 const PASTED = "pasted text";
 
 export class Choice {
@@ -31,7 +31,7 @@ export class Choice {
         this.listenForText();
     }
 
-    /** Show the choice where there is nothing else to show. */
+    /** Show the choice if there is nothing else to show. */
     follow() {
         this.show(!this.link.isUsed);
     }
@@ -46,7 +46,7 @@ export class Choice {
     }
 
     /**
-     * Do what is asked for, or say why that cannot be.
+     * Run an action, and show its refusal.
      * @param {() => Promise<unknown>} act
      */
     async attempt(act) {
@@ -68,7 +68,7 @@ export class Choice {
         byId(id, HTMLElement).addEventListener("click", () => this.attempt(act));
     }
 
-    /** Let somebody choose a port, and read it. */
+    /** Let the user choose a port, and read it. */
     async board() {
         const ports = serial();
         if (!ports) throw new Refusal(NO_SERIAL);
@@ -78,7 +78,7 @@ export class Choice {
         await this.link.use(new Board(ports, port, Number(byId("baud", HTMLSelectElement).value), this.data));
     }
 
-    /** Take what is pasted anywhere but into another field, and what is typed into ours. */
+    /** Open text that is pasted anywhere except in other fields, or typed into the page's field. */
     listenForText() {
         const area = byId("paste", HTMLTextAreaElement);
         const open = (/** @type {string} */ text) => this.attempt(() => this.link.open(PASTED, new Blob([text])));
@@ -96,7 +96,7 @@ export class Choice {
     }
 }
 
-/** How fast the simulation is, as `?speed=` of the address says. */
+/** Speed of the simulation, from `?speed=` in the address. */
 function speed() {
     return Math.max(Number(new URLSearchParams(window.location.search).get("speed")), 0) || 1;
 }

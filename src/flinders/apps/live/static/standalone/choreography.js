@@ -1,14 +1,14 @@
 /**
- * The fixed sequence of turns for what is in the hand, and how far the present turn has come. No clock, no page.
+ * The fixed sequence of turns for a body, and the progress of the present turn. Uses no clock and no page.
  *
- * A turn is measured by how far the path of the readings has bent: on a full turn about any axis it closes, and has bent
- * by 360°, wherever its centre is and whatever iron does to it. So nothing need be known of the sensor. Bends add up as
- * vectors along the axis that they are about: rocking there and back adds up to nothing. Where the field lies along the
- * axis, its path is too small to follow; then that of the acceleration counts, where it is recorded, or the time.
+ * The progress of a turn is the bend of the path of the readings: a full turn about any axis gives a closed path with a
+ * bend of 360°, for any offset and soft iron, so the calibration need not be known. Bends add up as vectors along their
+ * axes: rocking there and back adds up to zero. If the field is nearly along the axis, its path is too small; then the
+ * acceleration's path counts, if recorded, or else the time.
  */
 
 import { product, rotated, rotation } from "../../../../static/views/turn.js";
-import { corrected, cross, dot, minus, unit } from "../../../../static/views/vectors.js";
+import { correctReading, cross, dot, minus, unit } from "../../../../static/views/vectors.js";
 import { farOf, seenOf } from "./gaps.js";
 
 /** @typedef {import("../../../../static/view.d.ts").View} View */
@@ -17,70 +17,70 @@ import { farOf, seenOf } from "./gaps.js";
 /** @typedef {"board" | "phone" | "drone" | "car" | "boat" | "instrument"} Body */
 
 /**
- * One slow turn, in axes of who holds it: to the right, away, up. Axes of a body: to its right, to its front or top, out of
- * its face or roof.
+ * One slow turn, in the user's axes: right, away, up. Axes of a body: to its right, to its front or top, out of its face
+ * or roof.
  * @typedef {object} Turning
- * @property {Rotation} hold  how to hold it: from axes of the body to those of who holds it
- * @property {boolean} isHeld  whether to hold it so first; else it is turned on as it is
+ * @property {Rotation} hold  attitude of the body: from axes of the body to the user's
+ * @property {boolean} isHeld  whether to take this attitude first; else the turn starts from the present one
  * @property {Vector} axis
  * @property {string} words
  * @property {number} share  of a whole turn
  *
- * A path of readings in beads: where they lie, and how far the path has bent, rad.
+ * A path of readings as beads, points at some distance from each other, and the bend of the path, rad.
  * @typedef {{beads: readonly Vector[], bend: Vector}} Path
  */
 
 /**
  * @typedef {object} Choreography
  * @property {Body} body
- * @property {number} step  counted from 0; the number of steps where all are done
+ * @property {number} step  counted from 0; the number of steps after the last
  * @property {Path} field
  * @property {Path} gravity
- * @property {Vector[]} axes  of the turns that were made, in axes of the sensor
- * @property {number} moving_s  that the present step has been turned for
- * @property {number} moved_at  when the newest bead fell
- * @property {number | null} strength  of the field in the unit of the readings, where it is known
+ * @property {Vector[]} axes  of the completed turns, in axes of the sensor
+ * @property {number} moving_s  duration of motion in the present step
+ * @property {number} moved_at  time of the newest bead
+ * @property {number | null} strength  of the field in the unit of the readings, if known
  * @property {{low: Vector, high: Vector} | null} reach  of the readings
- * @property {{before: Vector[], squares: number, count: number}} jitter  by which noise is known
+ * @property {{before: Vector[], squares: number, count: number}} jitter  for the estimate of the noise
  */
 
 /**
- * Readings that are new. Three numbers each of field and acceleration.
+ * New readings. Three numbers each of field and acceleration.
  * @typedef {{time: ArrayLike<number>, field: ArrayLike<number>, acceleration: ArrayLike<number> | null}} Readings
  */
 
 export const BODIES = /** @type {const} */ (["board", "phone", "drone", "car", "boat", "instrument"]);
 
-/** A whole turn that has come so far is done, radians: the hand of nobody stops at 360°. */
+/** Angle at which a whole turn counts as done, radians, as a hand does not stop exactly at 360°. */
 const WHOLE_TURN = 5.6;
-/** Axes of turns that are nearer to each other than this, radians, are one. */
-const ALIKE = 0.6;
-/** After so many seconds of turning a step is over, whatever the turn was; with a large thing later. */
+/** Axes of turns nearer to each other than this, radians, count as one. */
+const MAX_AXIS_DIFFERENCE = 0.6;
+/** Longest duration of a step, s, after which it counts as done; longer for a large body. */
 const [LONGEST_S, LARGE_S] = [12, 25];
-/** A loop that is less wide, in strengths of the field, is none of a turn; while that is not known, bends count by this share. */
+/** Least width of a turn's loop, in field strengths; while the strength is unknown, bends count by this share. */
 const [LOOP, UNSURE] = [0.85, 0.87];
-/** Beads lie apart by this share of the strength of the field, or by so many standard deviations of its noise up to a share. */
+/** Distance of beads: a share of the field strength, or a number of standard deviations of noise up to another share. */
 const [APART, CLEAR, WIDEST] = [0.08, 8, 0.3];
-/** A path that goes back on itself more sharply, radians, has not bent. */
-const BACK = 2;
-/** Gravity in beads, m/s². */
+/** Sharper bends, radians, count as a reversal and not as a bend. */
+const MIN_REVERSAL = 2;
+/** Distance of beads of gravity, m/s². */
 const GRAVITY_APART = 1.2;
-/** Beads that are farther apart in time, s, are of a rest between. */
+/** Longer times between beads, s, are a rest. */
 const REST_S = 1;
-/** What is nearer to what has been seen, radians, need not be seen; a direction is asked for every so many. */
+/** Directions nearer than this to covered ones, radians, are not needed; and the spacing of checked directions. */
 const [FAR, STEP] = [1, 0.25];
-/** With a larger error of a heading nobody knows where the readings lie. */
-const KNOWN_DEG = 20;
-/** Of any turn as much is needed, radians: at its beginning it is still that before, or not yet what it is to be. */
+/** With a larger heading error, the directions of readings count as unknown, degrees. */
+const MAX_KNOWN_ERROR_DEG = 20;
+/** Least bend to judge a turn, radians: earlier bends may belong to the turn before. */
 const HALF = 2.8;
-/** So many turns are needed in any case. */
-const ENOUGH = 2;
-/** A turn that has bent less, radians, leads nowhere yet. */
-const BEGUN = 1.2;
-/** Readings after which noise is known. */
-const LOOKED_AT = 12;
+/** Turns that are always needed. */
+const MIN_TURNS = 2;
+/** Least bend that determines the axis of a turn, radians. */
+const MIN_AXIS_BEND = 1.2;
+/** Readings for an estimate of the noise. */
+const NOISE_READINGS = 12;
 
-/** Share of a turn in the hand: two of these, and the arrow to the gap that is left, take fewer degrees than whole turns. */
+/** Share of a whole turn for a body in the hand: two of these and the arrow to the remaining gap need fewer degrees. */
 const HALF_TURN = 0.5;
 const QUARTER = Math.PI / 2;
 /** @type {[Vector, Vector, Vector]} */
@@ -92,7 +92,7 @@ const ON_ITS_SIDE = rotation({ axis: AWAY, angle: QUARTER });
 const NOSE_DOWN = rotation({ axis: ACROSS, angle: -QUARTER });
 
 /** @param {Rotation} hold @param {Vector} axis @param {string} words @param {number} [share] @returns {Turning} */
-const held = (hold, axis, words, share = 1) => ({ hold, axis, words, share, isHeld: true });
+const holdTurn = (hold, axis, words, share = 1) => ({ hold, axis, words, share, isHeld: true });
 
 /** @param {Rotation} hold @param {Vector} axis @param {string} words @param {number} [share] @returns {Turning} */
 const asItIs = (hold, axis, words, share = 1) => ({ hold, axis, words, share, isHeld: false });
@@ -101,34 +101,34 @@ const asItIs = (hold, axis, words, share = 1) => ({ hold, axis, words, share, is
 const IN_THE_HAND = [
     asItIs(FACING, AWAY, "Turn it half around, like a wheel.", HALF_TURN),
     asItIs(FACING, ACROSS, "Now tip it away from you, half over.", HALF_TURN),
-    held(EDGE, AWAY, "Now its edge towards you, and half around, like a wheel.", HALF_TURN),
+    holdTurn(EDGE, AWAY, "Now its edge towards you, and half around, like a wheel.", HALF_TURN),
 ];
 
-/** What to do with each body, turn by turn. @type {Readonly<Record<Body, readonly Turning[]>>} */
+/** Turns of each body. @type {Readonly<Record<Body, readonly Turning[]>>} */
 export const SEQUENCES = {
     board: IN_THE_HAND,
     phone: IN_THE_HAND,
     drone: [
-        held(LEVEL, UP, "Hold it level, one at each end, and walk it once around."),
-        held(ON_ITS_SIDE, UP, "Now on its side, and once around."),
-        held(NOSE_DOWN, UP, "Now nose down, and once around."),
+        holdTurn(LEVEL, UP, "Hold it level, one at each end, and walk it once around."),
+        holdTurn(ON_ITS_SIDE, UP, "Now on its side, and once around."),
+        holdTurn(NOSE_DOWN, UP, "Now nose down, and once around."),
     ],
     car: [
-        held(LEVEL, UP, "Drive one slow circle on level ground, away from other cars."),
-        held(LEVEL, UP, "Now one more slow circle, the other way around."),
+        holdTurn(LEVEL, UP, "Drive one slow circle on level ground, away from other cars."),
+        holdTurn(LEVEL, UP, "Now one more slow circle, the other way around."),
     ],
     boat: [
-        held(LEVEL, UP, "Steer one slow circle on calm water, of two minutes or more."),
-        held(LEVEL, UP, "Now one more slow circle, the other way around."),
+        holdTurn(LEVEL, UP, "Steer one slow circle on calm water, of two minutes or more."),
+        holdTurn(LEVEL, UP, "Now one more slow circle, the other way around."),
     ],
     instrument: [
         asItIs(LEVEL, AWAY, "Roll it half around, like a barrel.", HALF_TURN),
         asItIs(LEVEL, ACROSS, "Now tip it, front down first, half over.", HALF_TURN),
-        held(FACING, AWAY, "Now its face towards you, and half around, like a wheel.", HALF_TURN),
+        holdTurn(FACING, AWAY, "Now its face towards you, and half around, like a wheel.", HALF_TURN),
     ],
 };
 
-/** @param {Body} body @returns {boolean} Whether it stays level, and a level turn is all that is asked. */
+/** @param {Body} body @returns {boolean} Whether the body stays level, so that only a level turn is needed. */
 export function staysLevel(body) {
     return body === "car" || body === "boat";
 }
@@ -147,7 +147,7 @@ export function begin(body) {
 }
 
 /**
- * Go on by the readings that have come.
+ * Update the choreography with new readings.
  * @param {Choreography} before
  * @param {Readings} readings
  * @param {View | null} view  of the newest fit
@@ -158,52 +158,52 @@ export function advance(before, { time, field, acceleration }, view) {
     let now = before;
     for (let j = 0; j < time.length && !isOver(now); j += 1) {
         const gravity = acceleration && at(acceleration, j);
-        now = turned(read(now, time[j], at(field, j), gravity, strength));
+        now = advanceStep(read(now, time[j], at(field, j), gravity, strength));
     }
     return now;
 }
 
 /**
- * Leave out the steps whose readings are no longer needed.
+ * Skip steps whose readings are no longer needed.
  * @param {Choreography} before
  * @param {View | null} view
  * @param {readonly number[]} centres  of the tiles
  * @returns {Choreography}
  */
-export function judged(before, view, centres) {
+export function skipNeedless(before, view, centres) {
     let now = before;
     while (!isOver(now) && !isNeeded(now, view, centres)) now = next(now, [...now.axes, axisOf(now)]);
     return now;
 }
 
-/** @param {Choreography} choreography @returns {boolean} Whether all turns are made. */
+/** @param {Choreography} choreography @returns {boolean} Whether all turns are done. */
 export function isOver({ body, step }) {
     return step >= SEQUENCES[body].length;
 }
 
 /**
- * How far the present turn has come, 0 to 1.
+ * Progress of the present turn, 0 to 1.
  * @param {Choreography} choreography
  * @returns {number}
  */
 export function progress(choreography) {
     if (isOver(choreography)) return 1;
-    return Math.min(bent(choreography) / wholeOf(choreography), 1);
+    return Math.min(bendAngle(choreography) / wholeOf(choreography), 1);
 }
 
 /**
- * Angle of the present turn, rad: of one about an axis that no turn before was about, unless that is asked. Small loops, as
- * of a hand that only rocks it, are no turn; while nobody knows how large they are, more of them is asked.
+ * Angle of the present turn, rad, about a new axis unless the step repeats an axis. Small loops, as from rocking, do not
+ * count; while their size is unknown, bends count less.
  * @param {Choreography} now
  * @returns {number}
  */
-function bent(now) {
+function bendAngle(now) {
     const { field, gravity, strength } = now;
     return Math.max(length(newOf(field.bend, now)) * shareOf(field.beads, strength), length(newOf(gravity.bend, now)));
 }
 
 /**
- * The part of a bend that is about no axis of a turn before; all of it where the same turn is asked for again.
+ * Part of a bend about none of the earlier axes; the whole bend if the step repeats a turn.
  * @param {Vector} bend
  * @param {Choreography} now
  * @returns {Vector}
@@ -219,18 +219,18 @@ function axisOf(now) {
     return unit(length(gravity) > length(field) ? gravity : field);
 }
 
-/** Angle that a step asks for, rad. @param {Choreography} now */
+/** Angle of a step, rad. @param {Choreography} now */
 function wholeOf({ body, step }) {
     return WHOLE_TURN * SEQUENCES[body][step].share;
 }
 
-/** @param {readonly Vector[]} beads @param {number | null} strength @returns {number} How much the bends of a path count. */
+/** @param {readonly Vector[]} beads @param {number | null} strength @returns {number} Weight of the bends of a path. */
 function shareOf(beads, strength) {
     if (strength === null) return UNSURE;
     return Math.min(acrossOf(beads) / (LOOP * strength), 1) ** 2;
 }
 
-/** How wide a path is that runs around a circle: its diameter. @param {readonly Vector[]} beads */
+/** Diameter of a path around a circle. @param {readonly Vector[]} beads */
 function acrossOf(beads) {
     const sides = [0, 1, 2].map((i) => Math.max(...beads.map((bead) => bead[i])) - Math.min(...beads.map((bead) => bead[i])));
     return beads.length ? length(sides) / Math.SQRT2 : 0;
@@ -240,8 +240,8 @@ function acrossOf(beads) {
  * @param {Choreography} now
  * @returns {Choreography}  at the next step, if the turn is whole
  */
-function turned(now) {
-    if (bent(now) >= wholeOf(now)) return next(now, [...now.axes, axisOf(now)]);
+function advanceStep(now) {
+    if (bendAngle(now) >= wholeOf(now)) return next(now, [...now.axes, axisOf(now)]);
     const most = now.body === "drone" ? LARGE_S : LONGEST_S;
     return !staysLevel(now.body) && now.moving_s > most ? next(now, now.axes) : now;
 }
@@ -261,8 +261,8 @@ function next(now, axes) {
  */
 function read(before, time, field, gravity, strength) {
     if (!field.every(Number.isFinite)) return before;
-    const reach = reached(before.reach, field);
-    const jitter = shaken(before.jitter, field);
+    const reach = extendReach(before.reach, field);
+    const jitter = addJitter(before.jitter, field);
     const clear = Math.min(CLEAR * noiseOf(jitter), strength === null ? Infinity : WIDEST * strength);
     const apart = Math.max(APART * (strength ?? halfOf(reach)), clear);
     const path = along(before.field, field, apart);
@@ -274,7 +274,7 @@ function read(before, time, field, gravity, strength) {
 }
 
 /**
- * A path with one more reading; the same where that is too near to the last bead.
+ * A path with one more reading; unchanged if that is too near to the last bead.
  * @param {Path} path
  * @param {Vector} here
  * @param {number} apart
@@ -289,7 +289,7 @@ function along(path, here, apart) {
 }
 
 /**
- * How far a path bends at the second of three beads: the angle, along the axis.
+ * Bend of a path at the second of three beads: the angle, as a vector along the axis.
  * @param {readonly Vector[]} beads
  * @returns {Vector}
  */
@@ -298,12 +298,12 @@ function bendOf([one, two, three]) {
     const [before, after] = [minus(two, one), minus(three, two)];
     const normal = cross(before, after);
     const angle = Math.atan2(length(normal), dot(before, after));
-    return angle < BACK ? unit(normal).map((part) => angle * part) : [0, 0, 0];
+    return angle < MIN_REVERSAL ? unit(normal).map((part) => angle * part) : [0, 0, 0];
 }
 
 /**
- * Whether the present turn brings anything: its circle leads near a direction that has not been seen; or it is the third, and
- * not even the two before have told where readings lie. Once they have, the arrow leads straight to the gap that is left.
+ * Whether the present turn is useful: its circle passes near an uncovered direction, or it is the third and the directions
+ * of readings are still unknown. Once they are known, the arrow leads straight to the remaining gap.
  * @param {Choreography} choreography
  * @param {View | null} view
  * @param {readonly number[]} centres  of the tiles
@@ -311,12 +311,12 @@ function bendOf([one, two, three]) {
  */
 function isNeeded({ body, step, field, axes }, view, centres) {
     if (!isKnown(view) || staysLevel(body)) return true;
-    if (step >= ENOUGH && body !== "drone") return false;
-    if (length(field.bend) < HALF || axes.some((axis) => areAlike(axis, newestBend(field.beads)))) return true; // the turn before goes on
+    if (step >= MIN_TURNS && body !== "drone") return false;
+    if (length(field.bend) < HALF || axes.some((axis) => areAlike(axis, newestBend(field.beads)))) return true; // the earlier turn continues
     const { shown } = view;
-    const beads = field.beads.map((bead) => unit(corrected(bead, shown)));
+    const beads = field.beads.map((bead) => unit(correctReading(bead, shown)));
     const bend = newestBend(beads);
-    if (length(bend) < BEGUN) return true;
+    if (length(bend) < MIN_AXIS_BEND) return true;
     const seen = seenOf(view, centres);
     for (let angle = STEP; angle < 2 * Math.PI; angle += STEP) {
         const ahead = rotated(rotation({ axis: unit(bend), angle }), beads[beads.length - 1]);
@@ -326,22 +326,22 @@ function isNeeded({ body, step, field, axes }, view, centres) {
 }
 
 /**
- * Whether a fit tells where readings lie.
+ * Whether a fit determines the directions of readings.
  * @param {View | null} view
  * @returns {view is View & {shown: NonNullable<View["shown"]>}}
  */
 function isKnown(view) {
-    return view !== null && view.shown !== null && (view.any_attitude_deg?.worst ?? Infinity) < KNOWN_DEG;
+    return view !== null && view.shown !== null && (view.any_attitude_deg?.worst ?? Infinity) < MAX_KNOWN_ERROR_DEG;
 }
 
 /**
- * How the newest part of a path bends, as much of it as tells its axis.
+ * Bend of the newest part of a path, as long as needed to determine its axis.
  * @param {readonly Vector[]} beads
  * @returns {Vector}
  */
 function newestBend(beads) {
     let bend = /** @type {Vector} */ ([0, 0, 0]);
-    for (let i = beads.length - 3; i >= 0 && length(bend) < BEGUN; i -= 1) bend = sum(bend, bendOf(beads.slice(i, i + 3)));
+    for (let i = beads.length - 3; i >= 0 && length(bend) < MIN_AXIS_BEND; i -= 1) bend = sum(bend, bendOf(beads.slice(i, i + 3)));
     return bend;
 }
 
@@ -351,26 +351,26 @@ function sum(one, other) {
 }
 
 /**
- * Differences of second order, of which a steady turn has next to none.
+ * Update the noise estimate by second differences, which are nearly zero in a steady turn.
  * @param {Choreography["jitter"]} jitter
  * @param {Vector} field
  * @returns {Choreography["jitter"]}
  */
-function shaken({ before, squares, count }, field) {
+function addJitter({ before, squares, count }, field) {
     const [one, two] = before;
     if (!two) return { before: [field, ...before], squares, count };
     const off = field.reduce((sum, part, i) => sum + (part - 2 * one[i] + two[i]) ** 2, 0) / 18;
-    const isFar = count > LOOKED_AT && off > 25 * (squares / count); // an outlier, or readings that are missing
+    const isFar = count > NOISE_READINGS && off > 25 * (squares / count); // an outlier, or missing readings
     return { before: [field, one], squares: squares + (isFar ? 0 : off), count: count + (isFar ? 0 : 1) };
 }
 
-/** @param {Choreography["jitter"]} jitter @returns {number} Standard deviation of an axis; infinite while it is not known. */
+/** @param {Choreography["jitter"]} jitter @returns {number} Standard deviation of an axis; infinite while unknown. */
 function noiseOf({ squares, count }) {
-    return count < LOOKED_AT ? Infinity : Math.sqrt(squares / count);
+    return count < NOISE_READINGS ? Infinity : Math.sqrt(squares / count);
 }
 
 /** @param {Choreography["reach"]} reach @param {Vector} field */
-function reached(reach, field) {
+function extendReach(reach, field) {
     if (!reach) return { low: field, high: field };
     const { low, high } = reach;
     if (field.every((part, i) => part >= low[i] && part <= high[i])) return reach;
@@ -382,9 +382,9 @@ function halfOf({ low, high }) {
     return Math.max(...high.map((part, i) => part - low[i])) / 2;
 }
 
-/** @param {Vector} one @param {Vector} other @returns {boolean} Whether two axes are the same, or opposite. */
+/** @param {Vector} one @param {Vector} other @returns {boolean} Whether two axes are nearly parallel or opposite. */
 function areAlike(one, other) {
-    return Math.abs(dot(one, unit(other))) > Math.cos(ALIKE) && length(other) > 1;
+    return Math.abs(dot(one, unit(other))) > Math.cos(MAX_AXIS_DIFFERENCE) && length(other) > 1;
 }
 
 /** @param {Vector} v */

@@ -1,4 +1,4 @@
-/** Times of day in a column of a table, and in stamps before lines. The patterns are those of `readers/_clock.py`. */
+/** Times of day in table columns and in time stamps of lines. The patterns are those of `readers/_clock.py`. */
 
 import { whole } from "./patterns.js";
 
@@ -7,12 +7,12 @@ import { whole } from "./patterns.js";
 const DAY_S = 86400;
 
 /**
- * A column of times of day, also behind a date: `2026-11-22T04:42:07.25Z`.
+ * A column of times of day, with or without a date: `2026-11-22T04:42:07.25Z`.
  * @typedef {{cell: number, seconds: (row: readonly string[]) => number}} Clock
  */
 
 /**
- * The columns of text that are times.
+ * Text columns that hold times.
  * @param {Constants} rules
  * @param {readonly (readonly string[])[]} rows
  * @param {readonly number[]} places
@@ -32,7 +32,7 @@ export function clocksOf(rules, rows, places) {
 }
 
 /**
- * Seconds since midnight, by what the groups of a pattern hold.
+ * Seconds since midnight, from the groups of a pattern.
  * @param {Record<string, string | undefined>} parts
  */
 export function secondsOfDay({ hour, minute, second, fraction, half }) {
@@ -40,7 +40,7 @@ export function secondsOfDay({ hour, minute, second, fraction, half }) {
     return Number(`${3600 * hours + 60 * Number(minute) + Number(second)}.${(fraction ?? "").slice(1) || 0}`);
 }
 
-/** What makes times of day go on past midnight. */
+/** Return a function that continues times of day past midnight. */
 export function midnights() {
     let last = NaN;
     return (/** @type {number} */ seconds) => {

@@ -1,4 +1,4 @@
-/** Somebody says which columns of a table are the magnetometer's, where its names do not tell. */
+/** Dialog to choose the magnetometer's columns of a table whose names are ambiguous. */
 
 import { byId, element, setText } from "../dom.js";
 import { sentence } from "../views/words.js";
@@ -34,10 +34,10 @@ export class ColumnDialog {
     }
 
     /**
-     * Show the first rows, and let somebody choose.
+     * Show the first rows, and let the user choose.
      * @param {Asked} asked
-     * @param {string} words Why they are asked.
-     * @returns {Promise<Choice | null>} Null where they do not say.
+     * @param {string} words Reason of the question.
+     * @returns {Promise<Choice | null>} Null without a choice.
      */
     ask({ names, rows }, words) {
         setText(byId("columns-words", HTMLElement), `${sentence(words)} These are the first rows.`);
@@ -55,13 +55,13 @@ export class ColumnDialog {
         return { field: this.axes.map(({ value }) => Number(value)), unit: this.unit.value };
     }
 
-    /** Take the columns behind that of x for y and z. */
+    /** Select the columns after that of x for y and z. */
     follow() {
         const [x, ...others] = this.axes;
         others.forEach((select, i) => (select.selectedIndex = x.selectedIndex + i + 1 < x.length ? x.selectedIndex + i + 1 : 0));
     }
 
-    /** Mark the columns that are chosen, and see that they are three. */
+    /** Highlight the chosen columns, and check that they are three. */
     mark() {
         const chosen = this.axes.map(({ value }) => value);
         for (const row of this.table.rows) {

@@ -1,4 +1,4 @@
-/** Directions of corrected readings, and the tiles that are drawn of them. */
+/** Directions of corrected readings, and their tiles. */
 
 import { apply } from "./linear.js";
 
@@ -10,7 +10,7 @@ import { apply } from "./linear.js";
  * @param {Surface} surface
  * @returns {Float64Array}
  */
-export function corrected(field, { centre, inverse }) {
+export function correctedVectors(field, { centre, inverse }) {
     const out = new Float64Array(field.length);
     for (let i = 0; i < field.length; i += 3) {
         const [x, y, z] = apply(inverse, [field[i] - centre[0], field[i + 1] - centre[1], field[i + 2] - centre[2]]);
@@ -34,7 +34,7 @@ export function tileCounts(vectors, centres) {
 }
 
 /**
- * The tile that each direction is in: that with the nearest centre.
+ * Tile of each direction, the one with the nearest centre.
  * @param {Float64Array} vectors
  * @param {number[]} centres Three numbers a tile.
  * @returns {number[]}
@@ -50,11 +50,11 @@ export function tilesOf(vectors, centres) {
     return tiles;
 }
 
-/** Farther off in height than this is no centre of the tile that a direction is in. */
+/** Largest difference in height of a direction and the centre of its tile. */
 const TILE_HEIGHT = 0.15;
 
 /**
- * Place of the centre that is nearest to a direction.
+ * Index of the centre nearest to a direction.
  * @param {number} x
  * @param {number} y
  * @param {number} z

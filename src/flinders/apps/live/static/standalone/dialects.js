@@ -1,11 +1,12 @@
 /**
- * Lines that are no table, and how each becomes a row of one. The rows are those of `readers/dialects/`.
+ * Dialects: formats of lines other than tables, each converted to rows of a table. The rows are those of
+ * `readers/dialects/`.
  *
- * A dialect is recognised by the first lines, and takes one line at a time then.
+ * A dialect is recognised by the first lines, and then converts one line at a time.
  */
 
 import { midnights, secondsOfDay } from "./clocks.js";
-import { ahead, counted, largest, whole } from "./patterns.js";
+import { ahead, countKeys, largest, whole } from "./patterns.js";
 import { Unreadable } from "./tables.js";
 
 /** @typedef {import("./names.js").Names} Names */
@@ -14,18 +15,18 @@ import { Unreadable } from "./tables.js";
 /** @typedef {import("./printed.js").Prints} Prints */
 
 /**
- * How lines become rows.
+ * Conversion of lines to rows.
  * @typedef {object} Dialect
- * @property {string} words What the lines are, for people.
- * @property {string[]} names Of the columns; empty where the lines do not state them.
- * @property {(line: string) => string[] | null} row The cells of a reading, none for a part of one, null for another line.
- * @property {() => Dialect} fresh The same before its first line.
+ * @property {string} words Name of the format, for the user.
+ * @property {string[]} names Of the columns; empty if the lines do not state them.
+ * @property {(line: string) => string[] | null} row Cells of a reading, empty for a part of one, null for another line.
+ * @property {() => Dialect} fresh Return a copy in its initial state.
  */
 
 /** @typedef {(lines: string[]) => Dialect | null} Recognise */
 
 /**
- * A line with labels, cut.
+ * A line with labels, split into its parts.
  * @typedef {object} Printed
  * @property {string} kind Names of its numbers, one a line; lines of one kind have the same.
  * @property {string} label The words before and between its numbers.
@@ -38,7 +39,7 @@ import { Unreadable } from "./tables.js";
  * @property {boolean} isSetting
  */
 
-// Lines whose beginning says what is in them
+// Lines whose beginning states their content
 
 class Marked {
     /**
@@ -73,13 +74,13 @@ class Marked {
 }
 
 /**
- * Lines for MotionCal among others: `Raw:` in counts, `Uni:` in units.
+ * Dialect of MotionCal's and Adafruit's lines: `Raw:` in counts, `Uni:` in units.
  * @param {Prints} prints
  * @param {Constants} rules
  * @param {string[]} lines
  * @returns {Dialect | null}
  */
-export function marked(prints, rules, lines) {
+export function markedDialect(prints, rules, lines) {
     for (const form of [rules._RAW, rules._UNI]) {
         const counts = new Marked(prints, { ...form, counts: [] });
         const rows = lines.map((line) => counts.row(line)).filter((row) => row?.length);
@@ -122,14 +123,14 @@ class JsonLines {
     row(line) {
         const record = recordOf(line);
         if (record === null || Array.isArray(record) !== !this.names.length) return null;
-        if (Array.isArray(record)) return record.length ? record.map(written) : null;
+        if (Array.isArray(record)) return record.length ? record.map(cellText) : null;
         const leaves = flat(record);
-        return this.names.some((name) => leaves.has(name)) ? this.names.map((name) => written(leaves.get(name))) : null;
+        return this.names.some((name) => leaves.has(name)) ? this.names.map((name) => cellText(leaves.get(name))) : null;
     }
 }
 
 /**
- * Records with three numbers; of those with different keys, the most frequent that have a magnetometer's.
+ * Dialect of records with three numbers; of records with different keys, the most frequent with a magnetometer's.
  * @param {Prints} prints
  * @param {Constants} rules
  * @param {string[]} lines
@@ -145,7 +146,7 @@ export function jsonLines(prints, rules, lines) {
         const numbers = values.filter(isNumber);
         if (numbers.length >= rules.LEAST) keys.push(Array.isArray(record) ? "" : [...flat(record).keys()].join("\n"));
     }
-    const counts = counted(keys);
+    const counts = countKeys(keys);
     const split = (/** @type {string} */ key) => (key ? key.split("\n") : []);
     const best = largest([...counts.keys()], (key) => [Boolean(prints.names.magnetometer(split(key))), counts.get(key) ?? 0]);
     return best === undefined ? null : new JsonLines(prints, split(best));
@@ -157,16 +158,16 @@ export function jsonLines(prints, rules, lines) {
  */
 function recordOf(line) {
     if (!/^\s*[[{]/.test(line)) return null;
-    const record = parsed(line);
+    const record = parseJson(line);
     const isPlain = Array.isArray(record) && record.every((value) => value === null || typeof value !== "object");
     return isPlain || (record && !Array.isArray(record)) ? record : null;
 }
 
 /**
  * @param {string} text
- * @returns {any} null where it is broken.
+ * @returns {any} null for invalid JSON.
  */
-export function parsed(text) {
+export function parseJson(text) {
     try {
         return JSON.parse(text);
     } catch {
@@ -175,7 +176,7 @@ export function parsed(text) {
 }
 
 /**
- * What is inside objects and lists, with dots in its name: `mag.x`, `mag.y.0`.
+ * Values inside objects and lists, with dotted names: `mag.x`, `mag.y.0`.
  * @param {object} record
  * @param {string} before
  * @returns {Map<string, any>}
@@ -191,11 +192,11 @@ function flat(record, before = "") {
 }
 
 /** @param {any} value */
-function written(value) {
+function cellText(value) {
     return value === null || value === undefined ? "" : String(value);
 }
 
-// Lines behind a time stamp
+// Lines with a time stamp in front
 
 class Stamped {
     /**
@@ -232,7 +233,7 @@ class Stamped {
  * @param {boolean} isMarked
  * @returns {Dialect | null}
  */
-export function stamped(rules, lines, behind, table, isMarked) {
+export function stampedDialect(rules, lines, behind, table, isMarked) {
     const filled = lines.filter((line) => line.trim());
     const stamps = filled.map((line) => ahead(rules.wrapped.STAMP, line)).filter((stamp) => stamp !== null);
     if (!stamps.length || stamps.length < rules.wrapped.MOST * filled.length) return null;
@@ -243,11 +244,11 @@ export function stamped(rules, lines, behind, table, isMarked) {
     return inner && new Stamped(rules, inner);
 }
 
-// Lines in which labels say what the numbers are
+// Lines with labelled numbers
 
 class Heading {
     /**
-     * A label in a line of its own: of the numbers in the next line, or of the lines below with an axis each.
+     * A label in its own line, for the numbers in the next line, or for the lines below with one axis each.
      * @param {Prints} prints
      * @param {Constants} rules
      */
@@ -259,10 +260,10 @@ class Heading {
     }
 
     /**
-     * A line with the label that it belongs to in front; nothing for a line that is a label itself.
+     * A line with its label in front; empty for a line that is a label itself.
      * @param {string} line
      */
-    joined(line) {
+    joinHeading(line) {
         if (this.isHeading(line)) {
             this.label = line;
             this.isTaken = false;
@@ -288,12 +289,12 @@ class Labelled {
      * @param {object} form
      * @param {string} form.words
      * @param {string[]} form.names
-     * @param {Map<string, number>} form.kinds Those that are read, and where the numbers of each are in the row.
+     * @param {Map<string, number>} form.kinds Kinds that are read, and the position of their numbers in the row.
      * @param {string} form.closing The one that ends a reading.
      * @param {number[]} form.needed
      * @param {boolean} [form.hasHeadings]
-     * @param {Map<string, string>} [form.labels] Of each kind, where it has one and no other.
-     * @param {string[]} [form.signs] What is before and between the numbers, where that alone is known.
+     * @param {Map<string, string>} [form.labels] Label of each kind that has exactly one.
+     * @param {string[]} [form.signs] Text before and between the numbers, if only that is known.
      */
     constructor(prints, rules, form) {
         this.prints = prints;
@@ -312,7 +313,7 @@ class Labelled {
     /** @param {string} line */
     row(line) {
         const { kinds, closing, needed, hasHeadings, labels, signs } = this.form;
-        if (hasHeadings) line = this.heading.joined(line);
+        if (hasHeadings) line = this.heading.joinHeading(line);
         if (!line) return hasHeadings ? [] : null;
         const { numbers, gaps } = line.length <= this.rules.LONGEST ? this.prints.cut(line) : { numbers: [], gaps: [] };
         const kind = gaps.length > 1 ? this.prints.namesOf(gaps).join("\n") : "";
@@ -336,18 +337,18 @@ class Labelled {
  * @param {boolean} isMarked
  * @returns {Dialect | null}
  */
-export function labelled(prints, rules, lines, isMarked) {
+export function labelledDialect(prints, rules, lines, isMarked) {
     const { OFTEN, LEAST_SHARE, LONGEST, PLAIN } = rules;
     const filled = lines.filter((line) => line.trim() && !prints.isComment(line) && line.length <= LONGEST);
     const heading = new Heading(prints, rules);
-    const headed = filled.map((line) => heading.joined(line)).filter(Boolean).map((line) => printedOf(prints, rules, line));
+    const headed = filled.map((line) => heading.joinHeading(line)).filter(Boolean).map((line) => printedOf(prints, rules, line));
     const alone = filled.map((line) => printedOf(prints, rules, line));
-    const hasHeadings = areHeaded(prints, heading, alone, headed);
+    const hasHeadings = haveHeadings(prints, heading, alone, headed);
     const all = hasHeadings ? headed : alone;
-    const ofThree = counted(all.filter(({ numbers }) => numbers.length >= PLAIN.length).map(({ kind }) => kind));
+    const ofThree = countKeys(all.filter(({ numbers }) => numbers.length >= PLAIN.length).map(({ kind }) => kind));
     const enough = OFTEN * Math.max(0, ...ofThree.values());
     const read = all.filter(({ numbers, isSetting, isPlain }) => numbers.length && !isSetting && !(isPlain && !isMarked));
-    const counts = counted(read.map(({ kind }) => kind));
+    const counts = countKeys(read.map(({ kind }) => kind));
     const kinds = [...new Set(read.filter(({ isLabelled }) => isLabelled || !isMarked).map(({ kind }) => kind))];
     const often = (/** @type {number} */ least) => kinds.filter((kind) => (counts.get(kind) ?? 0) >= least);
     const able = often(enough).filter((kind) => mayBeReadings(prints, rules, [kind], read));
@@ -364,15 +365,15 @@ export function labelled(prints, rules, lines, isMarked) {
 }
 
 /**
- * Whether labels are in lines of their own above the numbers: often, and several or such as mean something.
+ * Whether labels stand in lines of their own above the numbers: often enough, and several or known ones.
  * @param {Prints} prints
  * @param {Heading} heading
  * @param {Printed[]} alone
  * @param {Printed[]} headed
  */
-function areHeaded(prints, heading, alone, headed) {
+function haveHeadings(prints, heading, alone, headed) {
     const headings = alone.filter(({ text }) => heading.isHeading(text)).map(({ text }) => text);
-    const counts = counted(alone.filter(({ names }) => names.some(Boolean)).map(({ kind }) => kind));
+    const counts = countKeys(alone.filter(({ names }) => names.some(Boolean)).map(({ kind }) => kind));
     if (2 * headings.length <= Math.max(0, ...counts.values())) return false;
     const kinds = new Set(alone.map(({ kind }) => kind));
     const isKnown = headed.some(({ kind, names }) => !kinds.has(kind) && names.some((name) => prints.names.meaning(name).kind));
@@ -380,7 +381,7 @@ function areHeaded(prints, heading, alone, headed) {
 }
 
 /**
- * The label of each kind that is read; another kind than the magnetometer's with those of several sensors is left out.
+ * Label of each kind that is read; leaves out kinds with labels of several sensors, except the magnetometer's.
  * @param {Constants} rules
  * @param {{kinds: Map<string, number>, closing: string, needed: number[]}} form
  * @param {Printed[]} read
@@ -390,7 +391,7 @@ function labelsOf(rules, { kinds, closing, needed }, read) {
     const labels = new Map();
     for (const [kind, start] of [...kinds]) {
         const lines = read.filter((line) => line.kind === kind);
-        const counts = counted(lines.map(({ label }) => label));
+        const counts = countKeys(lines.map(({ label }) => label));
         const often = [...counts.keys()].filter((label) => (counts.get(label) ?? 0) >= rules.SELDOM * lines.length);
         if (!often.length || often.length > rules.MAX_LABELS) continue;
         labels.set(kind, often[0]);
@@ -406,7 +407,7 @@ function labelsOf(rules, { kinds, closing, needed }, read) {
 }
 
 /**
- * Whether numbers may be a magnetometer's, unless their names say so: none is a clock or a counter, nor are all constant.
+ * Whether numbers may be a magnetometer's, by name, or as none is a clock or counter and not all are constant.
  * @param {Prints} prints
  * @param {Constants} rules
  * @param {string[]} kinds
@@ -426,7 +427,7 @@ function mayBeReadings({ names }, rules, kinds, read) {
 }
 
 /**
- * Whether a column rises in even steps, as a clock or a counter does.
+ * Whether a column rises in even steps, like a clock or a counter.
  * @param {Constants} rules
  * @param {number[]} values
  */
@@ -464,7 +465,7 @@ function printedOf(prints, rules, line) {
 }
 
 /**
- * The kind that names a magnetometer: the rawest, of those one that states its unit, then the most frequent.
+ * The kind of line that names a magnetometer: the rawest, then one with a unit, then the most frequent.
  * @param {Prints} prints
  * @param {Constants} rules
  * @param {string[]} kinds
@@ -485,7 +486,7 @@ function magnetometerKind({ names }, rules, kinds, counts) {
 }
 
 /**
- * The magnetometer's numbers first in the row, then those of lines with a time or an acceleration that come before.
+ * Dialect whose rows have the magnetometer's numbers first, then those of earlier lines with a time or an acceleration.
  * @param {Prints} prints
  * @param {Constants} rules
  * @param {string} closing
@@ -495,7 +496,7 @@ function magnetometerKind({ names }, rules, kinds, counts) {
 function lineByLine(prints, rules, closing, counts, read) {
     const own = closing.split("\n");
     const rows = read.filter(({ kind }) => kind === closing).map(({ numbers }) => numbers);
-    const names = timed(own, rows);
+    const names = namesWithTime(own, rows);
     const kinds = new Map([[closing, 0]]);
     for (const [kind, count] of counts) {
         const columns = kind.split("\n");
@@ -509,7 +510,7 @@ function lineByLine(prints, rules, closing, counts, read) {
 }
 
 /**
- * Lines that have an axis each; that of z ends the reading.
+ * Dialect of lines with one axis each; the line of z ends a reading.
  * @param {Prints} prints
  * @param {Constants} rules
  * @param {string[]} kinds
@@ -532,7 +533,7 @@ function axisByAxis(prints, rules, kinds, read) {
 }
 
 /**
- * Lines of three numbers, or of four of which the first is the time, whatever is between them.
+ * Dialect of lines of three numbers, or of four with the time first, with any text between them.
  * @param {Prints} prints
  * @param {Constants} rules
  * @param {Printed[]} read
@@ -543,10 +544,10 @@ function axisByAxis(prints, rules, kinds, read) {
 function byPlace(prints, rules, read, enough, all) {
     const keyOf = (/** @type {Printed} */ { kind, gaps }) => [kind, ...gaps.slice(0, -1)].join("\n\n");
     const silent = read.filter(({ names }) => saysNothing(prints, rules, names));
-    const alike = counted(silent.map(keyOf));
+    const alike = countKeys(silent.map(keyOf));
     const best = largest([...alike.keys()], (key) => [alike.get(key) ?? 0]);
     const count = best === undefined ? 0 : alike.get(best) ?? 0;
-    const beside = counted(all.filter(({ numbers }) => numbers.length < rules.PLAIN.length).map(({ gaps }) => gaps.join("\n")));
+    const beside = countKeys(all.filter(({ numbers }) => numbers.length < rules.PLAIN.length).map(({ gaps }) => gaps.join("\n")));
     const regular = [...beside.values()].filter((lines) => lines >= rules.OFTEN * count).reduce((sum, lines) => sum + lines, 0);
     const least = Math.max(enough, rules.OFTEN * (all.length - regular));
     if (!count || count < least || [...alike.values()].filter((other) => other > rules.OFTEN * count).length > 1) return null;
@@ -558,7 +559,7 @@ function byPlace(prints, rules, read, enough, all) {
     if (rows.length >= rules.MIN_ROWS && axes.filter(varies).length < 2) return null;
     const { names: kind, gaps } = lines[0];
     const isOfThree = kind.length === rules.PLAIN.length;
-    const names = timed(kind, rows);
+    const names = namesWithTime(kind, rows);
     if (!isOfThree && prints.names.meaning(names[0]).kind !== rules.TIME) return null;
     const unit = unitAlone(rules, kind);
     return new Labelled(prints, rules, {
@@ -572,7 +573,7 @@ function byPlace(prints, rules, read, enough, all) {
 }
 
 /**
- * Whether the numbers of a line, three or four, are of no other quantity.
+ * Whether no label of a line's three or four numbers names another quantity.
  * @param {Prints} prints
  * @param {Constants} rules
  * @param {string[]} kind
@@ -588,7 +589,7 @@ function saysNothing(prints, rules, kind) {
 }
 
 /**
- * The unit behind the last three numbers, where no label is before them: `1 2 3 mT`.
+ * The unit after the last three numbers without labels: `1 2 3 mT`.
  * @param {Constants} rules
  * @param {string[]} kind
  */
@@ -599,11 +600,11 @@ function unitAlone(rules, kind) {
 }
 
 /**
- * Names of numbers, of which a first without a label is the time where it ascends and does not just count.
+ * Names of numbers; a first one without a label is the time if it ascends and is not a counter.
  * @param {string[]} kind
  * @param {string[][]} rows
  */
-function timed(kind, rows) {
+function namesWithTime(kind, rows) {
     if (kind[0]) return [...kind];
     const first = rows.map((row) => Number(row[0]));
     const steps = new Set(first.slice(1).map((value, i) => value - first[i]));

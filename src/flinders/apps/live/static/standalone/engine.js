@@ -1,12 +1,12 @@
 /**
- * The C engine in the browser: readings in, the record of a fit out, the same numbers as those of the library.
+ * The C engine in the browser: readings in, the record of a fit out, with the same numbers as the library.
  *
- * The module imports nothing. What it works on lies in its memory behind `__heap_base`: options, a record, and for each
- * call readings, times and a workspace. Where fields of a struct lie is data, taken from flinders.h when the page is made.
+ * The module imports nothing. Its data is in its memory after `__heap_base`: options, a record, and for each call
+ * readings, times and a workspace. The layouts of structs are data, taken from flinders.h when the page is made.
  */
 
 /**
- * Where the fields of a struct lie: its bytes, and of each field the offset, the kind (u1, i4, i8, f8) and the count.
+ * Layout of a struct: its size in bytes, and offset, kind (u1, i4, i8, f8) and count of each field.
  * @typedef {{size: number, fields: Record<string, [number, "u1" | "i4" | "i8" | "f8", number]>}} Layout
  */
 
@@ -17,7 +17,7 @@
  */
 
 /**
- * A record of the engine by the names of `flinders_record`; arrays where a field has several numbers.
+ * A record of the engine by the names of `flinders_record`; arrays for fields with several numbers.
  * @typedef {Record<string, number> & Record<ArrayField, number[]>} Fitted
  * @typedef {"end_counts" | "swaps" | "first_swap" | "centre" | "shape" | "covariance" | "textbook" | "majority_centre" |
  *     "majority_shape" | "mean" | "principal_variances" | "lowest" | "highest" | "hole" | "drift_offset" |
@@ -28,16 +28,16 @@
  * Options of a fit that differ from their defaults.
  * @typedef {object} FitOptions
  * @property {number} [dipDeg] Inclination of the field, -89 to 89.
- * @property {number} [robust] Reject outliers: 0 never, 1 where residuals ask for it, 2 always.
- * @property {boolean} [hasStatistics] Look at the recording as a whole, too.
- * @property {number} [level] Look for a level turn: 0 not, 1, or 2 where an accelerometer shows one.
+ * @property {number} [robust] Reject outliers: 0 never, 1 if residuals indicate them, 2 always.
+ * @property {boolean} [hasStatistics] Compute statistics of the whole recording, too.
+ * @property {number} [level] Detect a level turn: 0 no, 1 yes, 2 an accelerometer shows one.
  */
 
 /**
- * What is known before the next reading, as `flinders_belief`.
+ * Estimate before the next reading, as `flinders_belief`.
  * @typedef {{centre: number[], shape: number[], covariance: ArrayLike<number>, variance: number, readings: number}} Belief
  *
- * What further readings are for, as `flinders_goal`.
+ * Goal of further readings, as `flinders_goal`.
  * @typedef {{is_attitude: number, dip_deg: number, down: number[], target_deg: number}} Wanted
  */
 
@@ -45,26 +45,26 @@
  * Axes that changed their sign or their place while a recording was made.
  * @typedef {object} AxisSwap
  * @property {string} axes
- * @property {number[]} rows Readings, counted from 0, from each of which on it is so, or is so no longer.
- * @property {number} gain How many times closer to an ellipsoid all readings lie once it is undone.
+ * @property {number[]} rows Readings, counted from 0, at which the swap begins or ends.
+ * @property {number} gain Factor by which undoing the swap reduces the residuals.
  */
 
 /** @typedef {[weakest: number, strongest: number]} Strengths Of the field, in the unit of the readings; 0 and infinity: unknown. */
 
 /**
- * What is asked of a judgement, as `flinders_request`.
+ * Inputs of a judgement, as `flinders_request`.
  * @typedef {{target_deg: number, field_strength: number, is_strength_known: number, is_microtesla: number,
  *     shrinks: number}} Asked
  *
- * What a fit is worth, as `flinders_judgement`.
+ * Judgement of a fit, as `flinders_judgement`.
  * @typedef {object} Judgement
  * @property {number} verdict
  * @property {number} conditions
  * @property {number} asks
  * @property {number[]} severities Of each finding.
- * @property {number[]} causes 1 + the finding that each follows from, of a cause itself; 0: of others.
- * @property {number[]} shown Of those that follow from no other.
- * @property {number[]} order These, the most important first.
+ * @property {number[]} causes 1 + the finding that each follows from, or itself for a cause; 0 for others.
+ * @property {number[]} shown Severities of findings that follow from no other.
+ * @property {number[]} order These findings, the most important first.
  * @property {number[]} quantities
  * @property {number} rms_deg
  * @property {number} worst_deg
@@ -75,22 +75,22 @@
 
 /** @typedef {{readings: number[], share: number, upright: number, hole_deg: number, hole: number[]}} Coverage */
 /**
- * What an earlier calibration tells of a sensor whose hard iron has changed.
+ * Prior from an earlier calibration for a sensor whose hard iron has changed.
  * @typedef {Surface & {covariance: number[] | null, distortion: number}} Earlier
  */
 
 /**
- * A calibration that is compared with another; a covariance of zeros is that of an exact one, and a strength of 0 not known.
+ * A calibration to compare; zero covariance means exact, and a strength of 0 means unknown.
  * @typedef {Surface & {covariance: ArrayLike<number>, strength: number}} Calibrated
  *
- * How far two calibrations are apart, as `flinders_difference`.
+ * Difference of two calibrations, as `flinders_difference`.
  * @typedef {{worst_deg: number, sigma_deg: number, bound_deg: number, p_value: number, freedom: number}} Difference
  */
 
-/** An ellipsoid, as readings make it. @typedef {{centre: number[], shape: number[]}} Surface */
+/** Ellipsoid of readings. @typedef {{centre: number[], shape: number[]}} Surface */
 
 const ALIGNED = 16;
-const FRAMES = { vehicle: 0, sensor: 1 }; // axes that attitudes are named in
+const FRAMES = { vehicle: 0, sensor: 1 }; // axes for the names of attitudes
 const PAGE = 65_536;
 const TURN = 72; // headings of a turn
 const WIDTHS = { u1: 1, i4: 4, i8: 8, f8: 8 };
@@ -117,7 +117,7 @@ const WRITE = {
  * @returns {Promise<Engine>}
  */
 export async function loadEngine(source, layouts) {
-    const bytes = source instanceof URL ? await fetched(source) : source;
+    const bytes = source instanceof URL ? await fetchBytes(source) : source;
     const { instance } = await WebAssembly.instantiate(bytes, {});
     return new Engine(instance, layouts);
 }
@@ -126,7 +126,7 @@ export async function loadEngine(source, layouts) {
  * @param {URL} address
  * @returns {Promise<ArrayBuffer>}
  */
-async function fetched(address) {
+async function fetchBytes(address) {
     const answer = await fetch(address);
     if (!answer.ok) throw new Error(`the engine cannot be loaded: ${address.pathname} gave ${answer.status}`);
     return answer.arrayBuffer();
@@ -148,9 +148,9 @@ export class Engine {
         if (exports.flinders_record_size() !== layouts.record.size || exports.flinders_judgement_size() !== layouts.judgement.size) {
             throw new Error("the engine is of another release than the page: load the page anew");
         }
-        this.free = aligned(exports.__heap_base.value);
+        this.free = alignAddress(exports.__heap_base.value);
         /** Address of each struct. */
-        this.at = Object.fromEntries(Object.entries(layouts).map(([name, { size }]) => [name, this.#reserved(size)]));
+        this.at = Object.fromEntries(Object.entries(layouts).map(([name, { size }]) => [name, this.#reserve(size)]));
     }
 
     /**
@@ -158,15 +158,15 @@ export class Engine {
      * @param {Float64Array} field Three numbers a reading.
      * @param {Float64Array | null} time Seconds, or null.
      * @param {FitOptions} [options]
-     * @returns {Fitted} With `status` 0, or why there is none: see `message`.
+     * @returns {Fitted} With `status` 0, or the reason for no fit, see `message`.
      */
     fit(field, time, options = {}) {
         const rows = field.length / 3;
         const size = this.call.flinders_workspace_size(rows);
-        const [fieldAt, timeAt, workspace] = this.#lent(field, time ?? 0, size);
+        const [fieldAt, timeAt, workspace] = this.#lend(field, time ?? 0, size);
         this.#choose(options);
         this.call.flinders_fit(fieldAt, time ? timeAt : 0, rows, this.at.options, workspace, size, this.at.record);
-        return this.#decoded("record");
+        return this.#decode("record");
     }
 
     /**
@@ -180,17 +180,17 @@ export class Engine {
     refresh(field, time, { centre, shape, covariance, distortion }, options = {}) {
         const rows = field.length / 3;
         const size = this.call.flinders_workspace_size(rows);
-        const [centreAt, shapeAt, covarianceAt] = this.#lent(centre, shape, covariance ?? 0);
+        const [centreAt, shapeAt, covarianceAt] = this.#lend(centre, shape, covariance ?? 0);
         this.call.flinders_earlier_of(centreAt, shapeAt, covariance ? covarianceAt : 0, distortion, 1, 0, this.at.earlier);
-        const [fieldAt, timeAt, workspace] = this.#lent(field, time ?? 0, size);
+        const [fieldAt, timeAt, workspace] = this.#lend(field, time ?? 0, size);
         this.#choose(options);
         const given = [fieldAt, time ? timeAt : 0, rows, this.at.options, this.at.earlier];
         this.call.flinders_refresh(...given, workspace, size, this.at.record);
-        return this.#decoded("record");
+        return this.#decode("record");
     }
 
     /**
-     * How far two calibrations of one sensor are apart.
+     * Difference of two calibrations of one sensor.
      * @param {Calibrated} first
      * @param {Calibrated} second
      * @param {number} dipDeg
@@ -198,26 +198,26 @@ export class Engine {
      */
     compare(first, second, dipDeg) {
         const { size } = this.layouts.calibrated;
-        const [other] = this.#lent(size);
+        const [other] = this.#lend(size);
         this.#write("calibrated", second);
         new Uint8Array(this.memory.buffer).copyWithin(other, this.at.calibrated, this.at.calibrated + size);
         this.#write("calibrated", first);
         this.call.flinders_compare(this.at.calibrated, other, dipDeg, this.at.difference);
-        return this.#decoded("difference");
+        return this.#decode("difference");
     }
 
     /**
      * Whether the difference of two calibrations is within a target.
      * @param {Difference} apart
      * @param {number} targetDeg
-     * @returns {number} Place in the answers of the program's data.
+     * @returns {number} Index in the answers of the program's data.
      */
     answer({ worst_deg, sigma_deg, bound_deg, p_value }, targetDeg) {
         return this.call.flinders_holds(worst_deg, sigma_deg, bound_deg, p_value, targetDeg);
     }
 
     /**
-     * A covariance with what belongs to the direction, and makes so much of a level heading.
+     * Covariance with added structure error, given as an error of the level heading.
      * @param {number[]} shape
      * @param {ArrayLike<number>} covariance
      * @param {number} structureDeg
@@ -225,19 +225,19 @@ export class Engine {
      * @returns {number[]}
      */
     withStructure(shape, covariance, structureDeg, dipDeg) {
-        const [shapeAt, covarianceAt, out] = this.#lent(shape, covariance, 8 * 81);
+        const [shapeAt, covarianceAt, out] = this.#lend(shape, covariance, 8 * 81);
         this.call.flinders_with_structure(shapeAt, covarianceAt, structureDeg, dipDeg, out);
         return this.#numbers(out, 81);
     }
 
     /**
-     * Largest angle of readings from their mean, by a shape that is known.
+     * Largest angle of readings from their mean, with a known shape.
      * @param {Float64Array} field
      * @param {number[]} shape
      * @returns {number}
      */
     turnDeg(field, shape) {
-        const [fieldAt, shapeAt] = this.#lent(field, shape);
+        const [fieldAt, shapeAt] = this.#lend(field, shape);
         return this.call.flinders_turn_deg(fieldAt, field.length / 3, shapeAt);
     }
 
@@ -249,7 +249,7 @@ export class Engine {
     rests(field) {
         const rows = field.length / 3;
         const size = this.call.flinders_workspace_size(rows);
-        const [fieldAt, bounds, leftOut, workspace] = this.#lent(field, 4 * rows, 4, size);
+        const [fieldAt, bounds, leftOut, workspace] = this.#lend(field, 4 * rows, 4, size);
         const count = this.call.flinders_rests(fieldAt, rows, 0, 0, workspace, size, bounds, leftOut);
         const found = new BigInt64Array(this.memory.buffer, bounds, 2 * count);
         return {
@@ -269,9 +269,9 @@ export class Engine {
     drift(field, centre, shape, dipDeg) {
         const rows = field.length / 3;
         const size = this.call.flinders_workspace_size(rows);
-        const [fieldAt, surface, workspace] = this.#lent(field, [...centre, ...shape], size);
+        const [fieldAt, surface, workspace] = this.#lend(field, [...centre, ...shape], size);
         this.call.flinders_drift(fieldAt, rows, surface, surface + 24, dipDeg, workspace, size, this.at.record);
-        return this.#decoded("record");
+        return this.#decode("record");
     }
 
     /**
@@ -283,16 +283,16 @@ export class Engine {
      */
     distances(field, centre, shape) {
         const rows = field.length / 3;
-        const [fieldAt, out] = this.#lent(field, 8 * rows);
+        const [fieldAt, out] = this.#lend(field, 8 * rows);
         this.#write("record", { centre, shape });
         this.call.flinders_distances(fieldAt, rows, this.at.record, out);
         return new Float64Array(this.memory.buffer, out, rows).slice();
     }
 
     /**
-     * What a fit is worth; its record is claimed.
+     * Judge a fit; the returned record has the final covariance.
      * @param {Fitted} record
-     * @param {Partial<Asked>} asked What differs from the defaults.
+     * @param {Partial<Asked>} asked Values that differ from the defaults.
      * @returns {{record: Fitted, judgement: Judgement}}
      */
     judge(record, asked) {
@@ -300,7 +300,7 @@ export class Engine {
         this.call.flinders_default_request(this.at.request);
         this.#write("request", asked);
         this.call.flinders_judge(this.at.record, this.at.request, this.at.judgement);
-        return { record: this.#decoded("record"), judgement: this.#decoded("judgement") };
+        return { record: this.#decode("record"), judgement: this.#decode("judgement") };
     }
 
     /**
@@ -312,25 +312,25 @@ export class Engine {
      * @returns {number}
      */
     tiltedWorstDeg(shape, covariance, dipDeg, tiltDeg) {
-        const [shapeAt, covarianceAt, out] = this.#lent(shape, covariance, 16);
+        const [shapeAt, covarianceAt, out] = this.#lend(shape, covariance, 16);
         this.call.flinders_tilted_error(shapeAt, covarianceAt, dipDeg, tiltDeg, 0, out, out + 8);
         return this.#numbers(out, 2)[1];
     }
 
     /**
-     * Heading error of a level vehicle whose readings are used as they come, at the worst heading.
+     * Heading error of a level vehicle with raw readings, at the worst heading.
      * @param {Surface} surface
      * @param {number} dipDeg
      * @returns {number}
      */
     uncorrectedWorstDeg({ centre, shape }, dipDeg) {
-        const [centreAt, shapeAt, out] = this.#lent(centre, shape, 16);
+        const [centreAt, shapeAt, out] = this.#lend(centre, shape, 16);
         this.call.flinders_uncorrected_error(centreAt, shapeAt, dipDeg, 0, out, out + 8);
         return this.#numbers(out, 2)[1];
     }
 
     /**
-     * Tilt up to which the worst heading error is within a limit.
+     * Largest tilt with a worst heading error within a limit.
      * @param {number[]} shape
      * @param {ArrayLike<number>} covariance
      * @param {number} dipDeg
@@ -338,7 +338,7 @@ export class Engine {
      * @returns {number}
      */
     attitudeLimitDeg(shape, covariance, dipDeg, limitDeg) {
-        const [shapeAt, covarianceAt, out] = this.#lent(shape, covariance, 8);
+        const [shapeAt, covarianceAt, out] = this.#lend(shape, covariance, 8);
         this.call.flinders_attitude_limit(shapeAt, covarianceAt, dipDeg, limitDeg, 0, out);
         return this.#numbers(out, 1)[0];
     }
@@ -353,25 +353,25 @@ export class Engine {
     directionWorstDeg({ centre, shape }, covariance, dipDeg) {
         this.#write("record", { centre, shape, covariance });
         this.call.flinders_heading_errors(this.at.record, dipDeg);
-        return this.#decoded("record").direction_worst_deg;
+        return this.#decode("record").direction_worst_deg;
     }
 
     /**
-     * A level turn: headings, what readings as they come are off by, and the heading error of the calibration at each.
+     * A level turn: headings, the deviation of raw readings, and the heading error of the calibration at each.
      * @param {Surface} surface
      * @param {ArrayLike<number>} covariance
      * @param {number} dipDeg
      * @returns {{headingDeg: number[], deviationDeg: number[], sigmaDeg: number[]}}
      */
     levelTurn({ centre, shape }, covariance, dipDeg) {
-        const [centreAt, shapeAt, covarianceAt, ...out] = this.#lent(centre, shape, covariance, 8 * TURN, 8 * TURN, 8 * TURN);
+        const [centreAt, shapeAt, covarianceAt, ...out] = this.#lend(centre, shape, covariance, 8 * TURN, 8 * TURN, 8 * TURN);
         this.call.flinders_level_turn(centreAt, shapeAt, covarianceAt, dipDeg, 0, ...out);
         const [headingDeg, deviationDeg, sigmaDeg] = out.map((at) => this.#numbers(at, TURN));
         return { headingDeg, deviationDeg, sigmaDeg };
     }
 
     /**
-     * Errors where the corrected field points along directions: of the heading, at the worst attitude that brings it there.
+     * Heading errors for directions of the corrected field, at the worst attitude with that direction.
      * @param {number[]} shape
      * @param {ArrayLike<number>} covariance
      * @param {number} dipDeg
@@ -380,13 +380,13 @@ export class Engine {
      */
     attitudeErrorsDeg(shape, covariance, dipDeg, directions) {
         const count = directions.length / 3;
-        const [shapeAt, covarianceAt, towards, out] = this.#lent(shape, covariance, directions, 8 * count);
+        const [shapeAt, covarianceAt, towards, out] = this.#lend(shape, covariance, directions, 8 * count);
         this.call.flinders_attitude_errors(shapeAt, covarianceAt, dipDeg, towards, count, out);
         return this.#numbers(out, count);
     }
 
     /**
-     * Standard deviations of the entries of a matrix that corrects readings, row by row, to the field strength or the radius.
+     * Standard deviations of the entries of a correction matrix, row by row, scaled to the field strength or the radius.
      * @param {ArrayLike<number>} matrix
      * @param {number[]} shape
      * @param {ArrayLike<number>} covariance
@@ -394,13 +394,13 @@ export class Engine {
      * @returns {number[]}
      */
     matrixSigmas(matrix, shape, covariance, isKnown) {
-        const [matrixAt, shapeAt, covarianceAt, out] = this.#lent(matrix, shape, covariance, 72);
+        const [matrixAt, shapeAt, covarianceAt, out] = this.#lend(matrix, shape, covariance, 72);
         this.call.flinders_matrix_sigmas(matrixAt, shapeAt, covarianceAt, Number(isKnown), out);
         return this.#numbers(out, 9);
     }
 
     /**
-     * What a fit claims.
+     * Estimate of a fit.
      * @param {{centre: number[], shape: number[]}} surface
      * @param {ArrayLike<number>} covariance
      * @param {number} noise
@@ -408,23 +408,23 @@ export class Engine {
      * @returns {Belief}
      */
     believe({ centre, shape }, covariance, noise, counts) {
-        const [centreAt, shapeAt, covarianceAt, countsAt] = this.#lent(centre, shape, covariance, counts);
+        const [centreAt, shapeAt, covarianceAt, countsAt] = this.#lend(centre, shape, covariance, counts);
         this.call.flinders_believe(centreAt, shapeAt, covarianceAt, noise, countsAt, this.at.belief);
-        return this.#decoded("belief");
+        return this.#decode("belief");
     }
 
     /**
-     * A sphere through readings that no fit can do anything with yet; null where they do not tell its centre.
+     * A sphere through readings that are too few for a fit; null if its centre is undetermined.
      * @param {Float64Array} field
      * @returns {Belief | null}
      */
     rough(field) {
-        const [fieldAt] = this.#lent(field);
-        return this.call.flinders_rough(fieldAt, field.length / 3, this.at.belief) ? null : this.#decoded("belief");
+        const [fieldAt] = this.#lend(field);
+        return this.call.flinders_rough(fieldAt, field.length / 3, this.at.belief) ? null : this.#decode("belief");
     }
 
     /**
-     * Where the next hundredth of the readings would tell most.
+     * Direction of the most useful next hundredth of the readings.
      * @param {Belief} belief
      * @param {Wanted} wanted
      * @returns {{direction: number[], worst_deg: number, after_deg: number}}
@@ -433,11 +433,11 @@ export class Engine {
         this.#write("belief", belief);
         this.#write("goal", wanted);
         this.call.flinders_guidance(this.at.belief, this.at.goal, 0, this.at.advice);
-        return this.#decoded("advice");
+        return this.#decode("advice");
     }
 
     /**
-     * The path of the field from where it points now.
+     * The path of the field from its present direction.
      * @param {Belief} belief
      * @param {Wanted} wanted
      * @param {number[]} here
@@ -445,28 +445,28 @@ export class Engine {
      * @returns {{count: number, waypoints: number[], worst_deg: number, after_deg: number}}
      */
     path(belief, wanted, here, readingsPerDeg) {
-        const [hereAt] = this.#lent(here);
+        const [hereAt] = this.#lend(here);
         this.#write("belief", belief);
         this.#write("goal", wanted);
         this.call.flinders_path(this.at.belief, this.at.goal, hereAt, readingsPerDeg, this.at.route);
-        return this.#decoded("route");
+        return this.#decode("route");
     }
 
     /**
-     * The simplest attitude that meets the field near a direction, by its number in a frame.
+     * Number of the simplest attitude with the field near a direction, in a frame.
      * @param {Wanted} wanted
      * @param {number[]} direction
      * @param {"sensor" | "vehicle"} frame
      * @returns {number}
      */
     pose(wanted, direction, frame) {
-        const [directionAt] = this.#lent(direction);
+        const [directionAt] = this.#lend(direction);
         this.#write("goal", wanted);
         return this.call.flinders_pose_towards(FRAMES[frame], this.at.goal, directionAt);
     }
 
     /**
-     * Angle within which all readings of a sensor lie that was hardly turned; null of one that was.
+     * Angle that contains all readings of a sensor that was hardly turned; null if it was turned.
      * @param {Float64Array} field
      * @param {Strengths} strengths
      * @returns {number | null}
@@ -474,38 +474,38 @@ export class Engine {
     unmovedDeg(field, [weakest, strongest]) {
         const rows = field.length / 3;
         const size = this.call.flinders_workspace_size(rows);
-        const [fieldAt, out, workspace] = this.#lent(field, 8, size);
+        const [fieldAt, out, workspace] = this.#lend(field, 8, size);
         this.call.flinders_unmoved(fieldAt, rows, weakest, strongest, workspace, size, out);
         const angle = new Float64Array(this.memory.buffer, out, 1)[0];
         return Number.isNaN(angle) ? null : angle;
     }
 
     /**
-     * Whether the record of the last fit shows by itself a turn out of one plane, at no end of the sensor's range.
+     * Whether the record of the last fit shows a turn out of one plane, within the sensor's range.
      * @param {Strengths} strengths
      * @returns {boolean}
      */
     wasTurned([weakest, strongest]) {
-        const [out] = this.#lent(1);
+        const [out] = this.#lend(1);
         this.call.flinders_turned(this.at.record, 1, weakest, strongest, out);
         return new Uint8Array(this.memory.buffer, out, 1)[0] === 1;
     }
 
     /**
-     * Which readings a fit leaves out: those that are far, and those in a run of far ones and around it.
+     * Readings that a fit leaves out: far ones, and those inside and around a run of far ones.
      * @param {Uint8Array} far 1 or 0 of each reading.
      * @param {number} dense Of the record.
      * @returns {Uint8Array}
      */
     leftOut(far, dense) {
-        const [farAt, out] = this.#lent(far.length, far.length);
+        const [farAt, out] = this.#lend(far.length, far.length);
         new Uint8Array(this.memory.buffer, farAt, far.length).set(far);
         this.call.flinders_left_out(farAt, far.length, dense, out);
         return new Uint8Array(this.memory.buffer, out, far.length).slice();
     }
 
     /**
-     * The runs of what a fit leaves out.
+     * Runs of readings that a fit leaves out.
      * @param {Float64Array} distances From the surface.
      * @param {Uint8Array} out Whether each reading is left out.
      * @param {import("./rests.js").Once} once First and last row of each reading.
@@ -517,18 +517,18 @@ export class Engine {
         const rows = distances.length;
         const { size } = this.layouts.outlier;
         const columns = [distances, ...(time ? [first, last].map((rows) => Float64Array.from(rows, (row) => time[row])) : [])];
-        const [runs, outAt, firstAt, lastAt, ...columnsAt] = this.#lent(listed * size, rows, 8 * rows, 8 * rows, ...columns);
+        const [runs, outAt, firstAt, lastAt, ...columnsAt] = this.#lend(listed * size, rows, 8 * rows, 8 * rows, ...columns);
         new Uint8Array(this.memory.buffer, outAt, rows).set(out);
         new BigInt64Array(this.memory.buffer, firstAt, rows).set(first.map(BigInt));
         new BigInt64Array(this.memory.buffer, lastAt, rows).set(last.map(BigInt));
         const [near, start = 0, end = 0] = columnsAt;
         const count = this.call.flinders_list_outliers(near, outAt, rows, firstAt, lastAt, start, end, runs, 0);
-        const found = Array.from({ length: count }, (_, i) => this.#decoded("outlier", runs + i * size));
+        const found = Array.from({ length: count }, (_, i) => this.#decode("outlier", runs + i * size));
         return found.map((run) => ({ ...run, first: run.first + 1, last: run.last + 1 }));
     }
 
     /**
-     * Look for the moments at which axes changed; null where nothing did, or nothing that can be told.
+     * Find moments at which axes changed; null without a detectable change.
      * @param {Float64Array} field
      * @param {number} noise Of the fit.
      * @param {import("./data.d.ts").EngineData} data
@@ -537,36 +537,36 @@ export class Engine {
     axisSwap(field, noise, { swaps, numbers }) {
         const rows = field.length / 3;
         const size = this.call.flinders_swap_workspace_size(rows);
-        const [fieldAt, moments, workspace] = this.#lent(field, 8 * rows, size);
+        const [fieldAt, moments, workspace] = this.#lend(field, 8 * rows, size);
         this.call.flinders_axis_swap(fieldAt, rows, noise, numbers.SWAP_MAX_NOISE, workspace, size, moments, this.at.change);
-        const change = this.#decoded("change");
+        const change = this.#decode("change");
         if (change.swap < 0) return null;
         const behind = new BigInt64Array(this.memory.buffer, moments, change.moments);
         return { axes: swaps[change.swap], rows: Array.from(behind, Number), gain: change.gain };
     }
 
     /**
-     * What accelerations show of a level turn about z: 0 that there is none, 2 that there is, 1 nothing.
+     * Evidence of accelerations on a level turn about z: 0 against it, 2 for it, 1 none.
      * @param {Float64Array} acceleration Three numbers a reading, NaN where they are missing.
      * @returns {number}
      */
     levelness(acceleration) {
-        const [at] = this.#lent(acceleration);
+        const [at] = this.#lend(acceleration);
         return this.call.flinders_levelness(at, acceleration.length / 3);
     }
 
     /**
-     * Let the field of a place count in a fit, before it is judged.
-     * @param {Float64Array} field The readings that the fit goes by.
+     * Include the field of a place in a fit, before its judgement.
+     * @param {Float64Array} field Readings of the fit.
      * @param {Fitted} record
      * @param {import("./session.js").Site} site
-     * @param {Float64Array | null} [felt] What an accelerometer measured with them.
+     * @param {Float64Array | null} [felt] Accelerations of the readings.
      * @returns {Fitted}
      */
     atSite(field, record, site, felt = null) {
         const rows = field.length / 3;
         const size = this.call.flinders_workspace_size(rows);
-        const [fieldAt, feltAt, workspace] = this.#lent(field, felt ?? 0, size);
+        const [fieldAt, feltAt, workspace] = this.#lend(field, felt ?? 0, size);
         this.#write("record", record);
         const vertical = felt ? this.at.vertical : 0;
         if (felt) {
@@ -577,11 +577,11 @@ export class Engine {
         const known = Object.entries(site).filter(([name]) => name in this.layouts.site.fields);
         this.#write("site", Object.fromEntries(known.map(([name, value]) => [name, Number(value ?? NaN)])));
         this.call.flinders_at_site(fieldAt, rows, vertical, this.at.site, workspace, size, this.at.record);
-        return this.#decoded("record");
+        return this.#decode("record");
     }
 
     /**
-     * Whether a fit rests on the strength of the field at a place.
+     * Whether a fit uses the strength of the field at a place.
      * @param {Fitted} record
      * @returns {boolean}
      */
@@ -593,15 +593,15 @@ export class Engine {
     /**
      * Readings in each of a hundred cells of the sphere, equal in area, and the largest gap between them.
      * @param {Float64Array} field
-     * @param {Fitted} record Of these readings; what it rejects is left out.
+     * @param {Fitted} record Record of these readings; rejected ones are left out.
      * @returns {Coverage}
      */
     coverage(field, { centre, shape, rejected_beyond: within }) {
         const rows = field.length / 3;
         const size = this.call.flinders_workspace_size(rows);
-        const [fieldAt, surface, workspace] = this.#lent(field, [...centre, ...shape], size);
+        const [fieldAt, surface, workspace] = this.#lend(field, [...centre, ...shape], size);
         this.call.flinders_coverage_of(fieldAt, rows, surface, surface + 24, within, workspace, size, this.at.coverage);
-        return this.#decoded("coverage");
+        return this.#decode("coverage");
     }
 
     /**
@@ -615,13 +615,13 @@ export class Engine {
     }
 
     /**
-     * Address of a part of memory that stays.
+     * Address of a permanent part of memory.
      * @param {number} size
      * @returns {number}
      */
-    #reserved(size) {
+    #reserve(size) {
         const at = this.free;
-        this.free = aligned(at + size);
+        this.free = alignAddress(at + size);
         return at;
     }
 
@@ -636,15 +636,15 @@ export class Engine {
     }
 
     /**
-     * Addresses of parts of memory until the next call: of numbers, which are put there, or of so many bytes.
+     * Addresses of temporary parts of memory, valid until the next call: copies of arrays, or a number of bytes.
      * @param {(ArrayLike<number> | number)[]} parts
      * @returns {number[]}
      */
-    #lent(...parts) {
+    #lend(...parts) {
         let end = this.free;
         const places = parts.map((part) => {
             const at = end;
-            end = aligned(at + (typeof part === "number" ? part : 8 * part.length));
+            end = alignAddress(at + (typeof part === "number" ? part : 8 * part.length));
             return at;
         });
         const missing = end - this.memory.buffer.byteLength;
@@ -682,10 +682,10 @@ export class Engine {
     /**
      * Fields of a struct by their names.
      * @param {keyof Layouts} struct
-     * @param {number} [at] Where it lies.
+     * @param {number} [at] Its address.
      * @returns {any}
      */
-    #decoded(struct, at = this.at[struct]) {
+    #decode(struct, at = this.at[struct]) {
         const view = new DataView(this.memory.buffer, at);
         const fields = Object.entries(this.layouts[struct].fields).map(([name, [offset, kind, count]]) => {
             const width = WIDTHS[kind];
@@ -700,6 +700,6 @@ export class Engine {
  * @param {number} address
  * @returns {number}
  */
-function aligned(address) {
+function alignAddress(address) {
     return Math.ceil(address / ALIGNED) * ALIGNED;
 }

@@ -1,10 +1,10 @@
-/** A fit of what the page shows, its verdict and what speaks against it. */
+/** Fit of the readings on the page, with its verdict and the reasons against it. */
 
-import { guided } from "./advice.js";
+import { withPath } from "./advice.js";
 import { Fit, fitOf } from "./fit.js";
 import { AT_ONCE, ofFit, ofMotion, ofRefusal } from "./reasons.js";
 import { findingsOf, verdictOf } from "./findings.js";
-import { compared, otherRecording, renewedOf } from "./previous.js";
+import { comparePrevious, otherRecording, renewedOf } from "./previous.js";
 import { viewOf } from "./view.js";
 
 /** @typedef {import("../messages.d.ts").Reason} Reason */
@@ -13,41 +13,41 @@ import { viewOf } from "./view.js";
 /** @typedef {import("./engine.js").Engine} Engine */
 /** @typedef {import("./findings.js").Finding} Finding */
 
-/** What a level turn that reaches the target gets for advice, by the goal: more level turns would add nothing. */
+/** Advice for a level turn that reaches the target, by goal, as further level turns would not help. */
 const WHILE_LEVEL = {
     heading: "it is good while level",
     attitude: "it is good while level; for headings that hold when it is tilted, turn it tilted and upside down too",
 };
 
 /**
- * What a person asks of a fit.
+ * The user's settings for a fit.
  * @typedef {object} Wish
  * @property {import("./advice.js").Goal} goal
- * @property {ArrayLike<number> | null} [numbers] Which reading of the session each of them is.
- * @property {boolean} [isFollowed] Somebody turns the sensor just now, and may be led.
- * @property {import("./advice.js").Frame} [frame] Whose axes advice is given in.
- * @property {import("./session.js").Previous | null} [previous] A calibration from before.
- * @property {boolean} [isRenewed] Its soft iron is kept, and its hard iron found anew.
+ * @property {ArrayLike<number> | null} [numbers] Numbers of the readings in the session.
+ * @property {boolean} [isFollowed] The user is turning the sensor and can be guided.
+ * @property {import("./advice.js").Frame} [frame] Frame of the advice.
+ * @property {import("./session.js").Previous | null} [previous] Earlier calibration.
+ * @property {boolean} [isRenewed] Keep its soft iron, and estimate its hard iron again.
  */
 
 /**
- * The readings that are not excluded, and what a person asks of them.
+ * Readings that are not excluded, with the user's settings.
  * @typedef {import("./fit.js").Request & Wish} Asked
  */
 
 /**
- * What came of it.
+ * Result of an evaluation.
  * @typedef {object} Evaluated
  * @property {View | null} view
  * @property {Reason[]} reasons Warnings first.
- * @property {string} refusal Why there is no fit.
- * @property {string} refusalCode Code of that.
+ * @property {string} refusal Reason for no fit.
+ * @property {string} refusalCode Code of the refusal.
  * @property {string[]} alarms Codes of warnings that more turning may end.
  * @property {number} used
  * @property {number} rejected
- * @property {number} coverage Share of the sphere that has been seen.
- * @property {object | null} record The part `fit` of a calibration file; null where there is no calibration to use.
- * @property {import("../messages.d.ts").PreviousState | null} previous How far a calibration from before is off this one.
+ * @property {number} coverage Covered share of the sphere.
+ * @property {object | null} record The part `fit` of a calibration file; null without a usable calibration.
+ * @property {import("../messages.d.ts").PreviousState | null} previous Difference from the earlier calibration.
  */
 
 /**
@@ -63,8 +63,8 @@ export function evaluate(engine, data, asked) {
     const readings = { field, time };
     if (!(fit instanceof Fit)) {
         const reasons = ofRefusal(fit).concat(ofMotion(readings, null, false));
-        const state = previous && compared(previous, null, data, asked);
-        return { view: null, reasons: ordered(reasons), refusal: fit.words, refusalCode: fit.code, alarms: [], used: 0, rejected: 0, coverage: 0, record: null, previous: state };
+        const state = previous && comparePrevious(previous, null, data, asked);
+        return { view: null, reasons: sortReasons(reasons), refusal: fit.words, refusalCode: fit.code, alarms: [], used: 0, rejected: 0, coverage: 0, record: null, previous: state };
     }
     const findings = findingsOf(fit);
     const view = viewOf(fit, findings, { field, numbers, goal, frame });
@@ -73,8 +73,8 @@ export function evaluate(engine, data, asked) {
     const alarms = found.filter(({ severity, code }) => severity === "warning" && !AT_ONCE.includes(code));
     const used = view.tiles_seen.reduce((sum, count) => sum + count, 0) || time.length;
     return {
-        view: whileLevel(isFollowed ? guided(view, fit, readings, isFlat, goal, frame) : view, fit, goal),
-        reasons: ordered([...ofMotion(readings, fit, isFlat), ...found]),
+        view: whileLevel(isFollowed ? withPath(view, fit, readings, isFlat, goal, frame) : view, fit, goal),
+        reasons: sortReasons([...ofMotion(readings, fit, isFlat), ...found]),
         refusal: "",
         refusalCode: "",
         alarms: alarms.map(({ code }) => code),
@@ -82,12 +82,12 @@ export function evaluate(engine, data, asked) {
         rejected: time.length - used,
         coverage: fit.record.coverage,
         record: view.verdict === "refused" ? null : recordOf(fit, findings, view),
-        previous: previous && compared(previous, view.verdict === "refused" ? null : fit, data, asked),
+        previous: previous && comparePrevious(previous, view.verdict === "refused" ? null : fit, data, asked),
     };
 }
 
 /**
- * A fit with the soft iron of a calibration from before, judged at the dip of that unless somebody gave one.
+ * A fit with the soft iron of an earlier calibration, judged at the earlier dip unless the user gave one.
  * @param {Engine} engine
  * @param {EngineData} data
  * @param {Asked} asked
@@ -102,7 +102,7 @@ function renewedFit(engine, data, asked, previous) {
 }
 
 /**
- * Say of a level turn that it is good while level, and what is missing for other attitudes where these are the goal.
+ * View of a level turn with its limits: good while level, and missing attitudes if these are the goal.
  * @param {View} view
  * @param {Fit} fit
  * @param {import("./advice.js").Goal} goal
@@ -118,12 +118,12 @@ function whileLevel(view, fit, goal) {
  * @param {Reason[]} reasons
  * @returns {Reason[]}
  */
-function ordered(reasons) {
+function sortReasons(reasons) {
     return reasons.sort((one, other) => Number(one.severity !== "warning") - Number(other.severity !== "warning"));
 }
 
 /**
- * What a calibration file says of a fit, as `flinders.core.calibration_file.Fitted`; JSON has null for a number that there is none of.
+ * Part of a calibration file on a fit, as `flinders.core.calibration_file.Fitted`; missing numbers are null.
  * @param {Fit} fit
  * @param {Finding[]} findings
  * @param {View} view

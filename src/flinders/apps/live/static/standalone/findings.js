@@ -1,13 +1,13 @@
 /**
- * What there is to know of a judged fit: findings with the values that their sentences take, and the sentences of the
- * catalogue of findings: `flinders.fitting.verdict` and `flinders.findings.words`.
+ * Findings of a judged fit with the values of their sentences, and the sentences of the catalogue, as in
+ * `flinders.fitting.verdict` and `flinders.findings.words`.
  */
 
 import { nextMovement } from "./advice.js";
 import { longestRuns, outlierRows, runWords } from "./outliers.js";
-import { figures, general, grouped } from "./numbers.js";
+import { figures, general, groupText } from "./numbers.js";
 import { longestRests, restWords } from "./rests.js";
-import { angle, counted, filled, UPSIDE_DOWN } from "./wording.js";
+import { angle, countWords, fillTemplate, UPSIDE_DOWN } from "./wording.js";
 
 /** @typedef {import("./data.d.ts").EngineData} EngineData */
 /** @typedef {import("./data.d.ts").Severity} Severity */
@@ -15,24 +15,24 @@ import { angle, counted, filled, UPSIDE_DOWN } from "./wording.js";
 /** Numbers, names, and lists of either, by name. @typedef {Record<string, any>} Values */
 
 /**
- * Something to know about a fit.
+ * A finding on a fit.
  * @typedef {object} Finding
  * @property {string} code
  * @property {Severity} severity
  * @property {number} number
  * @property {number} limit
- * @property {Values} values All that its sentence takes.
- * @property {string | null} follows_from Code of the finding that it follows from.
+ * @property {Values} values Values of its sentence.
+ * @property {string | null} follows_from Code of its cause.
  */
 
 const TILTS = [10, 30, 90];
-/** By the engine's numbers. @type {("" | Severity)[]} */
+/** Severities by the engine's numbers. @type {("" | Severity)[]} */
 const SEVERITIES = ["", "note", "limits", "refuses"];
 /** @type {("good" | "limited" | "refused")[]} */
 const VERDICTS = ["good", "good", "limited", "refused"];
 
 /**
- * What there is to know of a fit, the most severe first.
+ * Findings of a fit, the most severe first.
  * @param {Fit} fit
  * @returns {Finding[]}
  */
@@ -43,7 +43,7 @@ export function findingsOf(fit) {
 }
 
 /**
- * Findings that follow from no other, causes first; a cause is as severe as what follows from it.
+ * Findings that follow from no other, causes first; a cause has the severity of its consequences.
  * @param {Fit} fit
  * @returns {Finding[]}
  */
@@ -62,48 +62,48 @@ export function verdictOf(fit) {
 }
 
 /**
- * What was found, and what to do, in a sentence.
+ * Sentence on a finding and its remedy.
  * @param {Finding} finding
  * @param {EngineData} data
  * @returns {string}
  */
 export function adviceOf({ code, values }, data) {
     const said = data.rows.find((row) => row.code === code)?.said ?? code;
-    return filled(said, (name) => (WORDS[name] ? WORDS[name](values, data) : values[name]));
+    return fillTemplate(said, (name) => (WORDS[name] ? WORDS[name](values, data) : values[name]));
 }
 
 /**
- * What it means for whoever uses the compass, in a sentence.
+ * Sentence on the effect of a finding for the user of the compass.
  * @param {Finding} finding
  * @param {EngineData} data
  * @returns {string}
  */
 export function whyOf(finding, data) {
-    return plainly(finding, data.rows.find(({ code }) => code === finding.code)?.why ?? finding.code, data);
+    return fillWords(finding, data.rows.find(({ code }) => code === finding.code)?.why ?? finding.code, data);
 }
 
 /**
- * What that person does about it, in a sentence; empty where there is nothing to do.
+ * Sentence on the user's remedy; empty without one.
  * @param {Finding} finding
  * @param {EngineData} data
  * @returns {string}
  */
 export function remedyOf(finding, data) {
-    const words = plainly(finding, data.rows.find(({ code }) => code === finding.code)?.remedy ?? "", data);
+    const words = fillWords(finding, data.rows.find(({ code }) => code === finding.code)?.remedy ?? "", data);
     return words && `${words.charAt(0).toUpperCase()}${words.slice(1).replace(/\.$/, "")}.`;
 }
 
 /**
- * Plain words of a finding, with its number and limit.
+ * Fill the plain words of a finding with its number and limit.
  * @param {Finding} finding
  * @param {string} words
  * @param {EngineData} data
  * @returns {string}
  */
-function plainly({ number, limit, values }, words, data) {
+function fillWords({ number, limit, values }, words, data) {
     /** @type {Values} */
-    const stated = { ...values, number, limit, angle: angle(number), seconds: figures(number) };
-    return filled(words, (name) => (WORDS[name] ? WORDS[name](values, data) : stated[name]));
+    const findingOf = { ...values, number, limit, angle: angle(number), seconds: figures(number) };
+    return fillTemplate(words, (name) => (WORDS[name] ? WORDS[name](values, data) : findingOf[name]));
 }
 
 /**
@@ -127,7 +127,7 @@ function stated(fit, rule, severity) {
 }
 
 /**
- * A quantity of the judgement, or another value; NaN where there is none.
+ * A quantity of the judgement, or another value; NaN if missing.
  * @param {Fit} fit
  * @param {string} name
  * @returns {any}
@@ -137,7 +137,7 @@ function valueOf(fit, name) {
     return Number.isNaN(quantity) && VALUES[name] ? VALUES[name](fit) : quantity;
 }
 
-/** Values of findings beside the quantities. @type {Record<string, (fit: Fit) => any>} */
+/** Values of findings in addition to the quantities. @type {Record<string, (fit: Fit) => any>} */
 const VALUES = {
     attitude_limit_deg: ({ attitudeLimitDeg }) => attitudeLimitDeg,
     tilted: tiltedErrors,
@@ -170,13 +170,13 @@ const VALUES = {
     are_rests_left_out: ({ left }) => Number(left.rests.areLeftOut),
 };
 
-/** Words made of values, by the names that sentences have for them. @type {Record<string, (values: Values, data: EngineData) => string>} */
+/** Words made from values, by their names in sentences. @type {Record<string, (values: Values, data: EngineData) => string>} */
 const WORDS = {
     attitudes,
     movement: ({ next_movement: next }, data) => stepWords(next, data),
     remedy: ({ next_step: next }, data) => stepWords(next, data),
     why_large: ({ next_step: [name] }, { reasons }) => reasons[name],
-    because,
+    because: causeWords,
     length: ({ corrected_length: strength, unit }) => `${figures(strength, 4)} ${unit}`,
     rings: ({ unobserved }) => (unobserved === 1 ? ", as two rings of readings would" : ""),
     where_flat: whereFlat,
@@ -192,21 +192,21 @@ const WORDS = {
     axis_lag: lagWords,
     swap: swapWords,
     halves: () => "",
-    leave,
-    outliers: ({ outlier_count: count }) => counted(count, "reading"),
-    runs: ({ outlier_runs: runs, outlier_run_count: count }) => listed(runs.map(runWords), count),
+    leave: remedyWords,
+    outliers: ({ outlier_count: count }) => countWords(count, "reading"),
+    runs: ({ outlier_runs: runs, outlier_run_count: count }) => listSome(runs.map(runWords), count),
     again,
-    rests: ({ rest_spans: rests, rest_count: count }) => listed(rests.map(restWords), count),
+    rests: ({ rest_spans: rests, rest_count: count }) => listSome(rests.map(restWords), count),
     rests_treated: ({ are_rests_left_out: areOut }) => (areOut ? "are left out" : "count as one reading each"),
     rails: ({ rail_ends: ends }) => ends.map(railWords).join(", "),
-    often: ({ backward_steps: times }) => (times === 1 ? "once" : `${grouped(times)} times`),
+    often: ({ backward_steps: times }) => (times === 1 ? "once" : `${groupText(times)} times`),
 };
 
-/** Names of what sentences may take beside the quantities. */
+/** Names of further values in sentences. */
 export const NAMES = { values: Object.keys(VALUES), words: Object.keys(WORDS) };
 
 /**
- * The first tilt beyond which a heading is not within the target, and the last, with the worst error at each.
+ * First tilt with a heading error beyond the target, and the last tilt, with the worst error at each.
  * @param {Fit} fit
  * @returns {number[][]}
  */
@@ -217,7 +217,7 @@ function tiltedErrors(fit) {
 }
 
 /**
- * Whether the shape across the plane of a turn is not known.
+ * Whether the shape across the plane of a turn is unknown.
  * @param {Fit} fit
  */
 function isSkewed({ covariance, surface, data: { numbers } }) {
@@ -246,7 +246,7 @@ function isBetter({ quantities, data: { numbers } }) {
 }
 
 /**
- * Up to which tilt the heading is within the target, and how fast it degrades beyond.
+ * Words on the largest tilt within the target, and the errors beyond.
  * @param {Values} values
  * @returns {string}
  */
@@ -277,12 +277,12 @@ function whereFlat({ breadth, flatness_limit: limit }) {
 /** @param {Values} values */
 function independentReadings({ independent, samples }) {
     const alike = "the others repeat them or share their errors";
-    const others = independent === samples ? "" : ` (of ${grouped(samples)}; ${alike})`;
-    return `${counted(independent, "independent reading")}${others}`;
+    const others = independent === samples ? "" : ` (of ${groupText(samples)}; ${alike})`;
+    return `${countWords(independent, "independent reading")}${others}`;
 }
 
 /**
- * What would make the heading error smaller, likewise.
+ * The next step to reduce the heading error, with the number of a pose.
  * @param {Fit} fit
  * @returns {[string] | [string, number]}
  */
@@ -292,7 +292,7 @@ function nextStep(fit) {
 }
 
 /**
- * Whether no direction is far from the nearest reading.
+ * Whether every direction is near a reading.
  * @param {Fit} fit
  */
 function isCovered({ record, data: { numbers } }) {
@@ -300,7 +300,7 @@ function isCovered({ record, data: { numbers } }) {
 }
 
 /**
- * Whether a heading error is large because residuals are correlated, and not because directions are missing.
+ * Whether correlated residuals, and not missing directions, cause a large heading error.
  * @param {number} worst
  * @param {number} textbook
  * @param {boolean} isCovered
@@ -310,7 +310,7 @@ function isCorrelated(worst, textbook, isCovered) {
 }
 
 /** @param {Values} values */
-function because({ worst_deg: worst, structure_deg: structure, textbook_deg: textbook, is_covered: isCovered }) {
+function causeWords({ worst_deg: worst, structure_deg: structure, textbook_deg: textbook, is_covered: isCovered }) {
     if (2 * structure ** 2 > worst ** 2) return `, ${figures(structure)}° of it because residuals depend on the direction`;
     return isCorrelated(worst, textbook, Boolean(isCovered)) ? `, ${figures(textbook)}° if residuals were independent` : "";
 }
@@ -332,12 +332,12 @@ function lagWords({ late_axis: axis, late_by: by, is_timed: isTimed }) {
 /** @param {Values} values */
 function swapWords({ swapped_axes: axes, swap_row: row, swap_count: count }) {
     const what = axes.length === 1 ? `the sign of ${axes} turned` : `${axes[0]} and ${axes[1]} changed places`;
-    const again = count > 1 ? ` and back and forth, ${counted(count - 1, "time")} more` : "";
-    return `${grouped(row)} on, ${what}${again}`;
+    const repeatWords = count > 1 ? ` and back and forth, ${countWords(count - 1, "time")} more` : "";
+    return `${groupText(row)} on, ${what}${repeatWords}`;
 }
 
 /** @param {Values} values */
-function leave({ is_better: is, is_covered: isCovered }) {
+function remedyWords({ is_better: is, is_covered: isCovered }) {
     if (is) return "the calibration is worth having";
     return isCovered ? "leave them as they are" : "leave them as they are, or turn the sensor further";
 }
@@ -356,11 +356,11 @@ function railWords([axis, end, value, share]) {
 }
 
 /**
- * Some of so many.
+ * Listed items with the number of the others.
  * @param {string[]} some
  * @param {number} count
  * @returns {string}
  */
-function listed(some, count) {
+function listSome(some, count) {
     return some.join("; ") + (count > some.length ? "; …" : "");
 }

@@ -1,11 +1,11 @@
 /**
- * One recording fitted and judged: `flinders.fitting.calibrate`, for a magnetometer alone. The engine fits and judges.
+ * Fit and judgement of one recording, as `flinders.fitting.calibrate` for a magnetometer alone. The engine does both.
  */
 
-import { inverted } from "./linear.js";
+import { inverseOf } from "./linear.js";
 import { NO_RESTS, fittedOnce } from "./rests.js";
 import { general } from "./numbers.js";
-import { filled } from "./wording.js";
+import { fillTemplate } from "./wording.js";
 
 /** @typedef {import("./data.d.ts").EngineData} EngineData */
 /** @typedef {import("./engine.js").Engine} Engine */
@@ -14,17 +14,17 @@ import { filled } from "./wording.js";
 /** @typedef {import("./outliers.js").Outlier} Outlier */
 
 /**
- * What is asked of a fit.
+ * Inputs of a fit.
  * @typedef {object} Request
  * @property {Float64Array} field Three numbers a reading, µT or counts.
  * @property {Float64Array | null} time Seconds, ascending.
- * @property {Float64Array | null} [acceleration] What an accelerometer measured with each reading, NaN where nothing.
+ * @property {Float64Array | null} [acceleration] Acceleration with each reading, NaN if missing.
  * @property {string} unit "µT" or "counts".
  * @property {number} targetDeg
  * @property {number} dipDeg
  * @property {boolean} dipAssumed
- * @property {import("./session.js").Site | null} [site] What counts of the place.
- * @property {import("./previous.js").Renewed | null} [renewed] An earlier calibration whose soft iron is kept.
+ * @property {import("./session.js").Site | null} [site] Known field of the place.
+ * @property {import("./previous.js").Renewed | null} [renewed] Earlier calibration whose soft iron is kept.
  */
 
 /** @typedef {{code: string, words: string}} Refusal */
@@ -32,32 +32,32 @@ import { filled } from "./wording.js";
 
 /** An ellipsoid; matrices are nine numbers, row by row. @typedef {import("./engine.js").Surface & {inverse: number[], radius: number}} Surface */
 
-/** Codes of statuses of the engine, as `flinders.errors` has them. */
+/** Codes of `flinders.errors` by the engine's status. */
 const CODES = ["", "too-few-samples", "not-finite", "out-of-scale", "stuck-axis", "unmoved", "not-an-ellipsoid", "undetermined"];
 const ASKS_SWAP = 2;
-/** Whether z points down in a level turn, by `z_axis` of a record; null where nothing shows. */
+/** Whether z points down in a level turn, by `z_axis` of a record; null if unknown. */
 const Z_DOWN = [true, false, null];
 const REFRESHED = 8;
 const UNMOVED = 5;
 
 /**
- * Readings that were fitted, with what was left out of them.
+ * Fitted readings, and readings left out.
  * @typedef {object} Left
- * @property {Float64Array} near Those close to the surface, and at no end of an axis, of those that a fit goes by.
- * @property {import("./engine.js").Coverage} coverage Directions of those that a fit goes by, but for outliers.
+ * @property {Float64Array} near Fitted readings close to the surface and at no end of an axis.
+ * @property {import("./engine.js").Coverage} coverage Directions of the fitted readings without outliers.
  * @property {Outlier[]} outliers
- * @property {import("./rests.js").Rests} rests Of those at no end of an axis, and …
+ * @property {import("./rests.js").Rests} rests Rests of the readings at no end of an axis, and …
  * @property {Float64Array | null} when … their times.
- * @property {Uint8Array} isOut Of each reading of the request, whether it was left out, and …
+ * @property {Uint8Array} isOut For each reading of the request, whether it was left out, and …
  * @property {Uint8Array} isRail … whether it is at an end of an axis.
- * @property {boolean} isAlone The record of all readings shows a turn out of one plane, and no place counts.
+ * @property {boolean} isAlone The record of all readings shows a turn out of one plane, and no place is known.
  */
 
 /** A judged fit. */
 export class Fit {
     /**
      * @param {Request} request
-     * @param {Fitted} record Claimed.
+     * @param {Fitted} record With its final covariance.
      * @param {Judgement} judgement
      * @param {Left} left
      * @param {EngineData} data
@@ -75,7 +75,7 @@ export class Fit {
         this.judgement = judgement;
         this.left = left;
         this.renewed = renewed ?? null;
-        /** @type {"" | "xy"} The plane of a level turn that the fit rests on. */
+        /** @type {"" | "xy"} Plane of the level turn of the fit; empty otherwise. */
         this.plane = record.plane ? "xy" : "";
         this.zDown = Z_DOWN[record.z_axis];
         this.method = this.renewed ? "refresh" : this.plane ? "level" : record.is_robust ? "robust" : "likelihood";
@@ -93,7 +93,7 @@ export class Fit {
         this.structureDeg = judgement.structure_deg;
         this.headingError = { rms: judgement.rms_deg, worst: judgement.worst_deg, dipDeg: record.dip_deg };
         this.claimed = judgement.covariance;
-        /** What a level heading errs by at most, with a probability of 95 %, to the digits that a file has. */
+        /** Bound on the error of a level heading, 95 %, to the digits of a file. */
         this.headingBoundDeg = Number(judgement.bound_deg.toPrecision(4));
         this.quantities = Object.fromEntries(data.quantities.map((name, i) => [name, judgement.quantities[i]]));
         /** @type {import("./engine.js").AxisSwap | null} */
@@ -102,7 +102,7 @@ export class Fit {
         this.limit = null;
     }
 
-    /** Tilt up to which the worst heading error is within the target. */
+    /** Largest tilt with a worst heading error within the target. */
     get attitudeLimitDeg() {
         this.limit ??= this.engine.attitudeLimitDeg(this.surface.shape, this.claimed, this.headingError.dipDeg, this.targetDeg);
         return this.limit;
@@ -113,7 +113,7 @@ export class Fit {
         return this.engine.levelTurn(this.surface, this.claimed, this.headingError.dipDeg);
     }
 
-    /** What the covariance for independent residuals would claim; NaN where readings were corrected before. */
+    /** Worst heading error by the covariance for independent residuals; NaN for readings corrected before. */
     get textbookWorstDeg() {
         return this.engine.tiltedWorstDeg(this.surface.shape, this.record.textbook, this.headingError.dipDeg, 0);
     }
@@ -129,19 +129,19 @@ export class Fit {
 }
 
 /**
- * The ellipsoid of an offset and a shape.
+ * Ellipsoid with a centre and a shape.
  * @param {number[]} centre
  * @param {number[]} shape Its entries 11, 22, 33, 12, 13, 23.
  * @returns {Surface}
  */
 export function surfaceOf(centre, shape) {
     const [a, b, c, d, e, f] = shape;
-    const { inverse, determinant } = inverted([a, d, e, d, b, f, e, f, c]);
+    const { inverse, determinant } = inverseOf([a, d, e, d, b, f, e, f, c]);
     return { centre, shape, inverse, radius: Math.cbrt(determinant) };
 }
 
 /**
- * Fit readings, or say why there is no fit.
+ * Fit readings; returns a refusal if there is no fit.
  * @param {Engine} engine
  * @param {EngineData} data
  * @param {Request} request
@@ -166,21 +166,21 @@ export function fitOf(engine, data, request) {
         if (angle !== null) return { code: "unmoved", words: unmovedWords(angle, data.said["every-way"], data) };
     }
     const isFree = freeOf(field, whole);
-    const [some, when] = whole.rails ? [chosen(field, isFree, 3), time && chosen(time, isFree, 1)] : [field, time];
+    const [some, when] = whole.rails ? [chosenRows(field, isFree, 3), time && chosenRows(time, isFree, 1)] : [field, time];
     const fitted = whole.rails ? fit(some, when) : whole;
     if (fitted.status) return { code: CODES[fitted.status] ?? "", words: engine.message(fitted.status) };
     const rests = fitted.rests ? engine.rests(some) : NO_RESTS;
     const once = fittedOnce(some, rests);
-    const felt = acceleration && fitted.plane ? fittedOnce(chosen(acceleration, isFree, 3), rests).field : null;
+    const felt = acceleration && fitted.plane ? fittedOnce(chosenRows(acceleration, isFree, 3), rests).field : null;
     const isPlaced = !renewed && Boolean(request.site || felt);
     const record = isPlaced ? engine.atSite(once.field, fitted, request.site ?? {}, felt) : fitted;
     const isAlone = wasTurned && !isPlaced;
     const left = { ...leftOf(engine, data, record, { some, when, isFree, rests, once }), isAlone };
-    return judged(engine, data, request, withWhole(record, whole, left, engine, data), left, some);
+    return judgeFit(engine, data, request, withWhole(record, whole, left, engine, data), left, some);
 }
 
 /**
- * Strength of the field, where it is known: of the place, or of the calibration that is renewed.
+ * Known strength of the field: of the place, or of the renewed calibration; else null.
  * @param {Engine} engine
  * @param {Fitted} record
  * @param {import("./previous.js").Renewed | null} renewed
@@ -191,7 +191,7 @@ function strengthOf(engine, record, renewed) {
 }
 
 /**
- * Judge a record, and once more where it may be that axes were swapped.
+ * Judge a record, and again with the result of a search for swapped axes if needed.
  * @param {Engine} engine
  * @param {EngineData} data
  * @param {Request} request
@@ -200,7 +200,7 @@ function strengthOf(engine, record, renewed) {
  * @param {Float64Array} some Readings at no end of an axis.
  * @returns {Fit}
  */
-function judged(engine, data, request, record, left, some) {
+function judgeFit(engine, data, request, record, left, some) {
     const strength = strengthOf(engine, record, request.renewed ?? null);
     const known = strength === null ? {} : { field_strength: strength, is_strength_known: 1 };
     const asked = { target_deg: request.targetDeg, is_microtesla: Number(request.unit !== "counts"), ...known };
@@ -214,14 +214,14 @@ function judged(engine, data, request, record, left, some) {
     return fit;
 }
 
-/** What a record of all readings says of the recording, beside the fit of those at no end of an axis. */
+/** Fields of the record of all readings that describe the recording. */
 const OF_RECORDING = /** @type {const} */ ([
     "rows", "repeats", "distinct", "rails", "end_counts", "lowest", "highest", "principal_variances", "step",
     "path_correlation", "start", "end", "longest_step", "backward_steps",
 ]); // prettier-ignore
 
 /**
- * The record of a fit with what all readings say of the recording, and with what is not looked for in every fit.
+ * The record of a fit with fields of the whole recording, and with fields that are not computed in every fit.
  * @param {Fitted} record
  * @param {Fitted} whole
  * @param {Left} left
@@ -236,21 +236,21 @@ function withWhole(record, whole, left, engine, data) {
         : { fitted: whole.rows, fitted_repeats: whole.repeats, fitted_distinct: whole.distinct };
     const isPlain = left.isAlone && !record.hides_plane && !record.unobserved;
     const faults = isPlain ? {} : { nonlinear_deg: NaN, lag_deg: NaN };
-    const found = { ...faults, ...covered(record, left), ...driftOf(record, left, engine, data), ...farthestOf(left) };
+    const found = { ...faults, ...coverageOf(record, left), ...driftOf(record, left, engine, data), ...farthestOf(left) };
     return /** @type {Fitted} */ ({ ...record, ...ofAll, ...fitted, ...found });
 }
 
 /**
- * What the directions cover, seen from where a place has put the surface.
+ * Coverage of directions, about the surface adjusted to a place.
  * @param {Fitted} record
  * @param {Left} left
  */
-function covered({ site_strength }, { coverage: { share, upright, hole_deg, hole } }) {
+function coverageOf({ site_strength }, { coverage: { share, upright, hole_deg, hole } }) {
     return Number.isNaN(site_strength) ? {} : { coverage: share, upright, hole_deg, hole };
 }
 
 /**
- * How many readings were left out, and the farthest of them.
+ * Number of readings left out, and the farthest of them.
  * @param {Left} left
  */
 function farthestOf({ outliers }) {
@@ -279,7 +279,7 @@ function driftOf(record, left, engine, { numbers }) {
 }
 
 /**
- * What a fit left out: outliers, and what is at an end of an axis.
+ * Readings left out of a fit: outliers, and readings at an end of an axis.
  * @param {Engine} engine
  * @param {EngineData} data
  * @param {Fitted} record
@@ -298,7 +298,7 @@ function leftOf(engine, data, record, { some, when, isFree, rests, once }) {
     const own = engine.distances(once.field, record.centre, record.shape);
     const isOut = new Uint8Array(some.length / 3);
     once.first.forEach((first, i) => isOut.fill(out[i], first, once.last[i] + 1));
-    const near = chosen(once.field, Uint8Array.from(own, (distance) => Number(Math.abs(distance) <= limit)), 3);
+    const near = chosenRows(once.field, Uint8Array.from(own, (distance) => Number(Math.abs(distance) <= limit)), 3);
     const outliers = engine.outliers(distances, out, once, when, data.listed);
     let next = 0;
     return {
@@ -310,7 +310,7 @@ function leftOf(engine, data, record, { some, when, isFree, rests, once }) {
 }
 
 /**
- * Readings of a level turn, all at one height.
+ * Readings of a level turn moved to one height.
  * @param {Float64Array} field
  * @param {number} height
  * @returns {Float64Array}
@@ -320,7 +320,7 @@ function laidFlat(field, height) {
 }
 
 /**
- * Readings that are at no end of an axis at which the sensor was at its limit.
+ * Marks of readings at no saturated end of an axis.
  * @param {Float64Array} field
  * @param {Fitted} record
  * @returns {Uint8Array}
@@ -335,18 +335,18 @@ function freeOf(field, record) {
 }
 
 /**
- * Those of some rows of numbers that are marked.
+ * Marked rows of an array.
  * @param {Float64Array} numbers
  * @param {Uint8Array} isChosen
  * @param {number} width
  * @returns {Float64Array}
  */
-function chosen(numbers, isChosen, width) {
+function chosenRows(numbers, isChosen, width) {
     return numbers.filter((_, i) => isChosen[Math.floor(i / width)]);
 }
 
 /**
- * Where the sensor was at its limit.
+ * Ends of axes at which the sensor was saturated.
  * @param {Fitted} record
  * @returns {Rail[]}
  */
@@ -363,16 +363,16 @@ function railsOf(record) {
 
 /**
  * @param {number} angle
- * @param {string} how To turn the sensor.
+ * @param {string} how Words on turning the sensor.
  * @param {EngineData} data
  * @returns {string}
  */
 function unmovedWords(angle, how, { said }) {
-    return filled(said.unmoved, (name) => (name === "angle" ? roundedUp(angle) : how));
+    return fillTemplate(said.unmoved, (name) => (name === "angle" ? roundedUp(angle) : how));
 }
 
 /**
- * An angle as the next larger one of a single digit below 1°, of whole degrees above.
+ * Round an angle up to one digit below 1°, and to whole degrees above.
  * @param {number} angle
  * @returns {string}
  */

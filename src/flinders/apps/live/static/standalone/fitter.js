@@ -1,4 +1,4 @@
-/** Fits in a worker of their own, so that none blocks drawing. */
+/** Runs fits in a worker, so that they do not block drawing. */
 
 /** @typedef {import("./session.js").Evaluated} Evaluated */
 /** @typedef {import("./session.js").Task} Task */
@@ -16,18 +16,18 @@ export class Fitter {
         this.asked = 0;
         this.failure = "";
         this.worker = new Worker(script, { type: "module" });
-        this.worker.addEventListener("message", ({ data }) => this.#answered(data));
+        this.worker.addEventListener("message", ({ data }) => this.#onAnswer(data));
         this.worker.addEventListener("error", (event) => this.#fail(event.message || "its script cannot be loaded"));
         this.worker.postMessage({ address, data });
     }
 
     /**
-     * Fit, and say how long that took. A fault of ours is a refusal that says so.
+     * Fit a task; returns the result and its duration. An internal error becomes a refusal.
      * @param {Task} task
      * @returns {Promise<Timed>}
      */
     fit(task) {
-        if (this.failure) return Promise.resolve(refused(task, this.failure));
+        if (this.failure) return Promise.resolve(refusalResult(task, this.failure));
         const number = ++this.asked;
         return new Promise((done) => {
             this.running.set(number, { task, done });
@@ -36,22 +36,22 @@ export class Fitter {
     }
 
     /** @param {{number: number, fault?: string} & Timed} answer */
-    #answered({ number, fault, evaluated, seconds }) {
+    #onAnswer({ number, fault, evaluated, seconds }) {
         const asked = this.running.get(number);
         if (!asked) return;
         this.running.delete(number);
-        asked.done(fault === undefined ? { evaluated, seconds } : refused(asked.task, faultOf(fault)));
+        asked.done(fault === undefined ? { evaluated, seconds } : refusalResult(asked.task, faultOf(fault)));
     }
 
-    /** @param {string} words  why the worker cannot run */
+    /** @param {string} words  reason why the worker cannot run */
     #fail(words) {
         this.failure = faultOf(words);
-        for (const { task, done } of this.running.values()) done(refused(task, this.failure));
+        for (const { task, done } of this.running.values()) done(refusalResult(task, this.failure));
         this.running.clear();
     }
 }
 
-/** @param {string} words @returns {string} What to say of a fault that is none of the readings. */
+/** @param {string} words @returns {string} Message for an internal error. */
 function faultOf(words) {
     return `these readings could not be fitted in this browser (${words}): save them, and use flinders calibrate`;
 }
@@ -61,7 +61,7 @@ function faultOf(words) {
  * @param {string} refusal
  * @returns {Timed}
  */
-function refused({ key }, refusal) {
+function refusalResult({ key }, refusal) {
     const evaluated = { key, view: null, refusal, refusalCode: "", reasons: [], used: 0, rejected: 0, coverage: 0, alarms: [], record: null, previous: null };
     return { evaluated, seconds: 1 };
 }

@@ -1,4 +1,4 @@
-/** Directions that have not been seen, by the tiles of the sphere. */
+/** Uncovered directions, by the tiles of the sphere. */
 
 import { dot } from "../../../../static/views/vectors.js";
 
@@ -6,7 +6,7 @@ import { dot } from "../../../../static/views/vectors.js";
 /** @typedef {import("../../../../static/views/vectors.js").Vector} Vector */
 
 /**
- * The direction that is farthest from all that has been seen, and how far, rad.
+ * The direction farthest from all covered ones, and its angle, rad.
  * @param {View} view
  * @param {readonly number[]} centres
  * @returns {{direction: Vector, far: number}}
@@ -19,7 +19,7 @@ export function gapOf(view, centres) {
     return found;
 }
 
-/** Of each view once: @type {WeakMap<View, {direction: Vector, far: number}>} */
+/** Cache by view. @type {WeakMap<View, {direction: Vector, far: number}>} */
 const GAPS = new WeakMap();
 
 /** @param {View} view @param {readonly number[]} centres @returns {{direction: Vector, far: number}} */

@@ -1,5 +1,5 @@
 /**
- * The earth's field at a place at sea level: the World Magnetic Model, `flinders.core.geomag` there.
+ * The earth's field at sea level by the World Magnetic Model, as `flinders.core.geomag`.
  *
  * Source: NOAA/NCEI, *The US/UK World Magnetic Model for 2025–2030*, eq. 4 to 19. Its coefficients are data, taken from
  * pygeomag when the page is made.
@@ -15,7 +15,7 @@
 const DEG = Math.PI / 180;
 const EQUATOR_KM = 6378.137; // WGS 84
 const FLATTENING = 1 / 298.257223563;
-const RADIUS_KM = 6371.2; // that the coefficients are for
+const RADIUS_KM = 6371.2; // reference radius of the coefficients
 const DEGREES = 12;
 
 /**
@@ -88,7 +88,7 @@ function gradient(coefficients, years, radius, colatitude, longitude) {
 /** @typedef {{value: number, slope: number, share: number}} Legendre */
 
 /**
- * Degree and order m of those of m - 1.
+ * Function of degree and order m from that of m - 1.
  * @param {Legendre} from
  * @param {number} m
  * @param {number} sin
@@ -101,7 +101,7 @@ function nextOrder({ value, slope, share }, m, sin, cos) {
 }
 
 /**
- * Degree n of those of n - 2 and n - 1.
+ * Function of degree n from those of n - 2 and n - 1.
  * @param {Legendre} before
  * @param {Legendre} now
  * @param {number} n

@@ -2,7 +2,7 @@
 
 import { remedyOf, whyOf } from "./findings.js";
 import { figures, general } from "./numbers.js";
-import { ANY_ANGLE_DEG, filled, UPSIDE_DOWN } from "./wording.js";
+import { ANY_ANGLE_DEG, fillTemplate, UPSIDE_DOWN } from "./wording.js";
 
 /** @typedef {import("./fit.js").Fit} Fit */
 /** @typedef {import("./findings.js").Finding} Finding */
@@ -25,19 +25,19 @@ export function headline(fit, shown, verdict) {
     const [, reach, beyond] = (takes && reaches.find(([end]) => end === null || fit.attitudeLimitDeg < end)) || [0, "", ""];
     /** @type {Record<string, string | number>} */
     const values = {
-        reach: filled(reach, () => fit.attitudeLimitDeg),
+        reach: fillTemplate(reach, () => fit.attitudeLimitDeg),
         beyond,
         error: leads[kind].includes("{error}") ? errorWords(fit) : "",
         target: `${general(targetDeg)}°`,
         why: why.charAt(0).toLowerCase() + why.slice(1),
     };
-    const lead = `${filled(leads[kind], (name) => values[name]).replace(/\.$/, "")}.`;
+    const lead = `${fillTemplate(leads[kind], (name) => values[name]).replace(/\.$/, "")}.`;
     const isSmall = kind === "good" && fit.headingError.worst < numbers.SMALL_ERROR_DEG;
     return [lead, cause ? remedyOf(cause, data) : "", isSmall ? said["left-out"] : ""].filter(Boolean).join(" ");
 }
 
 /**
- * Which lead a verdict has.
+ * Kind of the first sentence of a verdict.
  * @param {Fit} fit
  * @param {Finding | undefined} cause
  * @param {Verdict} verdict
@@ -56,7 +56,7 @@ function kindOf(fit, cause, verdict) {
 }
 
 /**
- * The worst heading error, 1 σ, and its bound; with the digits that tell it from the target.
+ * The worst heading error, 1 σ, and its bound, with enough digits to differ from the target.
  * @param {Fit} fit
  * @returns {string}
  */

@@ -1,8 +1,7 @@
 /**
- * Readings of a board in the browser's database, and what was done to them, so that loading the page again, or a crash,
- * loses none.
+ * Stores readings of a board and the user's edits in the browser's database, so that they survive a reload or a crash.
  *
- * One page of an address has them at a time; another one that is open beside it keeps nothing.
+ * Only one open page of an address uses the database; further pages store nothing.
  */
 
 /** @typedef {import("./buffer.js").ReadingBuffer} ReadingBuffer */
@@ -11,31 +10,31 @@
 /** @typedef {Of & {time: Float64Array, field: Float64Array, acceleration: Float64Array | null}} Kept */
 
 const NAME = "flinders-readings";
-/** Key of what was done to the readings; those have numbers. */
+/** Key of the edits; readings have numbers as keys. */
 const EDITS = "edits";
 const WRITE_MS = 1000;
-/** A page that is loaded again waits so long for its predecessor to go; then it begins without what that kept. */
+/** Longest wait of a reloaded page for the previous page's lock; after that it starts without stored readings. */
 const RELEASE_MS = 2000;
 
 export class Keeper {
-    /** @param {IDBDatabase | null} database  Null where the browser has none for us. */
+    /** @param {IDBDatabase | null} database  Null if the browser has no database. */
     constructor(database) {
         this.database = database;
         /** @type {Kept[]} */
         this.waiting = [];
         this.timer = 0;
-        /** Called where the browser has no more room. */
+        /** Called if the storage is full. */
         this.onFull = () => {};
-        /** Called where it is ours later, as the page that had it is closed. */
+        /** Called when the database becomes available, after another page was closed. */
         this.onOpen = () => {};
     }
 
     /** @returns {Promise<Keeper>} */
     static async open() {
-        const keeper = new Keeper(null); // as long as another page has it, or storage is switched off
+        const keeper = new Keeper(null); // while another page has the database, or storage is off
         const open = async () => {
-            await locked(NAME);
-            keeper.database = await opened(NAME);
+            await acquireLock(NAME);
+            keeper.database = await openDatabase(NAME);
             keeper.onOpen();
         };
         await Promise.race([open().catch(() => {}), new Promise((done) => setTimeout(done, RELEASE_MS))]);
@@ -47,7 +46,7 @@ export class Keeper {
     }
 
     /**
-     * Keep the readings of a buffer from a number on; within a second they are in the database.
+     * Store the readings of a buffer from a number on, within a second.
      * @param {Of} of  the source
      * @param {ReadingBuffer} buffer
      * @param {number} before
@@ -60,7 +59,7 @@ export class Keeper {
         this.timer ||= window.setTimeout(() => this.write(), WRITE_MS);
     }
 
-    /** Write what waits. */
+    /** Write queued readings. */
     write() {
         window.clearTimeout(this.timer);
         this.timer = 0;
@@ -68,42 +67,42 @@ export class Keeper {
         this.waiting = [];
         if (!this.database || waiting.length === 0) return;
         const transaction = this.database.transaction(NAME, "readwrite");
-        transaction.objectStore(NAME).add(united(waiting));
+        transaction.objectStore(NAME).add(mergeParts(waiting));
         transaction.addEventListener("abort", () => {
             this.database = null;
             this.onFull();
         });
     }
 
-    /** Keep what was done to the readings. @param {import("../wire.d.ts").Edits} edits */
+    /** Store edits. @param {import("../wire.d.ts").Edits} edits */
     note(edits) {
         this.database?.transaction(NAME, "readwrite").objectStore(NAME).put(edits, EDITS);
     }
 
-    /** @returns {Promise<import("../wire.d.ts").Edits | null>} What was done to the readings; null where nothing was. */
+    /** @returns {Promise<import("../wire.d.ts").Edits | null>} The stored edits; null without any. */
     async edits() {
         return this.database && ((await answer(this.database.transaction(NAME).objectStore(NAME).get(EDITS))) ?? null);
     }
 
-    /** Forget all of them. */
+    /** Delete all readings and edits. */
     clear() {
         this.waiting = [];
         this.database?.transaction(NAME, "readwrite").objectStore(NAME).clear();
     }
 
-    /** @returns {Promise<Kept | null>} All that are here; null where there are none. */
+    /** @returns {Promise<Kept | null>} All stored readings; null without any. */
     async readings() {
         if (!this.database) return null;
         const numbered = IDBKeyRange.bound(0, Infinity);
         const parts = /** @type {Kept[]} */ (await answer(this.database.transaction(NAME).objectStore(NAME).getAll(numbered)));
-        return parts.length > 0 ? united(parts) : null;
+        return parts.length > 0 ? mergeParts(parts) : null;
     }
 }
 
 /** @param {Kept[]} parts @returns {Kept} */
-function united(parts) {
-    const [time, field] = [joined(parts.map((part) => part.time)), joined(parts.map((part) => part.field))];
-    const felt = () => joined(parts.map((part) => part.acceleration ?? new Float64Array(part.field.length).fill(NaN)));
+function mergeParts(parts) {
+    const [time, field] = [joinArrays(parts.map((part) => part.time)), joinArrays(parts.map((part) => part.field))];
+    const felt = () => joinArrays(parts.map((part) => part.acceleration ?? new Float64Array(part.field.length).fill(NaN)));
     return { ...parts[0], time, field, acceleration: parts.some((part) => part.acceleration) ? felt() : null };
 }
 
@@ -111,7 +110,7 @@ function united(parts) {
  * @param {Float64Array[]} parts
  * @returns {Float64Array}
  */
-function joined(parts) {
+function joinArrays(parts) {
     const all = new Float64Array(parts.reduce((sum, { length }) => sum + length, 0));
     let at = 0;
     for (const part of parts) {
@@ -122,12 +121,11 @@ function joined(parts) {
 }
 
 /**
- * Lock a name until the page is closed, once no other page has it. When a page is loaded again, the lock of the one before
- * is released a moment later.
+ * Acquire the lock of a name until the page is closed. After a reload, the previous page releases its lock with a delay.
  * @param {string} name
  * @returns {Promise<void>}
  */
-function locked(name) {
+function acquireLock(name) {
     return new Promise((done, failed) => {
         const whileOpen = () => {
             done();
@@ -141,7 +139,7 @@ function locked(name) {
  * @param {string} name
  * @returns {Promise<IDBDatabase>}
  */
-function opened(name) {
+function openDatabase(name) {
     const request = indexedDB.open(name, 1);
     request.addEventListener("upgradeneeded", () => request.result.createObjectStore(name, { autoIncrement: true }));
     return answer(request);

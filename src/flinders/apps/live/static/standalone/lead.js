@@ -8,7 +8,7 @@
 
 import { goesOn } from "../store.js";
 import { between, DRAWN, rotated } from "../../../../static/views/turn.js";
-import { corrected, dot, unit } from "../../../../static/views/vectors.js";
+import { correctReading, dot, unit } from "../../../../static/views/vectors.js";
 import { brief, REASONS, sentence } from "../views/words.js";
 import { isOver, progress, SEQUENCES, staysLevel } from "./choreography.js";
 import { gapOf } from "./gaps.js";
@@ -63,7 +63,7 @@ const AROUND = "Turn it slowly through all directions.";
  * @returns {Lead}
  */
 export function lead(before, known) {
-    const wanted = asked(known);
+    const wanted = wantedLead(known);
     if (!before) return { ...wanted, since: known.at, changes: [] };
     if (wanted.words === before.words && wanted.kind === before.kind && wanted.kind !== "arrow") {
         return { ...before, ...wanted };
@@ -80,14 +80,14 @@ export function lead(before, known) {
  * @param {Known} known
  * @returns {Asked}
  */
-function asked(known) {
+function wantedLead(known) {
     const { state, view, choreography, raw } = known;
     const { body } = choreography;
     /** @type {(kind: Lead["kind"], words: string, target?: Vector | null) => Asked} */
     const plain = (kind, words, target = null) => ({ kind, words, body, step: 0, of: 0, progress: 0, target });
     if (state.phase === "wrong") return plain("wrong", sentence(brief(state.words)[0]));
-    if (state.finished) return plain(...finished(state, view));
-    if (!goesOn(state) && state.readings > 0) return plain("ended", ended(state, view));
+    if (state.finished) return plain(...finishedWords(state, view));
+    if (!goesOn(state) && state.readings > 0) return plain("ended", endedWords(state, view));
     if (state.phase === "waiting") return plain("wait", "");
     if (state.paused) return plain("wait", "Paused: press Go on, and turn it again.");
     if (state.phase === "good") return plain("done", "Done: press Finish, or keep turning to make it better.");
@@ -97,7 +97,7 @@ function asked(known) {
     const direction = targetOf(known);
     if (!direction && state.phase === "limited") return plain("done", ENOUGH);
     if (!direction || !view?.shown || !raw) return plain("around", AROUND);
-    const { axis } = between(direction, unit(corrected(raw, view.shown)));
+    const { axis } = between(direction, unit(correctReading(raw, view.shown)));
     return plain("arrow", `Now ${turnAbout(rotated(DRAWN[view.guidance?.frame ?? "sensor"], axis), body)}.`, direction);
 }
 
@@ -132,7 +132,7 @@ function turn(choreography) {
  * @param {View | null} view
  * @returns {[Lead["kind"], string]}
  */
-function finished({ phase, told, words }, view) {
+function finishedWords({ phase, told, words }, view) {
     if (phase === "good" || phase === "limited") return ["finished", "Finished: this calibration stays as it is."];
     if (view === null || told === "fitting") return ["ended", words];
     return ["ended", `Finished, and it misses the target: press Collect more, and ${goOn(view)}`];
@@ -143,7 +143,7 @@ function finished({ phase, told, words }, view) {
  * @param {State} state
  * @param {View | null} view
  */
-function ended({ phase, told, words, reasons }, view) {
+function endedWords({ phase, told, words, reasons }, view) {
     if (phase === "good" || phase === "limited") return "Done: press Finish.";
     if (told === "fitting") return words;
     const disturbed = reasons.find(({ spans }) => spans.length > 0);
@@ -185,7 +185,7 @@ function stands(before, wanted, { at, view, raw }) {
  */
 function isReached(target, raw, view) {
     if (!target || !raw || !view?.shown) return true;
-    return dot(target, unit(corrected(raw, view.shown))) > Math.cos(REACHED);
+    return dot(target, unit(correctReading(raw, view.shown))) > Math.cos(REACHED);
 }
 
 /**

@@ -5,7 +5,7 @@
  * @param {ArrayLike<number>} m
  * @returns {{inverse: number[], determinant: number}}
  */
-export function inverted(m) {
+export function inverseOf(m) {
     const minor = (/** @type {number} */ i, /** @type {number} */ j, /** @type {number} */ k, /** @type {number} */ l) => m[i] * m[l] - m[j] * m[k];
     const adjugate = [
         minor(4, 5, 7, 8), -minor(1, 2, 7, 8), minor(1, 2, 4, 5),
@@ -44,6 +44,6 @@ export function product(a, b) {
  * @param {ArrayLike<number>} m
  * @returns {number[]}
  */
-export function transposed(m) {
+export function transpose(m) {
     return [0, 3, 6, 1, 4, 7, 2, 5, 8].map((k) => m[k]);
 }

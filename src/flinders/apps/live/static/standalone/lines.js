@@ -6,7 +6,7 @@
  */
 
 import { midnights } from "./clocks.js";
-import { jsonLines, labelled, marked, parsed, stamped } from "./dialects.js";
+import { jsonLines, labelledDialect, markedDialect, parseJson, stampedDialect } from "./dialects.js";
 import { Names } from "./names.js";
 import { revived, whole } from "./patterns.js";
 import { Prints } from "./printed.js";
@@ -82,14 +82,14 @@ class Language {
      * @throws {Unreadable} As `Unclear` where a choice of columns lets them be read.
      */
     form(lines, choice, every = lines) {
-        const found = this.recognised(lines);
+        const found = this.recogniseDialect(lines);
         const isPrint = found !== null && found.words === this.rules.labelled.WORDS;
         const dialect = isPrint && !this.namesMagnetometer(found) && this.tables.isTable(lines) ? null : found;
         try {
             return dialect ? this.ofDialect(dialect, lines, choice) : this.ofTable(lines, choice, every);
         } catch (error) {
             const isOpen = error instanceof Unreadable && !(error instanceof Several);
-            const guess = isOpen && !dialect ? this.guessed(lines) : null;
+            const guess = isOpen && !dialect ? this.guessDialect(lines) : null;
             if (!guess || (!this.namesMagnetometer(guess) && this.tables.isTable(lines))) throw error;
             return this.ofDialect(guess, lines, choice);
         }
@@ -111,18 +111,18 @@ class Language {
      * @param {string[]} lines
      * @returns {Dialect | null}
      */
-    recognised(lines) {
+    recogniseDialect(lines) {
         const { layout, marked: programs, json } = this.rules;
         const tried = lines.slice(0, layout.TRIED);
         const below = lines.slice(layout.HEADING, layout.TRIED);
         if (below.length && below.every((line) => whole(layout._PLAIN, line))) return null;
         const has = (/** @type {RegExp} */ sign) => tried.some((line) => sign.test(line));
-        const behind = (/** @type {string[]} */ rest) => this.recognised(rest);
+        const behind = (/** @type {string[]} */ rest) => this.recogniseDialect(rest);
         return (
-            (lines.some((line) => programs.SIGN.test(line)) && marked(this.prints, programs, lines)) ||
+            (lines.some((line) => programs.SIGN.test(line)) && markedDialect(this.prints, programs, lines)) ||
             (has(layout._OPENS_JSON) && jsonLines(this.prints, json, tried)) ||
-            (has(layout._CLOCK) && stamped(this.rules, tried, behind, (rest) => this.tableRows(rest), true)) ||
-            (has(layout._LETTER) && labelled(this.prints, this.rules.labelled, tried, true)) ||
+            (has(layout._CLOCK) && stampedDialect(this.rules, tried, behind, (rest) => this.tableRows(rest), true)) ||
+            (has(layout._LETTER) && labelledDialect(this.prints, this.rules.labelled, tried, true)) ||
             null
         );
     }
@@ -131,9 +131,9 @@ class Language {
      * A dialect of lines that are no table either.
      * @param {string[]} lines
      */
-    guessed(lines) {
-        const behind = (/** @type {string[]} */ rest) => this.recognised(rest) ?? labelled(this.prints, this.rules.labelled, rest, false);
-        return stamped(this.rules, lines, behind, (rest) => this.tableRows(rest), false) ?? labelled(this.prints, this.rules.labelled, lines, false);
+    guessDialect(lines) {
+        const behind = (/** @type {string[]} */ rest) => this.recogniseDialect(rest) ?? labelledDialect(this.prints, this.rules.labelled, rest, false);
+        return stampedDialect(this.rules, lines, behind, (rest) => this.tableRows(rest), false) ?? labelledDialect(this.prints, this.rules.labelled, lines, false);
     }
 
     /**
@@ -144,7 +144,7 @@ class Language {
     tableRows(lines) {
         let layout;
         try {
-            layout = this.tables.laidOut(lines);
+            layout = this.tables.layoutOf(lines);
         } catch (error) {
             if (error instanceof Unreadable) return null;
             throw error;
@@ -192,7 +192,7 @@ class Language {
      * @returns {Form}
      */
     ofTable(lines, choice, every) {
-        const layout = this.tables.laidOut(lines, choice, every);
+        const layout = this.tables.layoutOf(lines, choice, every);
         const separated = `${this.rules.layout.SPOKEN[layout.delimiter]}-separated`;
         return this.formOf(`lines of numbers, ${separated}`, layout.columns, layout.decimal, (line) => {
             if (!line.trim() || this.prints.isComment(line) || line === layout.headerText) return undefined;
@@ -488,7 +488,7 @@ export function accelerationOf(readings) {
 export function readLog(data, name, bytes, choice = null) {
     const language = languageOf(data);
     refuseForeign(language.rules.files, name, bytes);
-    const lines = belowHeader(language, linesOf(language, decoded(bytes)));
+    const lines = belowHeader(language, linesOf(language, decodeText(bytes)));
     const form = language.form(lines.slice(0, OPENING), choice, lines);
     const readings = [];
     let [unknown, example] = [0, ""];
@@ -521,7 +521,7 @@ export function readLog(data, name, bytes, choice = null) {
  * @param {Uint8Array} bytes
  * @returns {string}
  */
-function decoded(bytes) {
+function decodeText(bytes) {
     if (isWide(bytes)) return new TextDecoder(bytes[0] === 0xff ? "utf-16le" : "utf-16be").decode(bytes);
     try {
         return new TextDecoder("utf-8", { fatal: true }).decode(bytes);
@@ -546,7 +546,7 @@ function isWide([first, second]) {
  */
 function linesOf({ rules }, text) {
     const lines = text.split(/\r\n|\n|\r/);
-    const document = /^\s*[[{]/.test(text) ? parsed(text) : null;
+    const document = /^\s*[[{]/.test(text) ? parseJson(text) : null;
     if (document === null) return lines;
     const kind = document[rules.json.MARK];
     if (kind) throw new Unreadable(`it is a ${kind} file of Flinders and not a recording: give the recording`);

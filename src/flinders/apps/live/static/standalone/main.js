@@ -13,7 +13,7 @@ start(async (listener, /** @type {import("./link.js").PageData} */ data, fitter)
     const link = new OwnLink(listener, data, fitter, keeper);
     const choice = new Choice(link, data);
     const columns = new ColumnDialog(Object.keys(data.lines.units.PER_UNIT));
-    link.choose = (unclear) => columns.ask(unclear.asked, unclear.message);
+    link.choose = (unclear) => columns.ask(unclear.question, unclear.message);
     const restored = async () => {
         await link.restore();
         choice.follow();

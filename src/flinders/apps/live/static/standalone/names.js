@@ -1,6 +1,6 @@
 /** What names of columns say: which sensor, axis and unit. The rows are those of `readers/_names.py`. */
 
-import { ahead, every, largest, replaced, strippedStart, whole } from "./patterns.js";
+import { ahead, every, largest, replaceAll, stripStart, whole } from "./patterns.js";
 
 /** @typedef {import("./patterns.js").Constants} Constants */
 /** @typedef {import("./patterns.js").Rules} Rules */
@@ -44,7 +44,7 @@ export class Names {
         let meaning = this.known.get(name);
         if (!meaning) {
             if (this.known.size >= REMEMBERED) this.known.clear();
-            this.known.set(name, (meaning = this.understood(name)));
+            this.known.set(name, (meaning = this.parseName(name)));
         }
         return meaning;
     }
@@ -53,7 +53,7 @@ export class Names {
      * @param {string} name
      * @returns {Meaning}
      */
-    understood(name) {
+    parseName(name) {
         const { _WRITTEN_HERE, _OF_MOTOR, _OTHERS, _DERIVED, CALIBRATED, FIELD, STRENGTH } = this.rules;
         const folded = name.trim().toLowerCase();
         if (Object.hasOwn(_WRITTEN_HERE, folded)) {
@@ -64,7 +64,7 @@ export class Names {
             const match = whole(_OF_MOTOR[kind], folded);
             if (match) return { ...NOTHING, kind, axis: match[1] || match[2] };
         }
-        const { words, units } = this.parted(name);
+        const { words, units } = this.splitName(name);
         const lower = words.map((word) => word.toLowerCase());
         if ((!words.length && !units.length) || whole(this.rules._NUMBERED, name.trim())) return NOTHING;
         if (this.isStrength(lower, units)) return { ...NOTHING, kind: STRENGTH, unit: this.unit(STRENGTH, units) };
@@ -203,7 +203,7 @@ export class Names {
         const { _MEASURES, _COMMON, _RAW, _DERIVED, _SENSED, _LETTERS, _DEVICES } = this.rules;
         const words = this.wordsOfSensor(name);
         const hasKind = words.some((word) => this.kindOfWord(word) || this.kindOfChip(word));
-        const measured = replaced(_MEASURES, (match) => match.replaceAll(" ", ""), words.join(" ")).split(" ");
+        const measured = replaceAll(_MEASURES, (match) => match.replaceAll(" ", ""), words.join(" ")).split(" ");
         const plain = [_COMMON, _RAW, _DERIVED, _SENSED];
         const apart = measured.filter((word) => word && (this.isChip(word) || !plain.some((pattern) => ahead(pattern, word))));
         const own = apart.filter((word) => hasKind || !(word in _LETTERS));
@@ -251,7 +251,7 @@ export class Names {
      */
     sensorName(name, axis) {
         const { _BRACKET, _PIECES, _RAW, _DERIVED, _UNITS_OF_AXES } = this.rules;
-        const bare = replaced(_BRACKET, "", name.trim());
+        const bare = replaceAll(_BRACKET, "", name.trim());
         const place = placeOfAxis(bare.toLowerCase(), axis);
         let own = "";
         every(_PIECES, bare.slice(0, place) + bare.slice(place + 1)).forEach(([, between, piece], number) => {
@@ -259,14 +259,14 @@ export class Names {
             const isCommon = (number && _UNITS_OF_AXES.includes(folded)) || ahead(_RAW, folded) || ahead(_DERIVED, folded);
             if (!isCommon) own += (between && " _.-".includes(between.slice(-1)) ? between.slice(-1) : "_") + piece;
         });
-        return strippedStart(own, " _.-");
+        return stripStart(own, " _.-");
     }
 
     /**
      * A name in words, and the units that it may state in the order of trust.
      * @param {string} name
      */
-    parted(name) {
+    splitName(name) {
         const { _IN_BRACKETS, _SEPARATORS, _CHIP, _PARTS, _GLUED, FACTORS, TIME } = this.rules;
         const times = FACTORS[TIME];
         /** @type {string[]} */
@@ -305,12 +305,12 @@ export class Names {
      * @param {string} name
      */
     withUnitTogether(name) {
-        return replaced(this.rules._BEGUN, "", replaced(this.rules._IN, "", replaced(this.partedUnit, "$1", name)));
+        return replaceAll(this.rules._BEGUN, "", replaceAll(this.rules._IN, "", replaceAll(this.partedUnit, "$1", name)));
     }
 
     /** @param {string} name */
     wordsOfSensor(name) {
-        const { words, units } = this.parted(name);
+        const { words, units } = this.splitName(name);
         const foreign = units.filter((unit) => !this.rules._UNITS_OF_AXES.includes(unit.toLowerCase()));
         return this.withoutAxis([...words, ...foreign].map((word) => word.toLowerCase())).sensor;
     }

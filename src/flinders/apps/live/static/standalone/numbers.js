@@ -8,7 +8,7 @@
 export function general(value, digits = 6) {
     if (!Number.isFinite(value)) return Number.isNaN(value) ? "nan" : value > 0 ? "inf" : "-inf";
     if (value === 0) return Object.is(value, -0) ? "-0" : "0";
-    const [mantissa, power] = rounded(value, digits).split("e");
+    const [mantissa, power] = roundText(value, digits).split("e");
     const exponent = Number(power);
     const sign = value < 0 ? "-" : "";
     const figure = mantissa.replace(/[-.]/g, "").replace(/0+$/, "");
@@ -28,7 +28,7 @@ export function general(value, digits = 6) {
  * @param {number} digits
  */
 export function exponential(value, digits) {
-    const [mantissa, power] = rounded(value, digits).split("e");
+    const [mantissa, power] = roundText(value, digits).split("e");
     return `${mantissa}${exponentOf(Number(power))}`;
 }
 
@@ -37,7 +37,7 @@ export function exponential(value, digits) {
  * @param {number} value
  * @param {number} digits
  */
-function rounded(value, digits) {
+function roundText(value, digits) {
     const exact = value.toExponential(60);
     const [mantissa, power] = exact.split("e");
     const end = mantissa.indexOf(".") + digits;
@@ -73,7 +73,7 @@ export function shortest(value) {
 export function figures(value, digits = 2) {
     const size = Math.abs(value);
     if (!(size >= 1e-4 && size < 1e7)) return general(value, digits);
-    return grouped(value, Math.max(digits - 1 - Math.floor(Math.log10(size)), 0));
+    return groupText(value, Math.max(digits - 1 - Math.floor(Math.log10(size)), 0));
 }
 
 /**
@@ -81,8 +81,8 @@ export function figures(value, digits = 2) {
  * @param {number} value
  * @param {number} places
  */
-export function grouped(value, places = 0) {
-    return fixed(value, places).replace(/\B(?=(\d{3})+(?!\d))(?<!\.\d*)/g, ",");
+export function groupText(value, places = 0) {
+    return fixedText(value, places).replace(/\B(?=(\d{3})+(?!\d))(?<!\.\d*)/g, ",");
 }
 
 /**
@@ -90,7 +90,7 @@ export function grouped(value, places = 0) {
  * @param {number} value
  * @param {number} places
  */
-export function fixed(value, places) {
+export function fixedText(value, places) {
     const exact = value.toFixed(Math.min(places + 60, 100));
     const end = exact.indexOf(".") + 1 + places;
     const isTie = /^50*$/.test(exact.slice(end)) && "02468".includes(exact[end - 1] === "." ? exact[end - 2] : exact[end - 1]);

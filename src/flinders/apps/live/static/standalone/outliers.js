@@ -1,6 +1,6 @@
 /** Runs of readings that a fit left out, in words: `flinders.estimators.outliers`. */
 
-import { grouped } from "./numbers.js";
+import { groupText } from "./numbers.js";
 
 /**
  * A run of readings that do not belong to the rest.
@@ -20,7 +20,7 @@ import { grouped } from "./numbers.js";
  * @returns {string}
  */
 export function runWords([first, last, rows, start, end, fitted]) {
-    const many = rows > 1 ? `${grouped(rows)} readings${fitted === 1 ? " at rest" : ""}` : "a reading";
+    const many = rows > 1 ? `${groupText(rows)} readings${fitted === 1 ? " at rest" : ""}` : "a reading";
     if (start <= end) {
         return rows === 1 ? `${start.toFixed(1)} s: ${many}` : `${start.toFixed(1)}–${end.toFixed(1)} s: ${many}`;
     }

@@ -54,7 +54,7 @@ export function every(pattern, text) {
  * @param {string | ((match: string, ...groups: any[]) => string)} by
  * @param {string} text
  */
-export function replaced(pattern, by, text) {
+export function replaceAll(pattern, by, text) {
     return text.replace(global(pattern), /** @type {any} */ (by));
 }
 
@@ -63,15 +63,15 @@ export function replaced(pattern, by, text) {
  * @param {string} text
  * @param {string} letters
  */
-export function stripped(text, letters) {
-    return strippedEnd(strippedStart(text, letters), letters);
+export function stripLetters(text, letters) {
+    return stripEnd(stripStart(text, letters), letters);
 }
 
 /**
  * @param {string} text
  * @param {string} letters
  */
-export function strippedStart(text, letters) {
+export function stripStart(text, letters) {
     let start = 0;
     while (start < text.length && letters.includes(text[start])) start++;
     return text.slice(start);
@@ -81,7 +81,7 @@ export function strippedStart(text, letters) {
  * @param {string} text
  * @param {string} letters
  */
-export function strippedEnd(text, letters) {
+export function stripEnd(text, letters) {
     let end = text.length;
     while (end > 0 && letters.includes(text[end - 1])) end--;
     return text.slice(0, end);
@@ -93,7 +93,7 @@ export function strippedEnd(text, letters) {
  * @param {Iterable<Key>} keys
  * @returns {Map<Key, number>}
  */
-export function counted(keys) {
+export function countKeys(keys) {
     const counts = new Map();
     for (const key of keys) counts.set(key, (counts.get(key) ?? 0) + 1);
     return counts;
@@ -108,7 +108,7 @@ export function counted(keys) {
  */
 export function largest(entries, key) {
     let best = entries[0];
-    for (const entry of entries.slice(1)) if (compared(key(entry), key(best)) > 0) best = entry;
+    for (const entry of entries.slice(1)) if (compareKeys(key(entry), key(best)) > 0) best = entry;
     return best;
 }
 
@@ -117,7 +117,7 @@ export function largest(entries, key) {
  * @param {(number | boolean)[]} other
  * @returns {number} Below 0 where `one` comes first.
  */
-function compared(one, other) {
+function compareKeys(one, other) {
     const place = one.findIndex((value, i) => value !== other[i]);
     return place < 0 ? 0 : Number(one[place]) - Number(other[place]);
 }

@@ -4,9 +4,9 @@
  */
 
 import { surfaceOf } from "./fit.js";
-import { inverted, product, transposed } from "./linear.js";
+import { inverseOf, product, transpose } from "./linear.js";
 import { figures, general } from "./numbers.js";
-import { filled } from "./wording.js";
+import { fillTemplate } from "./wording.js";
 
 /** @typedef {import("../messages.d.ts").PreviousState} PreviousState */
 /** @typedef {import("./data.d.ts").EngineData} EngineData */
@@ -41,7 +41,7 @@ export function otherRecording({ name, calibration }, { unit, axes = "x,y,z" }, 
     if (!isOther && calibration.axes === axes) return "";
     const other = isOther ? (calibration.raw?.unit ?? calibration.unit) : calibration.axes;
     const values = { source: "this recording", unit, axes, name, other };
-    return filled(said[isOther ? "other-recording" : "other-axes"], (each) => values[/** @type {keyof typeof values} */ (each)]);
+    return fillTemplate(said[isOther ? "other-recording" : "other-axes"], (each) => values[/** @type {keyof typeof values} */ (each)]);
 }
 
 /**
@@ -66,11 +66,11 @@ export function renewedOf({ name, calibration }) {
  * @param {{unit: string, axes?: string}} readings
  * @returns {PreviousState}
  */
-export function compared(previous, fit, data, readings) {
+export function comparePrevious(previous, fit, data, readings) {
     const { name, calibration } = previous;
     const without = (/** @type {string} */ words) => ({ name, change_deg: null, words });
     if (fit === null) return without("nothing to compare with yet");
-    if (fit.renewed) return changed(fit, fit.renewed);
+    if (fit.renewed) return changeSince(fit, fit.renewed);
     const { engine } = fit;
     const words = otherRecording(previous, readings, data);
     if (words) return without(words);
@@ -93,7 +93,7 @@ export function compared(previous, fit, data, readings) {
  * @param {Renewed} renewed
  * @returns {PreviousState}
  */
-function changed({ engine, surface, unit, dipDeg }, { name, centre, shape }) {
+function changeSince({ engine, surface, unit, dipDeg }, { name, centre, shape }) {
     const moved = surface.centre.map((part, i) => part - centre[i]);
     const { inverse } = surfaceOf(centre, shape);
     const off = [0, 3, 6].map((row) => moved.reduce((sum, part, i) => sum + inverse[row + i] * part, 0));
@@ -139,7 +139,7 @@ function orderedBy(names = PARAMETERS, covariance) {
  */
 function shapeOf({ matrix, fieldStrength }) {
     const rows = matrix.flat();
-    const shape = product(inverted(rows).inverse, rotationOf(rows)).map((part) => fieldStrength * part);
+    const shape = product(inverseOf(rows).inverse, rotationOf(rows)).map((part) => fieldStrength * part);
     return [shape[0], shape[4], shape[8], (shape[1] + shape[3]) / 2, (shape[2] + shape[6]) / 2, (shape[5] + shape[7]) / 2];
 }
 
@@ -152,7 +152,7 @@ function shapeOf({ matrix, fieldStrength }) {
 function rotationOf(matrix) {
     let rotation = matrix;
     for (let i = 0; i < NEWTON_STEPS; i++) {
-        const other = transposed(inverted(rotation).inverse);
+        const other = transpose(inverseOf(rotation).inverse);
         rotation = rotation.map((part, k) => (part + other[k]) / 2);
     }
     return rotation;

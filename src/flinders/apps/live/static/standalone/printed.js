@@ -1,6 +1,6 @@
 /** A printed line: its numbers, and the names that labels and units give them. The rows are those of `readers/_tokenizer.py`. */
 
-import { ahead, replaced, stripped, strippedEnd, strippedStart, whole } from "./patterns.js";
+import { ahead, replaceAll, stripLetters, stripEnd, stripStart, whole } from "./patterns.js";
 
 /** @typedef {import("./names.js").Names} Names */
 /** @typedef {import("./patterns.js").Rules} Rules */
@@ -58,7 +58,7 @@ export class Prints {
      * @returns {string[]}
      */
     split(text, delimiter) {
-        if (delimiter === this.rules.SPACES) return this.unglued(text.replaceAll('"', "")).split(/\s+/).filter(Boolean);
+        if (delimiter === this.rules.SPACES) return this.splitColumns(text.replaceAll('"', "")).split(/\s+/).filter(Boolean);
         return text.includes('"') ? quotedCells(text, delimiter) : text.split(delimiter);
     }
 
@@ -77,11 +77,11 @@ export class Prints {
      */
     cut(line) {
         const { _COLOURS, _CHECK_SUM, _TELEPLOT, _NUMBERED, _REMARKED, _DIGITS, MOMENT, _LOOSE_SIGN, _CUT } = this.rules;
-        if (line.startsWith("$")) line = replaced(_CHECK_SUM, "", line);
-        line = replaced(_TELEPLOT, "$1", replaced(_COLOURS, "", line));
-        line = replaced(_NUMBERED, "$1$2", replaced(MOMENT, " ", this.unglued(line)));
-        line = replaced(_REMARKED, (remark) => replaced(_DIGITS, "#", remark), line);
-        const pieces = (line.includes("- ") ? replaced(_LOOSE_SIGN, " -", line) : line).split(_CUT);
+        if (line.startsWith("$")) line = replaceAll(_CHECK_SUM, "", line);
+        line = replaceAll(_TELEPLOT, "$1", replaceAll(_COLOURS, "", line));
+        line = replaceAll(_NUMBERED, "$1$2", replaceAll(MOMENT, " ", this.splitColumns(line)));
+        line = replaceAll(_REMARKED, (remark) => replaceAll(_DIGITS, "#", remark), line);
+        const pieces = (line.includes("- ") ? replaceAll(_LOOSE_SIGN, " -", line) : line).split(_CUT);
         return {
             numbers: pieces.filter((_, i) => i % 2).map((number) => this.decimal(number)),
             gaps: pieces.filter((_, i) => i % 2 === 0).map((gap) => gap.trim()),
@@ -106,9 +106,9 @@ export class Prints {
      * Decimals in columns of a fixed width, which a minus has filled up, as words.
      * @param {string} text
      */
-    unglued(text) {
+    splitColumns(text) {
         if (!text.includes("-")) return text;
-        return replaced(this.rules.GLUED, (match) => match[0] + match.slice(1).replaceAll("-", " -"), text);
+        return replaceAll(this.rules.GLUED, (match) => match[0] + match.slice(1).replaceAll("-", " -"), text);
     }
 
     /**
@@ -121,7 +121,7 @@ export class Prints {
         let names = this.known.get(key);
         if (!names) {
             if (this.known.size >= REMEMBERED) this.known.clear();
-            this.known.set(key, (names = this.named(gaps)));
+            this.known.set(key, (names = this.namesFromGaps(gaps)));
         }
         return names;
     }
@@ -130,7 +130,7 @@ export class Prints {
      * @param {string[]} gaps
      * @returns {string[]}
      */
-    named(gaps) {
+    namesFromGaps(gaps) {
         const behind = gaps.slice(1).map((gap) => this.unitAndLabel(gap));
         const first = whole(this.rules._TICKS, gaps[0]) ? "time (ms)" : this.label(gaps[0]);
         const labels = [first, ...behind.slice(0, -1).map(({ label }) => label)];
@@ -147,7 +147,7 @@ export class Prints {
             for (let place = first; place < first + count; place++) units[place] ||= stated;
             names.push(...own.names);
         }
-        const all = shared(names, units);
+        const all = shareUnit(names, units);
         return names.map((name, place) => (all[place] ? `${name} (${all[place]})` : name));
     }
 
@@ -156,7 +156,7 @@ export class Prints {
      * @param {string[]} gaps
      */
     labelOf(gaps) {
-        const text = replaced(this.rules._LEVEL, "", gaps.slice(0, -1).join(" "));
+        const text = replaceAll(this.rules._LEVEL, "", gaps.slice(0, -1).join(" "));
         return text.replace(/[^\p{L}\p{N}]/gu, "").toLowerCase();
     }
 
@@ -174,7 +174,7 @@ export class Prints {
      * @param {string} gap
      */
     unitAndLabel(gap) {
-        const text = strippedStart(gap, this.rules._BEHIND);
+        const text = stripStart(gap, this.rules._BEHIND);
         const unit = ahead(this.rules._UNIT_AHEAD, text);
         return unit ? { unit: unit[1], label: this.label(text.slice(unit[0].length)) } : { unit: "", label: this.label(text) };
     }
@@ -185,11 +185,11 @@ export class Prints {
      */
     label(gap) {
         const { _REMARK, _SENSOR_AND_UNIT, _UNIT_INSIDE, _BETWEEN, _BEFORE, _BRACKET, _EDGE, _LEVEL } = this.rules;
-        const bare = strippedEnd(replaced(_LEVEL, "", gap), _BEFORE);
-        const whole = replaced(_SENSOR_AND_UNIT, " $1 ($2)", replaced(_REMARK, "", bare));
+        const bare = stripEnd(replaceAll(_LEVEL, "", gap), _BEFORE);
+        const whole = replaceAll(_SENSOR_AND_UNIT, " $1 ($2)", replaceAll(_REMARK, "", bare));
         const inside = _UNIT_INSIDE.exec(whole);
-        const text = inside ? whole : replaced(_BRACKET, (_, remark) => this.remark(remark), whole);
-        const words = stripped(replaced(_BETWEEN, " ", stripped(replaced(_UNIT_INSIDE, " ", text), _EDGE)), _EDGE);
+        const text = inside ? whole : replaceAll(_BRACKET, (_, remark) => this.remark(remark), whole);
+        const words = stripLetters(replaceAll(_BETWEEN, " ", stripLetters(replaceAll(_UNIT_INSIDE, " ", text), _EDGE)), _EDGE);
         return inside ? `${words} (${inside[1]})`.trimStart() : words;
     }
 
@@ -219,7 +219,7 @@ export class Prints {
      */
     axes(label, count, sensor) {
         const { _XYZ, _EDGE, QUANTITY, _AXIS, _AXIS_AHEAD, _FILLING } = this.rules;
-        const bare = stripped(replaced(_XYZ, "", label), _EDGE);
+        const bare = stripLetters(replaceAll(_XYZ, "", label), _EDGE);
         if (count === 3 && (label || sensor)) {
             const named = QUANTITY.test(bare) ? bare : bare ? this.knownWords(bare, " x") : "";
             return { names: ["x", "y", "z"].map((axis) => `${named} ${axis}`.trimStart()), sensor: named };
@@ -230,13 +230,13 @@ export class Prints {
         }
         const before = whole(_AXIS_AHEAD, label);
         if (before && (before[2] || !before[3])) {
-            const words = replaced(_FILLING, " ", `${before[2] ?? ""} ${before[3]}`).split(/\s+/).filter(Boolean);
+            const words = replaceAll(_FILLING, " ", `${before[2] ?? ""} ${before[3]}`).split(/\s+/).filter(Boolean);
             label = [...words, before[1]].join(" ");
             if (before[2]?.toLowerCase() === "norm") return { names: [label], sensor };
         }
         const axis = _AXIS.exec(label);
         if (!axis) return { names: [label ? this.knownWords(label) : ""], sensor: "" };
-        const own = stripped(label.slice(0, axis.index), _EDGE);
+        const own = stripLetters(label.slice(0, axis.index), _EDGE);
         const words = QUANTITY.test(own) ? own : this.knownWords(own, ` ${axis[1]}`, "") || sensor;
         return { names: [`${words} ${axis[1]}`.trimStart()], sensor: words };
     }
@@ -274,7 +274,7 @@ function runs(labels) {
  * @param {string[]} names
  * @param {string[]} units
  */
-function shared(names, units) {
+function shareUnit(names, units) {
     const known = [...units];
     const axes = names.map((name) => name.slice(-1).toLowerCase());
     for (let place = 0; place + 2 < names.length; place++) {

@@ -1,10 +1,10 @@
 /** What speaks against a calibration beside its verdict. */
 
-import { corrected, threes } from "./coverage.js";
+import { correctedVectors, threes } from "./coverage.js";
 import { dot, unit } from "../../../../static/views/vectors.js";
 import { figures, general } from "./numbers.js";
 import { adviceOf, firstCauses } from "./findings.js";
-import { counted } from "./wording.js";
+import { countWords } from "./wording.js";
 
 /** @typedef {import("../messages.d.ts").Reason} Reason */
 /** @typedef {import("./fit.js").Fit} Fit */
@@ -96,7 +96,7 @@ export function ofFit(fit, findings, { time }) {
  */
 function disturbedSpans({ left: { outliers } }, findings) {
     if (findings.every(({ code, severity }) => code !== "outliers" || severity === "note")) return [];
-    const runs = joined(outliers).filter(({ start, end }) => start < end);
+    const runs = joinRuns(outliers).filter(({ start, end }) => start < end);
     const longest = runs.sort((one, other) => other.end - other.start - (one.end - one.start)).slice(0, OFFERED);
     return longest.map(({ start, end }) => /** @type {[number, number]} */ ([start, end])).sort(([one], [other]) => one - other);
 }
@@ -106,7 +106,7 @@ function disturbedSpans({ left: { outliers } }, findings) {
  * @param {Outlier[]} outliers
  * @returns {Outlier[]}
  */
-function joined(outliers) {
+function joinRuns(outliers) {
     return outliers.reduce((/** @type {Outlier[]} */ runs, run) => {
         const before = runs.at(-1);
         if (!before || before.rows + run.rows <= DENSE * (run.last - before.first + 1)) return [...runs, run];
@@ -146,14 +146,14 @@ export function ofMotion({ field, time }, fit, isFlat) {
     if (frozen) return [reason("frozen-axis", frozenWords(frozen))];
     if (!fit || isFlat || !(last - time[0] > STILL_S)) return [];
     const newest = field.filter((_, i) => time[Math.floor(i / 3)] >= last - STILL_S);
-    if (newest.length <= 9 || widestDeg(corrected(newest, fit.surface)) >= STILL_DEG) return [];
+    if (newest.length <= 9 || widestDeg(correctedVectors(newest, fit.surface)) >= STILL_DEG) return [];
     return [reason("no-rotation", `it has not been turned for ${general(STILL_S)} s`, "info")];
 }
 
 /** @param {number} same  readings */
 function staleWords(same) {
     return (
-        `the last ${counted(same, "reading")} are all the same: the sensor has stopped measuring, or a loop prints faster than ` +
+        `the last ${countWords(same, "reading")} are all the same: the sensor has stopped measuring, or a loop prints faster than ` +
         "it is read; check its wiring and its mode"
     );
 }

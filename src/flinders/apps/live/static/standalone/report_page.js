@@ -1,10 +1,10 @@
 /** A calibration as a page of its own, in the looks of `flinders report`: one file of HTML, without scripts. */
 
 import { element } from "../dom.js";
-import { judged, tilted } from "../finish.js";
+import { judged, tiltText } from "../finish.js";
 import { path, roundUp, svg } from "../views/plot.js";
 import { table } from "../views/table.js";
-import { degrees, measured, sentence, significant, things } from "../views/words.js";
+import { degrees, measuredText, sentence, significant, things } from "../views/words.js";
 
 /** @typedef {import("../../../../static/view.d.ts").View} View */
 
@@ -72,8 +72,8 @@ function numbersOf({ heading_error_deg: error, uncorrected_heading_error_deg: ra
     const rows = [
         ["Worst heading off by", error && degrees(error.worst), `${before}the target is ${error?.target_deg}°`],
         ["All headings within", error && degrees(error.bound_95), "with 95 % confidence"],
-        ["Holds up to a tilt of", tilt !== null && tilted(tilt), `level vehicle, dip ${significant(error?.dip_deg, 3)}°${error?.dip_assumed ? ", assumed" : ""}`],
-        ["Strength of the field", view.field_strength !== null && `${measured(view.field_strength, view.noise).value} ${view.unit}`, view.field_strength_known ? "known" : "relative: none was given"],
+        ["Holds up to a tilt of", tilt !== null && tiltText(tilt), `level vehicle, dip ${significant(error?.dip_deg, 3)}°${error?.dip_assumed ? ", assumed" : ""}`],
+        ["Strength of the field", view.field_strength !== null && `${measuredText(view.field_strength, view.noise).value} ${view.unit}`, view.field_strength_known ? "known" : "relative: none was given"],
     ];
     const pairs = rows.flatMap(([name, value, about]) => (value ? [pair(name || "", [element("strong", value), element("span", about || "")])] : []));
     return element("dl", pairs, "numbers");

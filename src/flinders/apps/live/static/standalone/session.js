@@ -4,10 +4,10 @@
  * It knows no clock, source or worker: each event carries its time, so that a list of events is a test.
  */
 
-import { Exclusions, merged, ReadingBuffer, Timeline } from "./buffer.js";
+import { Exclusions, mergeSpans, ReadingBuffer, Timeline } from "./buffer.js";
 import { siteField } from "./geomag.js";
-import { fixed, general } from "./numbers.js";
-import { filled } from "./wording.js";
+import { fixedText, general } from "./numbers.js";
+import { fillTemplate } from "./wording.js";
 
 /** @typedef {import("./buffer.js").Rows} Rows */
 /** @typedef {import("./buffer.js").Span} Span */
@@ -171,12 +171,12 @@ export class Series {
         const { spans } = this.exclusions;
         const { seconds } = this.buffer;
         if (this.pausedAt === null || seconds < this.pausedAt) return spans;
-        return merged([...spans, [this.pausedAt, seconds]]);
+        return mergeSpans([...spans, [this.pausedAt, seconds]]);
     }
 
     /** All that a fit does without: what is excluded, and what came after Finish. */
     get leftOut() {
-        return this.finishedS === null ? this.excluded : merged([...this.excluded, [nextAfter(this.finishedS), END]]);
+        return this.finishedS === null ? this.excluded : mergeSpans([...this.excluded, [nextAfter(this.finishedS), END]]);
     }
 
     /** How many readings came after Finish. */
@@ -406,7 +406,7 @@ export class Session {
             target_deg: this.targetDeg,
             dip_deg: this.dipDeg,
             goal: this.goal,
-            site: site && stated(site),
+            site: site && knownSite(site),
             refreshing: this.isRenewed,
         };
     }
@@ -421,7 +421,7 @@ export class Session {
         this.at = at;
         if (edits.begun_s !== this.live.begunS) this.#begin(edits.begun_s);
         const { live } = this;
-        live.exclusions = live.exclusions.becoming(edits.excluded);
+        live.exclusions = live.exclusions.replaceSpans(edits.excluded);
         live.pausedAt = edits.paused_s;
         live.finishedS = edits.finished_s;
         live.site = edits.site;
@@ -460,11 +460,11 @@ export class Session {
             case "exclude":
                 return this.#exclude(command.start_s, command.end_s);
             case "restore":
-                return this.#edit((exclusions) => exclusions.restoring([command.start_s, command.end_s]));
+                return this.#edit((exclusions) => exclusions.restore([command.start_s, command.end_s]));
             case "undo":
-                return this.#edit((exclusions) => exclusions.undone());
+                return this.#edit((exclusions) => exclusions.undo());
             case "redo":
-                return this.#edit((exclusions) => exclusions.redone());
+                return this.#edit((exclusions) => exclusions.redo());
             case "pause":
                 return this.#pause(command.paused);
             case "clear":
@@ -519,10 +519,10 @@ export class Session {
     #place({ latitude_deg: latitude, longitude_deg: longitude, year }) {
         const { model, rules: { gain_sigma, inclination_sigma_deg } } = this;
         if (model === null) return [];
-        const wrong = noPlace(latitude, longitude) || noYear(model, year);
+        const wrong = placeRefusal(latitude, longitude) || yearRefusal(model, year);
         if (wrong) return [notice(wrong, "warning")];
         const { strength, inclinationDeg } = siteField(model, latitude, longitude, year);
-        const dipDeg = Number(fixed(inclinationDeg, 1));
+        const dipDeg = Number(fixedText(inclinationDeg, 1));
         if (Math.abs(dipDeg) > LARGEST_DIP_DEG) {
             return [notice(`the dip there is ${general(dipDeg)}°: no compass works where it is beyond ${LARGEST_DIP_DEG}°`, "warning")];
         }
@@ -531,7 +531,7 @@ export class Session {
         this.#refit();
         this.#wish("dipDeg", inclinationDeg);
         const where = `the dip at ${general(latitude)}°, ${general(longitude)}° is ${general(dipDeg)}°`;
-        return [notice(`${where}, the strength of the field ${fixed(strength, 1)} µT (${model.name})`, "info")];
+        return [notice(`${where}, the strength of the field ${fixedText(strength, 1)} µT (${model.name})`, "info")];
     }
 
     /**
@@ -553,7 +553,7 @@ export class Session {
      * @returns {Notice[]}
      */
     #refresh(isWanted) {
-        const words = isWanted ? unfit(this.previous, this.unfit) : "";
+        const words = isWanted ? renewalRefusal(this.previous, this.unfit) : "";
         return words ? [notice(words, "error")] : this.#wish("refreshes", isWanted);
     }
 
@@ -580,7 +580,7 @@ export class Session {
         if (buffer.total === 0) return [];
         /** @type {Span} */
         const span = [Math.max(start, Math.min(buffer.time[0], 0)), Math.min(end, buffer.seconds)];
-        return span[0] > span[1] ? [] : this.#edit((exclusions) => exclusions.excluding(span));
+        return span[0] > span[1] ? [] : this.#edit((exclusions) => exclusions.exclude(span));
     }
 
     /**
@@ -598,7 +598,7 @@ export class Session {
             this.revision += 1;
             return [];
         }
-        if (live.pausedAt !== null && seconds > live.pausedAt) live.exclusions = live.exclusions.excluding([live.pausedAt, seconds]);
+        if (live.pausedAt !== null && seconds > live.pausedAt) live.exclusions = live.exclusions.exclude([live.pausedAt, seconds]);
         live.pausedAt = null;
         this.#refit();
         return [];
@@ -826,7 +826,7 @@ export function notice(words, severity) {
  * @param {number} longitude
  * @returns {string}
  */
-function noPlace(latitude, longitude) {
+function placeRefusal(latitude, longitude) {
     const isSwapped = Math.abs(latitude) <= 180 && Math.abs(longitude) <= 90;
     const swapped = isSwapped ? "; the latitude comes first" : "";
     if (!(Math.abs(latitude) <= 90)) return `latitude is ${general(latitude)}°: need −90° to 90°${swapped}`;
@@ -840,7 +840,7 @@ function noPlace(latitude, longitude) {
  * @param {number} year
  * @returns {string}
  */
-function noYear({ name, epoch, years }, year) {
+function yearRefusal({ name, epoch, years }, year) {
     if (year >= epoch && year <= epoch + years) return "";
     const begin = `${general(year)} lies outside ${name}, from ${general(epoch)} to ${general(epoch + years)}`;
     return `${begin}: look up the inclination at your place, and type it as dip`;
@@ -852,7 +852,7 @@ function noYear({ name, epoch, years }, year) {
  * @param {Record<string, string>} words By reason.
  * @returns {string}
  */
-function unfit(previous, words) {
+function renewalRefusal(previous, words) {
     if (previous === null) return words.none;
     const { fit, disturbances, isLinearized, rotation } = previous.calibration;
     const why = {
@@ -864,7 +864,7 @@ function unfit(previous, words) {
     };
     const found = Object.entries(why).find(([, is]) => is);
     const values = { name: previous.name, disturbances: disturbances.join(" and ") };
-    return found ? filled(words[found[0]], (name) => values[/** @type {keyof typeof values} */ (name)]) : "";
+    return found ? fillTemplate(words[found[0]], (name) => values[/** @type {keyof typeof values} */ (name)]) : "";
 }
 
 /**
@@ -912,7 +912,7 @@ export function labelOf({ inside }) {
  * @param {Site} site
  * @returns {import("../wire.d.ts").Site}
  */
-export function stated(site) {
+export function knownSite(site) {
     return Object.fromEntries(Object.entries(site).filter(([, value]) => value !== null).sort());
 }
 

@@ -1,6 +1,6 @@
 /** Words that a bus gives in the place of a reading whose sensor does not answer: `flinders.core.silence`. */
 
-import { counted } from "./wording.js";
+import { countWords } from "./wording.js";
 
 /** Counts readings at which a sensor did not answer. */
 export class Silence {
@@ -33,6 +33,6 @@ export class Silence {
     /** For people. */
     toString() {
         const each = [...this.words].sort(([one], [other]) => one - other);
-        return each.map(([word, count]) => `${counted(count, "reading")} ${count === 1 ? "is" : "are"} ${word}, ${word}, ${word}: the sensor did not answer`).join("; ");
+        return each.map(([word, count]) => `${countWords(count, "reading")} ${count === 1 ? "is" : "are"} ${word}, ${word}, ${word}: the sensor did not answer`).join("; ");
     }
 }

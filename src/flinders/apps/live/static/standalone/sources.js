@@ -255,7 +255,7 @@ export class Simulated {
         this.name = "simulation";
         this.kind = /** @type {const} */ ("simulated");
         this.simulation = simulation;
-        this.axes = simulation.steps_centi_ut.map((steps) => summed(summed(steps)));
+        this.axes = simulation.steps_centi_ut.map((steps) => runningSums(runningSums(steps)));
         this.speed = speed;
         this.count = 0;
         this.timer = 0;
@@ -291,7 +291,7 @@ export class Simulated {
 }
 
 /** @param {number[]} steps @returns {number[]} Sums of the first one, two … of them. */
-function summed(steps) {
+function runningSums(steps) {
     let sum = 0;
     return steps.map((step) => (sum += step));
 }

@@ -2,7 +2,7 @@
 
 import { capital, clock } from "../views/words.js";
 import { strideFor } from "./buffer.js";
-import { figures, fixed, general } from "./numbers.js";
+import { figures, fixedText, general } from "./numbers.js";
 import { labelOf } from "./session.js";
 import { ANY_ANGLE_DEG } from "./wording.js";
 
@@ -62,8 +62,8 @@ export function sessionState(session) {
  * @returns {number}
  */
 function shownDip(typed, dipDeg) {
-    const isExact = typed !== null && Number(fixed(typed, 2)) === typed;
-    return isExact ? typed : Number(fixed(dipDeg, 1));
+    const isExact = typed !== null && Number(fixedText(typed, 2)) === typed;
+    return isExact ? typed : Number(fixedText(dipDeg, 1));
 }
 
 /**
@@ -85,7 +85,7 @@ function rateHz({ arrivals, at, rules }) {
  * @returns {[State["phase"], string, string | null, Reason[]]}
  */
 function phaseOf(session) {
-    const reasons = [...(session.opened ? [] : ofLink(session)), ...settled(session), ...unrecorded(session)];
+    const reasons = [...(session.opened ? [] : ofLink(session)), ...currentReasons(session), ...recordingReasons(session)];
     const wrong = reasons.find(({ severity }) => severity === "warning");
     if (wrong) return ["wrong", sentence(wrong.advice), wrong.code, reasons];
     if (session.shown.buffer.total === 0 && session.source.link !== "ended") {
@@ -122,7 +122,7 @@ function errorOf({ goal }) {
  * @param {Session} session
  * @returns {Reason[]}
  */
-function settled(session) {
+function currentReasons(session) {
     /** @type {(reason: Reason) => Reason} */
     const soFar = ({ code, advice }) => ({ code, advice: `so far ${advice}`, severity: "info", spans: [] });
     const reasons = session.shown.evaluated.reasons.map((reason) => (session.isSettled(reason.code) ? reason : soFar(reason)));
@@ -202,7 +202,7 @@ function beforeAFit(session) {
  * @param {Session} session
  * @returns {Reason[]}
  */
-function unrecorded({ unrecorded: advice }) {
+function recordingReasons({ unrecorded: advice }) {
     return advice ? [{ code: "not-recorded", advice, severity: "info", spans: [] }] : [];
 }
 
@@ -233,7 +233,7 @@ function ofLink({ source, live: { buffer, finishedS }, at, arrivedAt, rules }) {
  */
 function nothingArrives(name, since) {
     return (
-        `no reading has come for ${fixed(since, 0)} s from ${name}: check that the sensor is on and prints ` +
+        `no reading has come for ${fixedText(since, 0)} s from ${name}: check that the sensor is on and prints ` +
         "its readings, and that port, cable and baud rate are right"
     );
 }

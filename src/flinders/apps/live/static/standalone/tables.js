@@ -1,7 +1,7 @@
 /** Tables: delimiter, decimal sign and header, and which columns are the magnetometer and the time. As `readers/_layout.py`. */
 
 import { clocksOf, midnights } from "./clocks.js";
-import { counted, largest, median, replaced, stripped, whole } from "./patterns.js";
+import { countKeys, largest, median, replaceAll, stripLetters, whole } from "./patterns.js";
 
 /** @typedef {import("./clocks.js").Clock} Clock */
 /** @typedef {import("./names.js").Meaning} Meaning */
@@ -71,7 +71,7 @@ export class Unclear extends Unreadable {
     }
 
     /** @returns {Asked} */
-    get asked() {
+    get question() {
         const names = this.names.length ? [...this.names] : (this.rows[0] ?? []).map((_, place) => `${place + 1}`);
         return { names, rows: this.rows.slice(0, SHOWN) };
     }
@@ -103,7 +103,7 @@ export class Tables {
      * @param {string[]} [every] All lines.
      * @returns {Layout}
      */
-    laidOut(texts, choice = null, every = texts) {
+    layoutOf(texts, choice = null, every = texts) {
         const lines = texts.flatMap((text, place) => (text.trim() && !this.prints.isComment(text) ? [{ text, place }] : []));
         if (!lines.length) throw new Unreadable("it holds no lines of numbers: need one reading a line");
         for (const some of [lines.slice(0, this.layout.TRIED), lines]) {
@@ -127,7 +127,7 @@ export class Tables {
      */
     isTable(texts) {
         try {
-            const { header, delimiter } = this.laidOut(texts.slice(0, this.layout.TRIED));
+            const { header, delimiter } = this.layoutOf(texts.slice(0, this.layout.TRIED));
             return header.length > 0 && delimiter !== this.rules.tokenizer.SPACES;
         } catch (error) {
             if (error instanceof Unreadable) return error instanceof Several || (error instanceof Unclear && error.names.length > 0);
@@ -175,7 +175,7 @@ export class Tables {
     table(texts, { delimiter, decimal, rows: all }, choice, every) {
         const only = this.sensorOf([...all.values()]);
         const rows = only ? new Map([...all].filter(([, cells]) => this.isOf(only, cells))) : all;
-        const widths = counted([...rows.values()].map((cells) => cells.length));
+        const widths = countKeys([...rows.values()].map((cells) => cells.length));
         let width = /** @type {number} */ (largest([...widths.keys()], (each) => [widths.get(each) ?? 0]));
         const often = widths.get(width) ?? 0;
         if (width > this.layout.MOST_COLUMNS) {
@@ -203,7 +203,7 @@ export class Tables {
      * @param {readonly string[][]} rows
      * @param {string} decimal
      */
-    valued(rows, decimal) {
+    numbersOf(rows, decimal) {
         const some = rows.slice(0, this.layout.SAMPLED);
         const values = some.map((cells) => cells.map((cell) => this.prints.number(cell, decimal) ?? NaN));
         const isText = (/** @type {number} */ place) =>
@@ -290,7 +290,7 @@ export class Tables {
      * @throws {Unclear} Where names do not tell, and nobody has said.
      */
     columns(names, rows, decimal, choice, { units = [], only }) {
-        const { values, clocks } = this.valued(rows, decimal);
+        const { values, clocks } = this.numbersOf(rows, decimal);
         try {
             if (!names.length) return { ...this.byPlace(values, clocks, choice, only), only };
             const columns = this.byName(names, values, units, clocks, choice);
@@ -313,7 +313,7 @@ export class Tables {
         if (!choice) this.refusePulses(names);
         const meanings = this.meaningsOf(names, values, units, clocks);
         const found = choice ? null : this.names.magnetometer(names, meanings);
-        if (!found && !choice) throw new Unclear(`no magnetometer among the columns ${shown(names)}`, names);
+        if (!found && !choice) throw new Unclear(`no magnetometer among the columns ${namesText(names)}`, names);
         const field = choice?.field ?? /** @type {import("./names.js").Vector} */ (found).cells;
         const own = field.map((cell) => names[cell].trim());
         if (!choice) this.refuseUnclear(names, own);
@@ -383,7 +383,7 @@ export class Tables {
         }
         const isAhead = isTimed || isClock(column(0));
         const first = clock?.cell ?? (isAhead && field[0] > free[0] ? free[0] : -1);
-        const time = first < 0 ? null : { ...this.timed(first, `${first + 1}`, clock ? "s" : "", values), clock: clock ?? null };
+        const time = first < 0 ? null : { ...this.timeColumn(first, `${first + 1}`, clock ? "s" : "", values), clock: clock ?? null };
         const names = field.map((cell) => `${cell + 1}`);
         const isCut = first >= 0 && this.isCut(column(first));
         return { field, names, unit: choice?.unit || this.rules.units.COUNTS, time: isCut ? null : time, acceleration: null };
@@ -406,7 +406,7 @@ export class Tables {
         for (const place of places.toSorted((one, other) => meanings[one].rank - meanings[other].rank)) {
             const clock = clocks.find(({ cell }) => cell === place) ?? null;
             const { unit } = meanings[place];
-            const time = { ...this.timed(place, names[place].trim() || `${place + 1}`, unit, values), clock };
+            const time = { ...this.timeColumn(place, names[place].trim() || `${place + 1}`, unit, values), clock };
             if (parted.includes(place)) return { ...time, fraction: place + 1 };
             const column = values.map((row) => row[place]);
             const known = column.filter(Number.isFinite);
@@ -451,7 +451,7 @@ export class Tables {
      * @param {string} unit
      * @param {number[][]} values
      */
-    timed(cell, name, unit, values) {
+    timeColumn(cell, name, unit, values) {
         const { FACTORS, TIME } = this.rules.names;
         const times = values.map((row) => row[cell]).filter(Number.isFinite);
         const factor = unit ? FACTORS[TIME][unit] : this.secondsInOne(times);
@@ -496,7 +496,7 @@ export class Tables {
         const folded = names.map((name) => name.trim().toLowerCase());
         const bare = this.names.vectors(names, this.rules.names.FIELD).filter(({ cells }) => this.names.isBare(names[cells[0]]));
         if (this.names.isBare(own[0]) && (bare.length > 1 || folded.includes("w"))) {
-            throw new Unclear(`names do not tell which columns are the magnetometer: ${shown(names)}`, names);
+            throw new Unclear(`names do not tell which columns are the magnetometer: ${namesText(names)}`, names);
         }
         if (own[0].toLowerCase().startsWith("magadc")) {
             throw new Unreadable("it is a blackbox log, whose readings may be corrected already: `flinders calibrate` reads it");
@@ -512,7 +512,7 @@ export class Tables {
         const folded = trimmed.map((name) => name.toLowerCase());
         const afterSet = trimmed.filter((name) => this.rules.names.SET.test(name));
         const reset = (/** @type {string} */ word) => word.replace(/set/i, "reset");
-        const afterReset = afterSet.map((name) => replaced(this.rules.names.SET, reset, name).toLowerCase());
+        const afterReset = afterSet.map((name) => replaceAll(this.rules.names.SET, reset, name).toLowerCase());
         if (afterReset.some((name) => folded.includes(name))) {
             throw new Unreadable("it has readings after set and after reset pulses: `flinders calibrate` takes both");
         }
@@ -529,7 +529,7 @@ export class Tables {
         const place = names.findIndex((name) => whole(this.layout._UNITS, name.trim()));
         const [word, ...others] = new Set(place < 0 ? [] : rows.map((row) => row[place].trim()));
         if (unit !== COUNTS || !word || others.length || this.layout._OTHER_UNITS.includes(word)) return unit;
-        return SPELLINGS[replaced(PARTED, "$1", word).toLowerCase()] ?? unit;
+        return SPELLINGS[replaceAll(PARTED, "$1", word).toLowerCase()] ?? unit;
     }
 
     /**
@@ -544,7 +544,7 @@ export class Tables {
             const isInstance = name.trim() === INSTANCE && names.includes(CLOCK_OF_INSTANCES);
             if (place === only?.cell || !(isInstance || this.namesDevice(name))) continue;
             const rows = every().filter((row) => !only || this.isOf(only, row));
-            const counts = counted(rows.map((row) => this.wordOf(row[place])));
+            const counts = countKeys(rows.map((row) => this.wordOf(row[place])));
             const often = [...counts.keys()].filter((word) => word && (counts.get(word) ?? 0) >= MIN_READINGS);
             if (often.length < 2 || counts.size > MAX_DEVICES) continue;
             throw new Several(`column ${name.trim()} says which sensor each line is of (${often.join(", ")}): keep the lines of one; ${MORE_WITH}`);
@@ -556,7 +556,7 @@ export class Tables {
      * @param {string} name
      */
     namesDevice(name) {
-        const words = this.names.parted(name).words.map((word) => word.toLowerCase());
+        const words = this.names.splitName(name).words.map((word) => word.toLowerCase());
         const { kind, axis } = this.names.meaning(name);
         const { _OTHER, _DEVICE, _SENSOR } = this.rules.devices;
         const isUnit = whole(this.layout._UNITS, name.trim());
@@ -596,7 +596,7 @@ export class Tables {
 
     /** @param {string | undefined} cell  As words of devices and sensors are compared. */
     wordOf(cell) {
-        return stripped(cell ?? "", this.rules.devices._AROUND);
+        return stripLetters(cell ?? "", this.rules.devices._AROUND);
     }
 
     /**
@@ -637,7 +637,7 @@ function stepsOf(values) {
  * @param {readonly string[]} names
  * @returns {string}
  */
-function shown(names) {
+function namesText(names) {
     const more = names.length > 24 ? `, and ${names.length - 24} others` : "";
     return names.slice(0, 24).join(", ") + more;
 }

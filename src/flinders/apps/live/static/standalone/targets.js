@@ -5,8 +5,8 @@
  * `standalone/targets.py`.
  */
 
-import { cross, determinant, dot, inverted } from "../../../../static/views/vectors.js";
-import { parsed } from "./dialects.js";
+import { cross, determinant, dot, inverseOf } from "../../../../static/views/vectors.js";
+import { parseJson } from "./dialects.js";
 import { exponential, figures, general, shortest, withPoint } from "./numbers.js";
 import { Unreadable } from "./tables.js";
 
@@ -77,10 +77,10 @@ export function exported({ targets }, name, calibration) {
     const text = (/** @type {string | number} */ piece) =>
         typeof piece === "string"
             ? piece.replaceAll(targets.recorded, quantities.raw.unit)
-            : written(targets, targets.slots[piece], quantities, error);
+            : slotText(targets, targets.slots[piece], quantities, error);
     const fill = (/** @type {Pieces} */ pieces) => pieces.map(text).join("");
     const [first, ...remarks] = variant.remarks.map(fill);
-    const comments = row.comment ? commented(targets, row.comment, [first, ...(calibration.about ?? []), ...remarks]) : [];
+    const comments = row.comment ? commentLines(targets, row.comment, [first, ...(calibration.about ?? []), ...remarks]) : [];
     const bytes = variant.packet ? packet(targets, variant.packet, quantities) : null;
     const body = bytes ? `${hexadecimal(bytes)}\n` : variant.guarded ? withChecksum(fill(variant.body)) : fill(variant.body);
     return {
@@ -132,7 +132,7 @@ class Quantities {
  * @param {{worst: number, deg: number}} error
  * @returns {string}
  */
-function written(targets, slot, quantities, error) {
+function slotText(targets, slot, quantities, error) {
     if (slot.format === "error") return errorWords(targets, error, slot.unit ?? "");
     const value = quantities.value(slot);
     switch (slot.format) {
@@ -158,8 +158,8 @@ function written(targets, slot, quantities, error) {
  * @returns {{worst: number, deg: number}}
  */
 function errorOf(targets, row, variant, { matrix, offset, fieldStrength }, quantities) {
-    const { heldMatrix, heldOffset } = held(targets, variant, quantities);
-    const inverse = inverted(matrix);
+    const { heldMatrix, heldOffset } = heldCorrection(targets, variant, quantities);
+    const inverse = inverseOf(matrix);
     const expected = directions(targets.directions);
     const corrected = expected.map((direction) => {
         const raw = times(inverse, direction).map((value, i) => fieldStrength * value + offset[i]);
@@ -187,7 +187,7 @@ function errorOf(targets, row, variant, { matrix, offset, fieldStrength }, quant
  * @param {any} variant
  * @param {Quantities} quantities
  */
-function held(targets, variant, quantities) {
+function heldCorrection(targets, variant, quantities) {
     const pieces = [...variant.body, ...(variant.packet?.values ?? [])];
     /** @type {Slot[]} */
     const slots = pieces.filter((piece) => typeof piece === "number").map((piece) => targets.slots[piece]);
@@ -244,11 +244,11 @@ function refuseBeyond(targets, row, quantities) {
  * @param {{each: string, opening: string, closing: string, ends: [string, string][]}} comment
  * @param {string[]} remarks
  */
-function commented({ ascii }, { each, opening, closing, ends }, remarks) {
+function commentLines({ ascii }, { each, opening, closing, ends }, remarks) {
     const lines = remarks.flatMap((remark) => {
         let text = [...remark.replaceAll(" °", "°")].map((letter) => plain(ascii[letter] ?? letter)).join("");
         for (const [unsafe, harmless] of ends) while (text.includes(unsafe)) text = text.replaceAll(unsafe, harmless);
-        return wrapped(text, each);
+        return wrapText(text, each);
     });
     return [opening, ...lines, closing].filter(Boolean);
 }
@@ -270,7 +270,7 @@ function plain(text) {
  * @param {string} text
  * @param {string} each What a line begins with.
  */
-function wrapped(text, each) {
+function wrapText(text, each) {
     const lines = [each];
     let isEmpty = true;
     for (const [, spaces, word] of text.matchAll(/( *)([^ ]+)/g)) {
@@ -366,7 +366,7 @@ export function calibrationFile({ targets }, calibration, { fit = null, provenan
  * @throws {Unreadable} Says what is wrong.
  */
 export function readCalibration(text, { targets }) {
-    const document = parsed(text.replace(/^\ufeff/, ""));
+    const document = parseJson(text.replace(/^\ufeff/, ""));
     if (document === null || typeof document !== "object") {
         throw new Unreadable("it is no JSON: need a calibration file of Flinders");
     }

@@ -21,7 +21,7 @@ export function tiles() {
 /** @returns {TilesView} */
 function makeTiles() {
     let [centres, triangles] = icosahedron();
-    for (let i = 0; i < BISECTIONS; i++) [centres, triangles] = bisected(centres, triangles);
+    for (let i = 0; i < BISECTIONS; i++) [centres, triangles] = bisect(centres, triangles);
     const rings = ringsOf(centres, triangles);
     const cornersOf = () => {
         const all = triangles.map(([a, b, c]) => unit(cross(minus(centres[b], centres[a]), minus(centres[c], centres[a]))));
@@ -60,7 +60,7 @@ function icosahedron() {
  * @param {Triangle[]} triangles
  * @returns {[Vector[], Triangle[]]}
  */
-function bisected(vertices, triangles) {
+function bisect(vertices, triangles) {
     const keyOf = (/** @type {number} */ a, /** @type {number} */ b) => Math.min(a, b) * vertices.length + Math.max(a, b);
     const keys = triangles.flatMap(([a, b, c]) => [keyOf(a, b), keyOf(b, c), keyOf(c, a)]);
     const edges = [...new Set(keys)].sort((one, other) => one - other);

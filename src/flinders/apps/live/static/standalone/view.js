@@ -1,7 +1,7 @@
 /** What the page draws of one fit, as `flinders.report.view` puts it together. */
 
 import { guide, isIdle, nextMovement } from "./advice.js";
-import { corrected, threes, tileCounts, tilesOf } from "./coverage.js";
+import { correctedVectors, threes, tileCounts, tilesOf } from "./coverage.js";
 import { adviceOf, firstCauses, stepWords, verdictOf } from "./findings.js";
 import { headline } from "./headline.js";
 import { tiles } from "./tiles.js";
@@ -30,10 +30,10 @@ export function viewOf(fit, findings, { field, numbers, goal, frame }) {
     const shown = firstCauses(fit);
     const isFlat = findings.some(({ code }) => code === "one-plane");
     const used = isFlat ? new Float64Array(0) : field.filter((_, i) => !fit.left.isOut[Math.floor(i / 3)]);
-    const vectors = corrected(used, fit.surface);
+    const vectors = correctedVectors(used, fit.surface);
     const { centres } = tiles();
     const errors = fit.engine.attitudeErrorsDeg(fit.surface.shape, fit.claimed, fit.headingError.dipDeg, centres);
-    const shownErrors = errors.map((error) => (!isFlat && error < ANY_ANGLE_DEG ? rounded(error) : null));
+    const shownErrors = errors.map((error) => (!isFlat && error < ANY_ANGLE_DEG ? roundDegrees(error) : null));
     const turn = fit.turn;
     return {
         verdict,
@@ -47,8 +47,8 @@ export function viewOf(fit, findings, { field, numbers, goal, frame }) {
         tiles_deg: shownErrors,
         tiles_seen: tileCounts(vectors, centres),
         rejected: rejectedRuns(fit, numbers),
-        ...(verdict === "refused" ? UNTOLD : copied(fit, turn)),
-        ...(isFlat ? UNDRAWN : { ...drawn(fit, vectors), ...claimed(fit, turn, errors, goal, frame) }),
+        ...(verdict === "refused" ? UNTOLD : correctionView(fit, turn)),
+        ...(isFlat ? UNDRAWN : { ...surfaceView(fit, vectors), ...claimView(fit, turn, errors, goal, frame) }),
     };
 }
 
@@ -60,7 +60,7 @@ export function viewOf(fit, findings, { field, numbers, goal, frame }) {
  */
 function viewOfFinding(finding, data) {
     const { code, severity, number, limit } = finding;
-    return { code, severity, number: known(number), limit: known(limit), advice: adviceOf(finding, data) };
+    return { code, severity, number: finiteOrNull(number), limit: finiteOrNull(limit), advice: adviceOf(finding, data) };
 }
 
 const UNTOLD = {
@@ -77,7 +77,7 @@ const UNDRAWN = {
  * @param {number} number
  * @returns {number | null}
  */
-function known(number) {
+function finiteOrNull(number) {
     return Number.isFinite(number) ? number : null;
 }
 
@@ -90,7 +90,7 @@ function rootMeanSquare(numbers) {
  * @param {number} degrees
  * @returns {number}
  */
-function rounded(degrees) {
+function roundDegrees(degrees) {
     return Math.round(degrees * 1e4) / 1e4;
 }
 
@@ -115,7 +115,7 @@ function triple(numbers) {
  * @param {Fit} fit
  * @param {Fit["turn"]} turn
  */
-function copied({ engine, surface, strength, isStrengthKnown, covariance }, { deviationDeg }) {
+function correctionView({ engine, surface, strength, isStrengthKnown, covariance }, { deviationDeg }) {
     const matrix = surface.inverse.map((part) => strength * part);
     return {
         field_strength: strength,
@@ -132,7 +132,7 @@ function copied({ engine, surface, strength, isStrengthKnown, covariance }, { de
  * @param {Fit} fit
  * @param {Float64Array} vectors Of the readings used.
  */
-function drawn({ surface, strength, noise, plane }, vectors) {
+function surfaceView({ surface, strength, noise, plane }, vectors) {
     return {
         noise,
         residuals: histogram(lengthsOff(vectors, plane), strength, noise),
@@ -180,7 +180,7 @@ function histogram(lengths, radius, noise) {
  * @param {Goal} goal
  * @param {Frame} frame
  */
-function claimed(fit, { headingDeg, deviationDeg, sigmaDeg }, errors, goal, frame) {
+function claimView(fit, { headingDeg, deviationDeg, sigmaDeg }, errors, goal, frame) {
     const { headingError } = fit;
     return {
         heading_error_deg: {
@@ -197,9 +197,9 @@ function claimed(fit, { headingDeg, deviationDeg, sigmaDeg }, errors, goal, fram
             worst: Math.max(...errors),
         },
         turn: {
-            heading_deg: headingDeg.map(rounded),
-            before_deg: deviationDeg.map(rounded),
-            sigma_deg: sigmaDeg.map(rounded),
+            heading_deg: headingDeg.map(roundDegrees),
+            before_deg: deviationDeg.map(roundDegrees),
+            sigma_deg: sigmaDeg.map(roundDegrees),
         },
         level_deg: fit.plane && goal === "heading" ? levelErrors(fit, { headingDeg, sigmaDeg }) : null,
         guidance: guidance(fit, goal, frame),
@@ -222,7 +222,7 @@ function levelErrors({ headingError }, { headingDeg, sigmaDeg }) {
         return [Math.cos(dip) * north, -Math.cos(dip) * east, Math.sin(dip)];
     });
     tilesOf(Float64Array.from(directions), centres).forEach((tile, i) => {
-        const error = rounded(sigmaDeg[i]);
+        const error = roundDegrees(sigmaDeg[i]);
         if (error < ANY_ANGLE_DEG) errors[tile] = Math.max(errors[tile] ?? 0, error);
     });
     return errors;

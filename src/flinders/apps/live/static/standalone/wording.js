@@ -1,6 +1,6 @@
 /** Sentences as the program writes them: templates of Python, filled with numbers and words. */
 
-import { figures, fixed, general, grouped } from "./numbers.js";
+import { figures, fixedText, general, groupText } from "./numbers.js";
 
 /** An error from here on says nothing of a heading. */
 export const ANY_ANGLE_DEG = 90;
@@ -13,8 +13,8 @@ export const UPSIDE_DOWN = 180;
  * @param {string} noun
  * @returns {string}
  */
-export function counted(number, noun) {
-    return `${grouped(number)} ${noun}${Math.round(number) === 1 ? "" : "s"}`;
+export function countWords(number, noun) {
+    return `${groupText(number)} ${noun}${Math.round(number) === 1 ? "" : "s"}`;
 }
 
 /**
@@ -30,9 +30,9 @@ export function angle(degrees) {
 const FORMATS = {
     "": (value) => figures(value),
     angle: (value) => angle(value),
-    "%": (value, digits) => `${fixed(100 * value, digits)}%`,
-    f: (value, digits) => fixed(value, digits),
-    ",f": (value, digits) => grouped(value, digits),
+    "%": (value, digits) => `${fixedText(100 * value, digits)}%`,
+    f: (value, digits) => fixedText(value, digits),
+    ",f": (value, digits) => groupText(value, digits),
     g: (value, digits) => general(value, digits),
 };
 
@@ -42,7 +42,7 @@ const FORMATS = {
  * @param {string} specification
  * @returns {string}
  */
-function formatted(value, specification) {
+function formatNumber(value, specification) {
     const [, comma, digits, kind] = /^(,?)(?:\.(\d+))?([%fg]?|angle)$/.exec(specification) ?? [];
     const format = FORMATS[`${comma}${kind}`];
     if (!format) throw new Error(`a sentence has the format ${specification}, which this page does not know`);
@@ -55,9 +55,9 @@ function formatted(value, specification) {
  * @param {(name: string) => number | string} valueOf
  * @returns {string}
  */
-export function filled(template, valueOf) {
+export function fillTemplate(template, valueOf) {
     return template.replace(/\{(\w+)(?:![rs])?(?::([^}]*))?\}/g, (_, name, specification = "") => {
         const value = valueOf(name);
-        return typeof value === "string" ? value : formatted(value, specification);
+        return typeof value === "string" ? value : formatNumber(value, specification);
     });
 }

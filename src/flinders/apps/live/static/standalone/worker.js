@@ -13,15 +13,15 @@ let ready;
 
 self.addEventListener("message", async (/** @type {MessageEvent<Start | Fit>} */ { data: asked }) => {
     if ("number" in asked) {
-        self.postMessage(await answered(asked));
+        self.postMessage(await answerTask(asked));
         return;
     }
-    ready = begun(asked);
+    ready = loadParts(asked);
     ready.catch(() => {}); // which the answer to each task says
 });
 
 /** @param {Start} start */
-async function begun({ address, data }) {
+async function loadParts({ address, data }) {
     return { engine: await loadEngine(new URL(address), data.layouts), data };
 }
 
@@ -29,7 +29,7 @@ async function begun({ address, data }) {
  * The answer to a task; a fault of ours, or of the browser, is words.
  * @param {Fit} fit
  */
-async function answered({ number, task }) {
+async function answerTask({ number, task }) {
     try {
         const { engine, data } = await ready;
         const begin = performance.now();

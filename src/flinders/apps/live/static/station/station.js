@@ -1,8 +1,8 @@
 /**
- * The page of a station: what an operator types or scans, the motion to make, and a result that is read from two metres.
+ * The page of a station: serial number, motion to make, and a result that is readable from two metres.
  *
- * The program keeps the state and decides; this page asks it four times a second. Whether a unit has been turned enough
- * is what the session of the live page says, and the drawing of the turns is that of the live page, too.
+ * The program holds the state and decides; this page requests it four times a second. The session of the live page
+ * decides whether a unit has been turned enough, and draws the turns.
  */
 
 import { byId, element, icon, remember, setIcon, setList, setText } from "../dom.js";
@@ -22,7 +22,7 @@ const ASK_MS = 250;
 const WORDS = { pass: "PASS", fail: "FAIL", aborted: "STOPPED" };
 const ICONS = { pass: "good", fail: "wrong", aborted: "stopped" };
 const LINKS = { connected: "connected", waiting: "waiting for readings", gone: "unplugged", ended: "ended" };
-const LOST = "Flinders does not answer. What was recorded is safe where it runs.";
+const LOST = "Flinders does not answer. The recording is safe on its machine.";
 
 const store = new Store();
 const guide = new Guide();
@@ -35,7 +35,7 @@ let facts;
 let state = null;
 let heardAt = 0;
 let isFinishing = false;
-/** Counts what was asked for and answered: a state from before is out of date. */
+/** Number of requests and answers, to drop an outdated state. */
 let turn = 0;
 let isRefreshing = false;
 let frameAsked = false;
@@ -56,9 +56,9 @@ async function start() {
         lose(`This page could not be loaded: ${error instanceof Error ? error.message : error}.`);
         return;
     }
-    document.addEventListener("keydown", keyed);
-    serial.addEventListener("keydown", typed);
-    operator.addEventListener("keydown", named);
+    document.addEventListener("keydown", onKey);
+    serial.addEventListener("keydown", onSerialKey);
+    operator.addEventListener("keydown", onNameKey);
     serial.addEventListener("blur", () => window.setTimeout(attend));
     byId("theme", HTMLElement).addEventListener("click", turnTheme);
     window.setInterval(refresh, ASK_MS);
@@ -88,7 +88,7 @@ const listener = {
 // What the operator does ------------------------------------------------------------------------------------------------
 
 /**
- * Ask the program for something, and show what it says.
+ * Send a request to the program, and show its answer.
  * @param {Partial<Asked> & {do: Asked["do"]}} asked
  */
 async function ask(asked) {
@@ -139,7 +139,7 @@ function take(said) {
     askFrame();
 }
 
-/** What is typed goes into the field for serial numbers, whenever one is asked for. */
+/** Move the focus to the field for serial numbers whenever one is needed. */
 function attend() {
     if (document.activeElement === operator) return;
     if (state && ["testing", "judging"].includes(state.phase)) serial.blur();
@@ -147,7 +147,7 @@ function attend() {
 }
 
 /** @param {KeyboardEvent} event */
-function keyed(event) {
+function onKey(event) {
     if (event.repeat || !state) return;
     if (event.key === "Escape") {
         event.preventDefault();
@@ -160,8 +160,8 @@ function keyed(event) {
     }
 }
 
-/** A scanner types a serial number, and Enter or Tab. @param {KeyboardEvent} event */
-function typed(event) {
+/** Handle a key in the serial number's field; a scanner ends with Enter or Tab. @param {KeyboardEvent} event */
+function onSerialKey(event) {
     const isEnter = event.key === "Enter" || (event.key === "Tab" && serial.value !== "");
     const isSpace = event.key === " " && serial.value === "";
     if (!isEnter && !isSpace && event.key !== "Tab") return;
@@ -175,7 +175,7 @@ function typed(event) {
 }
 
 /** @param {KeyboardEvent} event */
-function named(event) {
+function onNameKey(event) {
     if (event.key === "Enter" || event.key === "Tab") {
         event.preventDefault();
         ask({ do: "operator", name: operator.value });
@@ -222,7 +222,7 @@ function draw(at) {
     askFrame();
 }
 
-/** The unit has been turned enough: the program judges it; where it did not hear that, it is asked once more. */
+/** End the test of a unit that has been turned enough; repeat the request without an answer. */
 async function finish() {
     if (isFinishing) return;
     isFinishing = true;
@@ -230,15 +230,15 @@ async function finish() {
     window.setTimeout(() => (isFinishing = false), ASK_MS);
 }
 
-/** Seconds since the test began, as far as they are known. */
-function elapsed() {
+/** Seconds since the start of the test. */
+function elapsedSeconds() {
     return state ? state.seconds + (performance.now() - heardAt) / 1000 : 0;
 }
 
-/** The timed step to make now, and the next; what is wrong goes before. */
+/** Draw the present timed step and the next one; a fault takes precedence. */
 function drawStep() {
     const { steps } = facts.motion;
-    let left = elapsed();
+    let left = elapsedSeconds();
     const place = steps.findIndex(({ seconds }) => (left -= seconds) < 0);
     const step = steps[place < 0 ? steps.length - 1 : place];
     const next = place < 0 ? undefined : steps[place + 1];
@@ -251,11 +251,11 @@ function drawStep() {
 
 function drawProgress() {
     if (!state) return;
-    const share = Math.min(elapsed() / state.time_s, 1);
+    const share = Math.min(elapsedSeconds() / state.time_s, 1);
     const bar = byId("bar", HTMLElement);
     bar.style.width = `${(100 * share).toFixed(1)}%`;
     bar.setAttribute("aria-valuenow", String(Math.round(100 * share)));
-    setText(byId("time-left", HTMLElement), `${duration(Math.max(state.time_s - elapsed(), 0))} left`);
+    setText(byId("time-left", HTMLElement), `${duration(Math.max(state.time_s - elapsedSeconds(), 0))} left`);
     const { worst } = errors(store.view, "heading");
     setText(byId("error-now", HTMLElement), worst === null || worst >= ANY_ANGLE_DEG ? "" : `Heading error ${degrees(worst)}, target ${degrees(facts.target_deg)}`);
 }

@@ -1,7 +1,7 @@
 /**
- * What may be in the hand, as flat faces: to the right (x), to its front or top (y), out of its face or roof (z).
+ * Bodies in the hand as flat faces: x to the right, y to the front or top, z out of the face or roof.
  *
- * A face is seen from the side that its corners run around counter-clockwise; marks lie on a face, and are seen with it.
+ * A face is visible from the side with counter-clockwise corners; marks on a face are visible with it.
  */
 
 /** @typedef {import("../../../../static/views/vectors.js").Vector} Vector */
@@ -10,7 +10,7 @@
 /**
  * @typedef {object} Face
  * @property {readonly Vector[]} corners
- * @property {string} kind  its class: what it is made of
+ * @property {string} kind  its class: the material
  * @property {readonly Face[]} marks  drawn on it
  */
 
@@ -43,7 +43,7 @@ function rectangle(x, y, cut = 0) {
 }
 
 /** @param {Outline} outline @param {number} x @param {number} y @returns {[number, number][]} */
-function moved(outline, x, y) {
+function moveOutline(outline, x, y) {
     return outline.map(([a, b]) => [a + x, b + y]);
 }
 
@@ -67,7 +67,7 @@ function wheel(x, y, z) {
 /** @returns {Face[]} */
 function board() {
     const [x, y, z] = [46, 33, 3];
-    const pins = [-3, -2, -1, 0, 1, 2, 3].map((pin) => moved(round(2.6), 12 * pin, -y + 6));
+    const pins = [-3, -2, -1, 0, 1, 2, 3].map((pin) => moveOutline(round(2.6), 12 * pin, -y + 6));
     /** @type {Outline} */
     const along = [[-39, -14], [-37, -14], [-37, 6], [-34, 6], [-38, 13], [-42, 6], [-39, 6]];
     /** @type {Outline} */
@@ -75,15 +75,15 @@ function board() {
     const marks = [...pins.map((pin) => mark(pin, z, "pin")), mark(along, z, "ink"), mark(across, z, "ink")];
     const plate = prism(rectangle(x, y, 4), [-z, z], { kind: "hull", marks, under: pins.map((pin) => mark(pin, -z, "pin")) });
     const chip = prism(rectangle(12, 12), [z, z + 5], { kind: "dark" });
-    const port = prism(moved(rectangle(9, 6), 0, y - 4), [z, z + 7], { kind: "metal" });
+    const port = prism(moveOutline(rectangle(9, 6), 0, y - 4), [z, z + 7], { kind: "metal" });
     return [...plate, ...port, ...chip];
 }
 
 /** @returns {Face[]} */
 function phone() {
     const screen = mark(rectangle(24, 44, 3), 3.5, "glass");
-    const notch = mark(moved(rectangle(5, 1.2), 0, 40), 3.5, "ink");
-    const camera = mark(moved(rectangle(8, 8, 3), 14, 36), -3.5, "dark");
+    const notch = mark(moveOutline(rectangle(5, 1.2), 0, 40), 3.5, "ink");
+    const camera = mark(moveOutline(rectangle(8, 8, 3), 14, 36), -3.5, "dark");
     return prism(rectangle(27, 52, 6), [-3.5, 3.5], { marks: [screen, notch], under: [camera] });
 }
 
@@ -93,8 +93,8 @@ function drone() {
         /** @type {(out: number, aside: number) => [number, number]} */
         const at = (out, aside) => [out * x - aside * y, out * y + aside * x];
         const arm = prism([at(6, 3), at(6, -3), at(34, -3), at(34, 3)], [-2, 2], { kind: "dark" });
-        const motor = prism(moved(round(5), 34 * x, 34 * y), [-3, 6], { kind: "metal" });
-        const rotor = moved(round(18), 34 * x, 34 * y);
+        const motor = prism(moveOutline(round(5), 34 * x, 34 * y), [-3, 6], { kind: "metal" });
+        const rotor = moveOutline(round(18), 34 * x, 34 * y);
         const kind = y > 0 ? "rotor front" : "rotor";
         return [...arm, ...motor, mark(rotor, 7, kind), face(mark(rotor, 7, kind).corners.toReversed(), kind)];
     });
@@ -105,7 +105,7 @@ function drone() {
 /** @returns {Face[]} */
 function car() {
     const body = prism(rectangle(23, 50, 6), [-12, 3], { marks: [mark([[-5, 38], [5, 38], [0, 46]], 3, "ink")] });
-    const cabin = prism(moved(rectangle(20, 25), 0, -8), [3, 18], { kind: "glass", top: "hull", above: moved(rectangle(16, 17), 0, -9) });
+    const cabin = prism(moveOutline(rectangle(20, 25), 0, -8), [3, 18], { kind: "glass", top: "hull", above: moveOutline(rectangle(16, 17), 0, -9) });
     return [...body, ...cabin, ...[-30, 30].flatMap((y) => [wheel(-23.5, y, -12), wheel(23.5, y, -12)])];
 }
 
@@ -115,21 +115,21 @@ function boat() {
     const deck = [[-19, -48], [19, -48], [22, -14], [19, 18], [11, 42], [0, 56], [-11, 42], [-19, 18], [-22, -14]];
     const keel = deck.map(([x, y]) => /** @type {[number, number]} */ ([0.5 * x, 0.88 * y - 2]));
     const hull = prism(keel, [-15, 4], { above: deck, top: "deck", marks: [mark([[-5, 38], [5, 38], [0, 48]], 4, "ink")] });
-    const cabin = prism(moved(rectangle(13, 17), 0, -12), [4, 19], { kind: "glass", top: "hull", above: moved(rectangle(11, 13), 0, -14) });
+    const cabin = prism(moveOutline(rectangle(13, 17), 0, -12), [4, 19], { kind: "glass", top: "hull", above: moveOutline(rectangle(11, 13), 0, -14) });
     return [...hull, ...cabin];
 }
 
 /** @returns {Face[]} */
 function instrument() {
-    const screen = mark(moved(rectangle(12, 14, 2), 0, 2), 10, "glass");
-    const keys = [-7, 0, 7].map((x) => mark(moved(round(2.6), x, -26), 10, "pin"));
+    const screen = mark(moveOutline(rectangle(12, 14, 2), 0, 2), 10, "glass");
+    const keys = [-7, 0, 7].map((x) => mark(moveOutline(round(2.6), x, -26), 10, "pin"));
     const body = prism(rectangle(17, 46, 5), [-10, 10], { marks: [screen, ...keys, mark([[-6, 32], [6, 32], [0, 42]], 10, "ink")] });
-    const lens = prism(moved(rectangle(9, 4), 0, 50), [-6, 6], { kind: "dark" });
+    const lens = prism(moveOutline(rectangle(9, 4), 0, 50), [-6, 6], { kind: "dark" });
     return [...lens, ...body];
 }
 
 /** Faces of each body. @type {Readonly<Record<Body, readonly Face[]>>} */
 export const SHAPES = { board: board(), phone: phone(), drone: drone(), car: car(), boat: boat(), instrument: instrument() };
 
-/** What each is called. @type {Readonly<Record<Body, string>>} */
+/** Names of the bodies. @type {Readonly<Record<Body, string>>} */
 export const NAMES = { board: "Board", phone: "Phone", drone: "Drone", car: "Car, robot", boat: "Boat", instrument: "Instrument" };

@@ -1,14 +1,14 @@
-/** Marking a span of time in a chart: by mouse, by finger (sideways), and by the arrow keys. */
+/** Marks a span of time in a chart, by mouse, by finger (sideways), or by the arrow keys. */
 
 /** @typedef {import("./charts.js").Chart} Chart */
 
 /**
- * Where times lie in a chart: between two edges, from `start` to `end` in seconds.
+ * Area of times in a chart, in pixels; times run from `start` to `end`, s.
  * @typedef {{left: number, right: number, top: number, bottom: number, start: number, end: number}} Place
  */
 
 /**
- * Where a time lies.
+ * Position of a time, pixels.
  * @param {Place} place
  * @param {number} seconds
  * @returns {number}
@@ -28,7 +28,7 @@ export class Brush {
         this.tell = tell;
         /** @type {[number, number] | null} */
         this.span = null;
-        /** @type {number | null} Where the span was begun. */
+        /** @type {number | null} Start of the drag, s. */
         this.from = null;
         /** @type {Place | null} */
         this.place = null;
@@ -80,14 +80,14 @@ export class Brush {
         const wide = this.place ? Math.abs(xOf(this.place, to) - xOf(this.place, this.from)) : 0;
         this.span = wide < 3 ? null : [Math.min(this.from, to), Math.max(this.from, to)];
         this.from = null;
-        this.changed();
+        this.notifySpan();
     }
 
-    /** The finger scrolls instead. */
+    /** Cancel the mark, since the finger scrolls. */
     cancel() {
         this.from = null;
         this.span = null;
-        this.changed();
+        this.notifySpan();
     }
 
     /** @param {KeyboardEvent} event */
@@ -106,7 +106,7 @@ export class Brush {
         } else return;
         event.preventDefault();
         event.stopPropagation();
-        this.changed();
+        this.notifySpan();
     }
 
     /**
@@ -118,7 +118,7 @@ export class Brush {
         this.redraw();
     }
 
-    changed() {
+    notifySpan() {
         this.redraw();
         if (this.span) this.tell(...this.span);
         else this.tell(null, null);

@@ -1,27 +1,27 @@
 /**
- * What the flat charts have in common: the readings and the fit that they draw, and their small parts.
+ * Common parts of the flat charts.
  *
- * A chart is a function of a host element and of what is to be drawn. Calling it again with the same host redraws, and
- * it redraws by itself when the host changes its size. The host needs a height. Colours are the CSS variables --ink,
- * --faint, --line, --raw, --corrected, --reject and --panel, as #rrggbb. What is raw and what is corrected have colours
- * of their own, and hollow and filled or dashed and solid tell them apart too.
+ * A chart is a function of a host element and of the data to draw. A further call with the same host redraws, and a change
+ * of the host's size redraws as well. The host needs a height. Colours are the CSS variables --ink, --faint, --line, --raw,
+ * --corrected, --reject and --panel, as #rrggbb. Raw and corrected data differ in colour and in style: hollow and filled,
+ * or dashed and solid.
  */
 
 import { Density, Panel } from "./plot.js";
 
-/** Crosses in one chart at most: more would be a smear. */
-const MOST_CROSSES = 400;
+/** Most crosses in one chart. */
+const MAX_CROSSES = 400;
 
 /** @typedef {readonly [number, number]} Place  in pixels of the chart */
 
 /**
- * A chart in its host: keeps its panel, and draws again when the size changes. One that shows each reading says where,
- * and marks the one that the pointer is at, here or in another chart.
+ * A chart in its host: holds its panel, and redraws when the size changes. A chart of single readings gives their places,
+ * and marks the reading under the pointer in any chart.
  */
 export class Chart {
-    /** @type {(reading: number) => Place[]} Where a reading is drawn. */
+    /** @type {(reading: number) => Place[]} Places of a reading. */
     places = () => [];
-    /** @type {(x: number, y: number) => number | null} The reading that is drawn next to a place. */
+    /** @type {(x: number, y: number) => number | null} The reading drawn nearest to a place. */
     nearest = () => null;
 
     /** @param {HTMLElement} host */
@@ -35,7 +35,7 @@ export class Chart {
         this.panel.onresize = () => this.draw();
     }
 
-    /** Show no readings, until some are drawn. */
+    /** Clear the places of readings until the next drawing. */
     forget() {
         this.places = () => [];
         this.nearest = () => null;
@@ -43,7 +43,7 @@ export class Chart {
 }
 
 /**
- * Mark a reading in a chart; null takes the mark away.
+ * Mark a reading in a chart; null removes the mark.
  * @param {Chart} chart
  * @param {number | null} reading
  */
@@ -87,7 +87,7 @@ export function drawChart(host, draw) {
 }
 
 /**
- * Words at a place of a chart.
+ * Draw words at a place of a chart.
  * @param {Panel} panel
  * @param {number} x
  * @param {number} y
@@ -100,21 +100,21 @@ export function tick(panel, x, y, text, anchor, kind = "words") {
 }
 
 /**
- * Readings that were left out, as crosses: one path for all of them, and of very many only some.
+ * Draw readings left out as crosses, in one path; of very many only some.
  * @param {Panel} panel
  * @param {readonly (readonly [number, number])[]} places
  * @returns {SVGElement}
  */
 export function crosses(panel, places) {
     const r = 0.26 * panel.em;
-    const step = Math.ceil(places.length / MOST_CROSSES);
+    const step = Math.ceil(places.length / MAX_CROSSES);
     const shape = `l${2 * r} ${2 * r}m0 ${-2 * r}l${-2 * r} ${2 * r}`;
     const d = places.filter((_, i) => i % step === 0).map(([x, y]) => `M${(x - r).toFixed(1)} ${(y - r).toFixed(1)}${shape}`);
     return panel.draw("path", { class: "reject", d: d.join("") });
 }
 
 /**
- * Say why a chart is empty.
+ * Draw the reason why a chart is empty.
  * @param {Panel} panel
  * @param {string} words
  */

@@ -1,4 +1,4 @@
-/** By how much a level compass is off at each heading, before and after correction. */
+/** Deviation of a level compass over heading, before and after correction. */
 
 import { element } from "../dom.js";
 import { drawChart, nothing, tick } from "./charts.js";
@@ -12,7 +12,7 @@ import { degrees } from "./words.js";
 /** @typedef {{top: number, bottom: number, left: number, right: number}} Box */
 
 /**
- * A level turn: by how much the raw compass is off at each heading, or what is left open after correction (1 σ).
+ * Draw a level turn: deviation of the raw compass over heading, or its uncertainty after correction (1 σ).
  * @param {Panel} panel
  * @param {View | null} view
  * @param {number | null} target
@@ -36,7 +36,7 @@ function drawDeviation(panel, view, target, isRaw) {
 }
 
 /**
- * By how much the raw compass is off.
+ * Draw the deviation of the raw compass.
  * @param {Panel} panel
  * @param {Turn} turn
  * @param {Box} box
@@ -45,7 +45,7 @@ function drawDeviation(panel, view, target, isRaw) {
 function drawRaw(panel, turn, box, toX) {
     const largest = Math.max(...turn.before_deg.map(Math.abs));
     const toY = degreeAxis(panel, box, [Math.min(roundUp(1.05 * Math.max(largest, 1e-3)), 180)], true);
-    const raw = closed(turn.before_deg).flatMap((value, i, all) => {
+    const raw = closeCurve(turn.before_deg).flatMap((value, i, all) => {
         const wraps = i > 0 && Math.abs((value ?? 0) - (all[i - 1] ?? 0)) > 180;
         const point = /** @type {const} */ ([toX(headingsOf(turn)[i]), toY(value ?? NaN)]);
         return wraps ? [/** @type {const} */ ([NaN, NaN]), point] : [point];
@@ -55,7 +55,7 @@ function drawRaw(panel, turn, box, toX) {
 }
 
 /**
- * What is left open after correction, with the target.
+ * Draw the uncertainty after correction, with the target.
  * @param {Panel} panel
  * @param {Turn} turn
  * @param {number | null} target
@@ -67,7 +67,7 @@ function drawLeft(panel, turn, target, box, toX) {
     const top = Math.max(largestOf(sigmas), target ?? 0);
     const end = roundUp(1.2 * (Number.isFinite(top) && top > 0 ? top : 1));
     const toY = degreeAxis(panel, box, target && target > 0.4 * end ? [target, end] : [end], false);
-    const curve = closed(sigmas).map((value, i) => /** @type {const} */ ([toX(headingsOf(turn)[i]), toY(value ?? NaN)]));
+    const curve = closeCurve(sigmas).map((value, i) => /** @type {const} */ ([toX(headingsOf(turn)[i]), toY(value ?? NaN)]));
     if (sigmas.length > 0 && !sigmas.some((value) => value === null)) {
         panel.draw("path", { class: "band", d: `${path(curve)}L${box.right} ${toY(0)}L${box.left} ${toY(0)}Z` });
         panel.draw("path", { class: "corrected", d: path(curve) });
@@ -91,8 +91,8 @@ function largestOf(values) {
     return known.length > 0 ? Math.max(...known) : NaN;
 }
 
-/** @param {readonly (number | null)[]} values All round, with the first again at the end. */
-const closed = (values) => [...values, values[0]];
+/** @param {readonly (number | null)[]} values Values with the first one repeated at the end. */
+const closeCurve = (values) => [...values, values[0]];
 
 /** @param {Turn} turn */
 const headingsOf = (turn) => [...turn.heading_deg, 360];
@@ -100,10 +100,10 @@ const headingsOf = (turn) => [...turn.heading_deg, 360];
 /** @typedef {import("./plot.js").Place} Place */
 
 /**
- * Where a word could stand: at the left, in the middle and at the right of lines of text.
+ * Possible places of words: left, middle and right of lines of text.
  * @param {Panel} panel
  * @param {{left: number, right: number}} box
- * @param {readonly number[]} lines Where the feet of the letters are.
+ * @param {readonly number[]} lines Baselines of the text.
  * @param {string} words
  * @returns {Place[]}
  */
@@ -121,7 +121,7 @@ function places(panel, { left, right }, lines, words) {
  * @param {Box} box
  * @param {readonly number[]} marked Degrees to be marked; the last is the end of the strip.
  * @param {boolean} both
- * @returns {(deg: number) => number} Where a number of degrees lies.
+ * @returns {(deg: number) => number} Position of a number of degrees.
  */
 function degreeAxis(panel, box, marked, both) {
     const end = marked[marked.length - 1];
@@ -139,7 +139,7 @@ function degreeAxis(panel, box, marked, both) {
 
 /**
  * @param {number} deg
- * @returns {string} With no more digits than it has.
+ * @returns {string} Without trailing zeros.
  */
 function shortest(deg) {
     return `${String(Number(deg.toPrecision(4))).replace("-", "\u2212")}°`;

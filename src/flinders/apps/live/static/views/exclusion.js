@@ -1,4 +1,4 @@
-/** The form over a chart of time that takes a stretch of it out of the fit, or puts it back: marked, or typed. */
+/** The form above a chart of time that leaves a marked or typed span out of the fit, or restores it. */
 
 import { setText } from "../dom.js";
 import { singleKeys } from "../keys.js";
@@ -6,7 +6,7 @@ import { singleKeys } from "../keys.js";
 /** @typedef {import("../messages.d.ts").SessionState} State */
 /** @typedef {import("../widgets.js").Page} Page */
 
-/** Nothing of the server goes into it: it is the same for everybody. */
+/** Constant markup, without data of the server. */
 const FORM = `
     <form class="cut" id="cut">
       <span class="span" id="span" hidden>
@@ -62,7 +62,7 @@ export class Exclusion {
             });
         }
         form.addEventListener("keydown", (event) => {
-            const key = event.key.toLowerCase(); // of x and b, which no number has in it
+            const key = event.key.toLowerCase(); // x and b do not occur in numbers
             const act = { x: () => this.leaveOut(), b: () => this.putBack() }[key];
             if (!act || !(event.target instanceof HTMLInputElement) || event.ctrlKey || event.metaKey || !singleKeys()) return;
             event.preventDefault();
@@ -81,7 +81,7 @@ export class Exclusion {
     }
 
     /**
-     * Take the mark away.
+     * Remove the mark.
      * @returns {boolean} Whether there was one.
      */
     escape() {
@@ -91,11 +91,11 @@ export class Exclusion {
     }
 
     /**
-     * Show which stretch is marked in the chart; null and null where the mark was taken back.
+     * Show the span marked in the chart; null and null without a mark.
      * @param {number | null} start_s
      * @param {number | null} end_s
      */
-    marked(start_s, end_s) {
+    showMark(start_s, end_s) {
         const none = start_s === null || end_s === null;
         this.fields.hidden = none;
         setText(this.exclude, none ? "Leave out…" : "Leave out");
@@ -106,7 +106,7 @@ export class Exclusion {
 
     unmark() {
         this.mark(null, null);
-        this.marked(null, null);
+        this.showMark(null, null);
     }
 
     /** @returns {{start_s: number, end_s: number} | null} */
@@ -118,7 +118,7 @@ export class Exclusion {
         return null;
     }
 
-    /** Mark a stretch; take it out where one is marked. */
+    /** Exclude the marked span; without a mark, propose one. */
     leaveOut() {
         if (this.fields.hidden) this.propose();
         else this.sendAs("exclude");
@@ -128,7 +128,7 @@ export class Exclusion {
         this.sendAs("restore");
     }
 
-    /** Mark a tenth of the session in its middle; what is typed then takes its place. */
+    /** Mark a tenth of the session in its middle, to be edited. */
     propose() {
         const { count, time } = this.page.store.points;
         const end = count > 0 ? time[count - 1] : 0;
@@ -136,7 +136,7 @@ export class Exclusion {
             this.page.notify("info", "There are no readings yet to leave out.");
             return;
         }
-        this.marked(0.45 * end, 0.55 * end);
+        this.showMark(0.45 * end, 0.55 * end);
         this.mark(0.45 * end, 0.55 * end);
         this.from.select();
     }

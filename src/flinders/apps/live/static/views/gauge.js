@@ -9,14 +9,14 @@ import { degrees } from "./words.js";
 
 const LEFT_DEG = -112;
 const RIGHT_DEG = 112;
-const MOST = 20;
-const LEAST = 0.25;
+const MAX_RATIO = 20;
+const MIN_RATIO = 0.25;
 const SEGMENTS = 56;
 const STOPS = [10, 5, 2, 1, 0.5];
 const [MIDDLE_X, MIDDLE_Y, RADIUS, THICK] = [160, 144, 121, 14];
 
 /**
- * What the gauge shows. Null where nothing is known yet.
+ * Values of the gauge; null while unknown.
  * @typedef {object} Reading
  * @property {number | null} rms Degrees, 1 σ.
  * @property {number | null} worst
@@ -30,16 +30,16 @@ const [MIDDLE_X, MIDDLE_Y, RADIUS, THICK] = [160, 144, 121, 14];
  * @returns {number}
  */
 function gaugeAngle(deg, target) {
-    const ratio = Math.min(Math.max(deg / target, LEAST), MOST);
-    return LEFT_DEG + ((RIGHT_DEG - LEFT_DEG) * Math.log(MOST / ratio)) / Math.log(MOST / LEAST);
+    const ratio = Math.min(Math.max(deg / target, MIN_RATIO), MAX_RATIO);
+    return LEFT_DEG + ((RIGHT_DEG - LEFT_DEG) * Math.log(MAX_RATIO / ratio)) / Math.log(MAX_RATIO / MIN_RATIO);
 }
 
-/** Widths of letters of the large type, in its size; what is none of these is a digit. */
+/** Widths of characters of the large type, in its size; all others are digits. */
 const WIDTHS = /** @type {Readonly<Record<string, number>>} */ ({ ".": 0.37, " ": 0.33, ">": 0.82 });
 const [DIGIT, DEGREE] = [0.67, 0.33];
 
 /**
- * How wide a number is with its sign of degrees, in sizes of the large type: the arc leaves room for so much.
+ * Width of a number with its degree sign, in sizes of the large type.
  * @param {string} number As "0.043", without the sign.
  * @returns {number}
  */
@@ -61,7 +61,7 @@ export function gauge(host, { rms, worst, target }, theme = "dark") {
     }
     const said =
         worst === null
-            ? "Predicted heading error not known yet"
+            ? "Predicted heading error unknown"
             : `Predicted heading error ${degrees(worst)} at the worst heading, ${degrees(rms)} rms; target ${degrees(target)}`;
     host.setAttribute("role", "img");
     host.setAttribute("aria-label", said);
@@ -98,7 +98,7 @@ function dial(target, theme) {
     const step = (RIGHT_DEG - LEFT_DEG) / SEGMENTS;
     for (let i = 0; i < SEGMENTS; i++) {
         const [from, to] = [LEFT_DEG + i * step, LEFT_DEG + (i + 1) * step - 0.55];
-        const deg = target * MOST * (LEAST / MOST) ** ((i + 0.5) / SEGMENTS);
+        const deg = target * MAX_RATIO * (MIN_RATIO / MAX_RATIO) ** ((i + 0.5) / SEGMENTS);
         const part = svg("path", { class: "segment", d: ring(from, to), "data-deg": deg.toPrecision(6) });
         part.setAttribute("fill", cssOf(errorColour(deg, target, theme)));
         root.append(part);
@@ -121,7 +121,7 @@ function dial(target, theme) {
 
 /**
  * @param {number} deg
- * @returns {string} 0.5°, 1°, 10°: as short as can be.
+ * @returns {string} 0.5°, 1°, 10°, without trailing zeros.
  */
 function number(deg) {
     return `${Number(deg.toPrecision(2))}°`;

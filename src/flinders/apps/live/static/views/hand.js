@@ -1,8 +1,8 @@
 /**
- * The thing in the hand, large: as it is now, and as it should be, with the way of the turn and a ring of its progress.
+ * Drawing of the body in the hand: its present and its wanted attitude, an arrow of the turn, and a ring of its progress.
  *
- * It is SVG, of parallel projection, seen by who holds it: from behind and somewhat above. The view is moved sideways or up
- * as far as it takes so that neither the thing nor the turn is seen edge-on.
+ * SVG in parallel projection, seen by the user from behind and somewhat above. The view moves sideways or up until neither
+ * the body nor the turn is edge-on.
  */
 
 import { NAMES, SHAPES } from "./bodies.js";
@@ -17,28 +17,28 @@ import { cross, dot, minus } from "../../../../static/views/vectors.js";
 /** @typedef {readonly [number, number]} Place */
 
 /**
- * What is drawn.
+ * Data of the drawing.
  * @typedef {object} Picture
  * @property {Body} body
- * @property {Rotation} hold  from axes of the body to those of who holds it, where the turn begins
- * @property {Vector} axis  of the turn, in the axes of who holds it
- * @property {number} angle  of all of it, rad
- * @property {number} now  how far it has come, rad
- * @property {readonly number[]} parts  of the ring: how full each of them is; none where there is no ring
+ * @property {Rotation} hold  from axes of the body to those of the user, at the start of the turn
+ * @property {Vector} axis  of the turn, in the user's axes
+ * @property {number} angle  of the whole turn, rad
+ * @property {number} now  progress of the turn, rad
+ * @property {readonly number[]} parts  filling of each part of the ring; empty without a ring
  */
 
-/** Where light comes from, to the right, up, and towards the viewer. */
+/** Direction of the light: to the right, up, and towards the viewer. */
 const LIGHT = /** @type {const} */ ([0.35, 0.75, 0.55]);
 const RING = 67;
-/** The ghost goes ahead by as much of a long turn, rad, in so many milliseconds, and then waits. */
+/** The preview runs ahead by this angle of a long turn, rad, in this time, ms, and then waits. */
 const [AHEAD, PERIOD, WAITS] = [1.2, 2200, 500];
 /** Milliseconds from one picture to the next. */
 const STEP = 40;
-/** Pieces of the arrow, and how far from the axis it is. */
+/** Number of pieces of the arrow, and its distance from the axis. */
 const [PIECES, REACH] = [22, 58];
-/** A plate that shows so little of its face, of 1, is edge-on. */
+/** A plate counts as edge-on if this share of its face, or less, is visible. */
 const EDGE_ON = 0.12;
-/** Views that are tried, radians: sideways and above, the usual one first. */
+/** Candidate views, radians sideways and above; the default first. */
 const ASIDE = [0.4, -0.4, 0.15, 0.75, -0.75];
 const ABOVE = [0.55, 0.35, 0.8];
 
@@ -65,10 +65,10 @@ export class Hand {
     }
 
     /**
-     * Draw this from now on.
+     * Set the drawing.
      * @param {Picture} picture
-     * @param {string} words  for who does not see it
-     * @param {string} key  of the turn: another begins anew
+     * @param {string} words  for screen readers
+     * @param {string} key  of the turn: a new key restarts the animation
      */
     show(picture, words, key) {
         this.picture = picture;
@@ -90,22 +90,22 @@ export class Hand {
     #draw = () => {
         if (!this.picture) return;
         const { body, angle, now, parts } = this.picture;
-        const share = this.calm ? 1 : eased(((performance.now() - this.begun) % (PERIOD + WAITS)) / PERIOD);
+        const share = this.calm ? 1 : easeShare(((performance.now() - this.begun) % (PERIOD + WAITS)) / PERIOD);
         const to = Math.min(angle, now + Math.min(AHEAD, angle));
         if (isEdgeOn(this.view, this.#attitude(now))) this.view = viewOf(this.picture);
-        this.#put(this.ghost, body, this.#turned(now + share * (to - now)));
-        this.#put(this.solid, body, this.#turned(now));
+        this.#put(this.ghost, body, this.#viewedRotation(now + share * (to - now)));
+        this.#put(this.solid, body, this.#viewedRotation(now));
         this.#arrow(Math.max(to - now, 0));
         this.ring.replaceChildren(...rings(parts));
         this.timer = window.setTimeout(() => requestAnimationFrame(this.#draw), this.calm ? 5 * STEP : STEP);
     };
 
-    /** From axes of the body to those of the picture, so far into the turn. @param {number} angle */
-    #turned(angle) {
+    /** Rotation from axes of the body to those of the picture, at an angle of the turn. @param {number} angle */
+    #viewedRotation(angle) {
         return product(this.view, this.#attitude(angle));
     }
 
-    /** From axes of the body to those of who holds it. @param {number} angle */
+    /** Rotation from axes of the body to the user's, at an angle of the turn. @param {number} angle */
     #attitude(angle) {
         const { hold, axis } = /** @type {Picture} */ (this.picture);
         return product(rotation({ axis, angle }), hold);
@@ -113,10 +113,10 @@ export class Hand {
 
     /** @param {SVGElement} group @param {Body} body @param {Rotation} seen */
     #put(group, body, seen) {
-        group.replaceChildren(...drawn(SHAPES[body], seen));
+        group.replaceChildren(...visibleFaces(SHAPES[body], seen));
     }
 
-    /** The arrow runs around the axis, before the body where it is nearer. @param {number} angle */
+    /** Draw the arrow around the axis, its nearer part in front of the body. @param {number} angle */
     #arrow(angle) {
         const { axis } = /** @type {Picture} */ (this.picture);
         const start = perpendicular(axis, this.view[2]);
@@ -136,16 +136,16 @@ export class Hand {
  * @returns {SVGElement}
  */
 export function portrait(body) {
-    const solid = svg("g", { class: "solid" }, drawn(SHAPES[body], product(viewFrom(0.55, 0.75), LEVEL)));
+    const solid = svg("g", { class: "solid" }, visibleFaces(SHAPES[body], product(viewFrom(0.55, 0.75), LEVEL)));
     return svg("svg", { class: "portrait", viewBox: "-60 -46 120 92", "aria-hidden": "true" }, [solid]);
 }
 
 /**
- * How a body turns from where it is so that the field goes to a direction; both in axes of the body.
- * @param {Rotation} hold  how it is held
+ * The turn of a body that moves the field to a direction; field and direction in axes of the body.
+ * @param {Rotation} hold  present attitude
  * @param {Vector} target
  * @param {Vector} field
- * @returns {{axis: Vector, angle: number}}  in axes of who holds it
+ * @returns {{axis: Vector, angle: number}}  in the user's axes
  */
 export function turnTowards(hold, target, field) {
     const { axis, angle } = between(target, field);
@@ -158,12 +158,12 @@ export function nameOf(body) {
 }
 
 /**
- * Faces as they are seen, the far ones first.
+ * Visible faces, the far ones first.
  * @param {readonly Face[]} faces
  * @param {Rotation} seen
  * @returns {SVGElement[]}
  */
-function drawn(faces, seen) {
+function visibleFaces(faces, seen) {
     const shown = faces.map((face) => ({ face, corners: face.corners.map((corner) => rotated(seen, corner)) }));
     const depth = (/** @type {readonly Vector[]} */ corners) => corners.reduce((sum, corner) => sum + corner[2], 0) / corners.length;
     const front = shown.filter(({ corners }) => normalOf(corners)[2] > 0);
@@ -190,7 +190,7 @@ function normalOf(corners) {
 }
 
 /**
- * The view in which body and turn are seen best, so that neither is edge-on: from behind, as near to the usual as may be.
+ * The view nearest to the default in which neither body nor turn is edge-on.
  * @param {Picture} picture
  */
 function viewOf({ hold, axis, now, angle }) {
@@ -262,7 +262,7 @@ function viewFrom(aside, above) {
 }
 
 /** @param {number} share */
-function eased(share) {
+function easeShare(share) {
     const part = Math.min(Math.max(share, 0), 1);
     return part * part * (3 - 2 * part);
 }

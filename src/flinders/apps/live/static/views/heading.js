@@ -1,5 +1,5 @@
 /**
- * Two compass roses side by side: what the raw sensor says and what the corrected one says.
+ * Two compass roses: the heading of the raw and of the corrected sensor.
  *
  * Axes are forward, right, down. The heading is ψ = atan2(−m_y, m_x) of the field in level axes; where there is an
  * acceleration (specific force, at rest −g on z), level is found from it, and otherwise the sensor is taken as level.
@@ -7,7 +7,7 @@
 
 import { element, setText } from "../dom.js";
 import { svg } from "./plot.js";
-import { corrected, cross } from "../../../../static/views/vectors.js";
+import { correctReading, cross } from "../../../../static/views/vectors.js";
 import { compass } from "./words.js";
 
 /** @typedef {import("../../../../static/views/vectors.js").Vector} Vector */
@@ -15,12 +15,12 @@ import { compass } from "./words.js";
 /**
  * A heading, and how far the sensor is tilted.
  * @typedef {object} Heading
- * @property {number | null} deg Clockwise from magnetic north, 0 to 360; null where the field or the force has none.
+ * @property {number | null} deg Clockwise from magnetic north, 0 to 360; null if undefined.
  * @property {number | null} tilt_deg Null without acceleration.
  */
 
 /**
- * The heading that a field vector tells.
+ * Heading of a field vector.
  *
  * East is down × field and north is east × down; the forward axis seen in those two is the heading.
  * @param {Vector} field
@@ -31,19 +31,19 @@ function headingOf(field, acceleration) {
     const force = acceleration ? Math.hypot(...acceleration) : 0;
     if (!acceleration || !(force > 0) || !Number.isFinite(force)) {
         const flat = Math.hypot(field[0], field[1]);
-        return { deg: flat > 0 ? turned(Math.atan2(-field[1], field[0])) : null, tilt_deg: null };
+        return { deg: flat > 0 ? positiveDegrees(Math.atan2(-field[1], field[0])) : null, tilt_deg: null };
     }
     const down = /** @type {[number, number, number]} */ (acceleration.map((part) => -part / force));
     const east = cross(down, field);
     const north = cross(east, down);
     const tilt_deg = (Math.acos(Math.min(1, Math.max(-1, down[2]))) * 180) / Math.PI;
     if (!(Math.hypot(...east) > 0)) return { deg: null, tilt_deg };
-    // Both are as long as the level part of the field, so that their ratio is the tangent of the heading.
-    return { deg: Math.hypot(east[0], north[0]) > 0 ? turned(Math.atan2(east[0], north[0])) : null, tilt_deg };
+    // Both have the length of the horizontal field, so that their ratio is the tangent of the heading.
+    return { deg: Math.hypot(east[0], north[0]) > 0 ? positiveDegrees(Math.atan2(east[0], north[0])) : null, tilt_deg };
 }
 
 /**
- * The smaller way from one heading to another, −180 to 180 degrees.
+ * Difference of two headings, −180 to 180 degrees.
  * @param {number} from
  * @param {number} to
  * @returns {number}
@@ -56,7 +56,7 @@ function difference(from, to) {
  * @param {number} angle Radians.
  * @returns {number} Degrees, 0 to 360.
  */
-function turned(angle) {
+function positiveDegrees(angle) {
     return (((angle * 180) / Math.PI) % 360 + 360) % 360;
 }
 
@@ -131,7 +131,7 @@ export const heading = {
         const acceleration = now?.acceleration ?? null;
         const calibration = view?.offset && view.matrix ? { offset: view.offset, matrix: view.matrix } : null;
         const before = now ? headingOf(now.raw, acceleration) : null;
-        const after = now && calibration ? headingOf(corrected(now.raw, calibration), acceleration) : null;
+        const after = now && calibration ? headingOf(correctReading(now.raw, calibration), acceleration) : null;
         dial(host, { raw_deg: before?.deg ?? null, corrected_deg: after?.deg ?? null, tilt: before?.tilt_deg ?? null });
     },
     css: `

@@ -1,8 +1,8 @@
-/** What to do now, on the page: the sentence, the thing in the hand, how far the turn has come, and what is in the hand. */
+/** The present instruction on the page: sentence, drawing of the body with the turn's progress, and choice of the body. */
 
-import { byId, element, remember, remembered, setIcon, setText } from "../dom.js";
+import { byId, element, remember, recall, setIcon, setText } from "../dom.js";
 import { goesOn } from "../store.js";
-import { advance, begin, BODIES, judged, SEQUENCES } from "../standalone/choreography.js";
+import { advance, begin, BODIES, skipNeedless, SEQUENCES } from "../standalone/choreography.js";
 import { lead } from "../standalone/lead.js";
 import { Hand, nameOf, portrait, turnTowards } from "./hand.js";
 import { DRAWN, LEVEL, product } from "../../../../static/views/turn.js";
@@ -14,20 +14,20 @@ import { DRAWN, LEVEL, product } from "../../../../static/views/turn.js";
 /** @typedef {import("../standalone/lead.js").Lead} Lead */
 /** @typedef {import("./hand.js").Picture} Picture */
 
-/** Where the browser keeps what is in the hand. */
+/** Key of the chosen body in the browser's storage. */
 const KEY = "flinders-body";
-/** What is in the hand, by the kind of source, until somebody says. @type {Readonly<Record<string, Body>>} */
-const USUAL = { phone: "phone", mavlink: "drone" };
-/** Letters that the large type has room for. */
-const LONG = 112;
-/** Once around one side after the other, in so many seconds each. */
+/** Default body by the kind of source. @type {Readonly<Record<string, Body>>} */
+const DEFAULT_BODIES = { phone: "phone", mavlink: "drone" };
+/** Most characters in the large type. */
+const MAX_LARGE_LETTERS = 112;
+/** Duration of one side of the general turn, s. */
 const AROUND_S = 4;
 const ICONS = { wait: "next", turn: "next", arrow: "next", around: "next", done: "good", wrong: "wrong", ended: "next", finished: "good" };
 
-/** Keeps up the choreography as readings come, and the one lead. */
+/** Updates the choreography with readings, and the present lead. */
 export class Guide {
-    /** @type {Body | null} as somebody chose it */
-    chosen = BODIES.find((body) => body === remembered(KEY)) ?? null;
+    /** @type {Body | null} chosen by the user */
+    chosen = BODIES.find((body) => body === recall(KEY)) ?? null;
     choreography = begin(this.chosen ?? "board");
     /** @type {Lead | null} */
     lead = null;
@@ -35,14 +35,14 @@ export class Guide {
     taken = 0;
 
     /**
-     * Go on with what the page knows.
+     * Update from the data of the page.
      * @param {Store} store
      * @param {number} at  seconds
      * @returns {Lead | null}
      */
     follow({ state, view, points, now, generation, hello }, at) {
         if (!state || !hello) return null;
-        const body = this.chosen ?? USUAL[state.source.kind] ?? "board";
+        const body = this.chosen ?? DEFAULT_BODIES[state.source.kind] ?? "board";
         if (generation !== this.generation || points.count < this.taken || body !== this.choreography.body) {
             this.choreography = begin(body);
             [this.generation, this.taken] = [generation, 0];
@@ -50,7 +50,7 @@ export class Guide {
         if (goesOn(state) && !state.paused) this.#read(points, view);
         this.taken = points.count;
         const { centres } = hello.tiles;
-        this.choreography = judged(this.choreography, view, centres);
+        this.choreography = skipNeedless(this.choreography, view, centres);
         this.lead = lead(this.lead, { at, state, view, choreography: this.choreography, raw: now?.raw ?? null, centres });
         return this.lead;
     }
@@ -73,11 +73,11 @@ export class Guide {
     }
 }
 
-/** Draws a lead: the thing in the hand beside the sphere, and the sentence above both. */
+/** Draws a lead: the body beside the sphere, and the sentence above both. */
 export class LeadView {
     /**
      * @param {Guide} guide
-     * @param {() => void} redraw  called where somebody has said what is in the hand
+     * @param {() => void} redraw  called after the user has chosen a body
      */
     constructor(guide, redraw) {
         this.guide = guide;
@@ -92,7 +92,7 @@ export class LeadView {
         this.choices.setAttribute("aria-label", "What is in your hand");
         this.choices.hidden = guide.chosen !== null;
         this.host.append(this.caption, this.open, this.choices);
-        this.since = -1; // of the arrow that is drawn
+        this.since = -1; // time of the drawn arrow
     }
 
     /** @param {Body} body @param {() => void} redraw */
@@ -150,7 +150,7 @@ export class LeadView {
         advice.hidden = words === "";
         advice.dataset.lead = kind;
         setIcon(advice, ICONS[kind]);
-        advice.classList.toggle("long", words.length > LONG);
+        advice.classList.toggle("long", words.length > MAX_LARGE_LETTERS);
         setText(byId("advice-words", HTMLElement), words);
     }
 
@@ -163,7 +163,7 @@ export class LeadView {
         }
         const { attitude } = this.hand;
         if (kind === "arrow" && target && attitude.field && view?.shown) {
-            const drawn = DRAWN[view.guidance?.frame ?? "sensor"]; // either way the same
+            const drawn = DRAWN[view.guidance?.frame ?? "sensor"]; // the same for both frames
             if (this.since !== since && !attitude.isUpright) attitude.rotation = drawn;
             this.since = since;
             const hold = product(attitude.rotation, drawn);
@@ -178,5 +178,5 @@ export class LeadView {
 /** @param {Lead} now */
 function captionOf({ kind, step, of }) {
     if (kind === "turn") return `Step ${step} of ${of}`;
-    return kind === "arrow" ? "Towards what is missing" : "";
+    return kind === "arrow" ? "Towards missing directions" : "";
 }

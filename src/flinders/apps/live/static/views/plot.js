@@ -1,6 +1,6 @@
 /**
- * What the charts are made of: a panel of a canvas (many points) under an SVG (axes and words), round ticks,
- * and a raster that shows how dense points lie, whatever their number.
+ * Parts of the charts: a panel with a canvas (many points) under an SVG (axes and words), round ticks, and a raster of the
+ * density of points.
  */
 
 import { rgbOf } from "../../../../static/views/colours.js";
@@ -28,7 +28,7 @@ export function ticks({ low, high }, most) {
 }
 
 /**
- * How many decimals tell ticks apart.
+ * Number of decimals that distinguishes ticks.
  * @param {readonly number[]} values
  * @returns {number}
  */
@@ -49,7 +49,7 @@ export function roundUp(value) {
 }
 
 /**
- * The values below which given shares of some numbers lie; of many, a sample is looked at.
+ * Quantiles of some numbers; of many numbers, by a sample.
  * @param {ArrayLike<number>} values
  * @param {readonly number[]} shares
  * @returns {number[]} NaN where there are no finite numbers.
@@ -66,7 +66,7 @@ export function quantiles(values, shares) {
 }
 
 /**
- * An SVG element with attributes; text goes in as text.
+ * Create an SVG element with attributes; text is inserted as text.
  * @param {string} name
  * @param {Record<string, string | number>} attributes
  * @param {string | readonly SVGElement[]} content
@@ -82,7 +82,7 @@ export function svg(name, attributes = {}, content = []) {
 }
 
 /**
- * A line through points, as the `d` of a path. Points that are no numbers break it.
+ * A line through points, as the `d` of a path. Points that are NaN break it.
  * @param {Iterable<readonly [number, number]>} points
  * @param {boolean} [closed]
  * @returns {string}
@@ -104,9 +104,9 @@ export function path(points, closed = false) {
 /** @typedef {{x: number, y: number, wide: number, high: number, words: string}} Place Of words: left, foot, size. */
 
 /**
- * The place that lines pass at the greatest distance, the first of equals.
+ * The place farthest from lines; the first of equals.
  * @param {readonly Place[]} places
- * @param {readonly (readonly [number, number])[]} line Points; those that are no numbers break it.
+ * @param {readonly (readonly [number, number])[]} line Points; NaN breaks the line.
  * @returns {Place | null}
  */
 export function freest(places, line) {
@@ -142,7 +142,7 @@ export function themeColour(element, name) {
     return [255 * red, 255 * green, 255 * blue];
 }
 
-/** A canvas with an SVG over it that fills its host, and tells when the host changes its size. */
+/** A canvas with an SVG over it that fills its host, with a callback for changes of size. */
 export class Panel {
     /** @param {HTMLElement} host Has a height of its own. */
     constructor(host) {
@@ -168,7 +168,7 @@ export class Panel {
 
     /**
      * Take the size of the host and empty the SVG.
-     * @param {string} label What a screen reader says of the chart.
+     * @param {string} label Text of the chart for screen readers.
      * @returns {boolean} Whether there is room to draw.
      */
     begin(label) {
@@ -176,7 +176,7 @@ export class Panel {
         this.width = Math.floor(box.width);
         this.height = Math.floor(box.height);
         this.em = Number.parseFloat(getComputedStyle(this.host).fontSize) || 16;
-        // A dot is three pixels of the raster wide: about a fifth of a letter, on a phone and on a wall.
+        // A dot is three pixels of the raster wide, about a fifth of a letter on any screen.
         this.ratio = Math.min(window.devicePixelRatio || 1, 2, 18 / this.em);
         if (this.root.getAttribute("aria-label") !== label) this.root.setAttribute("aria-label", label);
         if (this.width < 24 || this.height < 24) return false;
@@ -225,8 +225,8 @@ export class Panel {
 }
 
 /**
- * How dense points lie in a rectangle of pixels. A point is a soft dot; where many lie on each other it gets denser,
- * and a single one remains to be seen. Drawing 20,000 of them costs a few milliseconds, whatever draws the screen.
+ * Density of points in a rectangle of pixels. A point is a soft dot; many dots add up, and a single one stays visible.
+ * Drawing 20,000 points takes a few milliseconds, also without graphics hardware.
  */
 export class Density {
     constructor() {

@@ -4,8 +4,8 @@ import { crosses, drawChart, tick } from "./charts.js";
 import { EXCLUDED, mark, REJECTED, USED } from "../../../../static/views/marks.js";
 import { nearestOf } from "../../../../static/views/nearest.js";
 import { path, quantiles, roundUp, themeColour, tickDecimals, ticks } from "./plot.js";
-import { corrected, determinant, dot, inverted } from "../../../../static/views/vectors.js";
-import { fixed } from "./words.js";
+import { correctReading, determinant, dot, inverseOf } from "../../../../static/views/vectors.js";
+import { fixedText } from "./words.js";
 
 /** @typedef {import("./charts.js").Chart} Chart */
 /** @typedef {import("../messages.d.ts").SessionState} State */
@@ -20,12 +20,12 @@ const PAIRS = /** @type {const} */ ([
     [1, 2, "y", "z"],
 ]);
 
-/** Readings that are looked at to find what the axes span. */
+/** Most readings used to find the extent of the axes. */
 const LOOKED_AT = 1500;
 
 /**
- * XY, XZ and YZ: raw readings with the outline of their ellipsoid, corrected ones with the circle that they should lie
- * in. A host that is tall enough gets a row before and a row after; a flat one gets both in each square.
+ * Draw XY, XZ and YZ: raw readings with the outline of their ellipsoid, corrected readings with the circle that bounds
+ * them. A tall host has a row before and a row after correction; a flat one has both in each square.
  * @param {Chart} chart
  * @param {Points} points
  * @param {View | null} view
@@ -69,14 +69,14 @@ function drawProjections(chart, points, view, state) {
 }
 
 /**
- * Where a square is, and where in it a reading is drawn.
+ * A square, and the places of a reading in it.
  * @typedef {{box: {x: number, y: number, side: number}, places: (reading: number) => import("./charts.js").Place[]}} Square
  */
 
 /** @typedef {{centre: number[], half: number}} Domain */
 
 /**
- * What the squares of a row show: one scale for all three, so that circles stay comparable.
+ * Extent of the squares of a row, with one scale for all three.
  * @param {Points} points
  * @param {Uint8Array} kinds
  * @param {Shown | null} shown
@@ -141,7 +141,7 @@ function drawSquare(chart, image, box, pair, domain, what) {
     const marksY = what.points.count > 0 ? ticks(spanY, most) : [];
     const name = what.unit ? `${pair[2]}, ${what.unit}` : pair[2];
     for (const value of marksX) {
-        const number = fixed(value, tickDecimals(marksX));
+        const number = fixedText(value, tickDecimals(marksX));
         inside.append(panel.draw("path", { class: value === 0 ? "zero" : "grid", d: `M${toX(value)} ${box.y}v${box.side}` }));
         const near = box.x + box.side - toX(value) < (0.4 + 0.66 * name.length + 0.33 * number.length) * panel.em;
         if (!near) tick(panel, toX(value), box.y + box.side + 0.95 * panel.em, number, "middle");
@@ -149,7 +149,7 @@ function drawSquare(chart, image, box, pair, domain, what) {
     for (const value of marksY) {
         inside.append(panel.draw("path", { class: value === 0 ? "zero" : "grid", d: `M${box.x} ${toY(value)}h${box.side}` }));
         const isLow = box.y + box.side - toY(value) < 0.5 * panel.em;
-        if (!isLow) tick(panel, box.x - 0.4 * panel.em, toY(value) + 0.28 * panel.em, fixed(value, tickDecimals(marksY)), "end");
+        if (!isLow) tick(panel, box.x - 0.4 * panel.em, toY(value) + 0.28 * panel.em, fixedText(value, tickDecimals(marksY)), "end");
     }
     outlines(panel, inside, across, up, { toX, toY }, what);
     if (left_out.length > 0) inside.append(crosses(panel, left_out));
@@ -161,7 +161,7 @@ function drawSquare(chart, image, box, pair, domain, what) {
         const raw = [field[3 * j], field[3 * j + 1], field[3 * j + 2]];
         const drawn = [];
         if (what.row !== "after") drawn.push(raw);
-        if (what.shown && what.row !== "before") drawn.push(corrected(raw, what.shown));
+        if (what.shown && what.row !== "before") drawn.push(correctReading(raw, what.shown));
         return drawn.map((vector) => /** @type {const} */ ([toX(vector[across]), toY(vector[up])]));
     };
     return { box, places };
@@ -175,7 +175,7 @@ function drawSquare(chart, image, box, pair, domain, what) {
  * @param {readonly [number, number, string, string]} pair
  * @param {{toX: (value: number) => number, toY: (value: number) => number}} to
  * @param {{points: Points, kinds: Uint8Array, shown: Shown | null, row: string}} what
- * @returns {[number, number][]} Where rejected readings are to be crossed.
+ * @returns {[number, number][]} Places of rejected readings, for crosses.
  */
 function rasterSquare(chart, image, box, [across, up], { toX, toY }, { points, kinds, shown, row }) {
     const { panel, before, after } = chart;
@@ -250,7 +250,7 @@ function outlines(panel, inside, across, up, { toX, toY }, { shown, row }) {
 
 /** @param {readonly (readonly number[])[]} matrix @returns {number[][] | null} Null of a singular one. */
 function inverse(matrix) {
-    return Math.abs(determinant(matrix)) > 1e-300 ? inverted(matrix) : null;
+    return Math.abs(determinant(matrix)) > 1e-300 ? inverseOf(matrix) : null;
 }
 
 /** @type {import("../widgets.js").Widget} */

@@ -1,11 +1,11 @@
-/** How far readings lie off the sphere, as a histogram. */
+/** Histogram of the distances of readings from the sphere. */
 
 import { element, setText } from "../dom.js";
 import { drawChart, nothing, tick } from "./charts.js";
 import { nearestOf } from "../../../../static/views/nearest.js";
 import { path, tickDecimals, ticks } from "./plot.js";
-import { corrected } from "../../../../static/views/vectors.js";
-import { fixed, significant } from "./words.js";
+import { correctReading } from "../../../../static/views/vectors.js";
+import { fixedText, significant } from "./words.js";
 
 /** @typedef {import("../../../../static/view.d.ts").View} View */
 /** @typedef {import("./charts.js").Chart} Chart */
@@ -22,7 +22,7 @@ function drawHistogram(chart, view, points) {
     const residuals = view?.residuals ?? null;
     const known = residuals !== null && residuals.counts.length > 0 && residuals.edges.length > residuals.counts.length;
     const noise = known ? (view?.noise ?? null) : null;
-    const said = noise === null ? "none yet" : `standard deviation ${fixed(noise, 3)} ${view?.unit ?? ""}`;
+    const said = noise === null ? "none yet" : `standard deviation ${fixedText(noise, 3)} ${view?.unit ?? ""}`;
     if (!panel.begin(`Distances of the readings from the sphere, ${said}`)) return;
     const [left, right] = [0.5 * panel.em, panel.width - 0.5 * panel.em];
     const [top, bottom] = [0.5 * panel.em, panel.height - 1.5 * panel.em];
@@ -49,22 +49,22 @@ function drawHistogram(chart, view, points) {
     }
     const values = ticks({ low: -reach, high: reach }, 4);
     for (const value of values) {
-        tick(panel, toX(value), bottom + 1.15 * panel.em, fixed(value, tickDecimals(values)), "middle");
+        tick(panel, toX(value), bottom + 1.15 * panel.em, fixedText(value, tickDecimals(values)), "middle");
         panel.draw("path", { class: "tick", d: `M${toX(value)} ${bottom}v${0.25 * panel.em}` });
     }
 }
 
 /**
- * How far a reading lies off the sphere.
+ * Distance of a reading from the sphere.
  * @param {number} j
  * @param {Points} points
  * @param {View | null} view
- * @returns {number} 0 where there is no sphere.
+ * @returns {number} 0 without a sphere.
  */
 function residualOf(j, { field }, view) {
     const shown = view?.shown;
     if (!shown) return 0;
-    return Math.hypot(...corrected([field[3 * j], field[3 * j + 1], field[3 * j + 2]], shown)) - shown.strength;
+    return Math.hypot(...correctReading([field[3 * j], field[3 * j + 1], field[3 * j + 2]], shown)) - shown.strength;
 }
 
 /** @type {import("../widgets.js").Widget} */

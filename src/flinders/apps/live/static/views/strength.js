@@ -6,7 +6,7 @@ import { Exclusion } from "./exclusion.js";
 import { mark, REJECTED, USED } from "../../../../static/views/marks.js";
 import { nearestOf } from "../../../../static/views/nearest.js";
 import { quantiles, roundUp, themeColour, tickDecimals, ticks } from "./plot.js";
-import { clock, fixed } from "./words.js";
+import { clock, fixedText } from "./words.js";
 
 /** @typedef {import("./brush.js").Place} Place */
 /** @typedef {import("./charts.js").Chart} Chart */
@@ -18,7 +18,7 @@ import { clock, fixed } from "./words.js";
 /** @typedef {import("./plot.js").Span} Span */
 
 /**
- * Where readings are drawn: their lengths, which of them count, and the places of times and lengths.
+ * Readings of the drawing: lengths, which of them count, and the scales of time and length.
  * @typedef {object} Drawn
  * @property {Points} points
  * @property {Uint8Array} kinds
@@ -46,8 +46,8 @@ function drawStrength(chart, points, view, state) {
     const raw = lengths(points, null);
     const corrected = shown && lengths(points, shown);
     const span = strengthSpan(raw, kinds, shown);
-    const said = points.count > 0 ? `, raw from ${fixed(span.raw[0], 1)} to ${fixed(span.raw[1], 1)} ${unit}` : "";
-    const meant = shown ? `, corrected about ${fixed(shown.strength, 1)} ${unit}` : "";
+    const said = points.count > 0 ? `, raw from ${fixedText(span.raw[0], 1)} to ${fixedText(span.raw[1], 1)} ${unit}` : "";
+    const meant = shown ? `, corrected about ${fixedText(shown.strength, 1)} ${unit}` : "";
     if (!panel.begin(`Field strength over time${said}${meant}`)) return null;
     const place = placeIn(panel, points);
     const toX = (/** @type {number} */ t) => xOf(place, t);
@@ -167,13 +167,13 @@ function lengths(points, shown) {
         const a = r[0] * x + r[1] * y + r[2] * z;
         const b = s[0] * x + s[1] * y + s[2] * z;
         const c = t[0] * x + t[1] * y + t[2] * z;
-        norms[j] = Math.sqrt(a * a + b * b + c * c); // Math.hypot is many times slower
+        norms[j] = Math.sqrt(a * a + b * b + c * c); // Math.hypot is much slower
     }
     return norms;
 }
 
 /**
- * What the axis of field strength spans: nearly all of the used readings, so that one wild reading does not flatten it.
+ * Span of the axis of field strength: nearly all of the used readings, so that a single outlier does not flatten it.
  * @param {Float32Array} raw
  * @param {Uint8Array} kinds
  * @param {Shown | null} shown
@@ -206,7 +206,7 @@ function timeAxis(panel, place, toX, toY, span, { unit, isTimed }) {
     const values = ticks(span, Math.max(2, Math.floor((place.bottom - place.top) / (2.2 * panel.em))));
     for (const value of values) {
         panel.draw("path", { class: "grid", d: `M${place.left} ${toY(value)}H${place.right}` });
-        tick(panel, place.left - 0.4 * panel.em, toY(value) + 0.28 * panel.em, fixed(value, tickDecimals(values)), "end");
+        tick(panel, place.left - 0.4 * panel.em, toY(value) + 0.28 * panel.em, fixedText(value, tickDecimals(values)), "end");
     }
     tick(panel, place.left + 0.2 * panel.em, 0.75 * panel.em, unit, "start");
     const most = Math.max(2, Math.floor((place.right - place.left) / (4.5 * panel.em)));
@@ -217,7 +217,7 @@ function timeAxis(panel, place, toX, toY, span, { unit, isTimed }) {
         const x = toX(value);
         const anchor = x > place.right - 1.5 * panel.em ? "end" : "middle";
         panel.draw("path", { class: "tick", d: `M${x} ${place.bottom}v${0.25 * panel.em}` });
-        const words = isLong ? clock(value) : `${fixed(value, tickDecimals(times))}${isTimed ? " s" : ""}`;
+        const words = isLong ? clock(value) : `${fixedText(value, tickDecimals(times))}${isTimed ? " s" : ""}`;
         tick(panel, x, place.bottom + 1.15 * panel.em, words, anchor);
     }
     panel.draw("path", { class: "axis", d: `M${place.left} ${place.bottom}H${place.right}` });
@@ -256,7 +256,7 @@ export const strength = {
     enlarges: "the field strength",
     begin({ head, host }, page) {
         const exclusion = new Exclusion(head, page, (start_s, end_s) => brush.set(start_s, end_s));
-        const brush = new Brush(chartOf(host), (start_s, end_s) => exclusion.marked(start_s, end_s));
+        const brush = new Brush(chartOf(host), (start_s, end_s) => exclusion.showMark(start_s, end_s));
         brushes.set(host, brush);
         return exclusion;
     },

@@ -1,7 +1,7 @@
 /** Offset and matrix of a calibration as a table, each number to the digits that its uncertainty leaves. */
 
 import { element } from "../dom.js";
-import { measured } from "./words.js";
+import { measuredText } from "./words.js";
 
 /** @typedef {import("../../../../static/view.d.ts").View} View */
 
@@ -45,7 +45,7 @@ function header(text, scope, span = 1) {
  * @returns {HTMLElement}
  */
 function cell(value, sigma) {
-    const shown = measured(value, sigma);
+    const shown = measuredText(value, sigma);
     const about = shown.sigma ? [element("span", ` ± ${shown.sigma}`, "sigma")] : [];
     return element("td", [element("span", shown.value, "value"), ...about], "number");
 }

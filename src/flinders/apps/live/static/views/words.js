@@ -1,26 +1,26 @@
 /**
- * Numbers and times as people read them. Nothing here touches the page.
+ * Numbers and times in words, without access to the page.
  *
- * A number is written to the digits that its uncertainty leaves: measured(-12.3456, 0.042) is "−12.346 ± 0.042".
+ * Numbers have the digits that their uncertainty supports: measuredText(-12.3456, 0.042) is "−12.346" and "0.042".
  */
 
 const MINUS = "\u2212";
 const NONE = "\u2013";
 
 /**
- * A number with so many decimals and a true minus sign; a dash where there is none.
+ * A number with fixed decimals and a true minus sign; a dash for no number.
  * @param {number | null | undefined} value
  * @param {number} decimals
  * @returns {string}
  */
-export function fixed(value, decimals) {
+export function fixedText(value, decimals) {
     if (value === null || value === undefined || !Number.isFinite(value)) return NONE;
     const text = value.toFixed(Math.max(0, Math.min(decimals, 12)));
     return (Number(text) === 0 ? text.replace("-", "") : text).replace("-", MINUS);
 }
 
 /**
- * How many decimals show two significant digits of an uncertainty, or four of a value where there is none.
+ * Decimals for two significant digits of an uncertainty, or for four of a value without one.
  * @param {number | null | undefined} value
  * @param {number | null | undefined} sigma
  * @returns {number}
@@ -37,12 +37,12 @@ export function decimals(value, sigma) {
  * A number with its uncertainty (1 σ), two digits of it.
  * @param {number | null | undefined} value
  * @param {number | null | undefined} sigma
- * @returns {{value: string, sigma: string}} The uncertainty is empty where it is not known.
+ * @returns {{value: string, sigma: string}} The uncertainty is empty if unknown.
  */
-export function measured(value, sigma) {
+export function measuredText(value, sigma) {
     const places = decimals(value, sigma);
     const known = sigma !== null && sigma !== undefined && Number.isFinite(sigma);
-    return { value: fixed(value, places), sigma: known ? fixed(sigma, places) : "" };
+    return { value: fixedText(value, places), sigma: known ? fixedText(sigma, places) : "" };
 }
 
 /**
@@ -52,8 +52,8 @@ export function measured(value, sigma) {
  * @returns {string}
  */
 export function significant(value, digits) {
-    if (!value || !Number.isFinite(value)) return fixed(value, 0);
-    return fixed(value, digits - 1 - Math.floor(Math.log10(Math.abs(value)) + 1e-9));
+    if (!value || !Number.isFinite(value)) return fixedText(value, 0);
+    return fixedText(value, digits - 1 - Math.floor(Math.log10(Math.abs(value)) + 1e-9));
 }
 
 /**
@@ -83,7 +83,7 @@ export function compass(deg) {
  * @param {number} count
  * @returns {string}
  */
-export function counted(count) {
+export function countText(count) {
     return String(Math.round(count)).replace(/\B(?=(\d{3})+$)/g, ",");
 }
 
@@ -94,7 +94,7 @@ export function counted(count) {
  * @returns {string}
  */
 export function things(count, thing) {
-    return `${counted(count)} ${thing}${count === 1 ? "" : "s"}`;
+    return `${countText(count)} ${thing}${count === 1 ? "" : "s"}`;
 }
 
 /**
@@ -118,9 +118,9 @@ export function sentence(words) {
 }
 
 /**
- * What is found and what to do, without the long list in brackets; and that list, such as of times.
+ * Split a sentence into its text and a long list in brackets, such as of times.
  * @param {string} words
- * @returns {[string, string]} The list is empty where there is none.
+ * @returns {[string, string]} The list is empty if there is none.
  */
 export function brief(words) {
     const [, before, list, after] = /^([^]*?) \(([^()]{25,})\)([^]*)$/.exec(words) ?? ["", words, "", ""];
@@ -150,7 +150,7 @@ export function clock(seconds) {
 }
 
 /**
- * What goes on after Finish; nothing before.
+ * Sentence on the session after Finish; empty before.
  * @param {import("../messages.d.ts").SessionState} state
  * @returns {string}
  */
@@ -170,7 +170,7 @@ export function sinceWords({ finished, source, recording, reasons }) {
  * @returns {string}
  */
 export function frequency(rate) {
-    return Number.isFinite(rate) && rate > 0 ? `${fixed(rate, rate >= 9.95 ? 0 : 1)} Hz` : "";
+    return Number.isFinite(rate) && rate > 0 ? `${fixedText(rate, rate >= 9.95 ? 0 : 1)} Hz` : "";
 }
 
 /**
@@ -186,11 +186,11 @@ export const PHASES = Object.freeze({
 });
 
 /**
- * What is wrong, by the code of a reason: short enough to be read at a glance. The reason itself says what to do.
+ * Faults by the code of a reason, short enough for a glance. The reason itself states the remedy.
  * @type {Readonly<Record<string, string>>}
  */
 export const REASONS = Object.freeze({
-    gone: "The sensor is gone.",
+    gone: "The sensor is disconnected.",
     "nothing-arrives": "No readings arrive.",
     stale: "The readings no longer change.",
     "stuck-axis": "An axis is stuck.",
@@ -205,7 +205,7 @@ export const REASONS = Object.freeze({
     "soft-iron-changed": "The soft iron no longer fits.",
     "recordings-differ": "The recordings differ.",
     "axis-swap": "An axis changed its sign or place.",
-    alternating: "Every second reading is off to the other side.",
+    alternating: "Readings alternate between two values.",
     "attitude-dependent": "Something magnetic moves with the attitude.",
     outliers: "Many readings are outliers.",
     structure: "The readings do not fit an ellipsoid.",
@@ -224,11 +224,11 @@ export const VERDICTS = Object.freeze({
     refused: "Refused",
 });
 
-/** The title of a limited fit that lacks nothing but tilt. */
+/** Title of a fit that is limited only for tilted attitudes. */
 export const WHILE_LEVEL = "Good while level";
 
 /**
- * Whether level headings are the goal and good, and nothing but the other attitudes is not known.
+ * Whether level headings are the goal and good, and only tilted attitudes are unknown.
  * @param {import("../../../../static/view.d.ts").View | null} view
  * @param {string} goal
  * @returns {boolean}

@@ -1,4 +1,4 @@
-"""Installs the package as colcon asks for it."""
+"""Installs the package for colcon."""
 
 from setuptools import setup
 

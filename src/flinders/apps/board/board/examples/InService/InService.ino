@@ -1,13 +1,13 @@
-// Calibrates an LIS3MDL on I2C once, and goes on while it is used: what is known ages, readings are learnt from, and an offset
-// that has moved is found and learnt anew. Once a second the sketch says what heading error to expect now, and for how long the
-// calibration stays good.
+// Calibrates an LIS3MDL on I2C, then keeps calibrating online: the uncertainty grows with time, readings reduce it, and an
+// offset that has moved is detected and estimated again. Once a second the sketch prints the expected heading error, and how
+// long the calibration stays good.
 //
-// What is in force is stored in EEPROM when that is worth a write: at first, ten minutes after the last write where the offset
-// has moved, else after an hour at the soonest. There are two places, and the older record is overwritten: power may fail at
-// any byte. Only bytes that differ are written. On ESP8266, ESP32 and RP2040 an EEPROM is a copy of one sector of flash, which
-// is erased as a whole: a power cut while it is written may lose both, and the sensor has to be turned again.
+// The calibration in force is stored in EEPROM: once it exists, ten minutes after the last write if the offset has moved,
+// else at most once an hour. EEPROM has two records, and the older one is overwritten, so power may fail at any byte. Only
+// changed bytes are written. On ESP8266, ESP32 and RP2040 an EEPROM is a copy of one sector of flash, which is erased as a
+// whole: a power failure during a write may lose both records, and the sensor has to be turned again.
 //
-// Needs 20 kB of RAM until the calibration is good, and 10 kB from then on.
+// Needs 20 kB of RAM until the calibration is good, and 10 kB afterwards.
 
 #include <EEPROM.h>
 #include <flinders_lis3mdl.h>
@@ -18,7 +18,7 @@ const unsigned long ANSWER_MS = 1000;
 static union { flinders_board board; flinders_service service; } memory; // one after the other
 static bool isInService = false;
 
-// Seconds of a clock that goes on while the board is off, as of a DS3231; 0 without one: the board was off for a day then.
+// Seconds of a clock that runs while the board is off, such as a DS3231; 0 without one, which counts as a day off.
 uint32_t clockSeconds() { return 0; }
 
 void loadFrom(int place, flinders_stored &record) {
@@ -63,7 +63,7 @@ void calibrate() {
     Serial.println(flinders_message(memory.board.answer.status));
     return;
   }
-  Serial.print("Heading error to expect (degrees): ");
+  Serial.print("Expected heading error (degrees): ");
   Serial.println(memory.board.answer.heading_worst_deg, 2);
   if (memory.board.answer.verdict == FLINDERS_NOTE)
     isInService = flinders_service_begin(&memory.service, &memory.board, millis()) == FLINDERS_OK;
@@ -81,14 +81,14 @@ void printAnswer() {
   Serial.print(answer.in_force.heading_worst_deg, 2);
   Serial.print(", good for another (s): ");
   Serial.println(answer.good_s, 0);
-  if (answer.is_disturbed) Serial.println("Something passes, or the offset has moved");
+  if (answer.is_disturbed) Serial.println("Iron passes by, or the offset has moved");
 }
 
 void learn(const float field[3]) {
   const int32_t events = flinders_service_add(&memory.service, field, millis());
   if (events & FLINDERS_CONTRADICTED) Serial.println("Readings contradict the calibration");
-  if (events & FLINDERS_PASSED) Serial.println("It has passed");
-  if (events & FLINDERS_MOVED) Serial.println("The offset has moved, and is learnt anew");
+  if (events & FLINDERS_PASSED) Serial.println("The disturbance has passed");
+  if (events & FLINDERS_MOVED) Serial.println("The offset has moved, and is estimated again");
   if (flinders_service_wants_storing(&memory.service)) store();
 }
 

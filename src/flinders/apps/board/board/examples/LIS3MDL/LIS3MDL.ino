@@ -1,10 +1,10 @@
-// Calibrates an LIS3MDL on I2C, on the board, and prints what `flinders live` and `flinders calibrate` read.
+// Calibrates an LIS3MDL on I2C on the board, and prints readings for `flinders live` and `flinders calibrate`.
 //
-// Turn the sensor through all directions, upside down too. Once a second the sketch says how much of the sphere it has
-// seen, what heading error to expect and how to hold the sensor next. The first good calibration is stored in EEPROM; one
-// that a computer sends (`flinders send --serial`, MotionCal) is stored in its place and stays.
+// Turn the sensor through all directions, upside down too. Once a second the sketch prints the covered share of the sphere,
+// the expected heading error and the attitude for the next readings. The first good calibration is stored in EEPROM; a
+// calibration sent by a computer (`flinders send --serial`, MotionCal) replaces it for good.
 //
-// Needs 20 kB of RAM. Boards without EEPROM: take out the lines of EEPROM, and nothing is stored.
+// Needs 20 kB of RAM. For boards without EEPROM, remove the lines with EEPROM; then nothing is stored.
 
 #include <EEPROM.h>
 #include <flinders_board.h>
@@ -37,7 +37,7 @@ void load() {
   memset(packet, 0, sizeof packet);
 }
 
-// Take what a computer sends.
+// Receive a calibration from a computer.
 void receive() {
   while (Serial.available() > 0)
     if (flinders_packet_add(packet, (unsigned char)Serial.read())) {
@@ -54,7 +54,7 @@ void printNumbers(const float *numbers, int count) {
   }
 }
 
-// The calibration in use, as MotionCal and `flinders send` expect it.
+// Print the calibration in use, in the format of MotionCal and `flinders send`.
 void printCalibration() {
   Serial.print("Cal1:0.000,0.000,0.000,0.000,0.000,0.000"); // accelerometer and gyroscope
   printNumbers(inUse.offset, 3);
@@ -69,13 +69,13 @@ void printCalibration() {
 void printAnswer() {
   static const char *const VERDICTS[] = {"", "good", "good with limits", "refused"};
   const flinders_answer &answer = board.answer;
-  Serial.print("Seen of all directions (percent): ");
+  Serial.print("Covered directions (percent): ");
   Serial.println(100 * flinders_board_seen(&board), 0);
   if (answer.status != FLINDERS_OK) {
     Serial.println(flinders_message(answer.status));
     return;
   }
-  Serial.print("Heading error to expect (degrees): ");
+  Serial.print("Expected heading error (degrees): ");
   Serial.print(answer.heading_worst_deg, 2);
   Serial.print(", ");
   Serial.println(VERDICTS[answer.verdict]);

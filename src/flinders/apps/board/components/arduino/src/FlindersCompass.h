@@ -1,17 +1,17 @@
-// A calibrated compass: heading, its standard deviation at this attitude, and whether something disturbs the field.
+// A calibrated compass: heading, its standard deviation at the attitude, and whether the field is disturbed.
 #pragma once
 
 #include "flinders_compass.h"
 
 class FlindersCompass {
  public:
-  // Of a reading as it was recorded, and of an accelerometer in the same axes at rest, in any unit.
+  // Heading of a raw reading, and of an accelerometer in the same axes at rest, in any unit.
   flinders_reading read(float x, float y, float z, float ax, float ay, float az) const {
     const float reading[3] = {x, y, z}, acceleration[3] = {ax, ay, az};
     return flinders_compass_read(reading, acceleration);
   }
 
-  // The same of a level vehicle, without an accelerometer.
+  // Heading of a level vehicle, without an accelerometer.
   flinders_reading readLevel(float x, float y, float z) const {
     const float reading[3] = {x, y, z};
     return flinders_compass_read(reading, NULL);

@@ -10,8 +10,8 @@
 extern "C" {
 #endif
 
-/* Fetch a sample of each sensor, and give the heading. The accelerometer has the axes of the magnetometer; it may be the
- * same device, and NULL for a level vehicle. Returns 0, or the negative error number of the sensor that has no sample. */
+/* Fetch a sample of each sensor, and compute the heading. The accelerometer has the axes of the magnetometer; it may be the
+ * same device, or NULL for a level vehicle. Returns 0, or the negative error number of a sensor without a sample. */
 int flinders_compass_fetch(const struct device *magnetometer, const struct device *accelerometer,
                            struct flinders_reading *compass);
 

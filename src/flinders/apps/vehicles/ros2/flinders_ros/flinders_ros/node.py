@@ -1,6 +1,6 @@
-"""A node that learns from ``MagneticField``, and publishes corrected readings, a diagnosis and the calibration.
+"""A node that calibrates from ``MagneticField``, and publishes corrected readings, a diagnosis and the calibration.
 
-All that it knows is in `flinders.OnlineCalibration`; here are topics, parameters and messages.
+`flinders.OnlineCalibration` does the calibration; this module has topics, parameters and messages.
 """
 
 import os
@@ -49,7 +49,7 @@ class Calibrator(Node):
         self.create_timer(SAVE_S, self.save)
 
     def take(self, message):
-        """Learn from a reading, and publish it corrected."""
+        """Add a reading to the calibration, and publish it corrected."""
         stamp, vector = message.header.stamp, message.magnetic_field
         reading = np.array([[vector.x, vector.y, vector.z]])
         if not np.isfinite(reading).all():
@@ -57,7 +57,7 @@ class Calibrator(Node):
         time_s = stamp.sec + 1e-9 * stamp.nanosec or 1e-9 * self.get_clock().now().nanoseconds
         for event in self.online.add(reading, time=[time_s]):
             self.get_logger().info(str(event))
-        self.tell()
+        self.publish_state()
         if (fit := self.news.fit()) is not None:
             found = corrected_field(fit, MICROTESLA * reading)
             corrected = MagneticField(header=message.header)
@@ -66,8 +66,8 @@ class Calibrator(Node):
             corrected.magnetic_field_covariance = found.covariance.ravel().tolist()
             self.corrected.publish(corrected)
 
-    def tell(self):
-        """Publish the diagnosis once a second, and a calibration that has come into force."""
+    def publish_state(self):
+        """Publish the diagnosis, and a calibration that has come into force."""
         if (diagnosis := self.news.diagnosis(self.online.time_s)) is not None:
             values = [KeyValue(key=name, value=value) for name, value in diagnosis.values.items()]
             status = DiagnosticStatus(name=STATUS, message=diagnosis.message, hardware_id=self.topic, values=values)
@@ -79,13 +79,13 @@ class Calibrator(Node):
             self.calibration.publish(String(data=text))
 
     def save(self):
-        """Keep what is known."""
+        """Save the state to its file."""
         if self.state:
             self.online.save(self.state)
 
 
 def main():
-    """Run the node until it is told to stop."""
+    """Run the node until it is stopped."""
     rclpy.init()
     node = Calibrator()
     try:

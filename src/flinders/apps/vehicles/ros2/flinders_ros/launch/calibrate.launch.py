@@ -10,12 +10,12 @@ TYPES = {"target_deg": float}
 
 
 def generate_launch_description():
-    """The node and its parameters."""
+    """Return the node with its parameters."""
     arguments = {
         "topic": ("/imu/mag", "sensor_msgs/MagneticField of the sensor, uncorrected"),
-        "corrected_topic": ("/imu/mag_corrected", "where corrected readings go"),
-        "state": ("", "file that is kept, and gone on with; empty for none"),
-        "target_deg": ("1.0", "heading error that is good enough"),
+        "corrected_topic": ("/imu/mag_corrected", "topic of the corrected readings"),
+        "state": ("", "file of the state, read at the start and saved; empty for none"),
+        "target_deg": ("1.0", "target of the heading error, degrees"),
     }
     return LaunchDescription(
         [

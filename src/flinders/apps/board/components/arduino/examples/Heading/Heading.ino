@@ -1,4 +1,4 @@
-// Heading of readings that come on the serial port, as mx my mz ax ay az: replace nextReading by that of your sensor.
+// Heading of readings from the serial port, mx my mz ax ay az: replace nextReading by a function for your sensor.
 #include <FlindersCompass.h>
 
 FlindersCompass compass;

@@ -10,7 +10,7 @@
 namespace esphome {
 namespace flinders_compass {
 
-/// Heading of a magnetometer with a calibration by Flinders, with its standard deviation at this attitude.
+/// Heading of a magnetometer with a calibration by Flinders, with its standard deviation at the attitude.
 class FlindersCompass : public PollingComponent {
  public:
   void set_field_sensor(int axis, sensor::Sensor *field) { this->field_[axis] = field; }
