@@ -69,6 +69,8 @@ EXPORT: Final = re.compile(r"^export (?=(?:async )?(?:function\*?|class|const) (
 LIST: Final = re.compile(r"\bexport\s*\{([^{}]*)\};?\s*\Z")
 """The list at the end of a bundle of esbuild."""
 LEFT: Final = re.compile(r"^(?:import|export)\b|^\s*export\s*(?:\{|default\b)", re.MULTILINE)
+AWAIT: Final = re.compile(r"^(?:if \(.*\) )?await ", re.MULTILINE)
+"""A module that waits for something before those that import it go on."""
 UNSAFE: Final = re.compile(r"</script|<!--", re.IGNORECASE)
 """What would end, or change the meaning of, a script inside a page."""
 
@@ -133,4 +135,5 @@ def _wrapped(name: str, text: str, inside: dict[str, str]) -> str:
     left = LEFT.search(body)
     if left:
         raise NotJoined(f"{name}: {body[left.start() :][:60]!r} is a form that is not joined")
-    return f"const {name} = (() => {{\n{body.strip()}\nreturn {{ {', '.join(exported)} }};\n}})();"
+    opening = "await (async () => {" if AWAIT.search(body) else "(() => {"
+    return f"const {name} = {opening}\n{body.strip()}\nreturn {{ {', '.join(exported)} }};\n}})();"

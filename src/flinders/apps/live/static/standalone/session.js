@@ -8,6 +8,7 @@ import { Exclusions, mergeSpans, ReadingBuffer, Timeline } from "./buffer.js";
 import { siteField } from "./geomag.js";
 import { fixedText, general } from "./numbers.js";
 import { fillTemplate } from "./wording.js";
+import { numeral, phrase } from "../language.js";
 
 /** @typedef {import("./buffer.js").Rows} Rows */
 /** @typedef {import("./buffer.js").Span} Span */
@@ -121,9 +122,6 @@ const NO_FIT = { key: -1, view: null, refusal: "", refusalCode: "", reasons: [],
 /** A time after all others, s. */
 const END = 1e9;
 const LARGEST_DIP_DEG = 89;
-const FULL = "no more stretches can be told apart: leave out one longer stretch over several, or put some back";
-const A_LOG = "a log is shown, and nothing arrives in it: go back to the sensor first";
-const FINISHED = "the calibration is finished: press Collect more first";
 
 /** Readings that are fitted together: those of the sensor, or of a log. */
 export class Series {
@@ -524,14 +522,15 @@ export class Session {
         const { strength, inclinationDeg } = siteField(model, latitude, longitude, year);
         const dipDeg = Number(fixedText(inclinationDeg, 1));
         if (Math.abs(dipDeg) > LARGEST_DIP_DEG) {
-            return [notice(`the dip there is ${general(dipDeg)}°: no compass works where it is beyond ${LARGEST_DIP_DEG}°`, "warning")];
+            return [notice(phrase("session.steep", "the dip there is {dip}°: no compass works where it is beyond {limit}°", { dip: numeral(general(dipDeg)), limit: LARGEST_DIP_DEG }), "warning")];
         }
         this.shown.site = { strength, gain_sigma, inclination_deg: inclinationDeg, inclination_sigma_deg };
         this.shown.within = [];
         this.#refit();
         this.#wish("dipDeg", inclinationDeg);
-        const where = `the dip at ${general(latitude)}°, ${general(longitude)}° is ${general(dipDeg)}°`;
-        return [notice(`${where}, the strength of the field ${fixedText(strength, 1)} µT (${model.name})`, "info")];
+        const values = { latitude: general(latitude), longitude: general(longitude), dip: general(dipDeg), strength: fixedText(strength, 1) };
+        const texts = Object.fromEntries(Object.entries(values).map(([name, text]) => [name, numeral(text)]));
+        return [notice(phrase("session.place", "the dip at {latitude}°, {longitude}° is {dip}°, the strength of the field {strength} µT ({model})", { ...texts, model: model.name }), "info")];
     }
 
     /**
@@ -563,7 +562,7 @@ export class Session {
      */
     #edit(edit) {
         const exclusions = edit(this.shown.exclusions);
-        if (exclusions === this.shown.exclusions) return exclusions.isFull ? [notice(FULL, "warning")] : [];
+        if (exclusions === this.shown.exclusions) return exclusions.isFull ? [notice(phrase("session.full", "no more stretches can be told apart: leave out one longer stretch over several, or put some back"), "warning")] : [];
         this.shown.exclusions = exclusions;
         this.#useAll();
         this.#refit();
@@ -589,8 +588,8 @@ export class Session {
      */
     #pause(paused) {
         const { live } = this;
-        if (this.opened !== null) return [notice(A_LOG, "warning")];
-        if (live.finishedS !== null) return [notice(FINISHED, "warning")];
+        if (this.opened !== null) return [notice(phrase("session.log", "a log is shown, and nothing arrives in it: go back to the sensor first"), "warning")];
+        if (live.finishedS !== null) return [notice(phrase("session.finished", "the calibration is finished: press Collect more first"), "warning")];
         if (paused === (live.pausedAt !== null)) return [];
         const { total, seconds } = live.buffer;
         if (paused) {
@@ -641,10 +640,10 @@ export class Session {
 
     /** Begin anew without readings. */
     #clear() {
-        if (this.opened !== null) return [notice("a log is shown, which cannot be started again: go back to the sensor first", "warning")];
+        if (this.opened !== null) return [notice(phrase("session.log-again", "a log is shown, which cannot be started again: go back to the sensor first"), "warning")];
         const { buffer, begunS } = this.live;
         this.#begin(buffer.total > 0 ? buffer.seconds : begunS);
-        return [notice("started again", "info")];
+        return [notice(phrase("session.started", "started again"), "info")];
     }
 
     /** @param {number | null} begunS  time of the last reading that is left behind */
@@ -922,8 +921,8 @@ export function knownSite(site) {
  * @returns {string}
  */
 function refusalOf(command) {
-    if (command.type === "target" && !(command.deg > 0 && command.deg <= 180)) return "the target is an angle above 0°, up to 180°";
-    if (command.type === "dip" && !(Math.abs(command.deg) <= LARGEST_DIP_DEG)) return `the dip is an angle from −${LARGEST_DIP_DEG}° to ${LARGEST_DIP_DEG}°`;
+    if (command.type === "target" && !(command.deg > 0 && command.deg <= 180)) return phrase("session.target", "the target is an angle above 0°, up to 180°");
+    if (command.type === "dip" && !(Math.abs(command.deg) <= LARGEST_DIP_DEG)) return phrase("session.dip", "the dip is an angle from −{limit}° to {limit}°", { limit: LARGEST_DIP_DEG });
     const hasSpan = command.type === "exclude" || command.type === "restore";
-    return hasSpan && !(command.start_s < command.end_s) ? "a stretch that is left out needs a start before its end" : "";
+    return hasSpan && !(command.start_s < command.end_s) ? phrase("session.stretch", "a stretch that is left out needs a start before its end") : "";
 }
