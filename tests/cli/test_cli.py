@@ -892,7 +892,7 @@ def test_a_bar_is_shown_for_a_long_file_on_a_terminal_only(
     _, shown = terminal("apply", "calibration.json", "tumble.csv", "-o", "small.csv")
     assert "correcting" not in shown
     assert "\x1b" not in shown
-    monkeypatch.setattr(_output, "WORTH_A_BAR", 1)
+    monkeypatch.setattr(_output, "MIN_BYTES_FOR_BAR", 1)
     ended = flinders_("apply", "calibration.json", "tumble.csv", "-o", "again.csv")
     assert "correcting" not in ended.err + ended.out
 

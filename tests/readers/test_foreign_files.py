@@ -185,7 +185,7 @@ def test_a_column_of_a_row_group_is_not_asked_for_its_metadata() -> None:
 
 
 def test_a_packed_table_of_readings_is_no_bomb(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(parquet, "MOST_UNPACKED", 1 << 13)
+    monkeypatch.setattr(parquet, "MAX_UNPACKED_BYTES", 1 << 13)
     with pytest.raises(UnreadableInput, match="too large to unpack"):
         flinders.read(_packed(tmp_path / "one.arrow", chunk=300))
     assert len(flinders.read(_packed(tmp_path / "two.arrow", chunk=100))) == 300

@@ -196,7 +196,7 @@ def test_links_that_go_in_circles_end(path: Path, field: Floats) -> None:
 
 
 def test_a_file_of_too_many_objects_is_refused(path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(hdf5, "MOST_OBJECTS", 20)
+    monkeypatch.setattr(hdf5, "MAX_OBJECTS", 20)
     with h5py.File(path, "w") as file:
         for number in range(21):
             file.create_group(str(number))

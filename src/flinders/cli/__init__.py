@@ -1,6 +1,6 @@
-"""The command line: parse, call the library, print. Results on stdout, talk on stderr.
+"""The command line: it parses the arguments, calls the library and prints. Results go to stdout, notices to stderr.
 
-Nothing here imports NumPy until a command runs, and no command but that, so that help comes at once.
+NumPy and the modules of commands are imported only when a command runs, so that --help is fast.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ try:
 
     main = Program(
         name="flinders",
-        help="Calibrate a three-axis magnetometer, and know what heading error to expect.",
+        help="Calibrate a three-axis magnetometer, with the heading error to expect.",
         epilog="\b\nExample:\n"
         "  flinders calibrate tumble.csv -o calibration.json\n"
         "  flinders apply calibration.json raw.csv -o corrected.csv\n"
@@ -32,7 +32,7 @@ try:
         callback=show_versions,
         help="Show the version, and those of Python, NumPy, the engine and optional packages.",
     )(main)
-except (KeyboardInterrupt, RuntimeError) as error:  # a class that is made meanwhile hands it on as a cause
+except (KeyboardInterrupt, RuntimeError) as error:  # an exception in a class body has the interrupt as its cause
     if not isinstance(error.__cause__ or error, KeyboardInterrupt):
         raise
-    sys.exit(130)  # as `Program` ends, which is not there yet
+    sys.exit(130)  # the exit code of `Program`, which is not imported yet

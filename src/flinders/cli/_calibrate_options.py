@@ -1,4 +1,4 @@
-"""Options of ``flinders calibrate``: recordings, site, aiding sensors, estimation and what is written."""
+"""Options of ``flinders calibrate``: recordings, site, aiding sensors, estimation and output files."""
 
 from __future__ import annotations
 
@@ -23,17 +23,17 @@ if TYPE_CHECKING:
     from flinders.likelihood.site_field import Site
 
 TRACES: Final = (".svg", ".csv")
-"""Endings of ``--convergence``: a drawing, a table."""
+"""Accepted suffixes of the file of ``--convergence``: a drawing or a table."""
 
 
 def _prior(value: str) -> float | str:
-    """Read the value of ``--prior``: a number, or none, which `None` cannot say, as that is "not given"."""
+    """Read the value of ``--prior``: a number or the word none, since `None` means that the option was not given."""
     number = program.within(0, 100, "a number above 0, up to 100, such as 0.3; or none")
     return "none" if value.strip().casefold() == "none" else number(value)
 
 
 class OutputOptions(program.Group, heading=program.OUTPUT):
-    """What is written where."""
+    """Output files and output formats."""
 
     output: str | None = option.output(
         "the calibration", "Calibration file to write, or - for standard output; without it nothing is written."
@@ -46,18 +46,18 @@ class OutputOptions(program.Group, heading=program.OUTPUT):
     )
     report_text: str | None = program.member(
         "--report-text", what="the report", metavar="FILE",
-        help="Also write a page of plain words for those who will use the compass, or - for standard output.",
+        help="Also write a page in plain words for the users of the compass, or - for standard output.",
     )  # fmt: skip
     exported: tuple[str, ...] = program.member(
         "--export", multiple=True, metavar="TARGET[:FILE]",
-        help="Also write it for one of `flinders targets` [FILE: the target's name with its ending]; may be given "
-        "several times.",
+        help="Also write the calibration for one of `flinders targets` [FILE: the target's name with its suffix]; may "
+        "be given several times.",
     )  # fmt: skip
     convergence: str | None = program.member(
         "--convergence", what="the convergence", metavar="FILE",
         help="Also draw (FILE.svg) or list (FILE.csv) how the estimate converges, for methods that can be watched.",
     )  # fmt: skip
-    verbose: bool = program.flag("--verbose", "Also print what is true of nearly every calibration.")
+    verbose: bool = program.flag("--verbose", "Also print notes that apply to nearly every calibration.")
     plots: bool = program.member("--plot/--no-plot", default=True, help="Draw the readings, on a terminal.")
     force: bool = option.force()
     as_json: bool = option.as_json()
@@ -72,18 +72,18 @@ class OutputOptions(program.Group, heading=program.OUTPUT):
         return named(self.exported)
 
     def named_files(self) -> Iterator[Output]:
-        """All files, by what they are called in a message."""
+        """All output files, each with its name in messages."""
         yield from super().named_files()
         for target, path in self.exports:
             yield Output(f"the export to {target}", path, "--export TARGET:FILE")
 
     @property
     def of_readings(self) -> dict[str, object]:
-        """Files that there are of the readings of one magnetometer alone, by their options."""
+        """Output files that exist only for a single magnetometer, by their options."""
         return {"--report": self.report, "--report-text": self.report_text, "--convergence": self.convergence}
 
     def refuse_convergence(self, method: str) -> None:
-        """Refuse a trace of a method that cannot be watched, or in a file that is neither a drawing nor a table."""
+        """Refuse ``--convergence`` for a method without iterations, or for a file with another suffix than `TRACES`."""
         if self.convergence is None:
             return
         from flinders.estimators import METHODS
@@ -92,8 +92,8 @@ class OutputOptions(program.Group, heading=program.OUTPUT):
         watched = [name for name, kind in METHODS.items() if issubclass(kind, Watched)]
         if method not in watched:
             raise UsageError(
-                f"--convergence goes with --method {' or '.join(watched)}: {method} looks at all readings at once, "
-                "and there is nothing to watch"
+                f"--convergence goes with --method {' or '.join(watched)}: {method} uses all readings at once, "
+                "without iterations that could be shown"
             )
         if Path(self.convergence).suffix.lower() not in TRACES:
             raise UsageError(
@@ -118,18 +118,18 @@ class Estimation(program.Group, heading=program.METHOD):
     )  # fmt: skip
     prior: float | str | None = program.member(
         "--prior", type=_prior, metavar="SIGMA|none",
-        help="Prior standard deviation of the soft iron, for directions that were not seen [default: 0.3].",
+        help="Prior standard deviation of the soft iron, for directions without readings [default: 0.3].",
     )  # fmt: skip
-    robust: bool = program.flag("--robust", "Look for outliers whether or not the residuals ask for it.")
+    robust: bool = program.flag("--robust", "Always search for outliers, even if the residuals do not suggest any.")
     linearize: bool = program.flag(
-        "--linearize", "Correct axes that are not linear, for targets that hold this: c, arduino, micropython."
+        "--linearize", "Correct the nonlinearity of the axes, for targets that support it: c, arduino, micropython."
     )
     even_if_refused: bool = program.flag(
-        "--even-if-refused", "Of a published recipe, also print the numbers that are refused, marked as such."
+        "--even-if-refused", "For a published recipe, also print refused numbers, marked as such."
     )
     alignment_sigma_deg: float | None = program.member(
         "--alignment-sigma", type=program.positive, metavar="DEG",
-        help="How well the mounting is known, 1 σ about each axis: its heading error is stated on its own.",
+        help="Uncertainty of the mounting, 1 σ about each axis; its heading error is stated separately.",
     )  # fmt: skip
 
     @property
@@ -142,19 +142,19 @@ class Estimation(program.Group, heading=program.METHOD):
         own: dict[str, Any] = {"robust": True} if self.robust else {}
         if self.prior is not None:
             own["prior"] = None if self.prior == "none" else self.prior
-        return cast("Estimator", method(**own, **(self._typed(method, own) if self.method_options else {})))
+        return cast("Estimator", method(**own, **(self._typed_options(method, own) if self.method_options else {})))
 
-    def _typed(self, method: type[Estimator], own: Iterable[str]) -> dict[str, Any]:
-        """Read ``--option``, which takes none of the options that are there already."""
+    def _typed_options(self, method: type[Estimator], own: Iterable[str]) -> dict[str, Any]:
+        """Read the values of ``--option``, which may not repeat the options in `own`."""
         from flinders.cli.methods import parsed
 
         typed = parsed(self.method_options, method)
         for name in set(own).intersection(typed):
-            raise UsageError(f"--{name} and --option {name} say the same: give one of them")
+            raise UsageError(f"--{name} and --option {name} set the same option: give one of them")
         return typed
 
     def _refuse_of_others(self) -> None:
-        """Refuse options that go with another method; all methods are imported only where they are asked about."""
+        """Refuse options of another method; all methods are imported only if such an option is given."""
         if self.even_if_refused:
             self._refuse_but_recipes()
         if self.robust and self.method != "auto":
@@ -185,57 +185,57 @@ class Sensors(program.Group):
     """Which of several magnetometers, and whether they are fitted jointly."""
 
     sensor: str | None = option.sensor(
-        "Name or serial number to store; of a log, which magnetometer, by number or name, or all of them.", "NAME|all"
+        "Name or serial number to store; for a log, which magnetometer, by number or name, or all of them.", "NAME|all"
     )
     joint: bool = program.flag(
-        "--joint", "With --sensor all: fit the magnetometers of one body jointly, and say which of them deviates.",
+        "--joint", "With --sensor all: fit the magnetometers of one body jointly, and report which of them deviates.",
         heading=program.METHOD,
     )  # fmt: skip
     reference: str | None = program.member(
         "--reference", heading=program.METHOD, metavar="NAME",
-        help="With --joint: into whose axes the others are turned, by number or name [default: the first].",
+        help="With --joint: magnetometer that the others are rotated to, by number or name [default: the first].",
     )  # fmt: skip
 
     def are_all(self, recordings: Sequence[str]) -> bool:
-        """Whether each of several magnetometers is calibrated."""
+        """Whether every magnetometer is calibrated, each with its own result."""
         is_all = self.sensor is not None and self.sensor.strip().casefold() == "all"
         if is_all and len(recordings) > 1:
             raise UsageError("--sensor all goes with one file of several magnetometers: give one, or leave it out")
         if self.joint and not is_all:
             raise UsageError("--joint goes with --sensor all: it takes all magnetometers of a log or table")
         if self.reference is not None and not self.joint:
-            raise UsageError("--reference goes with --joint: without it nothing is turned into other axes")
+            raise UsageError("--reference goes with --joint: without it no axes are rotated")
         return is_all
 
 
 class SiteOptions(program.Group, heading=program.SITE):
-    """Where and when a recording was made."""
+    """Place and day of a recording."""
 
     place: str | None = program.member(
         "--at", metavar="LAT,LON[,ALT]|none",
-        help="Site of the recording: its dip and strength then count (by a model of the field; with --date) [default: "
-        "what a log says; none leaves that out].",
+        help="Site of the recording, whose dip and strength are then used (from a field model; with --date) [default: "
+        "the position in a log; none ignores it].",
     )  # fmt: skip
     date: str | None = program.member("--date", metavar="DAY", help="Day of the recording, such as 2026-11-21.")
     model: FieldModel | None = option.field_model()
     gain_sigma: float | None = program.member(
         "--gain-sigma", type=program.within(0, 1, "a share above 0, up to 1, such as 0.01"), metavar="SHARE",
-        help="With --at: how well the sensor's mean gain is known, 1 σ [default: 0.05].",
+        help="With --at: uncertainty of the sensor's mean gain, 1 σ [default: 0.05].",
     )  # fmt: skip
 
     def typed_site(self) -> Site | None:
-        """The site of ``--at``; axes that were typed are those of the vehicle, z down."""
+        """The site of ``--at``; if axes were typed, they are the vehicle's, with z down."""
         if self.place is None or self.is_left_out:
             if self.date is not None:
                 raise UsageError("--date goes with --at: give both, or neither")
             if self.gain_sigma is not None:
-                raise UsageError("--gain-sigma goes with --at: without the strength of a site no gain is looked at")
+                raise UsageError("--gain-sigma goes with --at: without a field strength the gain is not estimated")
             if self.model is not None:
                 raise UsageError("--field-model goes with --at: give both, or neither")
             return None
         if self.date is None:
             raise UsageError(
-                "the field changes with the years: give the day of the recording with --at, such as --date "
+                "the field changes over the years: give the day of the recording with --at, such as --date "
                 "2026-11-21, or leave --at out"
             )
         from flinders.likelihood.site_field import Site
@@ -244,53 +244,53 @@ class SiteOptions(program.Group, heading=program.SITE):
 
     @property
     def is_left_out(self) -> bool:
-        """The place that a log knows shall not count."""
+        """Whether the position in a log is ignored (``--at none``)."""
         return self.place is not None and self.place.strip().casefold() == "none"
 
     def told_by(self, log: object) -> Site | None:
-        """The site that a log, or a magnetometer of one, states, and say so; none for a typed one."""
+        """The site stated in a log or by one of its magnetometers, with a notice; None if ``--at`` was given."""
         return stated_site(log, "--at", **self._more) if self.place is None else None
 
     @property
     def _more(self) -> dict[str, Any]:
-        """What is known of the site beside its field."""
+        """Arguments of `Site` besides its field."""
         gain = {} if self.gain_sigma is None else {"gain_sigma": self.gain_sigma}
         return {"z_down": program.is_typed("axes"), **gain}
 
 
 class AidingOptions(program.Group, heading=program.AIDING):
-    """What else was recorded and counts: aiding sensors, and disturbances that the offset follows."""
+    """Other recorded quantities: aiding sensors, and disturbances of the offset."""
 
     names: tuple[str, ...] = program.member(
         "--with", multiple=True, metavar="NAME,…", keywords=("aiding", "disturbances"),
-        help="What else was recorded and shall count: current, throttle, temperature, which the offset then follows "
-        "(currents, throttles: of each motor; current2: of one), or any other column by its name in the log, as "
+        help="Other recorded quantities to use: current, throttle, temperature, whose effect on the offset is modelled "
+        "(currents, throttles: of each motor; current2: of one), or any other column by its name in the log, such as "
         "wheel_speed_rpm or BAT.Curr; rate, dip, tilt, attitude, or auto.",
     )  # fmt: skip
     gyro_scale_sigma: float | None = program.member(
         "--gyro-scale", metavar="SHARE",
-        type=program.within(0, 0.5, "a share from 0 to 0.5, such as 0.02; 0 where the gyro is calibrated", zero=True),
-        help="With --with rate: what the gyro's scales may be off by, 1 σ; 0 where it is calibrated [default: 0.02].",
+        type=program.within(0, 0.5, "a share from 0 to 0.5, such as 0.02; 0 if the gyro is calibrated", zero=True),
+        help="With --with rate: uncertainty of the gyro's scales, 1 σ; 0 for a calibrated gyro [default: 0.02].",
     )  # fmt: skip
     acceleration_bias_sigma: float | None = program.member(
         "--accelerometer-bias", metavar="M/S2",
-        type=program.within(0, 2, "m/s² from 0 to 2, such as 0.05; 0 where the accelerometer is calibrated", zero=True),
-        help="With --with dip: what the accelerometer may be off by, 1 σ; 0 where it is calibrated [default: 0.3].",
+        type=program.within(0, 2, "m/s² from 0 to 2, such as 0.05; 0 if the accelerometer is calibrated", zero=True),
+        help="With --with dip: uncertainty of the accelerometer's bias, 1 σ; 0 if it is calibrated [default: 0.3].",
     )  # fmt: skip
     acceleration_gain_sigma: float | None = program.member(
         "--accelerometer-gain", metavar="SHARE",
         type=program.within(
-            0, 0.5, "a share from 0 to 0.5, such as 0.02; 0 where the accelerometer is calibrated", zero=True
+            0, 0.5, "a share from 0 to 0.5, such as 0.02; 0 if the accelerometer is calibrated", zero=True
         ),
-        help="With --with dip: what its gains, and its axes from square (rad), may be off by, 1 σ [default: 0.02].",
+        help="With --with dip: uncertainty of its gains, and of the angles of its axes (rad), 1 σ [default: 0.02].",
     )  # fmt: skip
     previous: str | None = program.member(
         "--previous", metavar="CALIBRATION",
-        help="With --with and a sensor that was not turned: the calibration that the disturbances belong to.",
+        help="With --with, for a sensor that was held still: calibration to which the disturbances are added.",
     )  # fmt: skip
 
     def as_options(self) -> dict[str, Any]:
-        """Options of `flinders.fit`."""
+        """Arguments `aiding` and `disturbances` of `flinders.fit`."""
         aiding, disturbances = recorded(self.names)
         if self.gyro_scale_sigma is not None and not {"rate", "auto"} & set(aiding):
             raise UsageError("--gyro-scale goes with --with rate or auto: leave it out, or name the gyro")
@@ -302,7 +302,7 @@ class AidingOptions(program.Group, heading=program.AIDING):
         if self.previous is not None and not disturbances:
             raise UsageError(
                 "--previous goes with --with current, currents, throttle, throttles, temperature or another column: "
-                "say which to find"
+                "name them"
             )
         instruments = self._instruments(aiding) if aiding else ()
         options = {"aiding": instruments, "disturbances": disturbances}
@@ -318,9 +318,9 @@ class AidingOptions(program.Group, heading=program.AIDING):
 
 
 def recorded(words: Iterable[str]) -> tuple[tuple[str, ...], tuple[str, ...]]:
-    """Split what stands after ``--with`` into aiding sensors and disturbances.
+    """Split the values of ``--with`` into aiding sensors and disturbances.
 
-    Names of aiding sensors and of known disturbances come before those of columns that are called the same.
+    A name of an aiding sensor or of a known disturbance takes precedence over a column of the same name.
 
     >>> recorded(["rate,dip", "current", "wheel_rpm"])
     (('rate', 'dip'), ('current', 'wheel_rpm'))
@@ -334,10 +334,10 @@ def recorded(words: Iterable[str]) -> tuple[tuple[str, ...], tuple[str, ...]]:
 
     names = list(dict.fromkeys(name.strip() for word in words for name in word.split(",") if name.strip()))
     if not names:
-        raise UsageError("--with names nothing: say what else was recorded, such as --with rate,dip, or --with auto")
+        raise UsageError("--with has no names: give some, such as --with rate,dip, or --with auto")
     sensors = tuple(name for name in names if name in (AUTO, *AIDS))
     if AUTO in sensors and len(sensors) > 1:
-        raise UsageError(f"--with {','.join(sensors)}: auto takes what the recording contains, name nothing beside it")
+        raise UsageError(f"--with {','.join(sensors)}: auto uses everything in the recording, give it alone")
     disturbances = tuple(name for name in names if name not in sensors)
     for name in disturbances:
         if name not in MOTORS.values():
@@ -346,7 +346,7 @@ def recorded(words: Iterable[str]) -> tuple[tuple[str, ...], tuple[str, ...]]:
 
 
 class Calibrate(program.Group):
-    """Recordings, how they are read and fitted, and what is written."""
+    """Recordings, options for reading and fitting them, and output files."""
 
     recordings: tuple[str, ...] = program.argument("RECORDING...", nargs=-1, required=False)
     reading: option.ReadingOptions = program.group(option.ReadingOptions)
@@ -358,7 +358,7 @@ class Calibrate(program.Group):
     field_strength: float | None = option.field_strength()
     by: Filter | None = option.smoothing()
     judgement: option.Judgement = program.group(option.Judgement)
-    history: str | None = option.history("What flinders watch has kept of this unit: how fast its offset walks.")
+    history: str | None = option.history("History of this unit by flinders watch, for the drift rate of its offset.")
 
     @property
     def of_extremes(self) -> dict[str, Any]:
@@ -367,7 +367,7 @@ class Calibrate(program.Group):
         return asked | self.judgement.as_dict(if_typed=["dip_deg"])
 
     def site_with(self, known: Site | None) -> Site | None:
-        """A site with the numbers that were typed: strength, dip and mounting."""
+        """A site with the typed strength, dip and mounting."""
         from flinders.likelihood.site_field import Site
 
         dip_deg = self.judgement.dip_deg if program.is_typed("dip_deg") else None
@@ -378,9 +378,9 @@ class Calibrate(program.Group):
         return site if sigma_deg is None else replace(site or Site(), alignment_sigma_deg=sigma_deg)
 
     def of_fit(self) -> dict[str, Any]:
-        """The parameters of `flinders.fit`, but for what a log says of its site.
+        """The arguments of `flinders.fit`, except a site stated in a log.
 
-        The recording may be long, or still be on its way: what cannot work is found before it is read.
+        Impossible options are refused before the recording is read, as it may be long or still arriving.
         """
         from flinders.core.units import Unit
 

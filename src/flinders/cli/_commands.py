@@ -1,4 +1,4 @@
-"""Commands by name: each has a module of its own, which is imported when the command is called, and a line for help."""
+"""Table of the commands. The module of a command is imported only when the command is called."""
 
 from __future__ import annotations
 
@@ -16,57 +16,57 @@ USE, LOOK, TRY, COMMANDS = "Calibrate and use", "Look", "Try out", "Commands"
 HEADINGS: Final = (
     USE, LOOK, "Sensors on a wire", "Many units", "Vehicles, boats and surveys", "Classic recipes", TRY, COMMANDS,
 )  # fmt: skip
-"""Headings of the list of commands, in their order; those without commands are left out."""
+"""Headings of the list of commands, in their order; a heading without commands is omitted."""
 
 ROWS: Final = {
     "calibrate": (USE, "calibrate", "Fit recordings of a sensor and write its calibration."),
     "apply": (USE, "apply", "Correct a recording with a calibration file."),
     "heading": (USE, "heading", "Turn a recording into magnetic and true headings."),
-    "check": (USE, "check", "Say whether a calibration holds on another recording."),
+    "check": (USE, "check", "Test whether a calibration still fits another recording."),
     "refresh": (USE, "refresh", "Renew the hard iron of a calibration in ten seconds."),
     "accelerometer": (USE, "accelerometer", "Calibrate an accelerometer from still poses."),
-    "merge": (USE, "merge", "Put several calibrations of a sensor together."),
-    "export": (USE, "export", "Write a calibration for what uses it."),
-    "import": (USE, "import_", "Read a calibration out of another tool's file."),
-    "info": (LOOK, "info", "Say what a recording or a log holds, and what to type next."),
-    "show": (LOOK, "show", "Say what a calibration file holds."),
-    "explain": (LOOK, "explain", "Say what the code of a finding means, and what to do."),
+    "merge": (USE, "merge", "Merge several calibrations of a sensor."),
+    "export": (USE, "export", "Write a calibration for another tool."),
+    "import": (USE, "import_", "Read a calibration from another tool's file."),
+    "info": (LOOK, "info", "Show the contents of a recording or a log, and what to type next."),
+    "show": (LOOK, "show", "Show the contents of a calibration file."),
+    "explain": (LOOK, "explain", "Explain the code of a finding, and what to do."),
     "report": (LOOK, "report", "Write a report of a calibration and a recording."),
-    "compare": (LOOK, "compare", "Say how far two calibrations are apart, in degrees."),
+    "compare": (LOOK, "compare", "Compare two calibrations by their headings, in degrees."),
     "methods": (LOOK, "methods", "List the methods and when to use each."),
-    "targets": (LOOK, "targets", "List what a calibration can be written for."),
+    "targets": (LOOK, "targets", "List the tools that a calibration can be written for."),
     "demo": (TRY, "demo", "Simulate a tumbled sensor and calibrate it."),
-    "simulate": (TRY, "simulate", "Simulate a recording whose truth is known."),
-    "evaluate": (TRY, "evaluate", "Hold a calibration against the truth of a simulation."),
+    "simulate": (TRY, "simulate", "Simulate a recording with a known calibration."),
+    "evaluate": (TRY, "evaluate", "Compare a calibration with the truth of a simulation."),
 }
-"""Commands of the library: heading, module beside this one, and what the command does."""
+"""Commands of the library: heading, module in this package, and line of help."""
 
 OTHERWISE: Final = {
     "help": "each command has --help of its own",
     "monitor": "flinders record keeps what a board prints, flinders live shows it",
-    "plot": "figures are in the page of flinders report and of calibrate --report; in Python fit.plot draws them",
+    "plot": "figures are in the reports of flinders report and of calibrate --report; in Python fit.plot draws them",
 }
-"""Words that people type as a command, and what does that instead."""
+"""Words that people type as a command, and the replacement for each."""
 
 
 class Row(NamedTuple):
-    """A command that is not imported yet."""
+    """A command whose module is not imported yet."""
 
     heading: str
-    module: str  # full name
-    words: str  # what it does, in a line
+    module: str  # full dotted name
+    words: str  # line of help
 
 
 class Commands(Mapping[str, "click.Command"]):
-    """Commands by name, each the ``command`` of its module, imported when it is asked for.
+    """Commands by name, each the ``command`` of its module, which is imported on first access.
 
-    >>> commands = Commands({"info": (LOOK, "info", "Say what a recording holds.")}, table="NO_SUCH_TABLE")
+    >>> commands = Commands({"info": (LOOK, "info", "Show the contents of a recording.")}, table="NO_SUCH_TABLE")
     >>> commands["info"].name, commands.headings()
-    ('info', [('Look', [('info', 'Say what a recording holds.')])])
+    ('info', [('Look', [('info', 'Show the contents of a recording.')])])
     """
 
     def __init__(self, own: Mapping[str, tuple[str, str, str]], *, table: str) -> None:
-        """Commands of modules beside this one, and those that packages of `flinders.apps` add in a `table`."""
+        """Combine `own`, the commands of modules in this package, with those that apps list in their `table`."""
         self._own, self._table = own, table
 
     @cached_property
@@ -78,7 +78,7 @@ class Commands(Mapping[str, "click.Command"]):
         return rows
 
     def headings(self) -> list[tuple[str, list[tuple[str, str]]]]:
-        """Each heading with the names and lines of its commands."""
+        """Each heading with the names and help lines of its commands."""
         return [
             (heading, entries)
             for heading in HEADINGS

@@ -1,4 +1,4 @@
-"""What a shell completes: names of files, targets and methods.
+"""Shell completion of file names, targets and methods.
 
 >>> [item.value for item in complete_targets(None, None, "mic")]
 ['micropython']
@@ -17,11 +17,11 @@ if TYPE_CHECKING:
 
 
 Completion: TypeAlias = list[CompletionItem]
-"""What a shell completes a word to."""
+"""Candidates for the word that is being typed."""
 
 
 def complete_files(_context: click.Context | None, _option: click.Parameter | None, begun: str) -> Completion:
-    """Let the shell complete names of files."""
+    """Let the shell complete file names."""
     return [CompletionItem(begun, type="file")]
 
 
@@ -44,7 +44,7 @@ def complete_methods(_context: click.Context | None, _option: click.Parameter | 
 
 
 def _matching(names: Iterable[str], begun: str) -> Completion:
-    """Items of the names that begin so."""
+    """Those of the names that start with `begun`."""
     return [CompletionItem(name) for name in names if name.startswith(begun)]
 
 
@@ -52,4 +52,4 @@ BY_METAVAR: Final = {
     **dict.fromkeys(("FILE", "CALIBRATION", "LOG", "TRUTH", "SESSION"), complete_files),
     "TARGET": complete_targets,
 }
-"""Completion of options by what their value is called in the help."""
+"""Completion functions of options, by the metavar of the option."""

@@ -1,4 +1,4 @@
-"""``flinders import`` of a log: a calibration file of what was in force on board of each magnetometer."""
+"""``flinders import`` of a log: one calibration file per magnetometer, of the calibration in force on board."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
 
 def is_log(path: str) -> bool:
-    """Whether a file is a log of magnetometers, and not what another tool saved."""
+    """Whether a file is a log with magnetometers, and not a calibration file of another tool."""
     from flinders.readers import holds_log
 
     with suppress(FlindersError):
@@ -32,9 +32,9 @@ def is_log(path: str) -> bool:
 def import_log(
     path: str, *, sensor: str | None, field_strength: float | None, output: str, force: bool, as_json: bool
 ) -> None:
-    """Write what was on board of one magnetometer of a log, or of each that had anything.
+    """Write the onboard calibration of one magnetometer of a log, or of each that has one.
 
-    Raises `NoOnboardCalibration` where there was nothing.
+    Raises `NoOnboardCalibration` if no magnetometer has one.
     """
     from flinders.core.calibration_file import dumps
     from flinders.readers import open_log
@@ -62,20 +62,20 @@ def import_log(
 
 
 def _chosen(log: Log, sensor: str | None) -> Sequence[Instrument]:
-    """The magnetometer that is meant: the only one that had a calibration, one that is named, or all that had one."""
+    """The magnetometers to import: the one that is named, else the only one with a calibration, or all with `all`."""
     if sensor is not None and sensor.strip().casefold() != "all":
         return [log.sensor(sensor)]
     known = [each for each in log.instruments if each.onboard is not None]
     if not known:
-        raise NoOnboardCalibration(f"{log.source}: no magnetometer in it is told to have had a calibration in force")
+        raise NoOnboardCalibration(f"{log.source}: the log contains no calibration of a magnetometer")
     if sensor is None and len(known) > 1:
         names = ", ".join(f"{log.instruments.index(each) + 1} {each.name}" for each in known)
-        raise UsageError(f"{log.source} had calibrations of {names} in force: say which, or all", hint={"sensor": None})
+        raise UsageError(f"{log.source} has calibrations of {names}: choose one, or all", hint={"sensor": None})
     return known
 
 
 def onboard_calibration(instrument: Instrument, field_strength: float | None) -> Calibration:
-    """What was on board; its field strength is known where one is given, and else that of the place, or usual."""
+    """The onboard calibration, with `field_strength` as the known field strength unless it is None."""
     from flinders.workflows.onboard import onboard_fit
 
     calibration = onboard_fit(instrument).calibration
@@ -85,26 +85,26 @@ def onboard_calibration(instrument: Instrument, field_strength: float | None) ->
 
 
 def _provenance(instrument: Instrument) -> ProvenanceRecord:
-    """Of which compass of the vehicle it is; no reading of the log is in it."""
+    """Provenance that names the compass of the vehicle; no readings of the log were used."""
     from flinders.estimators.data import CountedRecording
 
     return provenance(files=[source_file(CountedRecording(instrument))])
 
 
 def _row(instrument: Instrument, calibration: Calibration, path: str | None) -> dict[str, Any]:
-    """JSON-ready: what was on board of one magnetometer."""
+    """JSON-ready row of one magnetometer and its onboard calibration."""
     words = "" if instrument.stored is None else instrument.stored.words
     return {"sensor": instrument.name, "written": path, "words": words, "calibration": calibration.as_dict()}
 
 
 def _say(instrument: Instrument, calibration: Calibration) -> None:
-    """Say what was found, and what to know of it."""
+    """Print the onboard calibration that was found, and its caveats."""
     stored = instrument.stored
     assert stored is not None
     say(f"{instrument.source}: {instrument.name} had {stored.words} in force")
     if stored.changes:
-        say(f"! it changed {stored.changes} times in the log: this is the last")
+        say(f"! it changed {stored.changes} times in the log: this is the last one")
     if not calibration.field_strength_known:
         is_placed = recorded_field(instrument) is not None
-        what = "that of the place, since the vehicle stores none" if is_placed else "a convention"
+        what = "that of the place, since the vehicle stores none" if is_placed else "a nominal value"
         say(strength_words(calibration, what))

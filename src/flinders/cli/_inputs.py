@@ -1,4 +1,4 @@
-"""What a command reads: recordings with what was left out of them, calibration files, and the place of a recording."""
+"""Inputs of commands: recordings with counts of the skipped lines, calibration files, and the place of a recording."""
 
 from __future__ import annotations
 
@@ -26,9 +26,9 @@ if TYPE_CHECKING:
 
 @contextlib.contextmanager
 def saying_what_was_read(parts: Sequence[CountedRecording], *, is_field: bool = True) -> Iterator[None]:
-    """Say afterwards what was read; an error of too few readings gets what was left out, which may be the reason.
+    """Report afterwards the readings that were read; add the skipped lines to an error of too few readings.
 
-    Without `is_field` the columns are no field, and the unit that was taken for one is not said.
+    Without `is_field` the columns are not magnetic readings, and their unit is not printed.
     """
     try:
         yield
@@ -42,7 +42,7 @@ def saying_what_was_read(parts: Sequence[CountedRecording], *, is_field: bool = 
 
 
 def say_read(part: CountedRecording, *, is_field: bool = True) -> None:
-    """Say what was read of a recording, and what was left out."""
+    """Print a recording's number of readings, and the lines that were skipped."""
     from flinders.core.units import COUNTS
 
     if part.rows or part.skipped:
@@ -51,7 +51,7 @@ def say_read(part: CountedRecording, *, is_field: bool = True) -> None:
 
 
 def read_and_left_out(rows: int, skipped: Iterable[Skipped]) -> str:
-    """Say how many readings there are, and what is none, with the first such line.
+    """Counts of the readings and of the skipped lines, with an example of each kind.
 
     >>> from flinders.core.samples import Skipped
     >>> read_and_left_out(600, [Skipped("other", 3, (1, 2, 3), "LIS3MDL found"), Skipped("not finite", 1, (9,))])
@@ -69,7 +69,7 @@ def read_and_left_out(rows: int, skipped: Iterable[Skipped]) -> str:
 
 
 def provenance(parts: Iterable[CountedRecording] = (), files: Iterable[SourceFile] = ()) -> ProvenanceRecord:
-    """Which release made it, when, from which files: those of the parts that were read, after `files`."""
+    """Provenance of a new calibration: release, time, and source files (`files`, then those of `parts`)."""
     from datetime import UTC, datetime
 
     from msgspec import UNSET
@@ -88,7 +88,7 @@ def provenance(parts: Iterable[CountedRecording] = (), files: Iterable[SourceFil
 
 
 def source_file(part: CountedRecording) -> SourceFile:
-    """Name, hash and size of a file, and how many readings it gave."""
+    """Name, hash and size of a file, and the number of its readings."""
     from flinders.core.calibration_file import SourceFile
     from flinders.workflows.recordings import file_of, sha256
 
@@ -109,7 +109,7 @@ def source_file(part: CountedRecording) -> SourceFile:
 
 
 def _asked_columns(recording: Recording) -> ColumnsRecord | None:
-    """The columns that were asked for of a table."""
+    """The columns that were chosen by the user in a table."""
     from flinders.core.calibration_file import ColumnsRecord
 
     form = getattr(getattr(recording, "columns", None), "form", None)
@@ -117,7 +117,7 @@ def _asked_columns(recording: Recording) -> ColumnsRecord | None:
 
 
 def of_content(name: str, content: bytes, rows: int = 0, **compass: Any) -> SourceFile:
-    """The record of a file that was read at once; `compass` is whose it was, where a vehicle has several."""
+    """The record of a file whose content is in memory; `compass` names the compass of a vehicle with several."""
     import hashlib
 
     from flinders.core.calibration_file import SourceFile
@@ -127,7 +127,7 @@ def of_content(name: str, content: bytes, rows: int = 0, **compass: Any) -> Sour
 
 
 def opened(recordings: Sequence[str], sensor: str | None, **reading: Any) -> tuple[Recording, str | None]:
-    """Open recordings of one sensor, of several the one that ``--sensor`` says; and what it is called."""
+    """Open recordings of one sensor, chosen by ``--sensor`` if there are several; also return the sensor's name."""
     from flinders.core.joining import singles
     from flinders.readers import Choice, open_recording
 
@@ -137,25 +137,25 @@ def opened(recordings: Sequence[str], sensor: str | None, **reading: Any) -> tup
     columns = reading.get("columns")
     if columns is not None and len(set(filter(None, names))) > 1:
         which = ", ".join(f"{name or 'the only one'} in {part.source}" for name, part in zip(names, parts, strict=True))
-        raise UsageError(f"--columns {columns} is not one magnetometer: {which}; calibrate them one by one")
+        raise UsageError(f"--columns {columns} selects several magnetometers: {which}; calibrate them one by one")
     if sensor is not None and columns is None and any(names) and not all(names):
         alone = parts[names.index("")].source
         raise UsageError(
-            f"--sensor chooses one of several magnetometers, and {alone} has just one: calibrate them one by one"
+            f"--sensor chooses one of several magnetometers, and {alone} has only one: calibrate them one by one"
         )
     return recording, next(filter(None, names), sensor)
 
 
 def in_use(command: str, path: str, recordings: Sequence[str], fixed: Iterable[str] = ()) -> Fit:
-    """Load the calibration that recordings are read with.
+    """Load the calibration with which recordings are read.
 
-    Where ``--fix`` gives values, they are taken for those of the recording, and what that costs is said.
+    With `fixed`, the values of ``--fix``, disturbances are held at these values and a notice states the error.
     """
     return at_fixed(load(command, path, recordings), fixed)
 
 
 def at_fixed(fit: Fit, fixed: Iterable[str]) -> Fit:
-    """A fit whose disturbances are taken at the values that ``--fix`` gives."""
+    """A fit whose disturbances are held at the values of ``--fix``."""
     from flinders.fitting.result import with_calibration
 
     states = {one.name: one.states for one in fit.calibration.disturbances}
@@ -163,7 +163,7 @@ def at_fixed(fit: Fit, fixed: Iterable[str]) -> Fit:
 
 
 def _at_fixed(calibration: Calibration, values: dict[str, float]) -> Calibration:
-    """The calibration at the values that ``--fix`` gives, and what that costs at the far end of each range."""
+    """The calibration at fixed values of disturbances; print the heading error at the far end of each range."""
     for disturbance in calibration.disturbances:
         if disturbance.name in values:
             value = values[disturbance.name]
@@ -171,14 +171,14 @@ def _at_fixed(calibration: Calibration, values: dict[str, float]) -> Calibration
             cost = figures(min(calibration.disturbance_deg(disturbance, away), 180.0))
             say(
                 f"taken at {disturbance.amount(value)} of {disturbance.name}: at "
-                f"{disturbance.amount(disturbance.farthest)}, which it was made for too, "
+                f"{disturbance.amount(disturbance.farthest)}, the end of its calibrated range, "
                 f"headings are off by up to {cost}° (dip 60°)"
             )
     return calibration.holding(**values)
 
 
 def fixed_values(fixed: Iterable[str], states: Mapping[str, tuple[str, ...]] | None = None) -> dict[str, float]:
-    """Read ``--fix``; `states` are the words of columns that have such, by name.
+    """Read the values of ``--fix``; `states` are the words of columns that have words instead of numbers, by name.
 
     >>> fixed_values(["current=12.5", "throttle1=0", "charger=idle"], {"charger": ("idle", "charging")})
     {'current': 12.5, 'throttle1': 0.0, 'charger': 0.0}
@@ -189,18 +189,18 @@ def fixed_values(fixed: Iterable[str], states: Mapping[str, tuple[str, ...]] | N
     for text in fixed:
         name, separator, number = (part.strip() for part in text.rpartition("="))
         if not (name and separator):
-            raise UsageError(f"--fix {text!r}: need {', '.join(KINDS)} or a column with a value, such as current=0")
+            raise UsageError(f"--fix {text!r}: need {', '.join(KINDS)} or a column, and a value, such as current=0")
         words = (states or {}).get(name, ())
         try:
             values[name] = float(words.index(number) if number in words else number)
         except ValueError:
-            need = f"need {' or '.join(words)}" if words else f"{number!r} is no number"
+            need = f"need {' or '.join(words)}" if words else f"{number!r} is not a number"
             raise UsageError(f"--fix {text!r}: {need}") from None
     return values
 
 
 def columns_in(names: Sequence[str]) -> tuple[str, ...]:
-    """Names of columns of a log among those of disturbances."""
+    """The disturbances of `names` that are columns of a log."""
     from flinders.core.disturbance import is_column
 
     return tuple(filter(is_column, names))
@@ -209,7 +209,7 @@ def columns_in(names: Sequence[str]) -> tuple[str, ...]:
 def open_all_with(
     path: str, fit: Fit, recordings: Sequence[str], *, sensor: str | None, **reading: Any
 ) -> list[CountedRecording]:
-    """Open recordings in the unit and axes of a calibration; says which magnetometer was taken."""
+    """Open recordings in the unit and axes of a calibration; print which magnetometer was chosen."""
     from flinders.estimators.data import CountedRecording
     from flinders.workflows.recordings import open_with
 
@@ -222,7 +222,7 @@ def open_all_with(
 
 
 def load(command: str, path: str, recordings: Sequence[str] = ()) -> Fit:
-    """Load a calibration, and see whether the files were given the other way round."""
+    """Load a calibration; if it is a recording, the error says so, and whether the files were swapped."""
     from flinders.fitting import fit_file
 
     if path == "-":
@@ -240,14 +240,14 @@ def load(command: str, path: str, recordings: Sequence[str] = ()) -> Fit:
 
 
 def say_exact(*fits: Fit) -> None:
-    """Say which calibrations state no uncertainty."""
+    """Print a notice for each calibration without a stated uncertainty."""
     for fit in fits:
         if not fit.claim.states_uncertainty:
-            say(f"{fit.provenance.name} states no uncertainty: it is taken as exact")
+            say(f"{fit.provenance.name} states no uncertainty: it is used as if exact")
 
 
 def for_use(command: str, path: str) -> Fit:
-    """Load a calibration that is about to be used."""
+    """Load a calibration, and refuse one that is unfit for use."""
     from flinders.fitting.export import refuse_unfit
 
     fit = load(command, path)
@@ -256,7 +256,7 @@ def for_use(command: str, path: str) -> Fit:
 
 
 def is_calibration(path: str) -> bool:
-    """Whether a path leads to a calibration file; standard input and pipes are left unread."""
+    """Whether a path leads to a calibration file; standard input and pipes are not read."""
     from flinders.core.calibration_file import read
 
     with contextlib.suppress(DocumentError):
@@ -265,13 +265,13 @@ def is_calibration(path: str) -> bool:
 
 
 def refuse_calibration(path: str, instead: str) -> None:
-    """Refuse a calibration in the place of something else; `instead` says what to do."""
+    """Refuse a calibration given in place of another input; `instead` is the advice."""
     if is_calibration(path):
         raise UsageError(f"{path} is a calibration: {instead}")
 
 
 def refuse_others(paths: Iterable[str]) -> None:
-    """Refuse what holds recordings of many units, or what a command for these wrote, and say what to type instead."""
+    """Refuse files with recordings of many units, or written by a command for these; the message names the command."""
     from flinders.core.plugins import other_contents
 
     for path in paths:
@@ -305,12 +305,12 @@ def refuse_calibrations(paths: Iterable[str]) -> None:
 
 
 def say_sensor(path: str, calibration: Calibration, recording: Recording, asked: str | None) -> None:
-    """Say which magnetometer was taken because the calibration in `path` is for it, or that another one is read."""
+    """Print which magnetometer was chosen because the calibration in `path` is for it, or warn of a mismatch."""
     name, own = getattr(recording, "name", ""), calibration.sensor
     if not name or own is None:
         return
     if name.casefold() != own.strip().casefold():
-        say(f"! {path} is for sensor {own!r}, and what is read of {recording.source} is {name!r}")
+        say(f"! {path} is for sensor {own!r}, but the readings of {recording.source} are from {name!r}")
     elif asked is None:
         say(f"{recording.source}: {name} is the sensor that {path} is for")
 
@@ -318,7 +318,7 @@ def say_sensor(path: str, calibration: Calibration, recording: Recording, asked:
 def site_of(
     place: str, date: str | None, recording: Recording | None = None, *, model: FieldModel | None = None
 ) -> SiteField:
-    """The field at a place on a day that is given, or that the clock of the recording tells."""
+    """The field at a place on a given day, or on the day of the recording's clock."""
     from flinders.core.geomag import place_of, site_field, year_of
 
     where = place_of(place)
@@ -326,7 +326,7 @@ def site_of(
 
 
 def stated_site(recording: object, otherwise: str, **more: Any) -> Site | None:
-    """The site that a log, or a magnetometer of one, states, which is said; `more` goes to `Site`."""
+    """The site stated in a log or by one of its magnetometers, with a notice; `more` are arguments of `Site`."""
     log = getattr(recording, "recording", recording)
     if getattr(log, "position", None) is None:  # such as a table
         return None
@@ -344,7 +344,7 @@ def likely_target(files: Iterable[SourceFile]) -> str:
 
 
 def _day(date: str | None, recording: Recording | None) -> str:
-    """The day as it is given, today, or by the clock of the recording."""
+    """The given day, today's date for `today`, or the day of the recording's clock."""
     from datetime import UTC, datetime
 
     if date is not None and date.strip().casefold() != "today":
@@ -352,16 +352,16 @@ def _day(date: str | None, recording: Recording | None) -> str:
     start = clock_start(recording)
     if date is None and not start:
         raise UsageError(
-            "the declination changes with the years: give the day of the recording, such as --date 2026-11-21"
+            "the declination changes over the years: give the day of the recording, such as --date 2026-11-21"
         )
     day = datetime.now(UTC) if date is not None else datetime.fromtimestamp(start, UTC)
     return day.date().isoformat()
 
 
 def walk_in(path: str | None, fit: Fit) -> Walk | None:
-    """The walk of a unit by what `flinders watch` has kept of it; None where no path is given.
+    """The drift of a unit's offset, from the history kept by `flinders watch`; None without a path.
 
-    Raises `UsageError` for a history in another unit, or too short to tell.
+    Raises `UsageError` for a history in another unit, or with too few estimates.
     """
     if path is None:
         return None
@@ -371,18 +371,18 @@ def walk_in(path: str | None, fit: Fit) -> Walk | None:
     history = OffsetHistory.read(path)
     if history.unit != fit.calibration.unit:
         raise UsageError(
-            f"{path} is in {history.unit}, the calibration in {fit.calibration.unit}: give its own history"
+            f"{path} is in {history.unit}, the calibration in {fit.calibration.unit}: give the history of this unit"
         )
     if history.walk is None:
         raise UsageError(
-            f"{path} has fewer than {MIN_STEPS + 1} estimates of the offset that differ: too few to tell how fast it "
-            "walks, leave the history out"
+            f"{path} has fewer than {MIN_STEPS + 1} differing estimates of the offset, too few to know how fast it "
+            "drifts: leave --history out"
         )
     return history.walk
 
 
 def recorded_at(recording: object) -> datetime | None:
-    """When a recording was begun, by a clock that counts from 1970 and shows a year from 2010 on; else None."""
+    """Start time of a recording, by a clock that counts from 1970 and shows a plausible year; else None."""
     from datetime import UTC, datetime
 
     from flinders.core.geomag import FIRST_CLOCK_YEAR, LAST_CLOCK_YEAR
@@ -396,6 +396,6 @@ def recorded_at(recording: object) -> datetime | None:
 
 
 def clock_start(recording: object) -> float:
-    """Seconds from 1970 at which the times of a recording start to count; 0 where they count from something else."""
+    """Seconds since 1970 at the zero of a recording's times; 0 if the times do not count from 1970."""
     time = getattr(getattr(recording, "columns", None), "time", None)
     return float(time.start * time.factor) if time is not None else 0.0

@@ -1,4 +1,4 @@
-"""What click says of a mistyped command line, with what was probably meant.
+"""Error message for a mistyped command line, with the probable intention.
 
 >>> import click
 >>> from flinders.cli import main
@@ -19,25 +19,25 @@ from flinders.links.serial_ports import SERIAL_PORT
 if TYPE_CHECKING:
     from collections.abc import Collection, Sequence
 
-ALSO_CALLED: Final = {"--port": "--serial", "--device": "--serial", "--to": "--for", "--format": "--for"}
-"""Options by what other programs call them."""
+OTHER_NAMES: Final = {"--port": "--serial", "--device": "--serial", "--to": "--for", "--format": "--for"}
+"""Names of options in other programs, and ours."""
 
-PLAINER: Final = {
+PLAIN_WORDS: Final = {
     "is not a valid integer range": "is not a whole number",
     "is not a valid integer": "is not a whole number",
     "is not a valid float": "is not a number",
 }
-"""What click says, in words for people who do not program."""
+"""Phrases of click, and simpler ones."""
 
 EXAMPLE: Final = re.compile(r"^ *(flinders .*\S)", re.MULTILINE)
-"""The first command line of an epilog."""
+"""Pattern of the first command line in an epilog."""
 
 
 def misused(error: click.ClickException) -> str:
-    """Say in a line what click found, what was probably meant, and where help is."""
+    """One line with click's error, the probable intention, and where help is."""
     context = getattr(error, "ctx", None)
     problem = " ".join(error.format_message().split()).rstrip(".")
-    for said, plainer in PLAINER.items():
+    for said, plainer in PLAIN_WORDS.items():
         problem = problem.replace(said, plainer)
     if isinstance(error, click.NoSuchOption):
         problem = _no_such_option(error)
@@ -48,7 +48,7 @@ def misused(error: click.ClickException) -> str:
 
 
 def unexpected(words: Sequence[str], context: click.Context) -> click.UsageError:
-    """Say of arguments that a command does not take how the first is given, if an option takes such a thing."""
+    """The error for surplus arguments; it names the option for the first one, if there is such an option."""
     word = words[0]
     is_port = SERIAL_PORT.match(word) is not None
     takes_none = not any(isinstance(param, click.Argument) for param in context.command.params)
@@ -61,21 +61,21 @@ def unexpected(words: Sequence[str], context: click.Context) -> click.UsageError
 
 
 def _no_such_option(error: click.NoSuchOption) -> str:
-    """The option that was probably meant: what begins so, is called so elsewhere, or is spelled almost so."""
+    """Message for an unknown option, with a known one of the same beginning, meaning or a similar spelling."""
     name, options = error.option_name, _options(error.ctx.command) if error.ctx else ()
     begun = [option for option in options if option.startswith(name)]
-    called = [option for option in (ALSO_CALLED.get(name),) if option in options]
+    called = [option for option in (OTHER_NAMES.get(name),) if option in options]
     likely = [*begun, *called, *(error.possibilities or ())]
     problem = f"No such option '{name}'"
     return f"{problem}: did you mean '{likely[0]}'?" if likely else problem
 
 
 def _options(command: click.Command) -> Collection[str]:
-    """The options of a command, as they are typed."""
+    """Names of the options of a command."""
     return [name for param in command.params if isinstance(param, click.Option) for name in param.opts]
 
 
 def _example(context: click.Context | None) -> str:
-    """The first example of a command's help; nothing where it has none."""
+    """The first example in a command's help; empty if there is none."""
     found = EXAMPLE.search(context.command.epilog or "") if context else None
     return found[1].partition("  #")[0] if found else ""

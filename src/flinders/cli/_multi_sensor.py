@@ -27,26 +27,26 @@ if TYPE_CHECKING:
     from flinders.workflows.onboard import OnboardCheck
     from flinders.workflows.sensors import Outcome
 
-PLACE: Final = "{sensor}"
-"""What stands for the number of the magnetometer in the name of a file."""
+SENSOR_PLACEHOLDER: Final = "{sensor}"
+"""Placeholder for the number of the magnetometer in a file name."""
 
-OF_JOINT_FITS: Final = ("target_deg", "aiding", "site")
-"""Options of `flinders.fit_multi` that are those of `flinders.fit`."""
+JOINT_FIT_OPTIONS: Final = ("target_deg", "aiding", "site")
+"""Options of `flinders.fit_multi` that `flinders.fit` has too."""
 
 
 @dataclass(frozen=True, slots=True)
 class MultiSensor:
-    """A log or table of several magnetometers, how they are fitted, and where their calibrations go."""
+    """Calibrate several magnetometers of one log or table, separately or jointly."""
 
     path: str
-    output: str | None  # {sensor} stands for the number of the magnetometer
+    output: str | None  # may contain {sensor}, for the number of the magnetometer
     force: bool
     as_json: bool
     is_joint: bool  # all are fitted jointly
-    reference: str | None  # the one into whose axes the others are then turned
+    reference: str | None  # magnetometer into whose axes the others are rotated after a joint fit
     by: Filter | None
-    told_by: Callable[[Log], Site | None]  # the site that the log states
-    site_with: Callable[[Site], Site | None]  # that site with the numbers that were typed
+    told_by: Callable[[Log], Site | None]  # returns the site stated in the log
+    site_with: Callable[[Site], Site | None]  # returns a site with the typed numbers in it
 
     def calibrate(self, reading: dict[str, Any], options: dict[str, Any]) -> int:
         """Calibrate each magnetometer, or all of them jointly, and print a table of the results."""
@@ -65,10 +65,10 @@ class MultiSensor:
             if (site := self.told_by(log)) is not None:
                 options = {**options, "site": self.site_with(site)}
             if self.is_joint:
-                multi = self._fitted_jointly(log, parts, options)
-            made = self._each(parts, options) if multi is None else ((one.name, one.fit) for one in multi.members)
-            outcomes = list(self._saved(made, parts.values(), paths))  # each at once: the next may be interrupted
-        onboard = _judged_onboard(outcomes, parts)
+                multi = self._fit_jointly(log, parts, options)
+            made = self._fit_each(parts, options) if multi is None else ((one.name, one.fit) for one in multi.members)
+            outcomes = list(self._save_each(made, parts.values(), paths))  # written one by one, in case of an interrupt
+        onboard = _judge_onboard(outcomes, parts)
         unread = [outcome for _, outcome in outcomes if isinstance(outcome, InputError)]
         if len(unread) == len(outcomes):
             raise unread[0]
@@ -83,10 +83,10 @@ class MultiSensor:
         return max(_exit_code(outcome) for _, outcome in outcomes)
 
     def _refuse(self, options: Mapping[str, Any]) -> None:
-        """Refuse options that go with one magnetometer."""
+        """Refuse options for a single magnetometer."""
         if self.output == "-":
             raise UsageError(
-                "several calibrations do not go to standard output: name files, such as -o compass-{sensor}.json"
+                "several calibrations cannot go to standard output: name files, such as -o compass-{sensor}.json"
             )
         method, site = options["method"], options["site"]
         of_one_fit = {
@@ -100,31 +100,33 @@ class MultiSensor:
         }
         for option, is_given in of_one_fit.items():
             if self.is_joint and is_given:
-                raise UsageError(f"{option} is for one magnetometer by itself: leave it out with --joint")
+                raise UsageError(f"{option} is for a single magnetometer: leave it out with --joint")
 
-    def _fitted_jointly(self, log: Log, parts: dict[str, CountedRecording], options: dict[str, Any]) -> Together:
+    def _fit_jointly(self, log: Log, parts: dict[str, CountedRecording], options: dict[str, Any]) -> Together:
         """Fit all magnetometers of a log jointly."""
         from flinders.comparison.multi_sensor import fit_multi
 
         chosen = None if self.reference is None else log.sensor(self.reference).name
         if len(parts) < 2:
             raise UsageError(f"{log.source} has one magnetometer: leave --joint out")
-        asked = {name: options[name] for name in OF_JOINT_FITS if name in options}
+        asked = {name: options[name] for name in JOINT_FIT_OPTIONS if name in options}
         with saying_what_was_read(list(parts.values())):
             return fit_multi(parts, reference=chosen, prior=options["method"].prior, **asked)
 
-    def _each(self, parts: Mapping[str, CountedRecording], options: dict[str, Any]) -> Iterator[tuple[str, Outcome]]:
-        """Fit one magnetometer after the other, and say what was read of each."""
+    def _fit_each(
+        self, parts: Mapping[str, CountedRecording], options: dict[str, Any]
+    ) -> Iterator[tuple[str, Outcome]]:
+        """Fit the magnetometers one by one, and print the number of readings of each."""
         from flinders.workflows.sensors import fits_of
 
         for name, outcome in fits_of(parts, by=self.by, notice=say, **options):
             say_read(parts[name])
             yield name, outcome
 
-    def _saved(
+    def _save_each(
         self, outcomes: Iterator[tuple[str, Outcome]], parts: Iterable[CountedRecording], paths: Sequence[str | None]
     ) -> Iterator[tuple[str, Outcome]]:
-        """Write the calibrations that were not refused."""
+        """Write the accepted calibrations, each when it is made, and pass all outcomes on."""
         for (name, outcome), part, path in zip(outcomes, parts, paths, strict=True):
             if path and not _is_error(outcome):
                 cast("Fit", outcome).save(path, force=self.force, provenance=provenance([part]))
@@ -135,8 +137,8 @@ def _is_error(outcome: Outcome) -> bool:
     return isinstance(outcome, FlindersError)
 
 
-def _judged_onboard(outcomes: Sequence[tuple[str, Outcome]], parts: Mapping[str, Recording]) -> dict[str, OnboardCheck]:
-    """What was on board of each magnetometer that was fitted, by its name, where the log tells it."""
+def _judge_onboard(outcomes: Sequence[tuple[str, Outcome]], parts: Mapping[str, Recording]) -> dict[str, OnboardCheck]:
+    """Check of the onboard calibration of each fitted magnetometer, by name, if the log contains one."""
     from flinders.workflows.onboard import judge_onboard
 
     found = {}
@@ -147,11 +149,11 @@ def _judged_onboard(outcomes: Sequence[tuple[str, Outcome]], parts: Mapping[str,
 
 
 def _refuse_chosen(log: Log, reading: dict[str, Any]) -> None:
-    """Refuse what says already which magnetometer it is."""
+    """Refuse options that choose a magnetometer, and a file with a single one."""
     if reading["columns"] is not None:
-        raise UsageError("--sensor all takes each magnetometer, --columns says which one it is: leave one of them out")
+        raise UsageError("--sensor all takes each magnetometer, --columns chooses one: leave one of them out")
     if reading["topic"] is not None and not log.is_table:
-        raise UsageError("--sensor all takes each magnetometer, --topic says which one it is: leave one of them out")
+        raise UsageError("--sensor all takes each magnetometer, --topic chooses one: leave one of them out")
     if log.is_table and len(log.instruments) == 1:
         raise UsageError(f"{log.source} has one magnetometer: leave --sensor all out")
 
@@ -162,7 +164,7 @@ def _page(
     target_deg: float,
     onboard: Mapping[str, OnboardCheck],
 ) -> RenderableType:
-    """What a terminal shows."""
+    """Page of the results for a terminal."""
     from flinders.report.fit_pages import of_sensors, of_several
 
     if multi is not None:
@@ -179,7 +181,7 @@ def _as_dict(
     multi: Together | None,
     onboard: Mapping[str, OnboardCheck],
 ) -> dict[str, Any]:
-    """JSON-ready: a list of fits, each with what was on board and what a joint fit says of it."""
+    """JSON-ready: a list of fits, each with the check of its onboard calibration, and the results of a joint fit."""
     rows = [_row(*outcome, path) for outcome, path in zip(outcomes, paths, strict=True)]
     for row in rows:
         if judged := onboard.get(row["sensor"]):
@@ -191,7 +193,7 @@ def _as_dict(
 
 
 def _row(name: str, outcome: Outcome, path: str | None) -> dict[str, Any]:
-    """JSON-ready: the fit as ``calibrate --json`` has it, and of which magnetometer it is."""
+    """JSON-ready: name of the magnetometer, file, and the fields of ``calibrate --json``."""
     from flinders.fitting.fit_json import json_of
 
     if not isinstance(outcome, FlindersError):
@@ -202,19 +204,19 @@ def _row(name: str, outcome: Outcome, path: str | None) -> dict[str, Any]:
 
 
 def named_for(output: str | None, number: int) -> str | None:
-    """The file of one magnetometer: its number in place of ``{sensor}``, or before the ending.
+    """The file of one magnetometer: its number replaces ``{sensor}``, or stands before the suffix.
 
     >>> named_for("compass-{sensor}.json", 2), named_for("out/calibration.json", 2)
     ('compass-2.json', 'out/calibration-2.json')
     """
     if output is None:
         return None
-    if PLACE in output:
-        return output.replace(PLACE, str(number))
+    if SENSOR_PLACEHOLDER in output:
+        return output.replace(SENSOR_PLACEHOLDER, str(number))
     path = Path(output)
     return str(path.with_name(f"{path.stem}-{number}{path.suffix}"))
 
 
 def _exit_code(outcome: Outcome) -> int:
-    """How it ends for one magnetometer."""
+    """Exit code for the outcome of one magnetometer."""
     return outcome.exit_code if isinstance(outcome, FlindersError) else EXITS[outcome.verdict]

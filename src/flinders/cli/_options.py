@@ -1,4 +1,4 @@
-"""Options that several commands share: fields for the dataclass of a command, and groups of them."""
+"""Options shared by several commands: fields for the options of a command, and groups of such fields."""
 
 from __future__ import annotations
 
@@ -31,8 +31,8 @@ if TYPE_CHECKING:
     from flinders.heading.smoothing import Filter
 
 
-def target(words: str = "Worst heading error that is good enough.", default: float | None = 1.0) -> Field:
-    """``--target``, with what it means and its default for a command."""
+def target(words: str = "Acceptable worst heading error.", default: float | None = 1.0) -> Field:
+    """``--target``, with its help and default for a command."""
     return member(
         "--target", heading=METHOD, type=angle, default=default, show_default=default is not None, metavar="DEG",
         help=words,
@@ -40,7 +40,7 @@ def target(words: str = "Worst heading error that is good enough.", default: flo
 
 
 def dip(words: str = "Inclination of the field at the site.", default: float | None = None, **more: Any) -> Field:
-    """``--dip``, with what it means and its default for a command."""
+    """``--dip``, with its help and default for a command."""
     return member(
         "--dip", heading=SITE, type=inclination, default=default, show_default=default is not None, metavar="DEG",
         help=words, **more,
@@ -48,9 +48,9 @@ def dip(words: str = "Inclination of the field at the site.", default: float | N
 
 
 def field_strength(
-    words: str = "Strength of the field at the site, in µT (in counts for a recording in counts).", **more: Any
+    words: str = "Field strength at the site, in µT (in counts for a recording in counts).", **more: Any
 ) -> Field:
-    """``--field-strength``, with what it means for a command."""
+    """``--field-strength``, with its help for a command."""
     usual = {"heading": SITE, "type": positive, "metavar": "F", "keywords": ("site",)}
     return member("--field-strength", help=words, **{**usual, **more})
 
@@ -62,25 +62,25 @@ def as_json(heading: str = OUTPUT) -> Field:
 
 def lossy() -> Field:
     """``--lossy``."""
-    return flag("--lossy", "Do it also where what is left out costs more than 0.5° of heading.")
+    return flag("--lossy", "Do it even if omitted parts cost more than 0.5° of heading.")
 
 
 def field_model() -> Field:
     """``--field-model``."""
     return member(
         "--field-model", heading=SITE, type=click.Choice(["wmm", "wmmhr", "igrf"]), keywords=("model",),
-        help="Model of the earth's field at --at: World Magnetic Model, its high resolution (2025 to 2030), IGRF-14 "
-        "(1900 to 2030) [default: wmm, before 2010 igrf].",
+        help="Model of the earth's field for --at: World Magnetic Model, its high-resolution form (2025 to 2030), or "
+        "IGRF-14 (1900 to 2030) [default: wmm, before 2010 igrf].",
     )  # fmt: skip
 
 
 def history(words: str) -> Field:
-    """``--history``, with what it is for."""
+    """``--history``, with its help for a command."""
     return member("--history", metavar="PATH", help=words)
 
 
 def grid(words: str) -> Field:
-    """``--grid``, with what it adds to a command."""
+    """``--grid``, with its help for a command."""
     return flag("--grid", words, heading=SITE, keywords=("grid",))
 
 
@@ -88,8 +88,8 @@ def mounting() -> Field:
     """``--mounting``."""
     return member(
         "--mounting", metavar="MOUNTING",
-        help="How the compass was mounted when it was recorded, as the autopilot has it: a number or name, or "
-        "ROLL,PITCH,YAW in degrees; none where it sits as the vehicle does [default: as its log says].",
+        help="Mounting of the compass during the recording, as set in the autopilot: a number or name, or "
+        "ROLL,PITCH,YAW in degrees; none if its axes are the vehicle's [default: as in the log].",
     )  # fmt: skip
 
 
@@ -99,29 +99,29 @@ def force(words: str = "Overwrite the output file if it exists.") -> Field:
 
 
 def output(what: str, words: str, **more: Any) -> Field:
-    """``-o``, with what is written."""
+    """``-o``, with its help; `what` names the content of the file in messages."""
     return member("-o", "--output", what=what, metavar="FILE", help=words, **more)
 
 
 def sensor(
     words: str = "Which magnetometer of several, by number or name [default: the first].", metavar: str = "N|NAME"
 ) -> Field:
-    """``--sensor``, with what it means for a command."""
+    """``--sensor``, with its help for a command."""
     return member("--sensor", heading=RECORDING, metavar=metavar, help=words)
 
 
 def sensor_of_calibration() -> Field:
-    """``--sensor`` where a calibration says which one it is for."""
+    """``--sensor`` for a command whose calibration names its sensor."""
     return sensor(
         "Which of several magnetometers, by number from 1 or by name [default: the calibration's, else the first]."
     )
 
 
 def serial() -> Field:
-    """``--serial``; without a port it is `ANY_PORT`."""
+    """``--serial``; its value without a port is `ANY_PORT`."""
     return member(
         "--serial", is_flag=False, flag_value=ANY_PORT, metavar="[PORT]",
-        help="A serial port: /dev/ttyACM0, COM3; without a name that of the board which is plugged in.",
+        help="A serial port: /dev/ttyACM0, COM3; without a name, the port of the only board.",
     )  # fmt: skip
 
 
@@ -150,14 +150,14 @@ def ros2() -> Field:
 
 def imu_topic() -> Field:
     """``--imu-topic``."""
-    return member("--imu-topic", metavar="TOPIC", help="With --ros2: the sensor_msgs/Imu beside it.")
+    return member("--imu-topic", metavar="TOPIC", help="With --ros2: the topic with sensor_msgs/Imu of the same body.")
 
 
 def fixed() -> Field:
     """``--fix``."""
     return member(
         "--fix", heading=AIDING, multiple=True, metavar="NAME=VALUE", keywords=("at",),
-        help="Take the calibration at a fixed current (A), throttle (0 to 1) or temperature (°C).",
+        help="Use the calibration at a fixed current (A), throttle (0 to 1) or temperature (°C).",
     )  # fmt: skip
 
 
@@ -180,89 +180,89 @@ def _filter(value: str) -> Filter:
 
 
 class Judgement(Group):
-    """What the result is compared with."""
+    """Heading error and dip by which the result is judged."""
 
     target_deg: float = target()
     dip_deg: float = dip(default=60.0)
 
 
 class ColumnsOptions(Group, heading=RECORDING):
-    """Which numbers of a line are the magnetometer's."""
+    """The magnetometer's columns in a line."""
 
     columns: str | None = member(
         "--columns", metavar="X,Y,Z", help="The magnetometer's columns: three names, or numbers counted from 1."
     )
     pattern: str | None = member(
-        "--pattern", metavar="LINE", help="How a line is printed, where it is not recognised: 'N {x} / {y} / {z}'."
+        "--pattern", metavar="LINE", help="Format of a line that is not recognised: 'N {x} / {y} / {z}'."
     )
 
 
 class LinesOptions(ColumnsOptions):
-    """How lines are read, of commands that read other sources too."""
+    """Options for reading lines, of commands that read other sources too."""
 
     def refuse_with(self, sources: Collection[str]) -> None:
-        """Raise `UsageError` where it is said of `sources`, by their options, that send no lines.
+        """Raise `UsageError` if these options are given with a source of `sources` that sends no lines.
 
-        The unit of a topic may be another than that of its type.
+        ``--unit`` is allowed for a ROS 2 topic, whose values may be in another unit than its type states.
         """
         source = next((name for name in sources if name in ("--mavlink", "--ros2", "--simulate")), None)
         wrong = [name for name in self.typed() if (source, name) != ("--ros2", "--unit")]
         if source is not None and wrong:
-            raise UsageError(f"{', '.join(wrong)} goes with lines and recordings: {source} knows its unit")
+            raise UsageError(f"{', '.join(wrong)} goes with lines and recordings: the unit of {source} is known")
 
 
 class UnitsOptions(Group, heading=RECORDING):
-    """In which unit the readings are."""
+    """Unit of the readings."""
 
     unit: str | None = member("--unit", metavar="UNIT", help="Unit of the readings: uT, mG, G, nT, mT, T or counts.")
     scale: float | None = member("--scale", type=positive, metavar="UT", help="Microtesla in one count.")
 
 
 class AxesOptions(Group, heading=RECORDING):
-    """In which axes the readings are used."""
+    """Axes in which the readings are used."""
 
     axes: str = member(
         "--axes", default="x,y,z", show_default=True, metavar="AXES",
-        help="Where each axis used comes from: x,-y,-z turns the sensor over.",
+        help="Source of each output axis: x,-y,-z for a sensor that is upside down.",
     )  # fmt: skip
 
 
 class PartOptions(Group, heading=RECORDING):
-    """Which part of a recording is read, and of a log with several instruments."""
+    """Part of a recording to read: topic, time span, and raw or corrected values."""
 
     topic: str | None = member("--topic", metavar="NAME", help="Topic of a bag, or member of a ZIP archive.")
-    start: float | None = member("--from", type=float, metavar="S", help="Leave out what comes before, in seconds.")
+    start: float | None = member("--from", type=float, metavar="S", help="Leave out readings before this time, in s.")
     end: float | None = member(
-        "--to", type=float, metavar="S", help="Leave out what comes later, in seconds from the beginning."
+        "--to", type=float, metavar="S", help="Leave out readings after this time, in s from the beginning."
     )
     as_logged: bool = flag(
-        "--as-logged", "Take the readings of a log as they are: leave on what the vehicle had corrected."
+        "--as-logged", "Use the readings of a log as logged, including the vehicle's own correction."
     )
 
 
 class PartOfColumns(PartOptions, ColumnsOptions):
-    """How a recording is read whose unit and axes a calibration knows."""
+    """Options for reading a recording in the unit and axes of a calibration."""
 
 
 class ReadingOptions(PartOptions, AxesOptions, UnitsOptions, ColumnsOptions):
-    """How a recording is read: the arguments of `flinders.open_recording`."""
+    """Options for reading a recording: the arguments of `flinders.open_recording`."""
 
 
 class Place(Group, heading=SITE):
-    """Where and when, for the declination."""
+    """Place and day, for the declination."""
 
     place: str | None = member(
         "--at", metavar="LAT,LON[,ALT]", keywords=("site",),
-        help="Site: degrees, north and east positive, and metres; gives true headings by a model of the field.",
+        help="Site: degrees, north and east positive, and metres; gives true headings by a field model.",
     )  # fmt: skip
     date: str | None = member(
         "--date", metavar="DAY",
-        help="Day of the recording, such as 2026-11-21, or today [default: by its clock, if from 1970].",
+        help="Day of the recording, such as 2026-11-21, or today [default: from its clock, if that counts from 1970].",
     )  # fmt: skip
     model: FieldModel | None = field_model()
 
     def check(self) -> None:
-        """Refuse a day or a model without a place."""
+        """Refuse a day or a field model without a place."""
         if self.date is not None and self.place is None:
             raise UsageError("--date is for the field at a place: give --at LAT,LON too")
         if self.model is not None and self.place is None:
@@ -270,14 +270,14 @@ class Place(Group, heading=SITE):
 
 
 class Accelerometer(Group, heading=AIDING):
-    """Whether tilt is removed, and by which columns."""
+    """Columns of the accelerometer, for tilt compensation."""
 
-    is_level: bool = flag("--level", "Use x and y alone: the sensor is never tilted.", keywords=("level",))
+    is_level: bool = flag("--level", "Use x and y only: the sensor is never tilted.", keywords=("level",))
     acceleration: str | None = member(
         "--acceleration", metavar="X,Y,Z",
         help="The accelerometer's columns: three names, or numbers counted from 1.",
     )  # fmt: skip
     acceleration_axes: str = member(
         "--acceleration-axes", default="x,y,z", show_default=True, metavar="AXES",
-        help="Where each axis of the acceleration comes from.",
+        help="Source of each axis of the acceleration.",
     )  # fmt: skip

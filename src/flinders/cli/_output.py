@@ -1,6 +1,6 @@
-"""What the program prints: results on stdout, messages on stderr, files where `Outputs` says.
+"""Output of the program: results on stdout, messages on stderr, and files by `Outputs`.
 
-Colours and bars are for terminals only, and there for those who have not set NO_COLOR.
+Colours and progress bars are used on terminals only; NO_COLOR turns colours off.
 """
 
 from __future__ import annotations
@@ -37,26 +37,26 @@ if TYPE_CHECKING:
     from flinders.workflows.onboard import OnboardCheck
 
 T = TypeVar("T")
-WORTH_A_BAR: Final = 4_000_000
-"""Bytes from which on a progress bar is shown."""
-WIDTH, NARROWEST, WIDEST = 80, 60, 100
-"""Columns of what goes into a file, and the least and most that are used of a terminal: numbers stay whole, and long
-lines are hard to read."""
+MIN_BYTES_FOR_BAR: Final = 4_000_000
+"""Size of an input in bytes from which a progress bar is shown."""
+WIDTH, MIN_WIDTH, MAX_WIDTH = 80, 60, 100
+"""Columns per line: of a file, and the limits for a terminal; numbers are not broken, and long lines are hard to
+read."""
 
 
 def say(message: str) -> None:
-    """Say something in passing; whoever closed stderr does not want to hear it."""
+    """Print a message on stderr; ignored if stderr is closed."""
     with contextlib.suppress(OSError, ValueError):
         click.echo(message, err=True)
 
 
 def error_words(error: FlindersError, commands: Sequence[click.Command] | None = None) -> str:
-    """An error in a line, with the options that mend it; `commands` as `in_options` takes them."""
+    """An error in one line, with the options that remove it; `commands` as in `in_options`."""
     return " ".join(with_hint(error.message, in_options(error.hint, commands)).splitlines())
 
 
 def print_json(fields: dict[str, Any]) -> None:
-    """Print a result for programs."""
+    """Print a result as JSON."""
     from flinders.core.json_layout import lay_out
 
     click.echo(lay_out(plain(fields)))
@@ -65,7 +65,7 @@ def print_json(fields: dict[str, Any]) -> None:
 def print_result(
     fields: Callable[[], dict[str, Any]], page: Callable[[], RenderableType], *, as_json: bool, err: bool = False
 ) -> None:
-    """Print a result for programs where that was asked for, and else its page, on stderr where stdout is taken."""
+    """Print a result as JSON or else as a page, which goes to stderr if `err`."""
     if as_json:
         print_json(fields())
     else:
@@ -80,9 +80,9 @@ def print_fit(
     is_verbose: bool = False,
     onboard: OnboardCheck | None = None,
 ) -> None:
-    """Print a fit for people, and what each aiding sensor changed; on stderr where stdout is not for it.
+    """Print the page of a fit, and the effect of each aiding sensor; on stderr if `err`.
 
-    What was `onboard` is judged beside it.
+    The check of the `onboard` calibration is printed below.
     """
     from flinders.report.fit_pages import of_fit
 
@@ -92,7 +92,7 @@ def print_fit(
 
 
 def show(content: RenderableType, *, err: bool = False) -> None:
-    """Print a page; on stderr where it is no result, or stdout is taken."""
+    """Print a page; on stderr if `err`."""
     text = drawn(content, sys.stderr if err else sys.stdout)
     if err:
         say(text)
@@ -101,26 +101,26 @@ def show(content: RenderableType, *, err: bool = False) -> None:
 
 
 def drawn(content: RenderableType, stream: IO[str]) -> str:
-    """Draw for a stream: as wide as its terminal and in colour, or plain for a file."""
+    """Render a page for a stream: in the width of its terminal and in colour, or plain for a file."""
     from rich.console import Console
 
     terminal = stream.isatty()
     page = io.StringIO()
-    width = min(max(_columns(), NARROWEST), WIDEST) if terminal else WIDTH
-    console = Console(file=page, width=width, force_terminal=terminal and _coloured(), highlight=False, emoji=False)
+    width = min(max(_columns(), MIN_WIDTH), MAX_WIDTH) if terminal else WIDTH
+    console = Console(file=page, width=width, force_terminal=terminal and _has_colours(), highlight=False, emoji=False)
     console.print(content, markup=False, crop=False)
     return "\n".join(line.rstrip() for line in page.getvalue().splitlines())
 
 
 def _columns() -> int:
-    """Width of the terminal."""
+    """Width of the terminal, in characters."""
     import shutil
 
     return shutil.get_terminal_size((WIDTH, 24)).columns
 
 
 def plain(value: object) -> object:
-    """Turn a result into what JSON has: no tuples, no numbers of NumPy, null for what is not finite.
+    """Convert a result to values of JSON: lists for tuples and arrays, null for numbers that are not finite.
 
     >>> plain({"axes": ("x",), "worst": float("inf")})
     {'axes': ['x'], 'worst': None}
@@ -138,9 +138,9 @@ def plain(value: object) -> object:
 
 @contextlib.contextmanager
 def progress(title: str) -> Iterator[Callable[[int, int | None], None] | None]:
-    """Show a bar while a long file is read, only on a terminal.
+    """Show a progress bar on a terminal while a long file is read.
 
-    What it yields is called with the bytes read so far and those there are; None where nobody is watching.
+    Yields a function of the bytes read and the total bytes, or None if stderr is not a terminal.
     """
     if not sys.stderr.isatty():
         yield None
@@ -150,7 +150,7 @@ def progress(title: str) -> Iterator[Callable[[int, int | None], None] | None]:
 
         def update(done: int, total: int | None) -> None:
             nonlocal bar
-            if bar is None and (total or done) >= WORTH_A_BAR:
+            if bar is None and (total or done) >= MIN_BYTES_FOR_BAR:
                 bar = stack.enter_context(_bar(title))
             if bar is not None:
                 bar(done, total or done)
@@ -160,7 +160,7 @@ def progress(title: str) -> Iterator[Callable[[int, int | None], None] | None]:
 
 @contextlib.contextmanager
 def _bar(title: str) -> Iterator[Callable[[int, int], None]]:
-    """A bar on stderr that goes when it is done."""
+    """A bar on stderr that disappears at the end."""
     from rich.progress import BarColumn, DownloadColumn, Progress, TextColumn, TimeRemainingColumn
 
     columns = (TextColumn("{task.description}"), BarColumn(), DownloadColumn(), TimeRemainingColumn())
@@ -171,7 +171,7 @@ def _bar(title: str) -> Iterator[Callable[[int, int], None]]:
 
 @contextlib.contextmanager
 def working() -> Iterator[Callable[[str], None] | None]:
-    """Show what is being done, only on a terminal; what it yields is called with a word for it, or None."""
+    """Show the current step on a terminal; yields a function of the step's name, or None without a terminal."""
     if not sys.stderr.isatty():
         yield None
         return
@@ -180,19 +180,19 @@ def working() -> Iterator[Callable[[str], None] | None]:
 
 
 def console() -> Console:
-    """The terminal of the person who watches."""
+    """The terminal of stderr, for progress displays."""
     from rich.console import Console
 
-    return Console(stderr=True, color_system="auto" if _coloured() else None)
+    return Console(stderr=True, color_system="auto" if _has_colours() else None)
 
 
-def _coloured() -> bool:
-    """Whether the person at the terminal wants colours, and it has any."""
+def _has_colours() -> bool:
+    """Whether the terminal has colours, and NO_COLOR is not set."""
     return not os.environ.get("NO_COLOR") and os.environ.get("TERM") != "dumb"
 
 
 class Output(NamedTuple):
-    """A file that a command writes: what it is, its path (``-``: standard output), and the option that names it."""
+    """An output file: its content in words, its path (``-``: standard output), and the option that names it."""
 
     what: str
     path: str | None
@@ -201,24 +201,24 @@ class Output(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class Outputs:
-    """Where each result of a command goes."""
+    """The output files of a command."""
 
-    files: tuple[Output, ...]  # those without a path are not written
-    force: bool = False  # write over what is there
-    as_json: bool = False  # the result goes to standard output as JSON
+    files: tuple[Output, ...]  # without a path: not written
+    force: bool = False  # overwrite existing files
+    as_json: bool = False  # print the result as JSON on standard output
 
     @classmethod
     def of(cls, *files: tuple[str, str | None], force: bool = False, as_json: bool = False) -> Outputs:
-        """Make it of what it is and its path."""
+        """Make it from pairs of content in words and path."""
         return cls(tuple(Output(*each) for each in files), force, as_json)
 
     @property
     def is_printed(self) -> bool:
-        """Whether standard output belongs to one of the files."""
+        """Whether one of the files goes to standard output."""
         return any(file.path == "-" for file in self.files)
 
     def check(self, inputs: Iterable[str] = ()) -> None:
-        """Find what could not be written before any work is done."""
+        """Refuse outputs that cannot be written, before any work is done."""
         from flinders.core.files import refuse_existing
 
         printed = [file for file in self.files if file.path == "-"]
@@ -235,15 +235,15 @@ class Outputs:
                 continue
             refuse_existing(path, force=self.force)
             if other := named.get(Path(path).resolve()):
-                raise UsageError(f"{path} is named for {other} and for {what}: give them two names")
+                raise UsageError(f"{path} is named for {other} and for {what}: give two different names")
             named[Path(path).resolve()] = what
 
     def write(self, content: str | bytes, path: str | None) -> None:
-        """Write text or bytes to one of the files, whole or not at all; no bytes to a terminal."""
+        """Write text or bytes to one of the files, completely or not at all; bytes are never written to a terminal."""
         from flinders.core.files import write_bytes, write_text
 
         if path == "-" and isinstance(content, bytes) and sys.stdout.isatty():
-            raise UsageError(f"this is {len(content)} bytes, and no text: name a file with -o")
+            raise UsageError(f"the output is {len(content)} bytes of binary data: name a file with -o")
         if path == "-":
             click.echo(content, nl=False)
         elif path and isinstance(content, bytes):
@@ -252,15 +252,15 @@ class Outputs:
             write_text(str(content), path, force=self.force)
 
     def print(self, fields: Callable[[], dict[str, Any]], page: Callable[[], RenderableType]) -> None:
-        """Print a result as `print_result`; the page on stderr where a file has standard output."""
+        """Print a result as `print_result` does; the page goes to stderr if a file goes to standard output."""
         print_result(fields, page, as_json=self.as_json, err=self.is_printed)
 
     def show(self, content: RenderableType) -> None:
-        """Print a page; on stderr where a file has standard output."""
+        """Print a page; on stderr if a file goes to standard output."""
         show(content, err=self.is_printed)
 
     def say_written(self, nothing: str = "") -> None:
-        """Say which files were written; `nothing` is what to say where the first of them was not asked for."""
+        """Print the names of the written files; `nothing` is printed instead if the first file has no path."""
         for place, file in enumerate(self.files):
             if file.path and file.path != "-":
                 say(f"written to {file.path}")
@@ -269,15 +269,15 @@ class Outputs:
 
 
 def refuse_to_overwrite(output: str, inputs: Iterable[str]) -> None:
-    """Keep what is read from being written over, also with ``--force`` and through ``>``."""
+    """Refuse an output that is also an input, even with ``--force`` and through ``>``."""
     target = _identity(sys.stdout if output == "-" else output)
     for path in inputs:
         if path != "-" and target is not None and target == _identity(path):
-            raise UsageError(f"{path} is read, and would be written over: name another file for the output")
+            raise UsageError(f"{path} is an input and would be overwritten: name another file for the output")
 
 
 def refuse_twice(paths: Iterable[str]) -> None:
-    """Take a recording once: counted twice it would seem better than it is."""
+    """Refuse a recording given twice, as double counting would understate the error."""
     seen = set()
     for path in paths:
         file = path if path == "-" else _identity(path)
@@ -287,7 +287,7 @@ def refuse_twice(paths: Iterable[str]) -> None:
 
 
 def _identity(file: str | IO[str]) -> tuple[int, int] | None:
-    """Which regular file a path or stream leads to, by whatever name; None where it leads to none."""
+    """Device and inode of the regular file at a path or behind a stream; None if there is no regular file."""
     try:
         status = Path(file).stat() if isinstance(file, str) else os.fstat(file.fileno())
     except (OSError, ValueError):
@@ -297,7 +297,7 @@ def _identity(file: str | IO[str]) -> tuple[int, int] | None:
 
 @contextlib.contextmanager
 def written(path: str, *, force: bool, live: bool, encoding: str = "utf-8") -> Iterator[IO[str]]:
-    """Open an output: a file that appears when it is complete, or standard output; if live, line by line."""
+    """Open an output: a file that appears when it is complete, or standard output, flushed per line if `live`."""
     from flinders.core.files import replacing
 
     if path != "-":
@@ -311,7 +311,7 @@ def written(path: str, *, force: bool, live: bool, encoding: str = "utf-8") -> I
 
 
 def refuse_report(path: str | None, option: str) -> None:
-    """Refuse a name that is not one of an HTML file."""
+    """Refuse a report file that would not be HTML."""
     if path == "-":
         raise UsageError(f"{option} -: a report is a megabyte of HTML, name a file such as report.html")
     if path is not None and Path(path).suffix.lower() == ".pdf":
@@ -321,7 +321,7 @@ def refuse_report(path: str | None, option: str) -> None:
 
 
 def aiding_lines(aiding: Aiding | None, findings: Iterable[Finding]) -> list[str]:
-    r"""What each aiding sensor changed; nothing where there were none.
+    r"""A line on the effect of each aiding sensor; empty without any.
 
     >>> from flinders.fitting.aiding import Aiding, AidingSensor
     >>> rate = AidingSensor("rate", True, 0.4, 2.0, 0.5)
@@ -339,19 +339,19 @@ def aiding_lines(aiding: Aiding | None, findings: Iterable[Finding]) -> list[str
         lines.append(
             f"{aid.name} changed the heading by {aid.heading_change_deg:.2f}°: {claims}"
             if aid.is_used
-            else f"{aid.name} was left out{', as said above' if (aid.name, aid.code) in said else f': {aid.reason}'}"
+            else f"{aid.name} was left out{', as stated above' if (aid.name, aid.code) in said else f': {aid.reason}'}"
         )
     if aiding.acceleration_bias is not None and aiding.acceleration_bias_sigma is not None:
         x, y, z = (f"{value:.3f}" for value in aiding.acceleration_bias_sigma)
         lines.append(
-            f"{bias_words(aiding.acceleration_bias)} (1 σ: {x}, {y}, {z}); the calibration file keeps it, and "
+            f"{bias_words(aiding.acceleration_bias)} (1 σ: {x}, {y}, {z}); it is stored in the calibration file, and "
             "flinders heading uses it"
         )
     return lines
 
 
 def bias_words(bias: Iterable[float]) -> str:
-    """What an accelerometer reads too much, in words.
+    """The bias of an accelerometer, in words.
 
     >>> bias_words([0.1784, -0.3, 0.0])
     'the accelerometer reads 0.178, −0.300 and 0.000 m/s² too much along x, y and z'
@@ -361,7 +361,7 @@ def bias_words(bias: Iterable[float]) -> str:
 
 
 def plot_fit(fit: Fit, recording: Recording, *, err: bool = False) -> None:
-    """Draw a fit in a few lines, where it is printed on a terminal that can."""
+    """Draw a fit in a few lines of characters, if the output is a terminal that can show them."""
     stream = sys.stderr if err else sys.stdout
     if not stream.isatty() or os.environ.get("TERM") == "dumb":
         return
@@ -374,7 +374,7 @@ def plot_fit(fit: Fit, recording: Recording, *, err: bool = False) -> None:
 
 
 def can_show(encoding: str, text: str) -> bool:
-    """Whether a stream of this encoding has these letters.
+    """Whether an encoding has these characters.
 
     >>> can_show("utf-8", "⣿█"), can_show("latin-1", "⣿█"), can_show("no such", "a")
     (True, False, False)
@@ -386,41 +386,41 @@ def can_show(encoding: str, text: str) -> bool:
     return True
 
 
-def strength_words(calibration: Calibration, what: str = "a convention") -> str:
-    """That the field strength of an imported calibration is not known, and what to do."""
+def strength_words(calibration: Calibration, what: str = "a nominal value") -> str:
+    """Notice that the field strength of an imported calibration is unknown, and the option to set it."""
     strength = f"{figures(calibration.field_strength, 4)} {label(calibration.unit)}"
-    return f"! field strength {strength} is {what}: give --field-strength where lengths matter"
+    return f"! field strength {strength} is {what}: give --field-strength if vector lengths matter"
 
 
 def cost_words(calibration: Calibration, disturbance: Disturbance) -> str:
-    """Heading error that a disturbance makes at the far end of its range, at a dip of 60°."""
+    """Heading error due to a disturbance at the far end of its range, at a dip of 60°."""
     cost = figures(min(calibration.disturbance_deg(disturbance), 180.0))
     return f"up to {cost}° of heading at {disturbance.amount(disturbance.farthest)}"
 
 
 def say_references(fit: Fit) -> None:
-    """Say where a calibration is taken that follows something, for a command that looks at offset and matrix only."""
+    """Print the disturbances of a calibration and their fixed values, for a command that ignores disturbances."""
     for disturbance in fit.calibration.disturbances:
         say(
-            f"{fit.provenance.name} follows {disturbance.name}: it is taken at "
-            f"{disturbance.amount(disturbance.reference)}; what it follows is "
+            f"{fit.provenance.name} corrects for {disturbance.name}: it is used at "
+            f"{disturbance.amount(disturbance.reference)}; the effect of {disturbance.name} is "
             f"{cost_words(fit.calibration, disturbance)}"
         )
 
 
 def say_difference(a: Fit, b: Fit) -> None:
-    """Say where two calibrations are compared that follow something, and how far apart what they follow is."""
+    """Print the disturbances of two calibrations that are compared, and the difference of their effects."""
     for fit in (a, b):
         say_references(fit)
     theirs = {disturbance.name: disturbance for disturbance in b.calibration.disturbances}
     for disturbance in a.calibration.disturbances:
         if other := theirs.get(disturbance.name):
             between = replace(disturbance, per_unit=other.per_unit - disturbance.per_unit)
-            say(f"what both follow of {disturbance.name} differs by {cost_words(a.calibration, between)}")
+            say(f"the effects of {disturbance.name} differ by {cost_words(a.calibration, between)}")
 
 
 def say_preparation(preparation: Preparation) -> None:
-    """Say what a filter did, and what lay outside the range that a disturbance was found in."""
+    """Print the effect of a filter, and warnings of readings outside the calibrated range of a disturbance."""
     if preparation.smoother is not None:
         say(str(preparation.smoother))
     for finding in preparation.findings():
@@ -428,18 +428,18 @@ def say_preparation(preparation: Preparation) -> None:
 
 
 def is_asked() -> bool:
-    """Whether there is a person who can be asked."""
+    """Whether stdin and stderr are a terminal, so that the user can be asked."""
     return sys.stdin.isatty() and sys.stderr.isatty()
 
 
 def lossy_if_agreed(attempt: Callable[[bool], T], *, lossy: bool) -> T:
-    """Do something without a loss; on a terminal, ask whether to do it with the loss that it is refused for."""
+    """Try without loss; if that is refused for its loss, ask on a terminal whether to do it with the loss."""
     try:
         return attempt(lossy)
     except NotExportable as refused:
         if lossy or "heading_deg" not in refused.evidence or not is_asked():
             raise
         say(f"! {error_words(refused)}")
-        if not click.confirm("Do it all the same?", err=True):
+        if not click.confirm("Do it anyway?", err=True):
             raise
     return attempt(True)

@@ -1,4 +1,4 @@
-"""The process of the program: its garbage collector, and standard output and error that may be closed."""
+"""The process of the program: garbage collection, and stdout and stderr that may be closed."""
 
 from __future__ import annotations
 
@@ -11,15 +11,15 @@ import sys
 
 
 def let_imports_be() -> None:
-    """Keep the garbage collector from what imports made: looking through it was a sixth of a short command."""
+    """Keep the garbage collector from scanning imported modules, which took a sixth of the time of a short command."""
     gc.set_threshold(50_000)
     atexit.register(gc.freeze)
 
 
 def prepare_streams() -> None:
-    """Print "?" for a letter that a terminal does not have, such as σ, and no talk where stderr is closed.
+    """Print unencodable characters, such as σ, as "?", and ignore a closed stderr.
 
-    Results that go to a closed stdout are lost, and writing them fails: at a descriptor that is open for reading alone.
+    A closed stdout is replaced by a descriptor open for reading only, so that writing a result fails.
     """
     sys.stdout = sys.stdout or os.fdopen(os.open(os.devnull, os.O_RDONLY), "w")
     sys.stderr = sys.stderr or io.TextIOWrapper(io.BytesIO())
@@ -29,6 +29,6 @@ def prepare_streams() -> None:
 
 
 def silence_stdout() -> None:
-    """What could not be written will not be tried again at exit: let the interpreter flush into nothing."""
+    """Replace stdout by the null device, so that the interpreter's flush at exit does not fail."""
     with contextlib.suppress(OSError, ValueError):
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())

@@ -1,7 +1,7 @@
-"""The program: commands made of dataclasses of options, one table of exit codes, no traceback for bad input.
+"""The program: commands made from dataclasses of options, one table of exit codes, no traceback for bad input.
 
-Each command is imported when it is called, and has a dataclass whose fields are its arguments, options and groups of
-options.
+A command is a module that is imported when it is called. It has a dataclass whose fields are arguments, options and
+groups of options.
 
 >>> class Show(Group):
 ...     path: str = argument("PATH")
@@ -60,16 +60,16 @@ EXIT_CODES: Final = {
 }
 
 EXITS: Final[dict[Verdict, int]] = {verdict: meaning.exit_code for verdict, meaning in MEANINGS.items()}
-"""How a command ends by its verdict."""
+"""Exit code for each verdict of a fit."""
 
 ANSWER_EXITS: Final[dict[Answer, int]] = {"holds": GOOD, "cannot-tell": LIMITED, "fails": REFUSED}
-"""How a command ends that says whether a calibration holds."""
+"""Exit code for each answer to the question whether a calibration still holds."""
 
-BEGINNINGS: Final = {REFUSED: "refused", LIMITED: "cannot tell"}
-"""How the line of an error begins, by how the command ends; else with the word error."""
+ERROR_PREFIXES: Final = {REFUSED: "refused", LIMITED: "cannot tell"}
+"""First words of an error line, by exit code; for other codes the word is error."""
 
 FIT_KEYS: Final = ("verdict", "method", "calibration", "heading_error_deg", "noise", "coverage", "findings")
-"""What every result of ``calibrate --json`` has."""
+"""Keys of every result of ``calibrate --json``."""
 
 
 def show_versions(context: click.Context, _option: click.Parameter, is_asked: bool) -> None:
@@ -82,10 +82,10 @@ def show_versions(context: click.Context, _option: click.Parameter, is_asked: bo
 
 
 class Commanded(click.Group):
-    """A group of `Commands`; its help imports none of them."""
+    """A group of `Commands`, whose help imports none of them."""
 
     def format_commands(self, _context: click.Context, formatter: click.HelpFormatter) -> None:
-        """List the commands below their headings."""
+        """List the commands under their headings."""
         assert isinstance(self.commands, Commands)
         for heading, entries in self.commands.headings():
             with formatter.section(heading):
@@ -93,7 +93,7 @@ class Commanded(click.Group):
 
 
 class Program(Commanded):
-    """The group of all commands, which ends with a code of the table, whatever happens."""
+    """The group of all commands, which always ends with a code of `EXIT_CODES`."""
 
     def main(  # type: ignore[override]  # click's overloads only tell what `standalone_mode` does
         self,
@@ -109,18 +109,18 @@ class Program(Commanded):
         try:
             if args is None:
                 let_imports_be()
-            os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # of such small matrices, threads would wait
+            os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # matrices are too small for threads
             prepare_streams()
             with handled(interrupt, *ENDING):
                 code = super().main(words, prog_name, complete_var, standalone_mode=False, **extra)
         except click.ClickException as error:
-            code = _misused(error, as_json=as_json)
+            code = _report_misuse(error, as_json=as_json)
         except (click.Abort, KeyboardInterrupt):
             say("interrupted")
             code = INTERRUPTED
         except FlindersError as error:
-            code = print_error(error, as_json=as_json, commands=searched(self._named_in(words), self))
-        except SystemExit as end:  # 1 is how click ends when whoever read our output has gone
+            code = print_error(error, as_json=as_json, commands=searched(self._called_command(words), self))
+        except SystemExit as end:  # click ends with 1 if the reader of stdout is gone
             code = UNWRITABLE if end.code == 1 else end.code
         except OSError as error:
             code = print_error(OutputError(f"output cannot be written: {reason(error)}"), as_json=False)
@@ -133,7 +133,7 @@ class Program(Commanded):
     def resolve_command(
         self, ctx: click.Context, args: list[str]
     ) -> tuple[str | None, click.Command | None, list[str]]:
-        """Look up a command, also one of two words; for a name that is none, say what replaces it."""
+        """Look up a command, also one of two words; for an unknown name, name the replacement or a similar command."""
         if (name := " ".join(args[:2])) in self.commands:
             args = [name, *args[2:]]
         if args[0] in OTHERWISE and args[0] not in self.commands and not ctx.resilient_parsing:
@@ -143,8 +143,8 @@ class Program(Commanded):
             raise click.UsageError(f"No such command '{args[0]}': did you mean '{begun[0]}'?", ctx)
         return super().resolve_command(ctx, args)
 
-    def _named_in(self, words: Sequence[str]) -> click.Command:
-        """The command that a command line calls."""
+    def _called_command(self, words: Sequence[str]) -> click.Command:
+        """The command that is called by a command line."""
         command: click.Command = self.commands.get(" ".join(words[:2]), self)
         for word in words if command is self else ():
             if isinstance(command, click.Group):
@@ -160,10 +160,10 @@ def print_error(
     commands: Sequence[click.Command] | None = None,
     exit_code: int | None = None,
 ) -> int:
-    """Print an error in a line, a refused fit as a page, and either in full as JSON where that was asked for.
+    """Print an error in one line, or a refused fit as a page; with `as_json`, also print either in full as JSON.
 
-    `more`: what else the JSON is to hold. `commands`: those whose options may mend it, as `in_options` takes them.
-    `exit_code`: how the program ends where it is not that of the error. Returns how it ends.
+    `more`: further fields of the JSON. `commands`: commands whose options may remove the error, as in `in_options`.
+    `exit_code`: exit code, if it is not that of the error. Returns the exit code.
     """
     exit_code = error.exit_code if exit_code is None else exit_code
     words = error_words(error, commands)
@@ -171,7 +171,7 @@ def print_error(
     if fit is not None and not as_json:
         print_fit(fit, partial(in_options, commands=commands), err=True)
     else:
-        say(f"{BEGINNINGS.get(exit_code, 'error')}: {words}")
+        say(f"{ERROR_PREFIXES.get(exit_code, 'error')}: {words}")
     if as_json:
         with contextlib.suppress(OSError):
             print_json({**_as_dict(error, words, exit_code), **(more or {})})
@@ -179,7 +179,7 @@ def print_error(
 
 
 def _as_dict(error: FlindersError, words: str, exit_code: int) -> dict[str, Any]:
-    """The error as a result: a refusal has the keys of a fit, with null where there is none."""
+    """The error as a result: a refusal has all keys of a fit, with null for missing values."""
     about: dict[str, Any] = {
         "code": error.code,  # stable name, see the table of errors
         "message": words,  # what was found, what is needed, what to do
@@ -195,8 +195,8 @@ def _as_dict(error: FlindersError, words: str, exit_code: int) -> dict[str, Any]
     return {**fields, "error": about}
 
 
-def _misused(error: click.ClickException, *, as_json: bool) -> int:
-    """Say what click found, and where help is; or give help, where only the name of the program was typed."""
+def _report_misuse(error: click.ClickException, *, as_json: bool) -> int:
+    """Print click's error with a hint at the help; or print the help if no command was typed."""
     message = error.format_message()
     if message.startswith("Usage:"):
         say(message)
@@ -205,7 +205,7 @@ def _misused(error: click.ClickException, *, as_json: bool) -> int:
 
 
 def _report_fault(error: Exception) -> int:
-    """Say that the fault is ours, keep the details in a file, and ask for a report."""
+    """Print that Flinders has a fault, write the details to a file, and ask for a report."""
     import platform
     import tempfile
     import traceback
@@ -230,19 +230,19 @@ def _report_fault(error: Exception) -> int:
 
 Options = TypeVar("Options", bound="Group")
 Field: TypeAlias = Any
-"""A field of a group: what declares an option, and the value of that for a type checker."""
+"""A field of a group: the declaration of an option, or the option's value for a type checker."""
 
 RECORDING, SITE, AIDING, METHOD, OUTPUT = HEADINGS = (
     "Recording", "Site", "Aiding sensors and disturbances", "Method", "Output",
 )  # fmt: skip
-"""Headings of a command's help, in their order, below the options that are used most."""
+"""Headings of a command's help, in their order, below the most used options."""
 
-FEW: Final = 8
-"""So many options of a command need no headings."""
+MAX_PLAIN_OPTIONS: Final = 8
+"""Number of options up to which a command's help has no headings."""
 
 
 class Option(click.Option):
-    """An option that knows its heading in the help, and the `keywords` of Python beside its name that it stands for."""
+    """An option with its heading in the help, and the `keywords` of the Python interface that it corresponds to."""
 
     def __init__(self, *args: Any, heading: str = "", keywords: Sequence[str] = (), **attributes: Any) -> None:
         super().__init__(*args, **attributes)
@@ -250,9 +250,9 @@ class Option(click.Option):
 
 
 class Command(click.Command):
-    """A command whose help begins with the options that are used most, `common`, before the others by heading.
+    """A command whose help lists its most used options, `common`, before the others, which have headings.
 
-    `headings` has names of parameters by headings of this command alone; other options know theirs.
+    `headings` maps headings of this command alone to names of parameters; other options have their own heading.
     """
 
     def __init__(
@@ -263,8 +263,8 @@ class Command(click.Command):
         self.common, self.headings = tuple(common), headings or {}
 
     def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
-        """Take the options and arguments, and refuse what remains; an error knows its command, whose help is named."""
-        ctx.allow_extra_args = True  # click would refuse them without saying how they are meant
+        """Parse options and arguments, and refuse surplus ones; errors name the help of this command."""
+        ctx.allow_extra_args = True  # click's own refusal gives no advice
         try:
             rest = super().parse_args(ctx, args)
         except click.UsageError as error:
@@ -280,29 +280,29 @@ class Command(click.Command):
         sections: dict[str, list[tuple[str, str]]] = {heading: [] for heading in ("", *self.headings, *HEADINGS)}
         for each in sorted(options, key=self._place):
             if record := each.get_help_record(ctx):
-                sections[self._heading(each) if len(options) > FEW else ""].append(record)
+                sections[self._heading(each) if len(options) > MAX_PLAIN_OPTIONS else ""].append(record)
         for heading, records in sections.items():
             if records:
                 with formatter.section(heading or "Options"):
                     formatter.write_dl(records)
 
     def _heading(self, param: click.Parameter) -> str:
-        """Under which heading an option stands."""
+        """The heading of an option in the help."""
         if param.name in self.common:
             return ""
         own = (heading for heading, names in self.headings.items() if param.name in names)
         return next(own, getattr(param, "heading", ""))
 
     def _place(self, param: click.Parameter) -> int:
-        """Where an option stands: the common ones as they are listed, then all others as they were declared."""
+        """Sort key of an option in the help: the common ones in their order, then all others as declared."""
         return self.common.index(param.name) if param.name in self.common else len(self.common)
 
 
 @dataclass_transform(frozen_default=True)
 class Group:
-    """Options that belong together, as one object: a dataclass with a field for each, made by `member`.
+    """A dataclass of options that belong together; each field is made by `member` and is one option.
 
-    `heading`: under which heading of the help they stand, unless a member says otherwise.
+    `heading`: their heading in the help, for members without one of their own.
     """
 
     def __init_subclass__(cls, heading: str = "") -> None:
@@ -313,7 +313,7 @@ class Group:
 
     @classmethod
     def parameters(cls) -> Iterator[click.Parameter]:
-        """What click is to parse."""
+        """The parameters for click."""
         for each in fields(cls):  # type: ignore[arg-type]
             if "group" in each.metadata:
                 yield from each.metadata["group"].parameters()
@@ -321,28 +321,28 @@ class Group:
                 yield each.metadata["kind"]([*each.metadata["names"], each.name], **each.metadata["attributes"])
 
     @classmethod
-    def taken(cls, values: dict[str, Any]) -> Self:
-        """Take the values of this group out of those that a command was called with."""
+    def from_values(cls, values: dict[str, Any]) -> Self:
+        """Take the values of this group from the values of a command."""
         return cls(
             **{
-                each.name: kind.taken(values) if (kind := each.metadata.get("group")) else values[each.name]
+                each.name: kind.from_values(values) if (kind := each.metadata.get("group")) else values[each.name]
                 for each in fields(cls)  # type: ignore[arg-type]
             }
         )
 
     def members(self) -> Iterator[tuple[Mapping[str, Any], Any]]:
-        """How each option and argument was declared, and its value; those of groups too."""
+        """The declaration and the value of each option and argument, including those of nested groups."""
         for each in fields(self):  # type: ignore[arg-type]
             value = getattr(self, each.name)
             yield from value.members() if "group" in each.metadata else [(each.metadata, value)]
 
     @property
     def outputs(self) -> Outputs:
-        """The files that options name."""
+        """The output files named by options."""
         return Outputs(tuple(self.named_files()), getattr(self, "force", False), getattr(self, "as_json", False))
 
     def checked_outputs(self, *inputs: str | None) -> Outputs:
-        """The files that options name; refuses one that cannot be written, or is an argument or one of `inputs`."""
+        """The output files, after a check that they can be written and are none of the arguments or of `inputs`."""
         read = list(filter(None, inputs))
         for declared, value in self.members():
             if declared["kind"] is click.Argument:
@@ -352,18 +352,18 @@ class Group:
         return outputs
 
     def named_files(self) -> Iterator[Output]:
-        """The files that options name, each by `what` it is."""
+        """The output files named by options, each with its content in words."""
         for declared, value in self.members():
             if what := declared.get("what"):
                 yield Output(what, value, declared["names"][0])
 
     def as_dict(self, *, if_typed: Sequence[str] = ()) -> dict[str, Any]:
-        """Each option by its name; those of `if_typed` only where they were given on the command line."""
+        """Each option by its name; an option of `if_typed` only if it was given on the command line."""
         names = [each.name for each in fields(self)]  # type: ignore[arg-type]
         return {name: getattr(self, name) for name in names if name not in if_typed or is_typed(name)}
 
     def typed(self) -> dict[str, Any]:
-        """The options that are not at their defaults, as they are spelled, but for those of what is written.
+        """The options that differ from their defaults, by their names on the command line, without those of outputs.
 
         >>> from flinders.cli._options import ReadingOptions
         >>> ReadingOptions(None, None, "mG", None, "x,y,z", None, 5.0, None, False).typed()
@@ -377,7 +377,7 @@ class Group:
         return typed
 
     def typed_words(self) -> dict[str, str]:
-        """Options that were typed, and their values in words, for a report.
+        """The options that differ from their defaults, with their values in words, for a report.
 
         >>> from flinders.cli._options import ReadingOptions
         >>> ReadingOptions(None, None, "mG", None, "x,y,z", None, 5.0, None, True).typed_words()
@@ -390,9 +390,9 @@ class Group:
 
 
 def member(*names: str, what: str = "", **attributes: Any) -> Field:
-    """A field that is an option, declared as with `click.option`; the field names its parameter.
+    """A field that is an option, declared as with `click.option`; its parameter has the name of the field.
 
-    `what`: of an option that names a file to write, what is in that.
+    `what`: content in words of the file that the option names; only for an output.
     """
     if completion := BY_METAVAR.get(attributes.get("metavar", "")):
         attributes["shell_complete"] = completion
@@ -405,18 +405,18 @@ def flag(name: str, words: str, **attributes: Any) -> Field:
 
 
 def argument(metavar: str, *, required: bool = True, nargs: int = 1) -> Field:
-    """A field that is an argument, shown as `metavar`: the name of a file."""
+    """A field that is an argument: a file name, shown as `metavar`."""
     attributes = {"metavar": metavar, "required": required, "nargs": nargs, "shell_complete": complete_files}
     return field(metadata={"kind": click.Argument, "names": (), "attributes": attributes})
 
 
 def group(kind: type[Group]) -> Field:
-    """A field that is a group of its own."""
+    """A field that is a group of options."""
     return field(metadata={"group": kind})
 
 
 def same_as(kind: type[Group], name: str) -> Field:
-    """A field that is one option of another group."""
+    """A field that copies one option of another group."""
     return field(metadata=kind.__dataclass_fields__[name].metadata)  # type: ignore[attr-defined]
 
 
@@ -428,12 +428,12 @@ def command_of(
     cls: type[Command] = Command,
     **attributes: Any,
 ) -> Callable[[Callable[[Options], int | None]], click.Command]:
-    """Make a command, of `parent` or the program, of a function that takes its options as one object of `kind`."""
+    """Make a command of `parent`, or of the program, from a function whose only argument is an object of `kind`."""
 
     def decorate(function: Callable[[Options], int | None]) -> click.Command:
         @wraps(function)
         def called(**values: Any) -> int | None:
-            return function(kind.taken(values))
+            return function(kind.from_values(values))
 
         made: click.Command = parent.command(name, cls=cls, params=list(kind.parameters()), **attributes)(called)
         return made
@@ -448,14 +448,14 @@ def is_typed(name: str) -> bool:
 
 
 def only_one(_context: click.Context, _option: click.Parameter, values: tuple[Any, ...]) -> Any:  # noqa: ANN401
-    """Take the value of an option that may be given once, if it was given; for `callback`, with ``multiple=True``."""
+    """Take the value of an option that may be given only once, or None; for `callback`, with ``multiple=True``."""
     if len(values) > 1:
         raise click.BadParameter(f"{values[0]}, and {values[1]}: give one")
     return values[0] if values else None
 
 
 def within(low: float, high: float, what: str, *, zero: bool = False) -> Callable[[object], float]:
-    """Make the type of an option that takes a finite number from `low` to `high`, and 0 only where `zero` says so.
+    """Make the type of an option: a finite number from `low` to `high`; a `low` of 0 is refused without `zero`.
 
     >>> within(0, 180, "an angle")("7.5"), within(0, 1, "a share", zero=True)("0")
     (7.5, 0.0)
@@ -479,7 +479,7 @@ inclination = within(-89, 89, "degrees from -89 to 89")
 
 
 def numbers_of(text: str) -> list[float]:
-    """Read finite numbers with commas between them; none where there is anything else.
+    """Read finite numbers separated by commas; empty if the text contains anything else.
 
     >>> numbers_of("1.5,-2"), numbers_of("1,nan"), numbers_of("one")
     ([1.5, -2.0], [], [])

@@ -1,4 +1,4 @@
-"""Signals that end a program from outside: Ctrl-C, kill, timeout, a closed terminal.
+"""Signals that end a program: Ctrl-C, kill, timeout, a closed terminal.
 
 >>> with stopping(patient=True) as is_asked:
 ...     is_asked()
@@ -19,12 +19,12 @@ if TYPE_CHECKING:
     from types import FrameType
 
 ENDING: Final = ("SIGINT", "SIGTERM", "SIGHUP")
-"""Ctrl-C, and what else ends a program from outside: kill, timeout, a closed terminal."""
+"""Signals of Ctrl-C, of kill and timeout, and of a closed terminal."""
 
 
 @contextlib.contextmanager
 def handled(handler: Callable[[int, FrameType | None], object], *names: str) -> Iterator[None]:
-    """Have signals handled by a function, those that this system has and does not ignore; only in the main thread."""
+    """Handle signals by a function, except those ignored or missing on this system; only in the main thread."""
     here = threading.current_thread() is threading.main_thread()
     numbers = [getattr(signal, name) for name in names if here and hasattr(signal, name)]
     awaited = [number for number in numbers if signal.getsignal(number) != signal.SIG_IGN]  # nohup ignores one
@@ -37,9 +37,10 @@ def handled(handler: Callable[[int, FrameType | None], object], *names: str) -> 
 
 
 def interrupt(number: int, frame: FrameType | None) -> None:
-    """Raise `KeyboardInterrupt`, as soon as no module is imported, which would make another fault of it.
+    """Raise `KeyboardInterrupt`, but not during an import, which would turn it into another error.
 
-    Python before 3.12 raises a `RuntimeError` while a class is made, NumPy an `ImportError` while it is loaded.
+    Python before 3.12 raises `RuntimeError` if interrupted in a class body, NumPy `ImportError` if interrupted on
+    loading.
     """
     _handled.set()
     if not _is_importing(frame):
@@ -48,11 +49,11 @@ def interrupt(number: int, frame: FrameType | None) -> None:
 
 
 _handled: Final = threading.Event()
-"""Set once a signal has reached `interrupt`."""
+"""Set when a signal has reached `interrupt`."""
 
 
 def _send_again(number: int) -> None:
-    """Send a signal to the main thread until it is handled: one just before that thread waits for input is not seen."""
+    """Repeat a signal to the main thread until it is handled; one sent just before a wait for input can get lost."""
     time.sleep(0.01)
     _handled.clear()
     while not _handled.is_set():
@@ -64,7 +65,7 @@ def _send_again(number: int) -> None:
 
 
 def _is_importing(frame: FrameType | None) -> bool:
-    """Whether a call is one of those that import a module."""
+    """Whether a call belongs to the import of a module."""
     while frame is not None and frame.f_globals.get("__name__") != "importlib._bootstrap":
         frame = frame.f_back
     return frame is not None
@@ -72,7 +73,7 @@ def _is_importing(frame: FrameType | None) -> bool:
 
 @contextlib.contextmanager
 def stopping(*, patient: bool) -> Iterator[Callable[[], bool]]:
-    """Take Ctrl-C, and what ends a program from outside, as a wish."""
+    """Count Ctrl-C and the other `STOP_SIGNALS` as a request to stop; yields whether there was one."""
     asked = False
 
     def ask(number: int, _: object) -> None:

@@ -1,4 +1,4 @@
-"""Options that the commands of ``flinders simulate`` share: the field, the seed, and where recording and truth go."""
+"""Options shared by the commands of ``flinders simulate``: field, seed, and output files."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
 
 def several(count: int, what: str) -> Callable[[object], tuple[float, ...]]:
-    """Make the type of an option that takes so many finite numbers with commas between them."""
+    """Make the type of an option that takes `count` finite numbers separated by commas."""
 
     def numbers(value: object) -> tuple[float, ...]:
         parts = value if isinstance(value, tuple) else tuple(program.numbers_of(str(value)))
@@ -32,20 +32,20 @@ def several(count: int, what: str) -> Callable[[object], tuple[float, ...]]:
 
 
 def size_option(name: str, words: str, **more: Any) -> program.Field:
-    """An option that takes µT."""
+    """An option with a value in µT, 0 or above."""
     size = program.within(0, sys.float_info.max, "0 or a number above it", zero=True)
     return program.member(name, type=size, metavar="UT", help=words, **more)
 
 
 class Simulation(program.Group):
-    """The field, the seed, and where the recording and its truth go."""
+    """Field, seed, and output files of a simulation."""
 
     field_strength: float = option.field_strength(
         "Strength of the field in µT.", default=50.0, show_default=True, metavar="UT"
     )
     dip_deg: float = option.dip("Inclination of the field.", 60.0)
     seed: int = program.member(
-        "--seed", type=click.IntRange(min=0), default=1, show_default=True, help="Another seed, other numbers."
+        "--seed", type=click.IntRange(min=0), default=1, show_default=True, help="Seed of the random numbers."
     )
     output: str = option.output(
         "the recording", "Where to write the recording [default: standard output].", default="-", heading=program.OUTPUT
@@ -59,13 +59,13 @@ class Simulation(program.Group):
 
     @property
     def truth_path(self) -> str | None:
-        """Where the truth goes."""
+        """File of the truth, or None."""
         from flinders.simulate.truth import truth_path
 
         return self.truth or (truth_path(self.output) if self.output not in ("", "-") else None)
 
     def check(self, inputs: Iterable[str] = (), *others: str | None, as_json: bool = False) -> None:
-        """Find what could not be written before anything is simulated."""
+        """Refuse outputs that cannot be written, before anything is simulated."""
         if "-" in (self.truth, *others):
             raise UsageError("standard output is for the recording: name a file for --truth and --polar")
         if self.truth and not self.output:
@@ -78,7 +78,7 @@ class Simulation(program.Group):
         Outputs.of(*files, force=self.force, as_json=as_json).check(inputs)
 
     def write(self, simulated: Simulated, *, bare: bool = False) -> None:
-        """Write the recording and its truth, and print a summary; `bare` leaves out all but the magnetic field."""
+        """Write the recording and its truth, and print a summary; `bare` omits all columns but the magnetic field."""
         from dataclasses import replace
 
         from flinders.simulate.recording import lines, write_csv
@@ -95,16 +95,16 @@ class Simulation(program.Group):
         say(_summary(simulated))
         if self.output != "-":
             say(f"the recording is in {self.output}")
-        say(f"the truth is in {where}" if where else "the truth is not kept: name a file with -o or --truth")
+        say(f"the truth is in {where}" if where else "the truth was not written: name a file with -o or --truth")
 
 
 def _summary(simulated: Simulated) -> str:
-    """Say in a line what was simulated."""
+    """One line that describes the simulation."""
     samples, sensor = simulated.samples, simulated.sensor
     parts = [f"simulated: {counted(len(samples), 'reading')}, {simulated.motion}"]
     if samples.time is not None and simulated.rate_hz:
         parts[0] += f", {len(samples) / simulated.rate_hz:g} s"
-    offset = sensor.offset if samples.time is not None else sensor.offset[:2]  # a swing has two axes, and no clock
+    offset = sensor.offset if samples.time is not None else sensor.offset[:2]  # a swing has two axes, no times
     parts.append(f"offset {math.hypot(*offset):.3g} µT, {sensor.noise:g} µT of noise")
     if outliers := int(simulated.outliers.sum()):
         parts.append(counted(outliers, "outlier"))

@@ -1,6 +1,6 @@
 """Hints of errors and findings, spelled as options of the command line.
 
-A keyword of the Python interface is the option whose parameter has its name, or lists it among its `keywords`.
+A keyword argument of Python corresponds to the option whose parameter has its name, or lists it in its `keywords`.
 
 >>> from flinders.cli import main
 >>> calibrate = main.commands["calibrate"]
@@ -23,12 +23,12 @@ if TYPE_CHECKING:
 
 
 def in_options(hint: Hint, commands: Sequence[click.Command] | None = None) -> str:
-    """Spell a hint as options of the first of some commands that has one; a keyword that none has is left out.
+    """Spell a hint as options, each of the first command that has it; a keyword that no command has is omitted.
 
-    An option that the first command lacks is named with the command that has it: ``flinders calibrate --unit``; but
-    ``--force`` of another command overwrites nothing of this one.
+    An option that the first command lacks is given with its command: ``flinders calibrate --unit``. Only ``--force`` is
+    never taken from another command, as it would overwrite nothing of the first one.
 
-    `commands`: by default `searched` of the command that runs.
+    `commands`: by default the `searched` commands for the one that runs.
     """
     context = click.get_current_context(silent=True)
     if commands is None:
@@ -40,24 +40,24 @@ def in_options(hint: Hint, commands: Sequence[click.Command] | None = None) -> s
         if found is not None:
             command, option = found
             of = "" if command is commands[0] else f"flinders {command.name} "
-            spelled.setdefault(of, []).append(_spelled(option, value))
+            spelled.setdefault(of, []).append(_spell_option(option, value))
     return ", ".join(of + ", ".join(options) for of, options in sorted(spelled.items()))
 
 
 def searched(command: click.Command, program: click.Command) -> tuple[click.Command, ...]:
-    """The commands whose options mend an error of one: itself, and that which calibrates again."""
+    """The commands that are searched for the options of a hint: `command`, and ``calibrate``."""
     calibrate = program.commands.get("calibrate") if isinstance(program, click.Group) else None
     return (command,) if calibrate is None else (command, calibrate)
 
 
 def option_of(keyword: str, command: click.Command) -> click.Option | None:
-    """The option of a command that a keyword of the Python interface stands for."""
+    """The option of a command that corresponds to a keyword argument of Python."""
     options = (param for param in command.params if isinstance(param, click.Option))
     return next((each for each in options if keyword in (each.name, *getattr(each, "keywords", ()))), None)
 
 
-def _spelled(option: click.Option, value: object) -> str:
-    """An option with its value: once for each entry of a list or mapping."""
+def _spell_option(option: click.Option, value: object) -> str:
+    """An option with its value, repeated for each entry of a list or mapping."""
     name = max(option.opts, key=len)
     if value is None or option.is_flag:
         return name
@@ -68,6 +68,6 @@ def _spelled(option: click.Option, value: object) -> str:
 
 
 def _with_value(name: str, value: object) -> str:
-    """An option with its value, which may begin with a minus."""
+    """An option with one value, which may begin with a minus."""
     written = shlex.quote(str(value))
     return f"{name}{'=' if written.startswith('-') else ' '}{written}"

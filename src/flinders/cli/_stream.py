@@ -1,4 +1,4 @@
-"""Recordings that are turned into headings as they come: what ``flinders heading`` and ``swing`` open."""
+"""Recordings converted to headings reading by reading, for ``flinders heading`` and ``swing``."""
 
 from __future__ import annotations
 
@@ -30,9 +30,9 @@ def open_log(
     grid: bool = False,
     **reading: Any,
 ) -> HeadingStream:
-    """Open a recording with a calibration, or as it is, and find out where it was made.
+    """Open a recording, with a calibration or without, and find the field at its site.
 
-    With `has_stated_place` a place that the log states counts as if it were given.
+    With `has_stated_place`, a place stated in the log is used as if it were given.
     """
     from flinders.core.axes import Axes
     from flinders.core.geomag import recorded_field
@@ -43,7 +43,7 @@ def open_log(
     _refuse_contradictions(place, accelerometer, formula, declination_deg)
     Axes.of(accelerometer.acceleration_axes)
     if place.place is not None and place.date is not None:
-        site_of(place.place, place.date, model=place.model)  # what is wrong with them is said before anything is read
+        site_of(place.place, place.date, model=place.model)  # refuses a bad place or day before the recording is read
     if calibration is None:
         fit = uncalibrated(open_recording(recording, **reading))
     else:
@@ -54,7 +54,7 @@ def open_log(
     if has_stated_place and place.place is None and declination_deg is None and dip_deg is None:
         site = recorded_field(opened)
         if site is not None:
-            say(f"{opened.source}: the log says where and when: {site}; used, unless --at says otherwise")
+            say(f"{opened.source}: the log states place and time: {site}; used unless --at is given")
     stream = HeadingStream.of(
         opened,
         fit,
@@ -77,11 +77,11 @@ def open_log(
 def _refuse_contradictions(
     place: Place, accelerometer: Accelerometer, formula: str, declination_deg: float | None
 ) -> None:
-    """Refuse options of which one would be ignored."""
+    """Refuse options that contradict each other."""
     if accelerometer.is_level and formula != "exact":
-        raise UsageError(f"--level takes no tilt off, --formula {formula} does: leave one of them out")
+        raise UsageError(f"--level removes no tilt, --formula {formula} does: leave one of them out")
     if accelerometer.is_level and accelerometer.acceleration is not None:
         raise UsageError("--level uses no accelerometer, --acceleration names one: leave one of them out")
     if place.place is not None and declination_deg is not None:
-        raise UsageError("--at and --declination both say where true north is: leave one of them out")
+        raise UsageError("--at and --declination both give the declination: leave one of them out")
     place.check()

@@ -1,4 +1,4 @@
-"""Calibrations without a recording of a turn: from six typed extremes, or of disturbances on a bench."""
+"""Calibrations without a rotation of the sensor: from six typed extremes, or of disturbances on a bench."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 def typed(
     numbers: str, method_options: Iterable[str], reading: option.ReadingOptions, outputs: Outputs, asked: dict[str, Any]
 ) -> int:
-    """``--minmax``: calibrate from six typed numbers, write it and say what is known of it."""
+    """``--minmax``: calibrate from six typed numbers, write the calibration and print its page."""
     from flinders.cli.methods import parsed
     from flinders.core.axes import Axes
     from flinders.core.calibration_file import dumps
@@ -47,7 +47,7 @@ def typed(
 
 
 def bench(parts: Sequence[Recording], disturbances: tuple[str, ...], previous: str, outputs: Outputs) -> int:
-    """Find the disturbances of a sensor that was not turned, and put them onto a calibration of that sensor."""
+    """Fit the disturbances of a sensor that was held still, and add them to a calibration of that sensor."""
     from flinders.core.units import label
     from flinders.estimators.static_bench import described
     from flinders.workflows.bench import fit_bench
@@ -57,7 +57,7 @@ def bench(parts: Sequence[Recording], disturbances: tuple[str, ...], previous: s
     found = fit_bench(list(parts), known, disturbances)
     unit = label(parts[0].unit.inside)
     say(described(found.still, unit))
-    alone = "; it alone running" if len(found.residual_deg) > 1 else ""
+    alone = "; with only that load" if len(found.residual_deg) > 1 else ""
     for disturbance in found.still.disturbances:
         left = figures(found.residual_deg[disturbance.name])
         cost = cost_words(found.calibration, disturbance)
@@ -71,7 +71,7 @@ def bench(parts: Sequence[Recording], disturbances: tuple[str, ...], previous: s
 
 
 def _refuse_other_axes(calibration: Calibration, parts: Sequence[Recording], path: str) -> None:
-    """Refuse a calibration whose unit or axes are not those of the recording."""
+    """Refuse a calibration in another unit or other axes than the recording."""
     for part in parts:
         if (part.unit.inside, part.axes) != (calibration.unit, calibration.axes):
             raise UsageError(
@@ -81,7 +81,7 @@ def _refuse_other_axes(calibration: Calibration, parts: Sequence[Recording], pat
 
 
 def _save(calibration: Calibration, known: Fit, outputs: Outputs) -> None:
-    """Write a calibration with the disturbances it follows now, and all else that is known of it."""
+    """Write a calibration with its new disturbances; fit and provenance are those of the previous file."""
     from flinders.core.calibration_file import dumps, read
 
     output = outputs.files[0].path
@@ -91,4 +91,4 @@ def _save(calibration: Calibration, known: Fit, outputs: Outputs) -> None:
         say("nothing was written: name a file with -o calibration.json")
     elif output != "-":
         names = " and ".join(each.name for each in calibration.disturbances)
-        say(f"written to {output}: {known.provenance.name}, which follows {names} now")
+        say(f"written to {output}: {known.provenance.name}, now with {names}")

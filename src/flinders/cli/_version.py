@@ -1,4 +1,4 @@
-"""``flinders --version``: versions of all that a result, or a fault, may depend on."""
+"""``flinders --version``: versions of the software on which results depend."""
 
 from __future__ import annotations
 
@@ -14,15 +14,17 @@ if TYPE_CHECKING:
     from collections.abc import Iterable
 
 KERNELS: Final = {1: "baseline kernels", 2: "AVX2 kernels"}
-"""Number that the engine gives its kernels, and their name."""
+"""Names of the engine's kernels, by the number that the engine returns."""
 
-OPTIONAL: Final = re.compile(r"([\w-]+)[^;]*; extra == ['\"]all['\"]")
-"""A requirement of ``flinders[all]`` as an installed package states it."""
+OPTIONAL_REQUIREMENT: Final = re.compile(r"([\w-]+)[^;]*; extra == ['\"]all['\"]")
+"""Pattern of a requirement of ``flinders[all]`` in the metadata of the installed package."""
 
 
 def versions() -> str:
-    """Lines of name and version, the program's own first."""
-    optional = sorted(match[1] for line in metadata.requires("flinders") or () if (match := OPTIONAL.match(line)))
+    """Lines of name and version, beginning with the program."""
+    optional = sorted(
+        match[1] for line in metadata.requires("flinders") or () if (match := OPTIONAL_REQUIREMENT.match(line))
+    )
     there = [f"{name} {_version(name)}" for name in optional if _version(name)]
     missing = [name for name in optional if not _version(name)]
     rows = {
@@ -39,7 +41,7 @@ def versions() -> str:
 
 
 def _version(package: str) -> str:
-    """Version of an installed package, or nothing."""
+    """Version of an installed package; empty if it is missing."""
     try:
         return metadata.version(package)
     except metadata.PackageNotFoundError:
@@ -47,7 +49,7 @@ def _version(package: str) -> str:
 
 
 def _engine() -> str:
-    """Kernels that the engine takes on this processor, asked without NumPy."""
+    """Kernels of the engine for this processor, found without importing NumPy."""
     from flinders.native import build
 
     try:
@@ -58,7 +60,7 @@ def _engine() -> str:
 
 
 def _bundle() -> str:
-    """State of the page's 3-D library, with what to do where it is missing."""
+    """State of the page's 3-D library, with advice if it is missing."""
     if resources.files("flinders").joinpath("static", "vendor", "three.js").is_file():
         return "installed"
     return "not installed, npm could not fetch it; in a checkout: uv sync --reinstall-package flinders"

@@ -1,4 +1,4 @@
-"""``flinders accelerometer``: an accelerometer by itself, from still poses."""
+"""``flinders accelerometer``: calibrate an accelerometer from still poses."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from flinders.cli._output import say
 
 
 class Accelerometer(program.Group):
-    """A recording of still poses, and where the calibration goes."""
+    """A recording of still poses, and the output file."""
 
     recording: str = program.argument("POSES")
     columns: str | None = program.member(
@@ -19,8 +19,7 @@ class Accelerometer(program.Group):
     )
     gravity: float | None = program.member(
         "--gravity", metavar="MPS2", type=float,
-        help="Gravity at the place, in m/s² [default: 9.80665]. An error of it goes into all gains alike and into no "
-        "tilt.",
+        help="Gravity at the place, in m/s² [default: 9.80665]. Its error affects all gains equally, and no tilt.",
     )  # fmt: skip
     output: str | None = option.output("the calibration", "File to write.")
     force: bool = option.force()
@@ -38,16 +37,16 @@ Example:
 
 \b
 Exit codes:
-  4  refused: the poses leave an offset or a gain open; says which side to
-     turn up next
+  4  refused: the poses leave an offset or a gain undetermined; the message
+       names the side to turn up next
 """,
 )
 def command(options: Accelerometer) -> None:
-    """Calibrate an accelerometer from still poses: offsets, gains and misalignment, and how good its vertical is.
+    """Calibrate an accelerometer from still poses: offsets, gains and misalignment, with the error of its vertical.
 
-    Put the device down on each of its six sides, for two seconds each, and record meanwhile; moving it in between does
-    no harm. Six more poses on edges tell how square the axes are. A gyro that is recorded too gets its offset.
-    POSES is any recording that `flinders calibrate` takes, and may lack a magnetometer.
+    Put the device on each of its six sides for two seconds each while recording; movement between the poses does no
+    harm. Six more poses on edges determine the angles between the axes. A gyro that is recorded too gets its offset.
+    POSES is any recording that `flinders calibrate` takes, and needs no magnetometer.
     """
     from flinders.core.inertial_record import dumps
     from flinders.estimators.data import CountedRecording

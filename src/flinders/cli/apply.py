@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
 
 class Apply(program.Group):
-    """A calibration, a recording, and how it is corrected and written."""
+    """A calibration, a recording, and options for reading and writing."""
 
     calibration: str = program.argument("CALIBRATION")
     recording: str = program.argument("RECORDING")
@@ -45,11 +45,11 @@ Example:
 def command(options: Apply) -> int:
     """Correct RECORDING with CALIBRATION: the same rows and columns, in the recording's own unit.
 
-    Unit and axes come from the calibration file; a recording that contradicts it is refused. Corrected
-    readings are in the calibration's axes. RECORDING is a file, or - for standard input, which may go on as
-    long as it likes: lines are corrected as they come, and memory does not grow. What is no text, such as a
-    vehicle's log, is written as a table of comma-separated text, in microtesla where its unit is known. What the
-    calibration follows, such as a current, has to be among the columns.
+    Unit and axes come from the calibration file; a recording that contradicts it is refused. Corrected readings are in
+    the calibration's axes. RECORDING is a file, or - for standard input, which may be endless: lines are corrected as
+    they arrive, and memory does not grow. A recording that is not text, such as a vehicle's log, is written as
+    comma-separated text, in microtesla if its unit is known. If the calibration corrects for a disturbance, such as a
+    current, that has to be among the columns.
     """
     from flinders.fitting.result import tilt_words
     from flinders.workflows.correction import CorrectionStream
@@ -83,9 +83,9 @@ def command(options: Apply) -> int:
 
 
 def _say(summary: CorrectionSummary, source: str) -> None:
-    """Say what was read, and how strong the corrected field is."""
+    """Print the number of readings and the strength of the corrected field."""
     strength = summary.strength
     say(
-        f"{source}: {read_and_left_out(strength.readings, summary.skipped)}; corrected, their strength is "
+        f"{source}: {read_and_left_out(strength.readings, summary.skipped)}; the strength of the corrected field is "
         f"{strength.mean:.3f} of the calibration's field, with a spread of {strength.spread:.1%}"
     )

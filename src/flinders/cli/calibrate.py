@@ -1,4 +1,4 @@
-"""``flinders calibrate``: recordings in, a calibration out."""
+"""``flinders calibrate``: fit recordings and write a calibration."""
 
 from __future__ import annotations
 
@@ -53,21 +53,21 @@ def command(options: Calibrate) -> int:
     """Fit recordings of one sensor and write its calibration.
 
     Turn the sensor slowly through all directions, away from iron, while recording. RECORDING is text with
-    three columns of field (comma, semicolon, tab or spaces; with or without a header), the output of a
+    three columns of magnetic field (comma, semicolon, tab or spaces; with or without a header), the output of a
     phone logger or MotionCal, a table, a vehicle's log, or - for standard input: see `flinders info`. Several
     recordings of one sensor are fitted together.
     """
     recordings = options.recordings
     refuse_report(options.files.report, "--report")
     if options.estimation.minmax is not None:
-        return _typed(options)
+        return _calibrate_typed(options)
     if not recordings:
         raise click.MissingParameter(param_hint="'RECORDING...'", param_type="argument")
     if options.sensors.sensor is None:
         refuse_others(recordings)
     asked = options.of_fit()
     if options.sensors.are_all(recordings):
-        return _each(options, asked)
+        return _calibrate_each(options, asked)
     outputs = options.files.checked_outputs(*recordings)
     with progress("reading") as watch:
         recording, asked["sensor"] = opened(
@@ -79,9 +79,9 @@ def command(options: Calibrate) -> int:
         )
         if (site := options.site.told_by(recording)) is not None:
             asked["site"] = options.site_with(site)
-        run = _Run(recording, options, asked)
+        run = _FitRun(recording, options, asked)
         try:
-            fit = run.fitted()
+            fit = run.run_fit()
         except NotTurned:
             if options.aiding.previous is None:
                 raise
@@ -101,15 +101,15 @@ def command(options: Calibrate) -> int:
     return GOOD if fit.verdict == "good" else LIMITED
 
 
-def _typed(options: Calibrate) -> int:
-    """Calibrate from six typed numbers, which go with no recording."""
+def _calibrate_typed(options: Calibrate) -> int:
+    """Calibrate from six typed numbers instead of a recording."""
     from flinders.cli._unturned import typed
 
     files, estimation, reading = options.files, options.estimation, options.reading
     if files.exported:
         raise UsageError("--export does not go with --minmax: write the calibration with -o, then use flinders export")
     if options.recordings:
-        raise UsageError(f"--minmax takes the place of a recording: leave {options.recordings[0]} out, or --minmax")
+        raise UsageError(f"--minmax replaces a recording: leave out {options.recordings[0]} or --minmax")
     if estimation.method not in ("auto", "minmax"):
         raise UsageError(f"--minmax goes with --method minmax: leave {estimation.method} out")
     of_readings = {
@@ -128,7 +128,7 @@ def _typed(options: Calibrate) -> int:
     return typed(str(estimation.minmax), estimation.method_options, reading, files.outputs, options.of_extremes)
 
 
-def _each(options: Calibrate, asked: dict[str, Any]) -> int:
+def _calibrate_each(options: Calibrate, asked: dict[str, Any]) -> int:
     """Calibrate each magnetometer of a log or table."""
     from flinders.cli._multi_sensor import MultiSensor
 
@@ -152,15 +152,15 @@ def _each(options: Calibrate, asked: dict[str, Any]) -> int:
 
 
 def _propose_unit(calibration: Calibration) -> None:
-    """Say in which unit counts would have the strength of the earth's field, if in any."""
+    """Print the unit in which readings in counts would have the strength of the earth's field, if there is one."""
     from flinders.workflows.recording_contents import unit_remark
 
     if words := unit_remark(calibration.field_strength, calibration.unit, in_options):
         say(f"! {words}")
 
 
-class _Run:
-    """A fit of one sensor, from its recordings to its files; `asked` as `Calibrate.of_fit` gives it."""
+class _FitRun:
+    """A fit of one sensor, from its recordings to its files; `asked` are the arguments by `Calibrate.of_fit`."""
 
     def __init__(self, recording: Recording, options: Calibrate, asked: dict[str, Any]) -> None:
         from flinders.core.joining import singles
@@ -172,12 +172,12 @@ class _Run:
 
     @cached_property
     def provenance(self) -> ProvenanceRecord:
-        """Of the recordings."""
+        """Provenance of a calibration from these recordings."""
         return provenance(self.parts)
 
     @property
     def recording(self) -> Recording:
-        """The recordings as one, filtered where that was asked for."""
+        """All recordings as one, filtered with ``--filter``."""
         from flinders.core.joining import joined
         from flinders.fitting.filtering import through
 
@@ -185,8 +185,8 @@ class _Run:
             return joined(self.parts)
         return through(self.parts, self.options.by)
 
-    def fitted(self) -> Fit:
-        """Fit the recordings; of a refusal, write the reports and how far the estimate came."""
+    def run_fit(self) -> Fit:
+        """Fit the recordings; after a refusal, write the reports and the convergence up to it."""
         from flinders.fitting.filtering import fit_filtered
         from flinders.fitting.result import with_walk
 
@@ -194,23 +194,23 @@ class _Run:
             with saying_what_was_read(self.parts):
                 fit = fit_filtered(self.parts, self.options.by, notice=say, **self.asked)
         except FitError as refusal:
-            self._report(refusal)
-            self._trace()
+            self._write_reports(refusal)
+            self._write_convergence()
             self._point_to_check()
             raise
         return with_walk(fit, walk_in(self.options.history, fit))
 
     def _point_to_check(self) -> None:
-        """Say how to judge what was on board of a log that gives no calibration."""
+        """Print the command that judges the onboard calibration, for a log that gives no calibration."""
         from flinders.core.samples import onboard_of
 
         paths, sensor = self.options.recordings, self.options.sensors.sensor
         if len(paths) == 1 and onboard_of(self.parts[0]) is not None:
             words = ["flinders", "check", *paths, *(["--sensor", sensor] if sensor else [])]
-            say(f"what was on board is judged by: {shlex.join(words)}")
+            say(f"the onboard calibration is judged by: {shlex.join(words)}")
 
     def print_refused(self, refused: Fit, refusal: FitError) -> int:
-        """Print a refusal, and the numbers of the recipe that it refuses, marked as such."""
+        """Print a refusal with the numbers of the refused recipe, marked as such."""
         from flinders.report.fit_pages import of_refused_recipe
 
         if not self.files.as_json:
@@ -219,7 +219,7 @@ class _Run:
         return print_error(refusal, as_json=self.files.as_json, more=more)
 
     def write(self, fit: Fit) -> None:
-        """Write and print the fit and its reports, and last what may fail although it is good: files for targets."""
+        """Write and print the fit and its reports, then the files for targets, which may fail even for a good fit."""
         from flinders.core.calibration_file import dumps
         from flinders.core.samples import onboard_of
         from flinders.fitting.fit_json import json_of
@@ -228,15 +228,15 @@ class _Run:
 
         files, outputs, onboard = self.files, self.files.outputs, judge_onboard(self.recording, fit)
         if onboard is None and any(onboard_of(part) is not None for part in self.parts):
-            say("! the logs were made with different calibrations on board: none of them is judged")
+            say("! the logs were recorded with different onboard calibrations: none of them is judged")
         if files.output:
             outputs.write(dumps(document_of(fit, self.provenance)), files.output)
-        self._trace()
+        self._write_convergence()
         if not files.as_json and files.report_text != "-":
             if files.plots:
                 plot_fit(fit, self.recording, err=outputs.is_printed)
             print_fit(fit, err=outputs.is_printed, is_verbose=files.verbose, onboard=onboard)
-        self._report(fit, onboard)
+        self._write_reports(fit, onboard)
         if fit.calibration.unit != MICROTESLA and not fit.calibration.field_strength_known:
             _propose_unit(fit.calibration)
         self._say_written(onboard)
@@ -248,7 +248,7 @@ class _Run:
             print_json({**json_of(fit), **({} if onboard is None else {"onboard": onboard.as_dict()})})
 
     def _say_written(self, onboard: OnboardCheck | None) -> None:
-        """Say where the calibration is, and what to do with it, which may be nothing for what is on board."""
+        """Print where the calibration was written, and the next command."""
         files = self.files
         if not files.output:
             nothing = "no calibration file" if files.exports or files.convergence else "nothing"
@@ -258,12 +258,12 @@ class _Run:
             if not files.exports:
                 target = likely_target(self.provenance.files)
                 if onboard is not None and onboard.answer == "holds":
-                    say("what is on board is good enough; to change it nevertheless:")
+                    say("the onboard calibration is good enough; to change it anyway:")
                 say(f"next: {shlex.join(['flinders', 'export', '--for', target, files.output])}")
                 say("other targets: flinders targets")
 
-    def _trace(self) -> None:
-        """Write how the estimate converges, where that was asked for."""
+    def _write_convergence(self) -> None:
+        """Write how the estimate converges, for ``--convergence``."""
         path = self.files.convergence
         if path is None:
             return
@@ -274,14 +274,14 @@ class _Run:
         method = estimator_of(self.asked["method"], request)
         trace = Trace.of(self.recording, method, dip_deg=request.dip_deg, target_deg=request.target_deg)
         if trace is None:
-            say(f"{path} was not written: {method.name} had nothing at any step")
+            say(f"{path} was not written: {method.name} had no estimate at any step")
             return
         is_drawing = Path(path).suffix.lower() == TRACES[0]
         self.files.outputs.write(convergence_drawing(trace) if is_drawing else convergence_table(trace), path)
         say(f"convergence written to {path}")
 
-    def _report(self, outcome: Fit | FitError, onboard: OnboardCheck | None = None) -> None:
-        """Write the page of plain words, and the one with figures, where they were asked for."""
+    def _write_reports(self, outcome: Fit | FitError, onboard: OnboardCheck | None = None) -> None:
+        """Write the page in plain words and the HTML report, if they were asked for."""
         outputs, text, html = self.files.outputs, self.files.report_text, self.files.report
         if text is not None:
             from flinders.report.plain import page

@@ -1,4 +1,4 @@
-"""``flinders check``: whether a calibration, or that on board, holds on another recording."""
+"""``flinders check``: test a calibration file, or the onboard calibration of a log, on a recording."""
 
 from __future__ import annotations
 
@@ -39,30 +39,30 @@ if TYPE_CHECKING:
 
 
 class Check(program.Group):
-    """A calibration, recordings to hold it against, and how they are read and judged."""
+    """A calibration, the recordings that it is compared with, and options for reading and judging."""
 
     calibration: str | None = program.argument("[CALIBRATION]", required=False)
     recordings: tuple[str, ...] = program.argument("RECORDING...", nargs=-1, required=False)
-    is_followed: bool = program.flag("--drift", "Also follow the offset through the recording.")
+    is_followed: bool = program.flag("--drift", "Also estimate the drift of the offset within the recording.")
     date: str | None = program.member(
         "--date", metavar="DAY", help="Without a RECORDING: the day for which the age is judged [default: today]."
     )
-    history: str | None = option.history("Without a RECORDING: what flinders watch has kept of this unit.")
+    history: str | None = option.history("Without a RECORDING: history of this unit kept by flinders watch.")
     reading: option.PartOfColumns = program.group(option.PartOfColumns)
     sensor: str | None = option.sensor_of_calibration()
     fixed: tuple[str, ...] = option.fixed()
     target_deg: float = option.target()
-    dip_deg: float | None = option.dip("Inclination of the field [default: what CALIBRATION was judged at].")
+    dip_deg: float | None = option.dip("Inclination of the field [default: that of CALIBRATION].")
     as_json: bool = option.as_json()
 
     @property
     def is_aged(self) -> bool:
-        """One calibration alone was given: its age is meant."""
+        """Whether only a calibration was given, to be judged by its age."""
         return not self.recordings and self.calibration is not None and is_calibration(self.calibration)
 
     @property
     def is_onboard(self) -> bool:
-        """One file alone was given: a log, whose calibration on board is meant."""
+        """Whether only a log was given, whose onboard calibration is to be judged."""
         return not self.recordings
 
 
@@ -80,19 +80,19 @@ Example:
 \b
 Exit codes:
   0  it holds: the heading difference is within the target, with a
-     confidence of 95 %
-  3  cannot tell: the recording or the calibration claims too little, the
-     recording cannot be fitted, or the calibration was made from it;
-     without a recording, the claim has reached the target since, or
-     doubled
-  4  it fails: the difference is beyond the target, with that confidence
+       confidence of 95 %
+    3  cannot tell: the uncertainty of the recording or the calibration is
+       too large, the recording cannot be fitted, or the calibration was made
+       from it; without a recording, the stated error has reached the target,
+       or doubled
+    4  it fails: the difference is beyond the target, with that confidence
 """,
 )
 def command(options: Check) -> int:
-    """Fit RECORDING afresh and say how far CALIBRATION is from that, and whether it is more than chance.
+    """Fit RECORDING anew and compare CALIBRATION with the result: heading difference, and whether it is significant.
 
-    With a log alone, the calibration is that which was in force on board when it was made. With a CALIBRATION alone,
-    say what its claim has grown to, and how long it is good, by the walk of its offset.
+    With a log only, its onboard calibration is judged. With a CALIBRATION only, its present heading error is
+    computed from the drift of its offset, and the day until which it is good.
 
     Record as for a calibration: turn the sensor through all directions. Unit and axes come from the
     calibration file; a recording that contradicts it is refused. RECORDING is a file, or - for standard
@@ -101,9 +101,9 @@ def command(options: Check) -> int:
     if options.is_aged:
         return _age(options)
     if options.date is not None or options.history is not None:
-        raise UsageError("--date and --history are for a calibration alone: leave them out, or the recording")
+        raise UsageError("--date and --history need a calibration only: leave them out, or the recording")
     try:
-        checked = _checked(options)
+        checked = _run_check(options)
     except NeedsSamples:  # no times for --drift
         raise
     except FitError as error:
@@ -112,12 +112,12 @@ def command(options: Check) -> int:
         say(f"! {finding.advice}")
     _print(checked, as_json=options.as_json)
     if options.is_onboard and checked.answer == "fails":
-        say(f"next: {_calibrating(options)}")
+        say(f"next: {_calibrate_command(options)}")
     return ANSWER_EXITS[checked.answer]
 
 
 def _age(options: Check) -> int:
-    """Say how far a calibration has aged."""
+    """Print the present heading error of a calibration, by its age."""
     from datetime import UTC, datetime
 
     from flinders.report.check_page import of_aged
@@ -128,7 +128,7 @@ def _age(options: Check) -> int:
     aged = age_of(fit, at, walk=walk_in(options.history, fit))
     if options.date not in (None, "today") and at.date() < aged.since.astimezone(at.tzinfo).date():
         raise UsageError(
-            f"{options.calibration} was made on {aged.since:%Y-%m-%d}, after {at:%Y-%m-%d}: ask for a later day",
+            f"{options.calibration} was made on {aged.since:%Y-%m-%d}, after {at:%Y-%m-%d}: give a later day",
             hint={"date": None},
         )
     print_result(aged.as_dict, lambda: of_aged(aged), as_json=options.as_json)
@@ -136,31 +136,31 @@ def _age(options: Check) -> int:
 
 
 def _day(text: str) -> datetime:
-    """A day or moment as it is typed, in UTC unless it names a zone."""
+    """A typed day or time, in UTC unless it has a time zone."""
     from datetime import UTC, datetime
 
     try:
         moment = datetime.fromisoformat(text.strip())
     except ValueError:
-        raise UsageError(f"{text!r} is no date: need a day such as 2027-05-01, or today") from None
+        raise UsageError(f"{text!r} is not a date: need a day such as 2027-05-01, or today") from None
     return moment if moment.tzinfo else moment.replace(tzinfo=UTC)
 
 
-def _calibrating(options: Check) -> str:
+def _calibrate_command(options: Check) -> str:
     """The command that calibrates from the same log."""
     sensor = [] if options.sensor is None else ["--sensor", options.sensor]
     return shlex.join(["flinders", "calibrate", str(options.calibration), *sensor, "-o", "calibration.json"])
 
 
-def _checked(options: Check) -> Checked:
-    """Read the recordings in unit and axes of the calibration, and check it."""
+def _run_check(options: Check) -> Checked:
+    """Read the recordings in unit and axes of the calibration, and check the calibration."""
     from flinders.core.joining import Joined
     from flinders.likelihood.site_field import Site
     from flinders.workflows.checking import check
 
     dip_deg = options.dip_deg
     with progress("reading") as watch:
-        known, parts = (_onboard if options.is_onboard else _opened)(options, watch)
+        known, parts = (_load_onboard if options.is_onboard else _load_inputs)(options, watch)
         if len(parts) == 1 and dip_deg is None:
             stated_site(parts[0], "--dip")
         with saying_what_was_read(parts):
@@ -173,7 +173,7 @@ def _checked(options: Check) -> Checked:
             )
 
 
-def _opened(options: Check, watch: Progress | None) -> tuple[Fit, list[CountedRecording]]:
+def _load_inputs(options: Check, watch: Progress | None) -> tuple[Fit, list[CountedRecording]]:
     """The calibration, and the recordings in its unit and axes."""
     path = str(options.calibration)
     known = in_use("check", path, options.recordings, options.fixed)
@@ -183,8 +183,8 @@ def _opened(options: Check, watch: Progress | None) -> tuple[Fit, list[CountedRe
     return known, parts
 
 
-def _onboard(options: Check, watch: Progress | None) -> tuple[Fit, list[CountedRecording]]:
-    """The calibration that was on board when a log was made, and the log."""
+def _load_onboard(options: Check, watch: Progress | None) -> tuple[Fit, list[CountedRecording]]:
+    """The onboard calibration of a log, and the log."""
     from flinders.estimators.data import CountedRecording
     from flinders.workflows.onboard import onboard_fit
 
@@ -199,7 +199,7 @@ def _onboard(options: Check, watch: Progress | None) -> tuple[Fit, list[CountedR
 
 
 def _print(checked: Checked, *, as_json: bool) -> None:
-    """Print the page, or all of it as JSON."""
+    """Print the page, or all results as JSON."""
     from flinders.report.check_page import of_check
 
     if checked.refusal is not None and as_json:
@@ -214,7 +214,7 @@ def _print(checked: Checked, *, as_json: bool) -> None:
 
 
 def _drift_words(checked: Checked, walk: RandomWalk) -> str:
-    """How far the offset moved, in words and, on a terminal or in a file that can, in a line of bars."""
+    """Drift of the offset in words, with a line of bars if the output can show them."""
     from flinders.core.units import label
     from flinders.diagnostics.random_walk import BARS
 

@@ -1,4 +1,4 @@
-"""``flinders compare``: two calibrations of one sensor, held against each other."""
+"""``flinders compare``: the heading difference between two calibrations of one sensor."""
 
 from __future__ import annotations
 
@@ -17,12 +17,12 @@ if TYPE_CHECKING:
 
 
 class Compare(program.Group):
-    """Two calibrations, and what their difference is held against."""
+    """Two calibrations, and the target for their difference."""
 
     first: str = program.argument("A")
     second: str = program.argument("B")
     target_deg: float = option.target()
-    dip_deg: float | None = option.dip("Inclination of the field [default: what A was judged at].")
+    dip_deg: float | None = option.dip("Inclination of the field [default: that of A].")
     as_json: bool = option.as_json()
 
 
@@ -38,17 +38,17 @@ Example:
 Exit codes:
   0  they agree: the heading difference is within the target, with a
      confidence of 95 %
-  3  cannot tell: they claim too little
+  3  cannot tell: their uncertainty is too large
   4  they contradict each other: the difference, or that of their rotations
      into the body, is beyond the target, with that confidence
 """,
 )
 def command(options: Compare) -> int:
-    """Say how far calibration B is from calibration A, and whether that is more than chance.
+    """Compare calibrations A and B: heading difference, and whether it is significant.
 
-    Both are calibration files of one sensor. The difference in heading is held against what both claim of
-    themselves; two calibrations from one recording agree better than that. A file without a covariance is
-    taken as exact.
+    Both are calibration files of one sensor. The difference in heading is compared with the uncertainty of
+    both; two calibrations from one recording differ less than that. A file without a covariance is
+    used as if exact.
     """
     from flinders.comparison.comparison import compare
     from flinders.report.comparison_pages import of_comparison
@@ -65,7 +65,7 @@ def command(options: Compare) -> int:
 
 
 def _load(path: str, other: str) -> Fit:
-    """Load a calibration, or say what to type for a recording beside a calibration."""
+    """Load a calibration; if it is a recording, the error names the command for a calibration and a recording."""
     from flinders.fitting.fit_file import load
 
     try:

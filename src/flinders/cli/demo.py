@@ -1,4 +1,4 @@
-"""``flinders demo``: see what it does, without a sensor."""
+"""``flinders demo``: simulate and calibrate a sensor, to see the program without one."""
 
 from __future__ import annotations
 
@@ -16,10 +16,10 @@ if TYPE_CHECKING:
 
 
 class Demo(program.Group):
-    """A simulated sensor, and where its recording goes."""
+    """A simulated sensor, and the file of its recording."""
 
     seed: int = program.member(
-        "--seed", type=click.IntRange(min=0), default=1, show_default=True, help="Another seed, another sensor."
+        "--seed", type=click.IntRange(min=0), default=1, show_default=True, help="Seed of the random numbers."
     )
     path: str | None = program.member(
         "--csv", metavar="FILE", help="Also write the simulated recording, to try the other commands on."
@@ -63,7 +63,7 @@ def command(options: Demo) -> int:
 
 
 def _write(path: str, simulated: Simulated, *, force: bool) -> None:
-    """Write the recording the way a logger would, and what is true of it beside it."""
+    """Write the recording as a logger would, and its truth to a second file."""
     from flinders.core.files import refuse_existing
     from flinders.simulate import truth, write_csv
 

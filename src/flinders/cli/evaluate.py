@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
 
 class Evaluate(program.Group):
-    """A calibration, and the truth that it is held against."""
+    """A calibration, and the truth with which it is compared."""
 
     calibration: str = program.argument("CALIBRATION")
     truth: str = program.argument("TRUTH")
@@ -37,17 +37,17 @@ Example:
 
 \b
 Exit codes:
-  0  within the target, and no worse than claimed
-  3  beyond the target, or worse than claimed
-  4  both
+  0  within the target, and no worse than stated
+    3  beyond the target, or worse than stated
+    4  both
 """,
 )
 def command(options: Evaluate) -> int:
-    """Say how far CALIBRATION is from TRUTH, which `flinders simulate` wrote, and whether it knows.
+    """Compare CALIBRATION with TRUTH, a file written by `flinders simulate`: true errors and stated ones.
 
-    True errors of heading, direction, offset and matrix stand beside those that the calibration claims, with their
-    ratio: about 1 where the claims are true. Both are in the magnetometer's own axes; a rotation into the body is
-    given on its own, and counts where the calibration claims it.
+    True errors of heading, direction, offset and matrix are listed next to the stated ones, with their
+    ratio, which is about 1 for a correct uncertainty. Both are in the magnetometer's own axes; a rotation into the body
+    is listed separately, and judged only if the calibration states it.
     """
     from flinders.comparison.evaluation import evaluate
     from flinders.report.comparison_pages import of_evaluation
@@ -56,14 +56,14 @@ def command(options: Evaluate) -> int:
     say_references(fit)
     evaluation = evaluate(fit, truth, dip_deg=options.dip_deg, target_deg=options.target_deg)
     if not fit.claim.states_uncertainty:
-        say(f"{options.calibration} states no uncertainty: there is no claim to hold against the truth")
+        say(f"{options.calibration} states no uncertainty to compare with the true error")
     print_result(evaluation.as_dict, lambda: of_evaluation(evaluation), as_json=options.as_json)
     faults = (not evaluation.is_on_target) + (evaluation.verdict == "worse than claimed")
     return (GOOD, LIMITED, REFUSED)[faults]
 
 
 def _load(calibration: str, truth: str) -> tuple[Fit, Truth]:
-    """Read both, and see whether they were given the other way round."""
+    """Load the calibration and the truth; a message says so if the two files were swapped."""
     from flinders.simulate.truth import read
 
     if truth == "-":

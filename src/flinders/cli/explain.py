@@ -1,4 +1,4 @@
-"""``flinders explain``: what the code beside a finding or an error means, and what to do."""
+"""``flinders explain``: meaning of the code of a finding or an error, and what to do."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from flinders.cli._output import print_result
 
 
 class Explain(program.Group):
-    """What to explain."""
+    """The code to explain."""
 
     code: str = program.argument("CODE")
     as_json: bool = option.as_json()
@@ -24,7 +24,7 @@ Example:
 """,
 )
 def command(options: Explain) -> None:
-    """Explain the code of a finding or an error, as it stands in brackets behind it."""
+    """Explain the code of a finding or an error, which is printed in brackets after it."""
     from flinders.findings.explanation import explain
     from flinders.report.terminal import facts
 

@@ -1,4 +1,4 @@
-"""``flinders export``: a calibration written for what uses it."""
+"""``flinders export``: write a calibration for another tool."""
 
 from __future__ import annotations
 
@@ -25,33 +25,31 @@ if TYPE_CHECKING:
 
 
 class ExportCommand(program.Group):
-    """A calibration, and what it is written for."""
+    """A calibration, and the target for which it is written."""
 
     calibration: str | None = program.argument("CALIBRATION", required=False)
-    target: str | None = program.member(
-        "--for", metavar="TARGET", help="What to write it for, one of those of `flinders targets`."
-    )
+    target: str | None = program.member("--for", metavar="TARGET", help="The target: one of `flinders targets`.")
     compass: int | None = program.member(
         "--compass", type=click.IntRange(0, 3), metavar="N",
-        help="Which compass it is for: {compasses} [default: the one of the log, else the first].",
+        help="Number of the compass: {compasses} [default: that of the log, else the first].",
     )  # fmt: skip
     mounting: str | None = option.mounting()
     sensors: tuple[str, ...] = program.member(
         "--with", metavar="SENSOR", multiple=True, type=click.Choice(["accelerometer", "gyro"]),
-        help="accelerometer or gyro: write also what a fit with aiding sensors found of it; may be given twice.",
+        help="accelerometer or gyro: also write its calibration from a fit with aiding sensors; may be given twice.",
     )  # fmt: skip
     imu: int | None = program.member(
         "--imu", type=click.IntRange(0, 3), metavar="N",
-        help="Which IMU of a vehicle that is, as the autopilot counts [default: its first].",
+        help="Number of the IMU of a vehicle, as the autopilot counts [default: its first].",
     )  # fmt: skip
     lossy: bool = option.lossy()
     name: str | None = program.member(
         "--name", metavar="NAME",
-        help="What names in code begin with, for code of two sensors in one program [default: flinders].",
+        help="Prefix of names in code, for code of two sensors in one program [default: flinders].",
     )  # fmt: skip
     noise: bool = program.flag(
         "--noise",
-        "Also write how good headings are, as parameters of the vehicle's estimator: EKF2_MAG_NOISE, EK3_YAW_M_NSE …",
+        "Also write the heading error, as parameters of the vehicle's estimator: EKF2_MAG_NOISE, EK3_YAW_M_NSE …",
     )
     output: str | None = option.output("the text", "Where to write [default: standard output].")
     force: bool = option.force()
@@ -72,15 +70,15 @@ Example:
 
 \b
 Exit codes:
-  4  refused: the target cannot hold it; says which value and what is lost
+  4  refused: the target cannot store it; names the value and the loss
 """,
 )
 def command(options: ExportCommand) -> None:
-    """Write CALIBRATION for a target: parameters of an autopilot, registers of a sensor, code to compile in.
+    """Write CALIBRATION for a target: parameters of an autopilot, registers of a sensor, code to compile.
 
-    What is written is checked first: the target's own formula is run on fields of all directions with the
-    numbers as they are written, and the largest error found is told. A value that the target cannot hold is
-    refused, not cut, and so is a target without room for soft iron that matters.
+    The output is checked first: the target's own formula is applied to fields of all directions with the
+    numbers as they are written, and the largest error is printed. A value that the target cannot store is
+    refused, not clipped, and so is a target without soft iron if that matters.
     """
     from flinders.workflows.exporting import export
 
@@ -90,7 +88,7 @@ def command(options: ExportCommand) -> None:
         command = shlex.join(["flinders", "export", "--for", "arduino", options.calibration])
         raise UsageError(f"no target: {command}; flinders targets lists them")
     path = options.output or "-"
-    is_fields = options.as_json and path != options.output  # --json takes the place of the text on standard output
+    is_fields = options.as_json and path != options.output  # --json replaces the text on standard output
     outputs = Outputs.of(("the text", path), force=options.force, as_json=options.as_json and not is_fields)
     outputs.check([options.calibration])
     source = path_or_fit(options.calibration)
@@ -114,7 +112,7 @@ def path_or_fit(path: str) -> Fit | Inertial:
 
 
 def _say(exported: Exported, *, is_hidden: bool, is_asked: bool) -> None:
-    """Say how far it is off and what limits it, where the text is not shown or has no comments; and its compass."""
+    """Print the error of the export, its limits and its compass, unless they are comments of a text on the terminal."""
     export = exported.export
     if is_hidden or not export.has_comments:
         say(export.checked)
@@ -127,7 +125,7 @@ def _say(exported: Exported, *, is_hidden: bool, is_asked: bool) -> None:
 
 
 def named(values: Sequence[str]) -> tuple[tuple[str, str], ...]:
-    """Split the values of ``calibrate --export``: targets, and their files, which have the target's name by default.
+    """Split the values of ``calibrate --export`` into targets and files; by default the file has the target's name.
 
     >>> named(["json", "c:mag.h"]), named([])
     ((('json', 'json.json'), ('c', 'mag.h')), ())
@@ -147,7 +145,7 @@ def write_exports(
     files: Sequence[SourceFile],
     calibration: str | None,
 ) -> None:
-    """Write a fit for targets, after its `calibration` file; `files` are what it was made from."""
+    """Write a fit for targets, after its `calibration` file; `files` are the recordings that it was made from."""
     name = ", ".join(file.name for file in files)
     fit = replace(fit, provenance=replace(fit.provenance, name=name, record=provenance(files=files)))
     failed: list[FlindersError] = []
@@ -166,7 +164,7 @@ def write_exports(
 
 
 def _write_export(fit: Fit, target: str, path: str, outputs: Outputs) -> None:
-    """Write it for one target, and say what that costs."""
+    """Write a fit for one target, and print its error."""
     from flinders.workflows.exporting import export
 
     exported = export(fit, target)
@@ -180,7 +178,7 @@ def _write_export(fit: Fit, target: str, path: str, outputs: Outputs) -> None:
 
 
 def _whereabouts(calibration: str | None) -> str:
-    """Where the calibration is that a target did not get."""
+    """Sentence on where the calibration is, for a failed export."""
     if calibration is None:
         return "no calibration file was asked for either: keep it with -o calibration.json"
     if calibration == "-":

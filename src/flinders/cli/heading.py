@@ -1,4 +1,4 @@
-"""``flinders heading``: a recording as magnetic and true headings."""
+"""``flinders heading``: convert a recording to magnetic and true headings."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 
 
 class Heading(program.Group):
-    """A calibration and a log, what is known of its site, and how tilt is removed."""
+    """A calibration and a log, its site, and the tilt compensation."""
 
     calibration: str = program.argument("CALIBRATION")
     log: str = program.argument("LOG")
@@ -37,16 +37,16 @@ class Heading(program.Group):
     sensor: str | None = option.sensor_of_calibration()
     declination_deg: float | None = program.member(
         "--declination", heading=program.SITE, type=program.within(-180, 180, "degrees from -180 to 180"),
-        metavar="DEG", help="Declination, east positive, where it is known otherwise.",
+        metavar="DEG", help="Declination, east positive, if it is known from elsewhere.",
     )  # fmt: skip
-    grid: bool = option.grid("Also give headings from north of the map's grid: UTM, or UPS around the poles.")
+    grid: bool = option.grid("Also give headings from grid north of the map: UTM, or UPS around the poles.")
     dip_deg: float | None = option.dip(
-        "Inclination of the field [default: that of --at or of the log, else as it is seen, else 60]."
+        "Inclination of the field [default: that of --at or of the log, else as measured, else 60]."
     )
     fixed: tuple[str, ...] = option.fixed()
     formula: str = program.member(
         "--formula", heading=program.METHOD, type=click.Choice(["exact", "an4248", "an3192"]), default="exact",
-        show_default=True, help="How tilt is removed; all but exact are for comparison.",
+        show_default=True, help="Formula of the tilt compensation; all but exact are for comparison.",
     )  # fmt: skip
     by: Filter | None = option.smoothing()
     force: bool = option.force()
@@ -67,21 +67,21 @@ Example:
 def command(options: Heading) -> int:
     """Write the heading of each reading of LOG, corrected with CALIBRATION, as comma-separated text.
 
-    It is the heading of the sensor's x axis, clockwise from magnetic north, with the tilt removed by the
-    accelerometer in LOG at any attitude. With --at, or a LOG that states its place, it is also counted from true
-    north, and with --grid from north of the map's grid. LOG is a file, or - for
-    standard input, which may go on as long as it likes: lines are written as they come.
+    It is the heading of the sensor's x axis, clockwise from magnetic north, with tilt compensation by the
+    accelerometer in LOG at any attitude. With --at, or a LOG that states its place, it is also given from true
+    north, and with --grid from grid north of the map. LOG is a file, or - for
+    standard input, which may be endless: lines are written as they arrive.
     """
     from flinders.fitting.result import tilt_words
     from flinders.report.heading_pages import of_headings
 
     outputs = options.checked_outputs()
     with progress("heading") as bar:
-        log = _opened(options, bar)
+        log = _open(options, bar)
         say(str(log))
         say_sensor(options.calibration, log.fit.calibration, log.recording, options.sensor)
         lines = _lines(log)
-        first = next(lines, "")  # what is wrong is found before the output is opened
+        first = next(lines, "")  # errors of the input appear before the output is opened
         with written(options.output, force=options.force, live=not Path(options.log).is_file()) as file:
             file.write(first)
             file.writelines(lines)
@@ -98,8 +98,8 @@ def command(options: Heading) -> int:
     return LIMITED if any(note.severity == "limits" for note in summary.notes) else GOOD
 
 
-def _opened(options: Heading, bar: Any) -> HeadingStream:  # noqa: ANN401 - progress
-    """Open the log with what the options say of it."""
+def _open(options: Heading, bar: Any) -> HeadingStream:  # noqa: ANN401 - progress
+    """Open the log with all options."""
     return open_log(
         "heading",
         options.calibration,
@@ -123,13 +123,13 @@ def _lines(log: HeadingStream) -> Iterator[str]:
     """Yield a header with the lines of the first block, then the lines of each block."""
     header = ""
     for numbers, samples, headings in log.headings():
-        columns = {**_numbered(log, numbers, samples), **headings.columns()}
+        columns = {**_reading_columns(log, numbers, samples), **headings.columns()}
         yield ("" if header else ",".join(columns) + "\n") + _rows(columns)
         header = "written"
 
 
-def _numbered(log: HeadingStream, numbers: Floats, samples: Samples) -> dict[str, Floats]:
-    """The columns that say which reading it is."""
+def _reading_columns(log: HeadingStream, numbers: Floats, samples: Samples) -> dict[str, Floats]:
+    """The columns that identify a reading: its number, and its time in seconds."""
     named = {"line" if hasattr(log.recording, "numbered_blocks") else "reading": numbers}
     if samples.time is not None:
         named["time_s"] = samples.time + clock_start(log.recording)
@@ -137,11 +137,11 @@ def _numbered(log: HeadingStream, numbers: Floats, samples: Samples) -> dict[str
 
 
 FORMATS: Final = {"line": "%.0f", "reading": "%.0f", "time_s": "%.6f", "strength": "%.5f"}
-"""How a column is written that is no angle."""
+"""Formats of columns that are not angles."""
 
 
 def _rows(columns: dict[str, Floats]) -> str:
-    """Lines of a block; a heading is rounded before it goes round, so that 360.000 is never written."""
+    """Lines of a block. Headings are rounded before they are wrapped, so that 360.000 is never written."""
     import numpy as np
 
     from flinders.geometry.angles import wrapped

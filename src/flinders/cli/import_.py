@@ -1,4 +1,4 @@
-"""``flinders import``: what another tool, or a vehicle by its log, holds, as a calibration file."""
+"""``flinders import``: read a calibration from another tool's file or a vehicle's log."""
 
 from __future__ import annotations
 
@@ -18,24 +18,24 @@ if TYPE_CHECKING:
     from flinders.core.calibration import Calibration
     from flinders.core.calibration_file import ProvenanceRecord
 
-LARGEST: Final = 4 * 2**20
-"""Bytes; files of parameters have some ten thousand."""
+MAX_FILE_BYTES: Final = 4 * 2**20
+"""Maximum size in bytes; files of parameters have some ten thousand."""
 
 
 class Import(program.Group):
-    """A file of another tool, and what it is read as."""
+    """A file of another tool, and options for reading it."""
 
     file: str = program.argument("FILE")
-    target: str | None = program.member("--for", metavar="TARGET", help="Whose file it is [default: by its content].")
+    target: str | None = program.member("--for", metavar="TARGET", help="Tool of the file [default: by its content].")
     compass: int | None = program.member(
-        "--compass", type=click.IntRange(0, 3), metavar="N", help="Which compass of several, as the file counts."
+        "--compass", type=click.IntRange(0, 3), metavar="N", help="Number of the compass, as the file counts."
     )
     sensor: str | None = option.sensor(
-        "Of a log, which magnetometer, by number or name, or all of them [default: the only one with a calibration].",
+        "For a log: which magnetometer, by number or name, or all of them [default: the only one with a calibration].",
         "N|NAME|all",
     )
     field_strength: float | None = option.field_strength(
-        "Strength of the field at the site, where the file does not hold it: in µT, in counts for files in counts.",
+        "Field strength at the site, if the file does not contain it: in µT, in counts for files in counts.",
         heading="",
         keywords=("strength",),
     )
@@ -57,12 +57,12 @@ Example:
 """,
 )
 def command(options: Import) -> None:
-    """Read the calibration that another tool holds out of FILE, and write it as a calibration file.
+    """Read the calibration of another tool from FILE, and write it as a calibration file.
 
-    FILE may be a log: what is written is the calibration that was in force on board when it was made.
+    FILE may be a log; then its onboard calibration is written.
 
-    FILE is what `flinders export` writes for the targets that `flinders targets` marks, or what the tool itself
-    saved: {saved}. It knows no uncertainty, and nothing of the recording.
+    FILE is an export by `flinders export` for a target marked in `flinders targets`, or a file of the tool
+    itself: {saved}. It contains no uncertainty, and nothing about the recording.
     """
     from flinders.core.calibration_file import dumps
     from flinders.core.files import read_bytes
@@ -77,9 +77,9 @@ def command(options: Import) -> None:
         _import_log(options)
         return
     if options.sensor is not None:
-        raise UsageError(f"--sensor goes with a log, and {file} is none: choose one of several with --compass")
+        raise UsageError(f"--sensor goes with a log, and {file} is not one: choose one of several with --compass")
     outputs = options.checked_outputs()
-    content = read_bytes(file, largest=LARGEST, what="file of parameters", refused=DocumentError)
+    content = read_bytes(file, largest=MAX_FILE_BYTES, what="file of parameters", refused=DocumentError)
     _refuse_own(content, file)
     try:
         name, calibration = read_back(
@@ -92,13 +92,13 @@ def command(options: Import) -> None:
     )
     if options.as_json:
         print_json({"target": name, "calibration": calibration.as_dict()})
-    for line in (*_words(file, name, calibration), *_stated(content, file, name)):
+    for line in (*_words(file, name, calibration), *_other_contents(content, file, name)):
         say(line)
     outputs.say_written()
 
 
 def _import_log(options: Import) -> None:
-    """Take what was in force on board when a log was made."""
+    """Import the onboard calibration of a log."""
     from flinders.cli._import_log import import_log
 
     if options.compass is not None:
@@ -114,7 +114,7 @@ def _import_log(options: Import) -> None:
 
 
 def _provenance(content: bytes, file: str, name: str, compass: int | None) -> ProvenanceRecord | None:
-    """Of which compass of the vehicle it is, where there are several: it goes back to that one."""
+    """Provenance that names the compass of the vehicle, if there are several, for a later export to that compass."""
     from flinders.readers._source import printable
     from flinders.targets import find
 
@@ -128,24 +128,24 @@ def _provenance(content: bytes, file: str, name: str, compass: int | None) -> Pr
 
 
 def _refuse_own(content: bytes, file: str) -> None:
-    """Notice a calibration file, which needs no import."""
+    """Refuse a calibration file of our own, which needs no import."""
     if content.lstrip()[:1] == b"{" and b'"field_strength_known"' in content and b'"calibration"' in content:
         raise UsageError(f"{file} is a calibration file already: give it to the command that needs it")
 
 
 def _words(file: str, name: str, calibration: Calibration) -> list[str]:
-    """What was found, and what the file does not hold."""
+    """Lines on the imported calibration, and on values that the file lacks."""
     from flinders.targets import find
 
     if find(name).keeps in ("rotation", "axes"):
-        return [f"{file}: {name}, a mounting alone: it turns readings, and corrects none"]
+        return [f"{file}: {name}, a mounting only: it rotates readings, and corrects none"]
     unit = label(calibration.unit)
     offset = ", ".join(figures(value, 4) for value in calibration.offset)
     words = [f"{file}: {name}, for readings in {calibration.raw.name}; offset {offset} {unit}"]
     if not calibration.field_strength_known:
         words.append(strength_words(calibration))
     words += [
-        f"it follows {disturbance} ({unit}): {cost_words(calibration, disturbance)} (dip 60°)"
+        f"it corrects for {disturbance} ({unit}): {cost_words(calibration, disturbance)} (dip 60°)"
         for disturbance in calibration.disturbances
     ]
     if find(name).acts == "mapped":
@@ -153,8 +153,8 @@ def _words(file: str, name: str, calibration: Calibration) -> list[str]:
     return words
 
 
-def _stated(content: bytes, file: str, name: str) -> list[str]:
-    """What the file states beside the calibration."""
+def _other_contents(content: bytes, file: str, name: str) -> list[str]:
+    """Lines on other contents of the file."""
     from flinders.targets import find
 
     reader = find(name).reader

@@ -1,4 +1,4 @@
-"""``flinders info``: what a recording holds, and what to type next."""
+"""``flinders info``: contents of a recording, and the command to type next."""
 
 from __future__ import annotations
 
@@ -18,12 +18,12 @@ if TYPE_CHECKING:
 
 
 class Info(program.Group):
-    """A recording, how it is read, and where it was made."""
+    """A recording, options for reading it, and its place."""
 
     log: str = program.argument("LOG")
     reading: option.ReadingOptions = program.group(option.ReadingOptions)
     place: option.Place = program.group(option.Place)
-    grid: bool = option.grid("Also say where north of the map's grid is: UTM, or UPS around the poles.")
+    grid: bool = option.grid("Also give grid north of the map: UTM, or UPS around the poles.")
     as_json: bool = option.as_json()
 
 
@@ -39,11 +39,11 @@ Example:
 """,
 )
 def command(options: Info) -> None:
-    """Say what LOG holds: its magnetometers, their rate, range and gaps, and what stands beside them.
+    """Show the contents of LOG: its magnetometers, their rate, range and gaps, and the other columns.
 
-    Also the calibration that was in force on board, place and time, and the field that is expected there; how many
-    directions were seen, and the command to type next. LOG is any recording that `flinders calibrate` takes, or what
-    has several: a folder, a table of many units, or what `flinders fleet` wrote.
+    Also shown: the onboard calibration, place and time, the field expected there, how many directions were covered, and
+    the command to type next. LOG is any recording that `flinders calibrate` takes, or a set of recordings: a folder, a
+    table of many units, or a result of `flinders fleet`.
     """
     from flinders.core.plugins import other_contents
     from flinders.readers import open_log
@@ -54,7 +54,7 @@ def command(options: Info) -> None:
     if other is not None and not other.is_one_recording:
         print_result(other.as_dict, other.page, as_json=options.as_json)
         return
-    refuse_calibration(options.log, "give a recording; flinders show says what a calibration holds")
+    refuse_calibration(options.log, "give a recording; flinders show shows the contents of a calibration")
     options.place.check()
     reading = options.reading
     with progress("reading") as watch:
@@ -64,7 +64,7 @@ def command(options: Info) -> None:
     typed = [word for each in reading.typed().items() for word in _words(*each)]
     held = replace(held, commands=commands_for(options.log, held.sensors, typed))
     if options.grid and held.site is None:
-        raise UsageError(f"grid north is that of a place, and {options.log} states none: give --at LAT,LON")
+        raise UsageError(f"grid north needs a place, and {options.log} states none: give --at LAT,LON")
     print_result(held.as_dict, lambda: of_contents(held, grid=options.grid), as_json=options.as_json)
     if other is not None:
         say(other.instead)
@@ -82,7 +82,7 @@ def _words(name: str, value: object) -> list[str]:
 
 
 def _site(log: Log, place: option.Place) -> SiteField | None:
-    """The field at the place that is given, on the day of the log."""
+    """The field at the given place, on the day of the log."""
     if place.place is None:
         return None
     day = place.date or (log.begun.date().isoformat() if log.begun else None)

@@ -1,4 +1,4 @@
-"""``flinders merge``: several calibrations of one sensor put together into one."""
+"""``flinders merge``: merge several calibrations of one sensor into one."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from flinders.errors import UsageError
 
 
 class Merge(program.Group):
-    """Calibrations, and where the one of them goes."""
+    """Calibrations, and the file of their merged calibration."""
 
     calibrations: tuple[str, ...] = program.argument("CALIBRATION...", nargs=-1)
     output: str | None = option.output(
@@ -34,16 +34,16 @@ Example:
 \b
 Exit codes:
   0  good
-  3  limited: written, with what limits it
+  3  limited: written, with its limits
   4  refused: they contradict each other, nothing written
 """,
 )
 def command(options: Merge) -> int:
-    """Put several calibrations of one sensor together into one, where the recordings are gone.
+    """Merge several calibrations of one sensor into one, for recordings that no longer exist.
 
-    Each counts as much as the covariance that it claims says. What they differ by beyond that goes into the
-    uncertainty of the result; calibrations that contradict each other are refused, not averaged. They must
-    come from recordings of their own: from recordings that are still there, flinders calibrate makes a better one.
+    Each is weighted by its covariance. Differences beyond the covariances increase the uncertainty of
+    the result; calibrations that contradict each other are refused, not averaged. Each must come
+    from its own recording; if the recordings still exist, flinders calibrate makes a better calibration from them.
     """
     from flinders.comparison.merging import merge, source_files
     from flinders.core.calibration_file import dumps
@@ -53,7 +53,7 @@ def command(options: Merge) -> int:
 
     outputs = options.checked_outputs()
     if "-" in options.calibrations:
-        raise UsageError("calibrations are told from each other by their names: give files, not -")
+        raise UsageError("calibrations are identified by file name: give files, not -")
     parts = [load("merge", path) for path in options.calibrations]
     merged = merge(parts, target_deg=options.target_deg, dip_deg=options.dip_deg)
     outputs.write(dumps(document_of(merged, provenance(files=source_files(parts)))), options.output)

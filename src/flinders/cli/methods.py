@@ -1,7 +1,7 @@
-"""``flinders methods``: what there is, and when to use it; and their options, ``--option NAME=VALUE``.
+"""``flinders methods``: list the methods and their options, ``--option NAME=VALUE``.
 
 >>> from flinders.estimators import METHODS
->>> listed(METHODS["minmax"])
+>>> list_options(METHODS["minmax"])
 {'variant': ('mean', 'largest', 'full-range'), 'trim': ('no', 'yes')}
 >>> parsed(["variant=largest", "trim=yes"], METHODS["minmax"])
 {'variant': 'largest', 'trim': True}
@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 
 
 class Methods(program.Group):
-    """How the list is printed."""
+    """Format of the list."""
 
     as_json: bool = option.as_json()
 
@@ -44,7 +44,7 @@ def command(options: Methods) -> None:
     from flinders.estimators import ROWS
     from flinders.report.comparison_pages import of_methods
 
-    values = {name: listed(row.kind) for name, row in ROWS.items()}
+    values = {name: list_options(row.kind) for name, row in ROWS.items()}
     fields = {
         name: {
             "parameters": row.parameters,
@@ -57,11 +57,11 @@ def command(options: Methods) -> None:
     print_result(lambda: fields, lambda: of_methods(ROWS, values), as_json=options.as_json)
 
 
-TRUTH: Final = {"no": False, "yes": True, "false": False, "true": True}
+BOOLEAN_WORDS: Final = {"no": False, "yes": True, "false": False, "true": True}
 
 
-def listed(method: type[Estimator]) -> dict[str, tuple[str, ...]]:
-    """Each option of a method with its values, the default first; numbers by their default alone."""
+def list_options(method: type[Estimator]) -> dict[str, tuple[str, ...]]:
+    """Each option of a method with its values, the default first; only the default for numbers."""
     hints = get_type_hints(method)
     return {field.name: _values(field.default, get_args(hints[field.name])) for field in _fields(method)}
 
@@ -74,7 +74,9 @@ def parsed(words: Iterable[str], method: type[Estimator]) -> dict[str, Any]:
         name, equals, value = word.partition("=")
         name = name.strip().replace("-", "_")
         if not equals or name not in defaults:
-            takes = ", ".join(f"{option}={'|'.join(values)}" for option, values in listed(method).items()) or "none"
+            takes = (
+                ", ".join(f"{option}={'|'.join(values)}" for option, values in list_options(method).items()) or "none"
+            )
             raise UsageError(f"--option {word}: {method.name} takes {takes}")
         if name in options:
             raise UsageError(f"--option {name} is given twice: give it once")
@@ -83,14 +85,14 @@ def parsed(words: Iterable[str], method: type[Estimator]) -> dict[str, Any]:
 
 
 def _fields(method: type[Estimator]) -> list[dataclasses.Field[Any]]:
-    """Options but those that the site says, by ``--dip`` and ``--field-strength``."""
+    """Options of a method, except those of the site, which have ``--dip`` and ``--field-strength``."""
     from flinders.estimators.base import OF_SITE
 
     return [field for field in dataclasses.fields(cast("Any", method)) if field.name not in OF_SITE]
 
 
 def _values(default: object, choices: tuple[object, ...]) -> tuple[str, ...]:
-    """Write the values that an option takes, the default first; of numbers it alone."""
+    """The values of an option in words, the default first; only the default for a number."""
     if isinstance(default, bool):
         return ("yes", "no") if default else ("no", "yes")
     if isinstance(default, str):
@@ -99,13 +101,13 @@ def _values(default: object, choices: tuple[object, ...]) -> tuple[str, ...]:
 
 
 def _value(word: str, text: str, default: object) -> object:
-    """Read a value of the kind that the default is of."""
+    """Read a value of the same type as the default."""
     if isinstance(default, str):
         return text
     if isinstance(default, bool):
-        if text.casefold() not in TRUTH:
+        if text.casefold() not in BOOLEAN_WORDS:
             raise UsageError(f"--option {word}: need yes or no")
-        return TRUTH[text.casefold()]
+        return BOOLEAN_WORDS[text.casefold()]
     if text.casefold() == "none":
         return None
     numbers = program.numbers_of(text)

@@ -1,4 +1,4 @@
-"""``flinders refresh``: the hard iron of a calibration renewed from a short recording."""
+"""``flinders refresh``: renew the hard iron of a calibration from a short recording."""
 
 from __future__ import annotations
 
@@ -31,11 +31,11 @@ if TYPE_CHECKING:
 
 
 READS_COURSES: Final = bool(app_modules("COURSES"))
-"""Whether a package reads logs of courses."""
+"""Whether an app reads logs of courses."""
 
 
 class Refresh(program.Group):
-    """A short recording, the earlier calibration, what counts beside it, and where the new one goes."""
+    """A short recording, the earlier calibration, aiding data, and the output file."""
 
     recordings: tuple[str, ...] = program.argument("RECORDING...", nargs=-1)
     previous: str = program.member(
@@ -48,28 +48,28 @@ class Refresh(program.Group):
     sensor: str | None = option.sensor_of_calibration()
     names: tuple[str, ...] = program.member(
         "--with", heading=program.AIDING, multiple=True, metavar="NAME,…", keywords=("aiding", "disturbances"),
-        help="What else was recorded and shall count: rate, dip, tilt, attitude.",
+        help="Other recorded quantities to use: rate, dip, tilt, attitude.",
     )  # fmt: skip
     soft_iron_sigma: float = program.member(
         "--soft-iron-sigma", heading=program.METHOD, metavar="SHARE", default=0.0, show_default=True,
         type=program.within(0, 0.5, "a share from 0 to 0.5, such as 0.005", zero=True),
-        help="What the soft iron may have changed by, 1 σ.",
+        help="Possible change of the soft iron, 1 σ.",
     )  # fmt: skip
     headings: str | None = program.member(
         "--heading", heading=program.SITE, metavar="DEG,…",
-        help="True heading at each RECORDING, the vehicle at rest; with --at and --date, or those of a log.",
+        help="True heading at each RECORDING, with the vehicle at rest; with --at and --date, or those of a log.",
     )  # fmt: skip
     magnetic_headings: str | None = program.member(
         "--magnetic-heading", heading=program.SITE, metavar="DEG,…",
-        help="The same from magnetic north; with --dip or --at.",
+        help="Magnetic heading instead of --heading; with --dip or --at.",
     )  # fmt: skip
     is_course: bool = program.flag(
-        "--course", "Take the headings from the courses over ground of RECORDING, a log with satellite fixes.",
+        "--course", "Use the courses over ground in RECORDING, a log with satellite fixes, as headings.",
         heading=program.SITE,
     )  # fmt: skip
     course_log: str | None = program.member(
         "--course-log", heading=program.SITE, metavar="FILE", hidden=not READS_COURSES,
-        help=f"The same from a log beside RECORDING{remark('course log', before=', ')}.",
+        help=f"As --course, from a separate log{remark('course log', before=', ')}.",
     )  # fmt: skip
     slowest: float = program.member(
         "--min-speed", heading=program.SITE, type=program.positive, default=3.0, show_default=True, metavar="M/S",
@@ -77,14 +77,14 @@ class Refresh(program.Group):
     )  # fmt: skip
     crab_deg: float = program.member(
         "--crab", heading=program.SITE, type=program.within(0, 45, "degrees from 0 to 45", zero=True), default=2.0,
-        show_default=True, metavar="DEG", help="What wind or current turn the course from the heading, 1 σ.",
+        show_default=True, metavar="DEG", help="Angle between course and heading due to wind or current, 1 σ.",
     )  # fmt: skip
     place: str | None = program.same_as(SiteOptions, "place")
     date: str | None = program.same_as(SiteOptions, "date")
     model: FieldModel | None = option.field_model()
     target_deg: float = option.target()
     dip_deg: float | None = option.dip(
-        "Inclination of the field [default: that of the site, else as CALIBRATION says].", keywords=("site",)
+        "Inclination of the field [default: that of the site, else of CALIBRATION].", keywords=("site",)
     )
     force: bool = option.force()
     as_json: bool = option.as_json()
@@ -104,18 +104,18 @@ Example:
 \b
 Exit codes:
   0  good
-  3  limited: written, with what limits it; also where the soft iron no longer fits
+  3  limited: written, with its limits; also if the soft iron no longer fits
   4  refused: nothing written
 """,
 )
 def command(options: Refresh) -> int:
-    """Find the offset again after something magnetic was moved on a vehicle, and keep the soft iron.
+    """Estimate the offset again after magnetic parts of a vehicle were changed, and keep the soft iron.
 
     Wobble the vehicle by 30° to all sides for ten seconds, or turn it on level ground, while recording. The soft iron
-    of CALIBRATION counts with its uncertainty; where the readings contradict it the verdict says so. Unit and axes
-    are those of the calibration file. A vehicle that cannot be turned at all is recorded at rest, at one or more
-    known headings, a RECORDING each (--heading). A vehicle that points where it goes is driven straight on several
-    headings: the courses in its log are its headings (--course).
+    of CALIBRATION is used with its uncertainty; a contradiction with the readings is reported. Unit and axes
+    are those of the calibration file. A vehicle that cannot be turned is recorded at rest, at one or more
+    known headings, one RECORDING each (--heading). A vehicle whose heading is its course is driven straight on several
+    headings: the courses in its log are used as headings (--course).
     """
     from flinders.core.calibration_file import dumps
     from flinders.fitting.fit_json import json_of
@@ -126,18 +126,18 @@ def command(options: Refresh) -> int:
     refuse_twice(options.recordings)
     previous = load("refresh --previous", options.previous, options.recordings)
     refuse_calibrations(options.recordings)
-    opened = [_opened(path, previous, options) for path in options.recordings]
+    opened = [_open(path, previous, options) for path in options.recordings]
     _refuse_known(options.previous, previous, opened)
     with saying_what_was_read(opened):
-        fit = with_walk(_refreshed(opened, previous, options), previous.provenance.walk)
+        fit = with_walk(_run_refresh(opened, previous, options), previous.provenance.walk)
     outputs.write(dumps(document_of(fit, provenance(opened, files=previous.provenance.files))), options.output)
     outputs.print(lambda: json_of(fit), lambda: of_fit(fit, in_options))
     outputs.say_written("nothing was written: name a file with -o refreshed.json")
     return EXITS[fit.verdict]
 
 
-def _opened(path: str, previous: Fit, options: Refresh) -> CountedRecording:
-    """Open a recording in unit and axes of the earlier calibration, and say which magnetometer is read."""
+def _open(path: str, previous: Fit, options: Refresh) -> CountedRecording:
+    """Open a recording in unit and axes of the earlier calibration, and print which magnetometer is read."""
     from flinders.estimators.data import CountedRecording
     from flinders.workflows.recordings import open_with
 
@@ -147,23 +147,23 @@ def _opened(path: str, previous: Fit, options: Refresh) -> CountedRecording:
 
 
 def _refuse_known(path: str, previous: Fit, opened: list[CountedRecording]) -> None:
-    """Refuse a recording that the earlier calibration was made from: counted twice it would seem better than it is."""
+    """Refuse a recording that the earlier calibration was made from, as double counting would understate the error."""
     from flinders.workflows.recordings import made_from
 
     if names := made_from(previous, opened):
         raise UsageError(
-            f"{path} was made from {' and '.join(names)}: readings that are counted twice seem better than they "
-            "are; record again after the change"
+            f"{path} was made from {' and '.join(names)}: readings counted twice would understate the error; "
+            "record again after the change"
         )
 
 
-def _refreshed(opened: list[CountedRecording], previous: Fit, options: Refresh) -> Fit:
-    """Refresh by a recording in motion, or by poses at known headings."""
+def _run_refresh(opened: list[CountedRecording], previous: Fit, options: Refresh) -> Fit:
+    """Refresh from a recording in motion, or from poses at known headings."""
     from flinders.fitting.known_heading import refresh_at_headings
     from flinders.fitting.refreshing import refresh
 
     if options.is_course or options.course_log is not None:
-        return _on_courses(opened, previous, options)
+        return _refresh_on_courses(opened, previous, options)
     site, target_deg = _site(options, opened[0].recording), options.target_deg
     if program.is_typed("slowest") or program.is_typed("crab_deg"):
         raise UsageError("--min-speed and --crab go with --course or --course-log: leave them out")
@@ -175,12 +175,12 @@ def _refreshed(opened: list[CountedRecording], previous: Fit, options: Refresh) 
         return refresh(opened[0], previous, aiding=aiding, site=site, soft_iron_sigma=softness, target_deg=target_deg)
     if options.names or options.soft_iron_sigma:
         raise UsageError("--with and --soft-iron-sigma go with a recording in motion: leave them out with --heading")
-    headings = _magnetic(options, opened[0].recording)
+    headings = _magnetic_headings(options, opened[0].recording)
     return refresh_at_headings(opened, previous, headings, site=site, target_deg=target_deg)
 
 
-def _on_courses(opened: list[CountedRecording], previous: Fit, options: Refresh) -> Fit:
-    """Refresh by the courses of one log, its own or those of another beside it."""
+def _refresh_on_courses(opened: list[CountedRecording], previous: Fit, options: Refresh) -> Fit:
+    """Refresh from the courses of one log, in the recording or separate."""
     from flinders.core.geomag import recorded_field
     from flinders.fitting.known_heading import refresh_on_courses
 
@@ -204,7 +204,7 @@ def _on_courses(opened: list[CountedRecording], previous: Fit, options: Refresh)
 
 
 def _courses(recording: Any, path: str | None) -> tuple[TimeSeries, object]:  # noqa: ANN401 - a recording of any reader
-    """Velocity over ground by the clock of a recording, and the log that knows the place: itself, or one beside it."""
+    """Velocity over ground by the clock of a recording, and the log with its place, which may be a separate one."""
     from flinders.readers._courses import read_courses
 
     if path is not None:
@@ -224,8 +224,8 @@ def _courses(recording: Any, path: str | None) -> tuple[TimeSeries, object]:  # 
     return velocity, recording
 
 
-def _magnetic(options: Refresh, recording: object) -> list[float]:
-    """Magnetic headings, of true ones by the declination of the place."""
+def _magnetic_headings(options: Refresh, recording: object) -> list[float]:
+    """Magnetic headings, from the typed ones or from typed true headings and the declination."""
     from flinders.core.geomag import recorded_field
 
     typed = options.headings if options.magnetic_headings is None else options.magnetic_headings
@@ -233,7 +233,7 @@ def _magnetic(options: Refresh, recording: object) -> list[float]:
         raise UsageError("give --heading or --magnetic-heading, not both")
     numbers = program.numbers_of(typed or "")
     if not numbers:
-        raise UsageError(f"headings are {typed!r}: need degrees with commas between them, such as 0,90,180,270")
+        raise UsageError(f"headings are {typed!r}: need degrees separated by commas, such as 0,90,180,270")
     if options.headings is None:
         return numbers
     place = recorded_field(recording) if options.place is None else _field(options, options.place)
@@ -245,7 +245,7 @@ def _magnetic(options: Refresh, recording: object) -> list[float]:
 
 
 def _aiding(names: tuple[str, ...]) -> tuple[str, ...]:
-    """The aiding sensors that are named."""
+    """The aiding sensors named by ``--with``."""
     aiding, disturbances = recorded(names)
     if disturbances or "auto" in aiding:
         raise UsageError(
@@ -256,12 +256,12 @@ def _aiding(names: tuple[str, ...]) -> tuple[str, ...]:
 
 
 def _field(options: Refresh, place: str) -> SiteField:
-    """The field at the place that was typed."""
+    """The field at the typed place."""
     return site_of(place, options.date, model=options.model)
 
 
 def _site(options: Refresh, recording: object) -> Site | None:
-    """Site and dip, as they were typed or as the log says."""
+    """Site and dip, typed or stated in the log."""
     from flinders.likelihood.site_field import Site
 
     site = SiteOptions(place=options.place, date=options.date, model=options.model, gain_sigma=None)

@@ -1,4 +1,4 @@
-"""``flinders report``: a calibration and a recording as one HTML file, or as PDF; and the report of a new fit."""
+"""``flinders report``: write a calibration and a recording as one HTML file or PDF; also the report of a new fit."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 
 
 class Report(program.Group):
-    """A calibration and the recordings that are drawn with it, and where the report goes."""
+    """A calibration, the recordings for its figures, and the output files."""
 
     calibration: str = program.argument("CALIBRATION")
     recordings: tuple[str, ...] = program.argument("RECORDING...", nargs=-1)
@@ -32,9 +32,7 @@ class Report(program.Group):
     sensor: str | None = option.sensor_of_calibration()
     part: option.PartOptions = program.group(option.PartOptions)
     dip_deg: float | None = option.dip("Inclination of the field at the site [default: the calibration's].")
-    target_deg: float | None = option.target(
-        "Worst heading error that is good enough [default: the calibration's].", None
-    )
+    target_deg: float | None = option.target("Acceptable worst heading error [default: the calibration's].", None)
     output: str | None = option.output(
         "the report", "HTML file to write, - for standard output [default: report.html]."
     )
@@ -44,28 +42,28 @@ class Report(program.Group):
         metavar="[FILE]",
         is_flag=False,
         flag_value="report.pdf",
-        help="Also print it to PDF, by a browser that is installed [FILE: report.pdf].",
+        help="Also print it to PDF, with an installed browser [FILE: report.pdf].",
     )
     force: bool = option.force()
     as_json: bool = option.as_json()
 
     @property
     def path(self) -> str | None:
-        """Where the HTML goes, if anywhere."""
+        """File of the HTML; None if only a PDF is written."""
         return self.output or (None if self.pdf else "report.html")
 
     def check(self) -> None:
-        """Find what could not be written before anything is read."""
+        """Refuse outputs that cannot be written, before anything is read."""
         if self.pdf == "-":
             raise UsageError("--pdf goes into a file: name one, such as report.pdf")
         if self.path == "-" and sys.stdout.isatty():
-            raise UsageError("a report is a megabyte of HTML, and not for a terminal: name a file with -o")
+            raise UsageError("a report is a megabyte of HTML, too long for a terminal: name a file with -o")
         if self.path != "-":
             refuse_report(self.path, "-o")
         self.checked_outputs()
 
-    def restored(self) -> Restored:
-        """Open them, put them together, and say what is odd."""
+    def restore_fit(self) -> Restored:
+        """Load the calibration with its recordings, and print notes on both."""
         from flinders.core.joining import Joined
         from flinders.workflows.restoring import restore
 
@@ -92,10 +90,10 @@ Example:
 """,
 )
 def command(options: Report) -> None:
-    """Write what CALIBRATION does to RECORDING as one HTML file that needs nothing else: words, numbers and figures.
+    """Write a report of CALIBRATION on RECORDING as one self-contained HTML file: words, numbers and figures.
 
-    What is claimed is what the calibration file says; nothing is fitted anew. RECORDING is the one that it was made
-    from, or another of the same sensor: a file, or - for standard input. With --pdf alone no HTML is written.
+    Stated errors are those of the calibration file; nothing is fitted anew. RECORDING is the one that it was made
+    from, or another of the same sensor: a file, or - for standard input. With --pdf only, no HTML is written.
     """
     from flinders.core.calibration_file import read
     from flinders.report.html import listings_of, page
@@ -105,7 +103,7 @@ def command(options: Report) -> None:
     options.check()
     path, pdf, outputs = options.path, options.pdf, options.outputs
     program = browser() if pdf else ""
-    found = options.restored()
+    found = options.restore_fit()
     notes = [note.words(in_options) for note in found.notes]
     text = page(
         found.fit,
@@ -133,7 +131,7 @@ def report_of(
     asked: dict[str, str],
     onboard: OnboardCheck | None = None,
 ) -> str:
-    """The report of a fit, or of a refusal, as `provenance` and the options that were typed tell of it."""
+    """The report of a fit or of a refusal, with its provenance and the typed options."""
     from flinders.fitting.result import Fit
     from flinders.report.html import listings_of, page
 

@@ -1,4 +1,4 @@
-"""``flinders show``: what a calibration file says, for people."""
+"""``flinders show``: show the contents of a calibration file."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ class Show(program.Group):
     """A calibration file."""
 
     calibration: str = program.argument("CALIBRATION")
-    verbose: bool = program.flag("--verbose", "Also print what is true of nearly every calibration.")
+    verbose: bool = program.flag("--verbose", "Also print notes that apply to nearly every calibration.")
     as_json: bool = option.as_json()
 
 
@@ -28,10 +28,10 @@ Example:
 """,
 )
 def command(options: Show) -> None:
-    """Say what CALIBRATION holds: offset and matrix with their uncertainty, what it is good for, its origin.
+    """Show the contents of CALIBRATION: offset and matrix with their uncertainty, heading error, limits and origin.
 
-    Nothing is fitted. With --json the file is printed as this release writes it. Of the table that `flinders fleet`
-    wrote: how many units are good, which are not, and why.
+    Nothing is fitted. With --json the file is printed in the format of this release. For the table that `flinders
+    fleet` wrote: how many units are good, which are not, and why.
     """
     import click
 

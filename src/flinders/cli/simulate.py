@@ -1,4 +1,4 @@
-"""``flinders simulate``: recordings with a known truth."""
+"""``flinders simulate``: simulate recordings with a known truth."""
 
 from __future__ import annotations
 
@@ -24,8 +24,8 @@ Example:
 """,
 )
 def command() -> None:
-    """Simulate a recording of a sensor with hard and soft iron, and keep what is true of it beside it.
+    """Simulate a recording of a sensor with hard and soft iron, and write its truth next to it.
 
-    The recording is CSV as a logger writes it. What is true (sensor, field, motion, seed) goes into a file of its
-    own, which `flinders evaluate` holds a calibration against. The same seed gives the same bytes.
+    The recording is CSV as a logger writes it. The truth (sensor, field, motion, seed) goes into a separate
+    file, which `flinders evaluate` compares with a calibration. The same seed gives the same bytes.
     """

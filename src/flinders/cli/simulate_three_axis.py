@@ -1,4 +1,4 @@
-"""``flinders simulate three-axis``: a three-axis sensor in motion, and whatever disturbs it."""
+"""``flinders simulate three-axis``: simulate a three-axis sensor in motion, with disturbances."""
 
 from __future__ import annotations
 
@@ -21,59 +21,61 @@ from flinders.cli._simulation import Simulation, several, size_option
 MOTIONS: Final = {
     "hand": "tumbled by hand for a minute, smooth in time",
     "eight": "waved in figures of eight for a minute, as phones ask for",
-    "uniform": "1,000 directions, all alike: the best there is",
-    "tilted": "all headings in no order, tilted by up to 35°: a vehicle",
-    "level": "all headings in no order, level: a robot on a floor",
-    "drive": "through bends and over hills for five minutes, 6° at most",
-    "flight": "banked turns, climbs and descents for five minutes, 35° at most",
+    "uniform": "1,000 directions, evenly spread: the best possible",
+    "tilted": "all headings in random order, tilted by up to 35°: a vehicle",
+    "level": "all headings in random order, level: a robot on a floor",
+    "drive": "through bends and over hills for five minutes, up to 6° of tilt",
+    "flight": "banked turns, climbs and descents for five minutes, up to 35°",
     "swayed": "all headings in a minute, leaning by up to 35° to all sides",
-    "wobble": "to and fro about each axis for ten seconds, 30° at most",
+    "wobble": "to and fro about each axis for ten seconds, up to 30°",
     "rocked": "sines in roll (5°), pitch (45°) and heading (360°): ten minutes",
     "sweeps": "around in the plane xy, then in yz, then in zx: a minute",
-    "sweep-xy": "around in the plane xy alone: half a minute",
-    "sweep-yz": "around in the plane yz alone",
-    "sweep-zx": "around in the plane zx alone",
-    "hemisphere": "half of all directions: never turned over",
-    "clumped": "all directions, but held still for most of the time",
+    "sweep-xy": "around in the plane xy only: half a minute",
+    "sweep-yz": "around in the plane yz only",
+    "sweep-zx": "around in the plane zx only",
+    "hemisphere": "half of all directions: never upside down",
+    "clumped": "all directions, but held still most of the time",
 }
-"""Those of `flinders.simulate.MOTIONS`, so that help needs no NumPy; a test holds the two together."""
+"""Copy of the names in `flinders.simulate.MOTIONS`, so that help needs no NumPy; a test compares the two."""
 
-SOFT, HARD, NOISE = 0.25, 100.0, 0.5
-"""What a sensor has unless someone says otherwise: share of soft iron, µT of hard iron and of noise."""
+DEFAULT_SOFT_IRON, DEFAULT_HARD_IRON_UT, DEFAULT_NOISE_UT = 0.25, 100.0, 0.5
+"""Defaults of a sensor: soft iron as a share, hard iron and noise in µT."""
 
 
 def _share(name: str, words: str) -> program.Field:
-    """An option that takes a share of the readings."""
+    """An option with a share of the readings."""
     share = program.within(0, 1, "a share of the readings, 0 to 1", zero=True)
     return program.member(name, type=share, default=0.0, metavar="SHARE", help=words)
 
 
 class ThreeAxis(Simulation):
-    """A sensor of three axes, how it is moved, and what disturbs it."""
+    """A three-axis sensor, its motion and its disturbances."""
 
     motion: str = program.member(
         "--motion", type=click.Choice(tuple(MOTIONS)), default="hand", show_default=True, metavar="NAME",
-        help="How the sensor is moved; see below.",
+        help="Motion of the sensor; see below.",
     )  # fmt: skip
     n: int | None = program.member(
-        "--readings", type=click.IntRange(min=1), metavar="N", help="How many [default: the motion's own]."
+        "--readings", type=click.IntRange(min=1), metavar="N", help="Number of readings [default: the motion's own]."
     )
     rate_hz: float = program.member(
-        "--rate", type=program.positive, default=50.0, show_default=True, metavar="HZ", help="Readings a second."
+        "--rate", type=program.positive, default=50.0, show_default=True, metavar="HZ", help="Readings per second."
     )
     tilt_deg: float | None = program.member(
         "--tilt", type=program.within(0, 90, "degrees from 0 to 90", zero=True), metavar="DEG",
         help="Greatest tilt of tilted, drive and flight.",
     )  # fmt: skip
     sensor: str | None = program.member(
-        "--sensor", metavar="TRUTH", help="The sensor of another simulated recording: its truth."
+        "--sensor", metavar="TRUTH", help="Use the sensor of another simulated recording, from its truth."
     )
     soft_iron: float | None = program.member(
         "--soft-iron", type=program.within(0, 0.45, "a share from 0 to 0.45", zero=True), metavar="SHARE",
-        help=f"Scales are drawn within ± this of 1 [default: {SOFT:g}].",
+        help=f"Scales are drawn within ± this share of 1 [default: {DEFAULT_SOFT_IRON:g}].",
     )  # fmt: skip
-    hard_iron: float | None = size_option("--hard-iron", f"Offsets are drawn within ± this in µT [default: {HARD:g}].")
-    noise: float | None = size_option("--noise", f"White noise in µT, 1 σ per axis [default: {NOISE:g}].")
+    hard_iron: float | None = size_option(
+        "--hard-iron", f"Offsets are drawn within ± this, in µT [default: {DEFAULT_HARD_IRON_UT:g}]."
+    )
+    noise: float | None = size_option("--noise", f"White noise in µT, 1 σ per axis [default: {DEFAULT_NOISE_UT:g}].")
     resolution: float | None = program.member(
         "--resolution", type=program.positive, metavar="UT", help="Step of the converter in µT."
     )
@@ -81,23 +83,23 @@ class ThreeAxis(Simulation):
         "--saturation", type=program.positive, metavar="UT", help="Where each axis saturates, in µT."
     )
     outliers: float = _share("--outliers", "Share of readings that are outliers.")
-    stationary: float = _share("--stationary", "Share of readings in clumps: the sensor is not moved.")
-    motor: float | None = size_option("--motor", "Field of motors, in µT per ampere; adds their current.")
-    drift: float | None = size_option("--drift", "Drift of the offset, in µT per kelvin; adds the temperature.")
-    step: float | None = size_option("--step", "Step of the offset half way: something was moved.")
+    stationary: float = _share("--stationary", "Share of readings without motion, in clumps.")
+    motor: float | None = size_option("--motor", "Field of motors, in µT per ampere; adds a column of their current.")
+    drift: float | None = size_option("--drift", "Drift of the offset, in µT per kelvin; adds the temperature column.")
+    step: float | None = size_option("--step", "Step of the offset half way, in µT, as after a change of the vehicle.")
     field_step: float | None = program.member(
         "--field-step", type=program.within(-0.99, 10.0, "a share from -0.99 to 10, such as -0.1"), metavar="SHARE",
-        help="From half way on the earth's field is stronger by this share.",
+        help="Relative change of the earth's field from half way on.",
     )  # fmt: skip
-    magnet: float | None = size_option("--magnet", "A magnet passes after a third, so strong at its peak.")
+    magnet: float | None = size_option("--magnet", "Peak field in µT of a magnet that passes after a third.")
     gyro_bias: tuple[float, ...] | None = program.member(
         "--gyro-bias", type=several(3, "three numbers, such as 0.01,0,-0.02"), metavar="X,Y,Z",
-        help="What the gyro reads at rest, in rad/s.",
+        help="Bias of the gyro, in rad/s.",
     )  # fmt: skip
     magnetometer_only: bool = program.flag("--magnetometer-only", "Leave out acceleration and rate.")
 
-    def simulated(self) -> Simulated:
-        """Record, with what the options ask for."""
+    def simulate_recording(self) -> Simulated:
+        """Simulate the recording with all options."""
         import numpy as np
 
         from flinders.simulate import FieldStep, Imu, MotorCurrent, PassingMagnet, Step, ThermalDrift, tumble
@@ -125,7 +127,7 @@ class ThreeAxis(Simulation):
         )
 
     def simulated_sensor(self) -> Sensor:
-        """Draw a sensor as `tumble` would, or take that of another recording."""
+        """Draw a sensor as `tumble` does, or take that of another recording."""
         from dataclasses import replace
 
         import numpy as np
@@ -138,12 +140,12 @@ class ThreeAxis(Simulation):
         typed: dict[str, Any] = {name: value for name, value in given.items() if value is not None}
         if self.sensor is not None:
             if drawn := [word for word, value in iron.items() if value is not None]:
-                raise UsageError(f"--sensor has iron of its own: leave {' and '.join(drawn)} out")
+                raise UsageError(f"--sensor has its own iron: leave {' and '.join(drawn)} out")
             return replace(read(self.sensor).as_sensor(), **typed)
-        soft = SOFT if self.soft_iron is None else self.soft_iron
-        hard = HARD if self.hard_iron is None else self.hard_iron
+        soft = DEFAULT_SOFT_IRON if self.soft_iron is None else self.soft_iron
+        hard = DEFAULT_HARD_IRON_UT if self.hard_iron is None else self.hard_iron
         stream = np.random.default_rng(self.seed).spawn(1)[0]
-        return Sensor.random(stream, soft=soft, hard=hard, **{"noise": NOISE, **typed})
+        return Sensor.random(stream, soft=soft, hard=hard, **{"noise": DEFAULT_NOISE_UT, **typed})
 
 
 @program.command_of(
@@ -166,15 +168,15 @@ Example:
 """,
 )
 def command(options: ThreeAxis) -> int:
-    """Simulate a three-axis sensor in motion, and whatever disturbs it.
+    """Simulate a three-axis sensor in motion, with disturbances.
 
-    Directions of what --motor, --drift, --step and --magnet add are drawn from the seed. Columns: time, magnetic
-    field, and acceleration (specific force: level, −9.81 on z) and angular rate where the motion has them.
+    The directions of --motor, --drift, --step and --magnet are drawn from the seed. Columns: time, magnetic
+    field, and, for motions that have them, acceleration (specific force: level, −9.81 on z) and angular rate.
     """
     from flinders.simulate.truth import Truth
 
     options.check([options.sensor] if options.sensor else [], as_json=options.as_json)
-    simulated = options.simulated()
+    simulated = options.simulate_recording()
     options.write(simulated, bare=options.magnetometer_only)
     if options.as_json:
         files = {"recording_file": options.output, "truth_file": options.truth_path}

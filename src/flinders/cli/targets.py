@@ -1,4 +1,4 @@
-"""``flinders targets``: what a calibration can be written for."""
+"""``flinders targets``: list the targets of `flinders export`."""
 
 from __future__ import annotations
 
@@ -17,30 +17,30 @@ if TYPE_CHECKING:
 
 
 class NamingTargets(program.Command):
-    """A command whose help names what targets have: ``{saved}`` files and ``{compasses}``."""
+    """A command whose help contains names from the targets, in place of ``{saved}`` and ``{compasses}``."""
 
     def get_help(self, ctx: click.Context) -> str:
-        """Fill in the names when help is shown, so that nothing else waits for the targets."""
+        """Fill in the names when help is shown, so that targets are imported only then."""
         from flinders.targets import registry
 
         rows = list(registry().values())
-        names = {"{saved}": _saved(rows), "{compasses}": _compasses(rows)}
-        self.help = _filled(self.help, names)
+        names = {"{saved}": _saved_files(rows), "{compasses}": _compasses(rows)}
+        self.help = _fill_names(self.help, names)
         for each in self.params:
             if isinstance(each, click.Option):
-                each.help = _filled(each.help, names)
+                each.help = _fill_names(each.help, names)
         return super().get_help(ctx)
 
 
-def _filled(text: str | None, names: dict[str, str]) -> str | None:
-    """Put names in the place of their marks."""
+def _fill_names(text: str | None, names: dict[str, str]) -> str | None:
+    """Replace marks in a text by names."""
     for mark, name in names.items():
         text = text and text.replace(mark, name)
     return text
 
 
-def _saved(rows: Iterable[Target]) -> str:
-    """What tools save that can be read, those of one kind together: a dump of one or another."""
+def _saved_files(rows: Iterable[Target]) -> str:
+    """Kinds of files of tools that can be read, grouped by kind: a dump of one or another."""
     saved = dict.fromkeys(row.reader.saved for row in rows if row.reader and row.reader.saved)
     kinds: dict[str, list[str]] = {}
     for words in saved:
@@ -51,13 +51,13 @@ def _saved(rows: Iterable[Target]) -> str:
 
 
 def _compasses(rows: Iterable[Target]) -> str:
-    """How tools count the compasses of a vehicle, each from the first to the last number."""
+    """Numbering of a vehicle's compasses in each tool, from the first to the last number."""
     counted = {row.title: row.compasses for row in rows if row.compasses}
     return ", ".join(f"{title}'s {numbers[0]} to {numbers[-1]}" for title, numbers in counted.items())
 
 
 class Targets(program.Group):
-    """How the list is printed."""
+    """Format of the list."""
 
     as_json: bool = option.as_json()
 
@@ -72,11 +72,11 @@ Example:
 """,
 )
 def command(options: Targets) -> None:
-    """List the targets of `flinders export`: what each one holds, in which unit, and whether it is read back.
+    """List the targets of `flinders export`: what each one can store, its unit, and whether it can be imported.
 
-    A star marks what could not be verified in any source, and the lines below the table say what that is.
+    A star marks a fact that could not be verified in any source; lines below the table name the facts.
 
-    With --json also the formula, the axes, how numbers are stored, and the source of all that.
+    With --json also the formula, the axes, the storage of numbers, and the sources of these facts.
     """
     print_targets(as_json=options.as_json)
 

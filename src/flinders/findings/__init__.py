@@ -1,10 +1,10 @@
-"""The catalogue of findings: all that can be said of a fit, a row each.
+"""The catalogue of findings: one row for each possible finding about a fit.
 
-A row has the code, the rule with its limits, the sentence for an engineer, the sentence and the remedy for whoever uses
-the compass, and what the table of docs/findings.md says. A sentence is made from the values of a finding, where it is
-shown: terminal, page, reports and fleets read the row. To add a finding, add its row to the file of its subject; a
-quantity that its rule or sentence takes and that the record does not have yet is made where the engine makes the others
-(``judge.c``), or of other sensors where their record is made.
+A row has the code, the rule with its limits, the sentence for an engineer, the sentence and the remedy for the user of
+the compass, and the cells of the table in docs/findings.md. Sentences are made from the values of a finding when it is
+shown: by the terminal, the page, reports and fleets. To add a finding, add its row to the file of its subject. A new
+quantity in its rule or sentence is computed with the others in the engine (``judge.c``), or, for other sensors, with
+their record.
 """
 
 from __future__ import annotations
@@ -36,11 +36,11 @@ if TYPE_CHECKING:
     from flinders.errors import Spelling
 
 LINK: Final = re.compile(r"\[([^]]*)\]\([^)]*\)")
-"""A link in Markdown: its words are kept, its address is not."""
+"""A link in Markdown: its text is kept, its address is removed."""
 
 
 def advice(finding: Finding, spell: Spelling = in_python) -> str:
-    """Advice with the arguments that carry it out, as an interface spells them.
+    """Advice with the arguments that it needs, spelled for an interface.
 
     >>> advice(Finding("unit-unknown", "note", {"field_strength": 48.0}))
     'no unit known, so all is in counts: name it, or what one count is in µT (unit=, scale=)'
@@ -50,7 +50,7 @@ def advice(finding: Finding, spell: Spelling = in_python) -> str:
 
 
 def action(code: str) -> str:
-    """What to do about a finding or an error that many units have; empty where the catalogue does not say.
+    """Action for a finding or an error that many units have; empty if the catalogue has none.
 
     >>> action("coverage"), action("unit")
     ('turn the sensor through the directions without readings too', 'give all files of a unit in one unit of field')

@@ -1,4 +1,4 @@
-"""Sensors beside the magnetometer, and whether they fit together."""
+"""Findings about sensors next to the magnetometer, and their agreement."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ ROWS: Final = (
     CatalogueRow(
         code="circular-attitude",
         affects="use",
-        number="deviation that goes with the heading in the yaw of the attitude, degrees",
+        number="deviation in the yaw of the attitude that depends on the heading, degrees",
         limit="half a degree, or three times what is claimed without it",
         action=(
             "the yaw came from this compass before it was calibrated: use `--with tilt`, or an attitude without a"
@@ -45,11 +45,11 @@ ROWS: Final = (
     CatalogueRow(
         code="gyro-differs",
         affects="use",
-        number="of how far the field moves, what the gyro leaves",
+        number="share of the field's motion that the gyro does not explain",
         action="the gyro is stuck, at its limit, too slow, or another body's; it was not used",
         rule=Rule("gyro_leaves", (Grade("limits", 0.5),)),
         said=(
-            "the gyro leaves {gyro_leaves:.0%} of how far the field moves, in whatever unit and axes: it is "
+            "the gyro does not explain {gyro_leaves:.0%} of the field's motion in any unit and axes: it is "
             "stuck, at its limit, slower than the readings, or that of another body or time; it was not used"
         ),
         plain="The recorded turning rate does not go with the compass. It was not used.",
@@ -77,12 +77,12 @@ ROWS: Final = (
     CatalogueRow(
         code="gyro-scales",
         affects="use",
-        number="by how much the scales of the gyro would be off",
+        number="error that the gyro's scales would have",
         limit="0.1, five times what those of gyros are",
         action="check its range and how often it is logged; it was not used",
         rule=Rule("scales_off", (Grade("limits", 0.0),), limit=Limit(0.1)),
         said=(
-            "the gyro's scales would be off by {amount}, and those of gyros are by {usual:.0%} or so: "
+            "the gyro's scales would have to be off by {amount}, while those of gyros are off by about {usual:.0%}: "
             "check its range and how often it is logged; it was not used"
         ),
         plain="The gyro turns {number:.0%} too much or too little, which no sound gyro does. It was not used.",
@@ -104,11 +104,11 @@ ROWS: Final = (
     CatalogueRow(
         code="aids-disagree",
         affects="use",
-        number="by how much the scales of the gyro would be off beside an aid, where without it they are not",
+        number="error that the gyro's scales would have with an aid, and do not have without it",
         action="leave that aid out: an accelerometer leans in steady turns; it was not used",
         rule=Rule("scales_off", (Grade("limits", 0.0),), limit=Limit(0.1)),
         said=(
-            "beside {aid!r} the gyro's scales would be off by {amount}, and without it they are not: "
+            "with {aid!r} the gyro's scales would have to be off by {amount}, without it they are correct: "
             "{why_disagree}; it was not used, leave {aid!r} out"
         ),
         plain="Gyro and vertical do not go together. The vertical was not used.",
@@ -122,8 +122,8 @@ ROWS: Final = (
         action="leave it out, or record while turning on the spot; it was not used",
         rule=Rule("lean_deg", (Grade("limits", 1.0, "lean_limit_deg"),)),
         said=(
-            "the accelerometer's vertical leans by {lean_deg:.1f}° (rms) as the body turns, which is what moves it "
-            "along: it was not used; leave 'dip' out, or record while turning on the spot"
+            "the accelerometer's vertical leans by {lean_deg:.1f}° (rms) in turns, due to the acceleration of the "
+            "motion: it was not used; leave 'dip' out, or record while turning on the spot"
         ),
         plain=(
             "The vehicle was moving in turns, so that what tells which way is down leans by {number:.0f}°. It was not"
@@ -135,13 +135,14 @@ ROWS: Final = (
         code="aid-astray",
         affects="use",
         number=(
-            "how far a vertical or an attitude is off what the field says, however the magnetometer sits, degrees (1 σ)"
+            "deviation of a vertical or an attitude from the field, for the best mounting of the magnetometer, "
+            "degrees (1 σ)"
         ),
         limit="11.5 (0.2 rad)",
         action="check in which direction its quaternions turn, whether w comes first, its times; it was not used",
         rule=Rule("astray_rad", (Grade("limits", 0.2),), number="astray_deg", limit=Limit(math.degrees(0.2))),
         said=(
-            "{aid!r} is off by {astray_deg:.0f}° (1 σ) from what the field says, however the magnetometer sits: "
+            "{aid!r} deviates by {astray_deg:.0f}° (1 σ) from the field, for any mounting of the magnetometer: "
             "{why_astray}; it was not used"
         ),
         plain="What was recorded of how the body was held does not go with the compass. It was not used.",
@@ -154,9 +155,9 @@ ROWS: Final = (
         action="leave it out, or turn the sensor through more directions; it was not used",
         rule=Rule("times_claim", (Grade("limits", 4.0),)),
         said=(
-            "the fit claims a heading error of {with_deg:.0f}° with {aid!r}, {without_deg:.2g}° without: what it "
-            "measures contradicts the field, or the turning leaves too much open; it was not used, leave {aid!r} out or"
-            " turn the sensor through more directions"
+            "the fit claims a heading error of {with_deg:.0f}° with {aid!r}, {without_deg:.2g}° without: its "
+            "measurements contradict the field, or the motion leaves too much undetermined; it was not used, leave "
+            "{aid!r} out or turn the sensor through more directions"
         ),
         plain="What was recorded of how the body was held makes the calibration worse. It was not used.",
         remedy="Turn the vehicle through more directions, or calibrate without that instrument.",
@@ -164,7 +165,7 @@ ROWS: Final = (
     CatalogueRow(
         code="aid-empty",
         affects="use",
-        number="readings that have what an aid goes by",
+        number="readings with the quantity that an aid needs",
         action="record it, or leave the aid out; it was not used",
         rule=Rule("usable", (Grade("limits", 12.0),), comparison="<"),
         said=(
@@ -190,12 +191,12 @@ ROWS: Final = (
     CatalogueRow(
         code="one-axis",
         affects="use",
-        number="turning about the second axis, of that about the first",
+        number="amount of turning about the second axis, relative to the first",
         action="the gyro says nothing of the offset along the one axis: turn about another as well",
         rule=Rule("second_axis", (Grade("note", 0.05),), comparison="<"),
         said=(
-            "the body turned about one axis (about the second {second_axis:.0%} as much): the gyro says nothing "
-            "of the offset along it; turn it about another axis as well"
+            "the body turned about one axis (about the second {second_axis:.0%} as much): the gyro does not determine "
+            "the offset along it; turn it about another axis as well"
         ),
         plain=(
             "Nearly all turning was about one axis. The turning rate says nothing of what disturbs the compass "

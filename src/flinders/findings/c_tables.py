@@ -1,4 +1,4 @@
-"""The rules of the catalogue as C: tables that the engine judges by, made from the rows.
+"""The rules of the catalogue as C tables for the engine, made from the rows.
 
 ``python -m flinders.findings.c_tables`` writes ``flinders_rules.h`` and ``rules.c`` of `flinders.native`; a test
 compares them with the rows.
@@ -29,7 +29,7 @@ if TYPE_CHECKING:
     from flinders.findings.row import Cause, Grade, Limit, Needs
 
 FOLDER: Final = Path(__file__).parents[1] / "native"
-"""Where the engine's sources are."""
+"""Folder of the engine's sources."""
 
 MADE: Final = "Made by `python -m flinders.findings.c_tables` from the catalogue of findings. */"
 
@@ -68,7 +68,7 @@ def header() -> str:
 
 
 def source() -> str:
-    """`rules.c`: the tables themselves. A board has the rules of a fit alone."""
+    """`rules.c`: the tables. A board has the rules of a fit only."""
     own, others = _Tables(), _Tables()
     own.add(OF_A_FIT)
     others.comparisons = [*own.comparisons]
@@ -101,7 +101,7 @@ def source() -> str:
 
 
 class _Tables:
-    """Rules as initialisers, and the comparisons that they are made of: grades, needs, and the limit that is stated."""
+    """Rules as initialisers, with their comparisons: grades, needs, and the stated limit."""
 
     def __init__(self) -> None:
         self.comparisons: list[str] = []
@@ -122,7 +122,7 @@ class _Tables:
 
 
 def _comparison(quantity: str, comparison: str, limit: Grade | Needs | Limit, severity: str = "nothing") -> str:
-    """A comparison as an initialiser, `g` for at least."""
+    """A comparison as an initialiser; `g` stands for ``>=``."""
     factor, times = (
         f"(flinders_real){limit.factor:.17g}",
         _quantity(limit.times) if limit.times else "FLINDERS_QUANTITIES",
@@ -132,7 +132,7 @@ def _comparison(quantity: str, comparison: str, limit: Grade | Needs | Limit, se
 
 
 def _cause(cause: Cause) -> str:
-    """A cause as an initialiser, with those of its consequences that the engine looks for."""
+    """A cause as an initialiser, with its consequences among the engine's findings."""
     followed = ", ".join(_rule_name(code) for code in cause.consequences) or "0"
     unless = _rule_name(cause.unless) if cause.unless else "FLINDERS_RULES"
     counts = f"FLINDERS_{cause.severity.upper()}, {unless}, {len(cause.consequences)}"
@@ -152,7 +152,7 @@ def _condition(code: str) -> str:
 
 
 def text(words: str) -> str:
-    """A string in ASCII, which every serial monitor shows."""
+    """A string in ASCII, which every serial monitor can show."""
     plain = words.replace("−", "-").replace("°", " degrees").replace("`", "").replace('"', "'")
     return f'"{plain.encode("ascii", "replace").decode()}"'
 

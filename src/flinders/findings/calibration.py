@@ -1,4 +1,4 @@
-"""What a calibration shows, whatever it was made from."""
+"""Findings about a calibration, regardless of its origin."""
 
 from __future__ import annotations
 
@@ -117,8 +117,8 @@ ROWS: Final = (
     CatalogueRow(
         code="typed-extremes",
         number=(
-            "what a level heading would be off by, degrees, if the half-ranges differed only because the turn did"
-            " not reach the shorter ends; 0 where they are alike, which says nothing"
+            "error of a level heading, degrees, if the half-ranges differ only because the turn did not reach the"
+            " shorter ends; 0 if they are equal, which proves nothing"
         ),
         action=(
             "check the compass on known bearings; record the readings where that can be done, since six typed "
@@ -140,15 +140,15 @@ ROWS: Final = (
     CatalogueRow(
         code="composed",
         number=(
-            "what the rotation that [three planes](classic/two-axis.md#three-axes-from-three-planes) leave costs at "
-            "the worst level heading, degrees; 180 where none of the turns was in xy"
+            "heading error, degrees, at the worst level heading, due to the rotation that [three "
+            "planes](classic/two-axis.md#three-axes-from-three-planes) do not determine; 180 if no turn was in xy"
         ),
         action="turn in the plane xy last; or fit the same turns, unloaded, together with `flinders calibrate`",
         rule=Rule("is_composed", (Grade("limits", 0.0),), number="rotation_left_deg", limit=Limit(1.0, "target_deg")),
         said="composed of turns ({turns}){composition}",
         plain=(
-            "The correction was put together from turns in one plane after the other. What they leave out costs a"
-            " level heading {angle}; the accuracy at other attitudes is not known."
+            "The correction was put together from turns in one plane after the other. The part that they do not "
+            "determine costs a level heading {angle}; the accuracy at other attitudes is not known."
         ),
         remedy="Record the same turns without a correction, and calibrate from all of them together.",
     ),
@@ -156,8 +156,8 @@ ROWS: Final = (
         code="filtered",
         grades="note; limits above the limit",
         number=(
-            "how far `--filter` moved the calibration, degrees at the worst level heading; 180 where there is "
-            "none without the filter to hold it against"
+            "change of the heading by `--filter`, degrees at the worst level heading; 180 if there is no calibration "
+            "without the filter to compare with"
         ),
         limit="worst heading error claimed",
         action=(
@@ -181,10 +181,10 @@ ROWS: Final = (
         action="calibrate from a recording to know how good headings are",
         rule=Rule("is_unstated", (Grade("limits", 0.0),), number="unstated_deg", limit=Limit(1.0, "unstated_deg")),
         said=(
-            "the calibration file states no uncertainty, as one does that was imported: how good headings are is not "
-            "known. Calibrate from a recording to know it"
+            "the calibration file states no uncertainty, like every imported one: the heading error is unknown. "
+            "Calibrate from a recording to know it"
         ),
-        plain="The calibration file does not say how good it is, as one does that was imported.",
+        plain="The calibration file does not state its accuracy, like every imported one.",
         remedy="Calibrate from a recording.",
     ),
 )

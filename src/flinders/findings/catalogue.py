@@ -24,53 +24,53 @@ CATALOGUE: Final[dict[str, CatalogueRow]] = {
     for subject in (fit, unmodelled, recording, disturbances, calibration, aiding, sensors)
     for row in subject.ROWS
 }
-"""Every finding there is, by its code."""
+"""Every finding, by code."""
 
 OF_THE_FIT: Final = tuple(row.code for row in (*fit.ROWS, *unmodelled.ROWS))
-"""Findings of a fit by itself."""
+"""Findings about the fit itself."""
 
 OF_RESIDUALS: Final = ("alternating", "outliers")
 """Findings of a recording that need a surface."""
 
 OF_OTHER_ORIGIN: Final = ("typed-extremes", "composed", "filtered", "no-uncertainty")
-"""Findings of calibrations that were put together or imported, or of readings that went through a filter."""
+"""Findings about calibrations that were combined or imported, or about filtered readings."""
 
 OF_CALIBRATION: Final = tuple(row.code for row in calibration.ROWS if row.code not in OF_OTHER_ORIGIN)
-"""Findings of a calibration, whatever it was made from."""
+"""Findings about a calibration, regardless of its origin."""
 
 OF_RECORDING: Final = tuple(row.code for row in recording.ROWS if row.code not in OF_RESIDUALS)
-"""Findings of a recording by itself, whatever its fit is worth."""
+"""Findings about a recording, regardless of the quality of its fit."""
 
 OF_A_FIT: Final = (*OF_THE_FIT, *OF_RESIDUALS, *OF_CALIBRATION, *OF_RECORDING)
-"""Findings that the engine looks for in a fit of one magnetometer, in their order."""
+"""Findings for which the engine checks the fit of one magnetometer, in order."""
 
 OTHERS: Final = (*OF_OTHER_ORIGIN, *(row.code for subject in (disturbances, aiding, sensors) for row in subject.ROWS))
-"""Findings whose quantities come one by one: of each disturbance, each aiding sensor, each magnetometer of a body."""
+"""Findings whose quantities are computed separately: of each disturbance, aiding sensor, and other magnetometer."""
 
 RULES: Final = (*OF_A_FIT, *OTHERS)
 """Codes of the findings, in the order of the engine's table."""
 
-STATED: Final = (
+STATED_QUANTITIES: Final = (
     "samples", "covered", "per_degree_of_tilt", "drift", "farthest", "nonlinear_share", "linearized_share", "weakest",
     "strongest", "breadth", "strength_found", "site_strength",
 )  # fmt: skip
-"""Quantities that a judgement gives and no rule compares."""
+"""Quantities of a judgement that no rule compares."""
 
 
-def _named(codes: Iterable[str]) -> tuple[str, ...]:
-    """Quantities that rules name, each once, in their order."""
+def _quantities_of(codes: Iterable[str]) -> tuple[str, ...]:
+    """Quantities in the rules of these findings, without duplicates, in order."""
     return tuple(dict.fromkeys(name for code in codes for name in _of_rule(CATALOGUE[code].rule)))
 
 
 def _of_rule(rule: Rule) -> list[str]:
-    """Quantities of one rule, in the order in which it names them."""
+    """Quantities of one rule, in order of appearance."""
     names = [rule.quantity, *(grade.times for grade in rule.grades)]
     names += [name for need in rule.needs for name in (need.quantity, need.times)]
     return [name for name in (*names, rule.number, rule.stated_limit.times) if name]
 
 
-QUANTITIES_OF_A_FIT: Final = tuple(dict.fromkeys((*_named(OF_A_FIT), *STATED)))
-"""Quantities that the engine calculates of a fit."""
+QUANTITIES_OF_A_FIT: Final = tuple(dict.fromkeys((*_quantities_of(OF_A_FIT), *STATED_QUANTITIES)))
+"""Quantities that the engine computes for a fit."""
 
-QUANTITIES: Final = tuple(dict.fromkeys((*QUANTITIES_OF_A_FIT, *_named(OTHERS))))
+QUANTITIES: Final = tuple(dict.fromkeys((*QUANTITIES_OF_A_FIT, *_quantities_of(OTHERS))))
 """All quantities that rules compare or state."""

@@ -1,4 +1,4 @@
-"""What disturbs a sensor and is modelled: currents, throttles, temperatures."""
+"""Findings about modelled disturbances of a sensor: currents, throttles, temperatures."""
 
 from __future__ import annotations
 
@@ -11,8 +11,8 @@ ROWS: Final = (
         code="disturbances-collinear",
         affects="use",
         number=(
-            "largest share of the course of one disturbance that follows from the others, such as motors of which each"
-            " is followed by itself"
+            "largest share of one disturbance's variation that the others explain, such as of motors that are modelled"
+            " one by one"
         ),
         action=(
             "use the calibration where they rise and fall as in the recording, follow one of them alone, or vary each "
@@ -20,8 +20,8 @@ ROWS: Final = (
         ),
         rule=Rule("most_alike", (Grade("limits", 0.95),)),
         said=(
-            "{alike} rose and fell together ({most_alike:.1%} of the course of one follows from the others): their "
-            "joint effect is known, that of each by itself hardly; use the calibration where they rise and fall as in "
+            "{alike} rose and fell together ({most_alike:.1%} of one's variation is explained by the others): their "
+            "joint effect is known, but hardly the effect of each; use the calibration where they rise and fall as in "
             "the recording, follow one of them alone, or vary each by itself"
         ),
         plain=(
@@ -32,8 +32,8 @@ ROWS: Final = (
     CatalogueRow(
         code="disturbance-noisy",
         number=(
-            "largest share by which the offset per unit of one is too small by its own course, as readings do not"
-            " follow its fast changes; one finding for all of them"
+            "largest relative error by which an offset per unit is too small, due to noise in the disturbance's "
+            "column; one finding for all disturbances"
         ),
         action="log it smoother, or hold each setting for longer",
         rule=Rule("most_attenuation", (Grade("limits", 0.02),)),
@@ -49,25 +49,25 @@ ROWS: Final = (
     ),
     CatalogueRow(
         code="disturbance-constant",
-        number="0: what was asked for hardly changed",
-        limit="least range that tells anything: 0.1 A, 2 % of the throttle, 0.3 °C",
+        number="0: the disturbance hardly changed",
+        limit="smallest useful range: 0.1 A, 2 % of the throttle, 0.3 °C",
         action="vary it over its whole range while turning the sensor; or leave it out",
         rule=Rule("is_constant", (Grade("limits", 0.0),), number="nothing", limit=Limit(1.0, "least_range")),
         said=(
-            "{name} hardly changed (by less than {least_range:g}{range_unit}), so that nothing can be told of "
-            "what it does: vary it over its whole range while turning the sensor"
+            "{name} hardly changed (by less than {least_range:g}{range_unit}), so that its effect cannot be "
+            "determined: vary it over its whole range while turning the sensor"
         ),
         plain=(
-            "Something that the compass was to follow hardly changed while the recording was made, so that "
-            "nothing is known of what it does."
+            "Something that the compass was to follow hardly changed during the recording, so that its effect is not "
+            "known."
         ),
         remedy="Record again, and change it over its whole range while turning.",
     ),
     CatalogueRow(
         code="column-unused",
         number=(
-            "scatter of the field's strength in stretches that were left out of the fit, with a "
-            "[named column](disturbances.md#any-column) followed over without"
+            "ratio of the field strength's scatter in stretches that were left out of the fit, with a "
+            "[named column](disturbances.md#any-column) over without"
         ),
         action="nothing; name a column that moves the readings, or leave this one out",
         rule=Rule("is_unused", (Grade("note", 0.0),), number="scatter_ratio", limit=Limit(0.98)),
@@ -81,8 +81,8 @@ ROWS: Final = (
     CatalogueRow(
         code="disturbance",
         number=(
-            "heading error that [following](disturbances.md) a current, a throttle, a temperature or a column takes "
-            "away at the far end of its recorded range, degrees, at the worst attitude"
+            "heading error that [following](disturbances.md) a current, a throttle, a temperature or a column removes "
+            "at the far end of its recorded range, degrees, at the worst attitude"
         ),
         action="nothing; log that column wherever the calibration is used",
         rule=Rule("removed_deg", (Grade("note", -1.0),), limit=Limit(0.0)),
@@ -102,19 +102,19 @@ ROWS: Final = (
         action="vary it while turning the sensor through all directions",
         rule=Rule("remaining_deg", (Grade("limits", 1.0, "target_deg"),)),
         said=(
-            "{at_end} the heading may be off by {left_at_most_deg}° (1 σ; the target is {target_deg:g}°) from "
-            "what is not known of {name}: vary it while turning the sensor through all directions"
+            "{at_end} the heading may be off by {left_at_most_deg}° (1 σ; the target is {target_deg:g}°) due to the "
+            "uncertainty of {name}'s effect: vary it while turning the sensor through all directions"
         ),
         plain="At the far end of what the compass follows, headings may be off by {angle}.",
         remedy="Record again, with more of it at that end, while turning through all directions.",
     ),
     CatalogueRow(
         code="disturbance-collinear-attitude",
-        number="share of what tells about it that the attitude could explain as well",
+        number="share of the disturbance's effect that the attitude could explain as well",
         action="vary it in each attitude, not in step with the turning",
         rule=Rule("attitude_collinearity", (Grade("limits", 0.95),)),
         said=(
-            "{attitude_collinearity:.1%} of what tells about {name} could be the attitude as well: vary it in each "
+            "{attitude_collinearity:.1%} of the effect of {name} could also be due to the attitude: vary it in each "
             "attitude, not in step with the turning"
         ),
         plain=(
@@ -125,7 +125,7 @@ ROWS: Final = (
     ),
     CatalogueRow(
         code="disturbance-monotone",
-        number="share of its course that a function of time explains which only rises, or only falls",
+        number="share of its variation that a monotonic function of time explains",
         action=(
             "let it go up and down again while recording: a drift of the offset, or a sensor that moved, would "
             "look the same"
@@ -158,16 +158,16 @@ ROWS: Final = (
     ),
     CatalogueRow(
         code="disturbance-nonlinear",
-        grades="limits; told of a turned sensor where it costs more than half the target",
+        grades="limits; for a turned sensor only above half the target",
         number=(
-            "how far what a disturbance makes is off a straight line, over its range and at its reference, as a share "
-            "of what it makes; reported where chance makes it once in a million"
+            "deviation of a disturbance's effect from a straight line, over its range and at its reference, relative "
+            "to the effect; reported if chance causes it less than once in a million"
         ),
         action="record the current instead of the throttle, or use the calibration near where most was recorded",
         rule=Rule("curvature", (Grade("limits", 0.03),), needs=(Needs("curvature_deg", ">=", 1.0, "unsaid_deg"),)),
         said=(
-            "what {name} makes is off a straight line by {curvature:.0%} of itself: the sensor follows its "
-            "square, or something that goes along with {name}; {other_column}use the calibration near the {name} "
+            "the effect of {name} deviates from a straight line by {curvature:.0%}: the sensor follows its "
+            "square, or another quantity that varies with {name}; {other_column}use the calibration near the {name} "
             "at which most was recorded"
         ),
         plain=(
@@ -212,7 +212,7 @@ ROWS: Final = (
             (Grade("note", 0.25), Grade("limits", 1.0, "reference_limit")),
         ),
         said=(
-            "the offset is told for {reference_amount} of {name}, and it was recorded from {lowest:.3g} to "
+            "the offset is stated for {reference_amount} of {name}, and it was recorded from {lowest:.3g} to "
             "{highest_amount}: there it is extrapolated along a straight line, by {reference_outside:.0%} of that "
             "range; record with {reference_amount} as well, or use the calibration in that range alone"
         ),
@@ -236,13 +236,13 @@ ROWS: Final = (
     ),
     CatalogueRow(
         code="bench-moved",
-        number="step that is left [on the bench](disturbances.md#on-the-bench), in the unit of the readings",
+        number="step in the residuals [on the bench](disturbances.md#on-the-bench), in the unit of the readings",
         limit="four times the noise",
         action="fix sensor and surroundings, and record again",
         rule=Rule("step", (Grade("limits", 0.0),), limit=Limit(4.0, "noise")),
         said=(
-            "what the disturbances leave makes a step of {step} (noise {noise}): the sensor moved, or something "
-            "magnetic came near; fix both, and record again"
+            "the residuals have a step of {step} (noise {noise}): the sensor moved, or something magnetic came near; "
+            "fix both, and record again"
         ),
         plain="The sensor that should be held still was moved.",
         remedy="Fix the sensor, keep everything magnetic away, and record again.",
@@ -259,8 +259,8 @@ ROWS: Final = (
         ),
         rule=Rule("tilted_deg", (Grade("limits", 0.5),)),
         said=(
-            "the vertical turns by {tilted_deg}° with what drives the sensor, as the accelerometer shows: the "
-            "sensor moved with it, and so much of the earth's field was taken for the disturbance's; fix the sensor, "
+            "the vertical tilts by {tilted_deg}° in step with the disturbance, as the accelerometer shows: the sensor "
+            "moved with it, and part of the earth's field was taken for the disturbance's; fix the sensor, "
             "and record again"
         ),
         plain="The sensor that should be held still tilted by {angle} together with what disturbs it.",

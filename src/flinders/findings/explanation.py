@@ -1,4 +1,4 @@
-"""What a code means, which terminal, pages and files print beside a finding or an error.
+"""Meanings of codes, for the terminal, pages and files next to a finding or an error.
 
 >>> told = explain("coverage")
 >>> told.verdict, told.meaning.partition(". ")[0]
@@ -25,15 +25,15 @@ from flinders.findings.words import as_sentence
 
 @dataclass(frozen=True, slots=True)
 class Explanation:
-    """What a code of a finding, or of an error in place of a fit, means."""
+    """Meaning of the code of a finding, or of an error in place of a fit."""
 
     code: str
-    meaning: str  #: for whoever uses the compass; N stands for the number
-    verdict: str  #: what it makes of a fit: ``good``, ``limited`` or ``refused``, and when
-    number: str  #: what the number is, with its unit; empty for an error
-    limit: str  #: what the number is compared with; empty for an error
+    meaning: str  #: for the user of the compass; N stands for the number
+    verdict: str  #: its effect on a fit: ``good``, ``limited`` or ``refused``, with conditions
+    number: str  #: meaning and unit of the number; empty for an error
+    limit: str  #: limit for the number; empty for an error
     action: str  #: what to do
-    anchor: str  #: its place in the documentation; empty for an error
+    anchor: str  #: anchor in the documentation; empty for an error
 
     def as_dict(self) -> dict[str, Any]:
         """JSON-ready fields."""
@@ -41,17 +41,17 @@ class Explanation:
 
 
 def explain(code: str) -> Explanation:
-    """Say what a code means: what was found, what it is compared with, and what to do.
+    """Explain a code: its meaning, number, limit and action.
 
     Parameters
     ----------
     code : str
-        Of a finding (``fit.findings[0].code``), or of an error (``error.code``).
+        Code of a finding (``fit.findings[0].code``), or of an error (``error.code``).
 
     Raises
     ------
     UsageError
-        For a code that there is not.
+        For an unknown code.
     """
     if row := CATALOGUE.get(code):
         return Explanation(
@@ -67,18 +67,18 @@ def explain(code: str) -> Explanation:
         action = as_sentence(refusal.remedy or refusal.action)
         return Explanation(code, refusal.plain.format_map(_Named()), VERDICTS["refuses"], "", "", action, "")
     near = difflib.get_close_matches(code, [*CATALOGUE, *REFUSALS], n=1)
-    hint = f"did you mean {near[0]}?" if near else "codes stand in brackets behind a finding"
+    hint = f"did you mean {near[0]}?" if near else "codes are in brackets after a finding"
     raise UsageError(f"there is no finding or error {code!r}: {hint}")
 
 
 def _verdict(severities: str) -> str:
-    """What severities make of a fit: ``note; limits above the target`` becomes ``good; limited above the target``."""
+    """Effect of severities on a fit: ``note; limits above the target`` becomes ``good; limited above the target``."""
     for severity, verdict in VERDICTS.items():
         severities = severities.replace(severity, verdict)
     return severities
 
 
-PLACES: Final = {
+PLACEHOLDERS: Final = {
     "number": "N",
     "seconds": "N",
     "angle": "N°",
@@ -87,14 +87,14 @@ PLACES: Final = {
         "recordings that contradict each other"
     ),
 }
-"""What stands for the number or the words of a finding; all others are left open."""
+"""Placeholders for numbers or words of a finding; all others become an ellipsis."""
 
 
 class _Named(dict[str, Any]):
-    """Names in the place of numbers, whatever their format."""
+    """Placeholders for numbers, whatever their format."""
 
     def __missing__(self, name: str) -> _Name:
-        return _Name(PLACES.get(name, "…"))
+        return _Name(PLACEHOLDERS.get(name, "…"))
 
 
 class _Name(str):

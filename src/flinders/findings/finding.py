@@ -1,4 +1,4 @@
-"""A finding: code, severity, and the named numbers that its sentence is made from wherever it is shown.
+"""A finding: code, severity, and the named numbers for its sentence.
 
 >>> found = stated("quantised", {"step": 0.152}, "note")
 >>> found
@@ -28,29 +28,29 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True, repr=False)
 class Finding(ShortRepr):
-    """Something to know about a fit."""
+    """A fact about a fit."""
 
     code: str  #: stable name, one of `flinders.findings.CATALOGUE`
-    #: ``note``: good to know; ``limits``: the calibration holds with limits; ``refuses``: it is not given
+    #: ``note``: for information; ``limits``: the calibration is usable with limits; ``refuses``: it is not given
     severity: Severity
-    #: numbers by name, and short names such as that of an axis or a recording: all that its sentence takes. Lists where
-    #: several are listed; not a number, null in a file, where there is none.
+    #: numbers by name, and short names such as that of an axis or a recording, for its sentence. Lists if there are
+    #: several; a missing number is NaN, or null in a file.
     values: Mapping[str, Any]
-    follows_from: str | None = None  #: code of the finding that it follows from; None where it follows from no other
+    follows_from: str | None = None  #: code of the finding that it follows from; None if there is none
 
     @property
     def number(self) -> float:
-        """What was found; its meaning and unit belong to the code."""
-        return self._stated[0]
+        """The number that was found, with meaning and unit by code."""
+        return self._number_and_limit[0]
 
     @property
     def limit(self) -> float:
-        """What it was compared with."""
-        return self._stated[1]
+        """The limit that the number was compared with."""
+        return self._number_and_limit[1]
 
     @property
-    def _stated(self) -> tuple[float, float]:
-        """Number and limit by the rule; NaN where the values do not tell them."""
+    def _number_and_limit(self) -> tuple[float, float]:
+        """Number and limit by the rule; NaN if the values lack them."""
         row = CATALOGUE.get(self.code)
         if row is None or not row.rule.stated_names <= self.values.keys():
             return float(self.values.get("number", math.nan)), float(self.values.get("limit", math.nan))
@@ -58,49 +58,49 @@ class Finding(ShortRepr):
 
     @property
     def advice(self) -> str:
-        """What was found, and what to do, in a sentence; of values that are not stated what the catalogue advises."""
-        said = self._said()
+        """Finding and advice as a sentence; the catalogue's advice if values are missing."""
+        said = self._sentence()
         for name, is_best in self.values.get("parts", ()):
             said = f"not even the best of them, {name}, is whole: {said}" if is_best else f"{name}: {said}"
         return said
 
     @property
     def fault(self) -> str:
-        """What is wrong, without what to do, where a fit is refused in a line."""
-        return self._said(is_short=True)
+        """The fault without advice, for a refusal in one line."""
+        return self._sentence(is_short=True)
 
     @property
     def plain_words(self) -> str:
-        """What it means for whoever uses the compass, without the mathematics."""
+        """Meaning for the user of the compass, without mathematics."""
         row = CATALOGUE.get(self.code)
-        return row.in_plain_words(self.values) if row is not None and self._is_stated(row) else self.advice
+        return row.in_plain_words(self.values) if row is not None and self._is_complete(row) else self.advice
 
     @property
     def in_a_sentence(self) -> str:
-        """The first sentence of that."""
+        """The first sentence of `plain_words`."""
         return self.plain_words.partition(". ")[0]
 
     @property
     def remedy(self) -> str:
-        """What that person does about it, as a sentence; empty where there is nothing to do."""
+        """Remedy for the user of the compass, as a sentence; empty without one."""
         row = CATALOGUE.get(self.code)
-        return row.remedy_words(self.values) if row is not None and self._is_stated(row) else ""
+        return row.remedy_words(self.values) if row is not None and self._is_complete(row) else ""
 
-    def _is_stated(self, row: CatalogueRow) -> bool:
-        """Whether it has all the values that its sentences take."""
+    def _is_complete(self, row: CatalogueRow) -> bool:
+        """Whether all values of its sentences exist."""
         return self.values.keys() >= set(row.names)
 
-    def _said(self, *, is_short: bool = False) -> str:
-        """The sentence of the catalogue, or the first part of it."""
+    def _sentence(self, *, is_short: bool = False) -> str:
+        """The sentence of the catalogue, or its first part."""
         row = CATALOGUE.get(self.code)
         if row is None:
             return self.code
-        if not self._is_stated(row):
+        if not self._is_complete(row):
             return row.action.replace("`", "")
         return row.sentence(self.values, is_short=is_short)
 
     def as_dict(self) -> dict[str, Any]:
-        """JSON-ready fields, and the sentence for whoever reads them; a number that there is none of is None."""
+        """JSON-ready fields with the sentence; a missing number is None."""
         return {
             "code": self.code,
             "severity": self.severity,
@@ -108,23 +108,23 @@ class Finding(ShortRepr):
             "limit": plain(self.limit),
             "values": {name: plain(value) for name, value in self.values.items()},
             "follows_from": self.follows_from,
-            "advice": self.advice,  # the sentence that the values make
+            "advice": self.advice,  # sentence made from the values
         }
 
     def to_record(self) -> FindingRecord:
-        """The finding as it stands in a file, which has no sentence."""
+        """The finding as stored in a file, without its sentence."""
         fields = self.as_dict()
         del fields["advice"]
         return FindingRecord(**fields)
 
     @classmethod
     def from_record(cls, record: FindingRecord, source: str) -> Self:
-        """A finding as a file states it.
+        """A finding as stored in a file.
 
         Raises
         ------
         DocumentError
-            For values that make no sentence; `source` names the file.
+            For values that do not fit the sentence; `source` names the file.
         """
         row = CATALOGUE.get(record.code)
         is_stated = row is not None and row.rule.stated_names <= record.values.keys()
@@ -135,12 +135,14 @@ class Finding(ShortRepr):
             finding = cls(record.code, severity, values, record.follows_from)
             finding.as_dict()
         except (ArithmeticError, LookupError, RecursionError, TypeError, ValueError, FlindersError) as error:
-            raise DocumentError(f"{source}: fit.findings: values of {record.code} make no sentence: {error}") from None
+            raise DocumentError(
+                f"{source}: fit.findings: values of {record.code} do not fit its sentence: {error}"
+            ) from None
         return finding
 
 
 def stated(code: str, record: Mapping[str, Any], severity: Severity, follows_from: str | None = None) -> Finding:
-    """A finding with what its sentence takes of a record, with a severity that its rule has.
+    """A finding with the values of its sentence from a record, and a given severity.
 
     Parameters
     ----------
@@ -156,11 +158,11 @@ def _value(value: Any) -> Any:  # noqa: ANN401 - a number, a name, or a list of 
         return value
     if isinstance(value, Sequence):
         return tuple(_value(member) for member in value)
-    return math.nan if value is None or value != value else float(value)  # noqa: PLR0124 - one NaN, so that they compare
+    return math.nan if value is None or value != value else float(value)  # noqa: PLR0124 - one NaN object, for comparisons
 
 
 def plain(value: Any) -> Any:  # noqa: ANN401 - a number, a name, or a list of either
-    """A value as JSON has it: None for a number that there is none of."""
+    """A value for JSON: None for a missing number."""
     if isinstance(value, str):
         return value
     if isinstance(value, Sequence):
@@ -169,6 +171,6 @@ def plain(value: Any) -> Any:  # noqa: ANN401 - a number, a name, or a list of e
 
 
 def by_severity(findings: Iterable[Finding]) -> tuple[Finding, ...]:
-    """Put the most severe findings first, those of one severity as they came."""
+    """Sort findings by severity, most severe first, without changing the order within a severity."""
     order = list(VERDICTS)
     return tuple(sorted(findings, key=lambda finding: order.index(finding.severity)))

@@ -1,4 +1,4 @@
-"""What a fit shows of its own worth: accuracy, coverage, evidence.
+"""Findings about the quality of a fit: accuracy, coverage, evidence.
 
 >>> [row.code for row in ROWS][:3]
 ['one-plane', 'level-plane', 'heading-error']
@@ -10,8 +10,8 @@ from typing import Final
 
 from flinders.findings.row import CatalogueRow, Grade, Limit, Needs, Rule
 
-_WITHIN_TARGET: Final = (Needs("worst_deg", "<", 1.0, "target_deg"), Needs("is_planar", "<", 1.0))
-"""Of findings that say why a claim may be too small: a larger one, and a level turn, have limits of their own."""
+_TARGET_IS_MET: Final = (Needs("worst_deg", "<", 1.0, "target_deg"), Needs("is_planar", "<", 1.0))
+"""Condition for findings that a claim may be too small: larger claims, and level turns, have limits of their own."""
 
 ROWS: Final = (
     CatalogueRow(
@@ -30,7 +30,7 @@ ROWS: Final = (
         ),
         hint={"axes": None},
         plain=(
-            "All readings lie in one plane, as when a sensor is turned on a table. They tell nothing about any "
+            "All readings lie in one plane, as when a sensor is turned on a table. They do not determine any "
             "other attitude."
         ),
         remedy="Turn the sensor onto its sides and upside down too.",
@@ -110,7 +110,7 @@ ROWS: Final = (
         code="rotation-uncertain",
         affects="use",
         number=(
-            "heading error (1 σ, rms over a level turn) that is left open by a rotation that an aid has found, degrees"
+            "heading error (1 σ, rms over a level turn) due to the uncertainty of a rotation found with an aid, degrees"
         ),
         action=(
             "tilt the body far about two axes while recording, say how well the accelerometer is calibrated "
@@ -118,8 +118,8 @@ ROWS: Final = (
         ),
         rule=Rule("alignment_deg", (Grade("limits", 1.0, "target_deg"),)),
         said=(
-            "the mounting, as the aids show it, is uncertain by {alignment_deg:angle} of a level heading (1 σ; the "
-            "target is {target_deg:g}°), which is not in the heading error: "
+            "the mounting found with the aids is uncertain by {alignment_deg:angle} of a level heading (1 σ; the "
+            "target is {target_deg:g}°), which the heading error does not include: "
             "tilt the body far about two axes while recording, say how well the accelerometer is calibrated, or "
             "calibrate without aids and measure the mounting"
         ),
@@ -181,7 +181,7 @@ ROWS: Final = (
     ),
     CatalogueRow(
         code="unobservable-parameters",
-        number="of nine parameters, how many the readings say nothing of",
+        number="number of the nine parameters that the readings do not determine",
         action=(
             "as where all readings lie on one ring or on two: turn the sensor about another axis too; until then "
             "the prior that soft iron is mild holds what is open"
@@ -199,7 +199,7 @@ ROWS: Final = (
     ),
     CatalogueRow(
         code="prior",
-        number="share of the least known shape parameter that the prior speaks for",
+        number="share of the prior in the least known shape parameter",
         action="turn the sensor as the advice says, or trust that soft iron is mild",
         fleet_action="turn the sensor through more directions, or trust that soft iron is mild",
         rule=Rule("prior_share", (Grade("limits", 0.1),)),
@@ -211,7 +211,7 @@ ROWS: Final = (
     ),
     CatalogueRow(
         code="few-samples",
-        number="independent readings: all, or as many independent ones as say the same where residuals are correlated",
+        number="number of independent readings: all, or the equivalent number if residuals are correlated",
         limit="15, or 20 where residuals are correlated",
         action="record for longer, turning all the time, away from iron",
         rule=Rule("independent", (Grade("limits", 1.0, "independent_needed"),), comparison="<"),
@@ -222,7 +222,7 @@ ROWS: Final = (
     ),
     CatalogueRow(
         code="unsteady-field",
-        number="heading error of a single moment, degrees, from what lasts from one reading to the next, 1 σ",
+        number="heading error at one moment, degrees, due to changes that last over several readings, 1 σ",
         limit="1.25 times the target; 0.8 times where it comes and goes at once",
         action="record away from iron, and from currents that change",
         # `docs/adversary.md`: a steel desk makes 1.3 to 2.1 targets of it and was called good, wrongly, 10 times of 15;
@@ -230,11 +230,11 @@ ROWS: Final = (
         rule=Rule(
             "unsteady_deg",
             (Grade("limits", 1.0, "unsteady_limit_deg"),),
-            needs=(*_WITHIN_TARGET, Needs("unlike_correlation", ">=", 0.5)),
+            needs=(*_TARGET_IS_MET, Needs("unlike_correlation", ">=", 0.5)),
         ),
         said=(
             "the field fluctuates by {unsteady_deg}° of heading (the limit is {unsteady_limit_deg}°): iron or currents "
-            "are near, and what they do to offset and matrix may stay hidden; record away from them"
+            "are near, and their effect on offset and matrix may stay hidden; record away from them"
         ),
         plain=(
             "While the sensor was turned the field fluctuated by {angle} of heading, as it does near iron or currents."
@@ -251,14 +251,14 @@ ROWS: Final = (
             "noise_lasts",
             (Grade("limits", 0.15),),
             needs=(
-                *_WITHIN_TARGET,
+                *_TARGET_IS_MET,
                 Needs("worst_deg", ">", 0.25, "target_deg"),
                 Needs("unlike_correlation", ">=", 0.15),
             ),
         ),
         fault=(
-            "noise lasts for more than a third of the recording (probability {noise_lasts:.0%}), so that how large "
-            "it is, and the heading error, is known from one or two swings of it"
+            "noise lasts for more than a third of the recording (probability {noise_lasts:.0%}), so that its size, and "
+            "the heading error, are known from one or two swings only"
         ),
         said="record for longer, turning all the time",
         plain="The noise is so slow that the recording shows little of it: the errors given here may be too small.",

@@ -1,4 +1,4 @@
-"""The first sentence of a verdict: of a limited calibration what limits it, why, and what to do.
+"""The first sentence of a verdict: for a limited calibration its limit, the reason, and the remedy.
 
 >>> from flinders.findings.finding import Finding
 >>> gap = Finding("coverage", "limits", {"hole_deg": 74.0})
@@ -31,36 +31,36 @@ LEADS: Final = {
     "refused-unknown": "Not fit for use. Headings may be off by any angle: {why}",
     "refused-error": "Not fit for use. Headings may be off by {error}, above the target of {target}: {why}",
 }
-"""How a verdict begins, by what its first cause affects; `why` is the cause in a sentence, and its remedy follows."""
+"""First sentence of a verdict, by the effect of its first cause; `why` is the cause, and its remedy follows."""
 
 REACHES: Final = (
     (1.0, "while level", "Not known when tilted"),
     (UPSIDE_DOWN, "up to {limit:.0f}° of tilt", "Above the target beyond"),
     (math.inf, "at any attitude", ""),
 )
-"""Tilt up to which headings are good, at most; that in words, and what lies beyond."""
+"""Ranges of tilt in degrees for which headings are good: upper end, words for the range, and words beyond it."""
 
 SMALL_ERROR_DEG: Final = 0.2
-"""A good heading error below this is followed by what it leaves out."""
+"""Heading error in degrees below which a good verdict adds its caveat."""
 
 UNSTATED: Final = "the calibration states no uncertainty"
-"""Why nothing is known of a calibration without findings, as one that was imported."""
+"""Reason for a calibration without findings, such as an imported one."""
 
 LEFT_OUT: Final = "That is the error of the calibration alone: mounting, tilt and iron nearby come on top."
 
 
 class Headline(NamedTuple):
-    """The first sentence of a verdict, and the code of the finding that it is about."""
+    """The first sentence of a verdict, and the code of its finding."""
 
     words: str
-    code: str  #: empty where the verdict is good
+    code: str  #: empty for a good verdict
 
 
 class Claimed(NamedTuple):
-    """What a fit claims of headings, for its headline."""
+    """The heading error that a fit claims, for its headline."""
 
-    worst_deg: float  #: worst heading error, 1 σ; NaN where it is not stated
-    bound_deg: float  #: 95 %
+    worst_deg: float  #: worst heading error, 1 σ; NaN if not stated
+    bound_deg: float  #: 95 % bound
     target_deg: float
 
 
@@ -68,15 +68,15 @@ NOT_CLAIMED: Final = Claimed(math.nan, math.nan, math.nan)
 
 
 def headline(verdict: Verdict, cause: Finding | None, claimed: Claimed, limit_deg: float) -> Headline:
-    """Begin a verdict.
+    """Make the first sentence of a verdict.
 
     Parameters
     ----------
     cause : Finding or None
-        The first cause (`flinders.findings.first_causes`); it is not looked at where the verdict is good. None of a
-        calibration without findings, as one that was imported.
+        The first cause (`flinders.findings.first_causes`), which a good verdict ignores. None for a calibration without
+        findings, such as an imported one.
     limit_deg : float
-        Tilt up to which headings are within the target.
+        Tilt in degrees up to which headings are within the target.
     """
     cause = None if verdict == "good" else cause
     kind = _kind(verdict, cause, claimed)
@@ -97,7 +97,7 @@ def headline(verdict: Verdict, cause: Finding | None, claimed: Claimed, limit_de
 
 
 def _kind(verdict: Verdict, cause: Finding | None, claimed: Claimed) -> str:
-    """Which of `LEADS` a verdict begins with."""
+    """Key of `LEADS` for a verdict."""
     if cause is None:
         return "good" if claimed.worst_deg < ANY_ANGLE_DEG else "unknown"
     row = CATALOGUE.get(cause.code)
@@ -113,14 +113,14 @@ def _kind(verdict: Verdict, cause: Finding | None, claimed: Claimed) -> str:
 
 
 def _refused_kind(affects: str, claimed: Claimed) -> str:
-    """Which of them one begins with that is refused."""
+    """Key of `LEADS` for a refused fit."""
     if affects != "error":
         return "refused"
     return "refused-error" if claimed.worst_deg < ANY_ANGLE_DEG else "refused-unknown"
 
 
 def error_words(claimed: Claimed) -> str:
-    """The worst heading error, 1 σ, and its bound; with the digits that tell it from the target.
+    """The worst heading error, 1 σ, and its bound; with enough digits to differ from the target.
 
     >>> error_words(Claimed(0.32, 0.71, 1.0)), error_words(Claimed(1.013, 2.5, 1.0))
     ('0.32° (95 % within 0.71°)', '1.01° (95 % within 2.5°)')
@@ -134,6 +134,6 @@ def error_words(claimed: Claimed) -> str:
 
 
 def reach_words(limit_deg: float) -> tuple[str, str]:
-    """Attitudes at which headings are within the target, and the others; level ones alone where the tilt is NaN."""
+    """Words for attitudes within the target, and for the others; level attitudes only if the tilt is NaN."""
     _, reach, beyond = next((row for row in REACHES if limit_deg < row[0]), REACHES[0])
     return reach.format(limit=limit_deg), beyond

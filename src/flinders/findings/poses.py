@@ -1,4 +1,4 @@
-"""Names of the attitudes that advice is given in, after "hold it"; the engine has where they are.
+"""Words for the attitudes in advice, after "hold it"; the engine has their directions.
 
 >>> POSE_WORDS["vehicle"][2], POSE_WORDS["sensor"][0]
 ('level', 'with its +x side down')
@@ -26,7 +26,7 @@ _SIDES: Final = ("+x", "+y", "+z", "−x", "−y", "−z")
 
 
 def _vehicle_words() -> Iterator[str]:
-    """Nose straight down and up, and five pitches with eight rolls about the nose."""
+    """Nose straight down and up, then five pitches with eight rolls about the nose."""
     yield "with its nose straight down"
     yield "with its nose straight up"
     for pitch_deg, roll_deg in product(_PITCHES, _ROLLS):
@@ -34,7 +34,7 @@ def _vehicle_words() -> Iterator[str]:
 
 
 def _sensor_words() -> Iterator[str]:
-    """Sides, edges and corners of a box along the axes, and sides with a neighbour lowered."""
+    """Sides, edges and corners of a box along the axes, and sides with a lowered neighbour."""
     for side in _SIDES:
         yield f"with its {side} side down"
     for one, two in combinations(_SIDES, 2):
@@ -48,4 +48,4 @@ def _sensor_words() -> Iterator[str]:
 
 
 POSE_WORDS: Final[dict[Frame, tuple[str, ...]]] = {"vehicle": tuple(_vehicle_words()), "sensor": tuple(_sensor_words())}
-"""Names of the engine's attitudes in each frame, after "hold it"."""
+"""Words for the engine's attitudes in each frame, after "hold it"."""

@@ -1,4 +1,4 @@
-"""What a recording shows, whatever the fit is worth."""
+"""Findings about a recording, regardless of the quality of its fit."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ ROWS: Final = (
             "readings err in turns to one side and to the other (correlation {next_correlation:.2f}), by about "
             "{alternating_deg}° of heading"
         ),
-        said="readings of two sensors are mixed, or something switches as fast as is read; record one sensor alone",
+        said="readings of two sensors are mixed, or something switches at the reading rate; record one sensor alone",
         plain="Every second reading is off to the other side, as where the readings of two sensors are mixed.",
         remedy="Record one sensor alone.",
         alarm=True,
@@ -55,7 +55,7 @@ ROWS: Final = (
     ),
     CatalogueRow(
         code="saturated",
-        number="largest share of the readings at the very end of an axis; they are left out",
+        number="largest share of readings at the end of an axis' range; they are left out",
         action="choose a larger range of the sensor, or move it away from magnets",
         rule=Rule("rail_share", (Grade("limits", 0.0),), limit=Limit(0.01)),
         fault="of the readings {rails}, and are left out",
@@ -91,7 +91,7 @@ ROWS: Final = (
     ),
     CatalogueRow(
         code="at-rest",
-        number="share of the readings that were made while the direction stood still",
+        number="share of readings that were made while the direction did not change",
         action="nothing: a rest counts as one reading, or as none beside a long turn",
         rule=Rule("at_rest_share", (Grade("note", 0.1),), needs=(Needs("repeated_share", "<", 0.1),)),
         said=(
@@ -147,7 +147,7 @@ ROWS: Final = (
         code="no-answer",
         affects="use",
         grades="note; limits above a tenth of the rows",
-        number="readings of 0, 0, 0, of −1, or of another word that a bus gives whose sensor does not answer",
+        number="readings of 0, 0, 0, of −1, or of another word that a bus returns if its sensor does not answer",
         limit="a tenth of the rows",
         action="check its supply and its bus, and read the sensor only when it has a new reading; they are left out",
         fleet_action="check the sensor's supply and bus",
@@ -158,7 +158,7 @@ ROWS: Final = (
     ),
     CatalogueRow(
         code="like-gravity",
-        number="1: columns without telling names have the length of gravity, in g, m/s² or counts of an accelerometer",
+        number="1: columns without identifying names have gravity's length, in g, m/s² or counts of an accelerometer",
         action="give the recording of the magnetometer; where it is one after all, name its columns",
         fleet_action="give recordings of the magnetometer",
         rule=Rule("is_doubtful", (Grade("limits", 0.0),)),

@@ -1,7 +1,7 @@
-"""Errors in place of a fit: how each is said to whoever uses the compass, and what to do about it.
+"""Errors in place of a fit: words for the user of the compass, and remedies.
 
-An error says what it found and what to do in its own message; that message names the rows, columns and options of one
-recording. The page of plain words and the report of a fleet, which shows one example of each, read this table.
+The message of an error names the rows, columns and options of one recording, and its remedy. The page in plain words
+and the report of a fleet, which shows one example of each error, use this table.
 
 >>> REFUSALS["unmoved"].remedy
 'Turn it slowly through all directions while recording.'
@@ -15,9 +15,9 @@ from typing import Final, NamedTuple
 class Refusal(NamedTuple):
     """An error in place of a fit."""
 
-    action: str  # what to do where many units have it
-    plain: str = ""  # what is wrong, without the mathematics; empty for errors of files and options
-    remedy: str = ""  # what to do
+    action: str  # action if many units have it
+    plain: str = ""  # meaning without mathematics; empty for errors of files and options
+    remedy: str = ""  # remedy
 
 
 REFUSALS: Final[dict[str, Refusal]] = {

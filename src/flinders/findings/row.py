@@ -1,6 +1,6 @@
-"""What a finding is, and a row of the catalogue: when it is found, how it is said, and what to do about it.
+"""Types of a finding, and a row of the catalogue: its rule, its sentences, and its remedy.
 
-A rule is data: comparisons of plain numbers with limits, which the engine applies (`flinders.findings.rules`).
+A rule is data: comparisons of numbers with limits, which the engine applies (`flinders.findings.rules`).
 
 >>> hot = CatalogueRow(
 ...     code="hot", number="temperature, °C", grades="note; limits above 80",
@@ -32,17 +32,17 @@ if TYPE_CHECKING:
 Severity = Literal["note", "limits", "refuses"]
 
 Affects = Literal["error", "attitudes", "claim", "use"]
-"""What a finding that limits bears on, which decides how the verdict begins (`flinders.findings.headline`).
+"""Aspect of a fit that a limiting finding affects, which selects the verdict's first sentence (`findings.headline`).
 
 ``error``: the heading error is above the target; ``attitudes``: some attitudes are not known; ``claim``: the heading
-error may be more than is claimed; ``use``: something to be checked before the calibration is used.
+error may exceed the claim; ``use``: something to check before the calibration is used.
 """
 
 Condition = Literal["same-soft-iron", "unchanged-body", "uniform-field", "constant-iron"]
-"""What a verdict may rest on, and no finding shows."""
+"""Assumption of a verdict that no finding covers."""
 
 VERDICTS: Final[dict[Severity, Verdict]] = {"refuses": "refused", "limits": "limited", "note": "good"}
-"""What each severity makes of a fit, the most severe first."""
+"""Verdict for each severity, the most severe first."""
 
 CONDITIONS: Final[dict[Condition, str]] = {
     "same-soft-iron": "soft iron is as it was",
@@ -50,39 +50,39 @@ CONDITIONS: Final[dict[Condition, str]] = {
     "uniform-field": "no iron is near",
     "constant-iron": "currents are constant",
 }
-"""What a verdict rests on, in words."""
+"""Assumptions of a verdict, in words."""
 
 OF_A_TUMBLE: Final[tuple[Condition, ...]] = ("uniform-field", "constant-iron")
-"""What a verdict rests on where a magnetometer alone was recorded, for longer than a few seconds."""
+"""Assumptions for a recording of a magnetometer alone that is longer than a few seconds."""
 
-CERTAINTY: Final[dict[Condition, str]] = {
+VERIFICATIONS: Final[dict[Condition, str]] = {
     "same-soft-iron": "tumble again",
     "unchanged-body": "record again while it is in use",
     "uniform-field": "record elsewhere too",
     "constant-iron": "record the currents",
 }
-"""What would show it."""
+"""Ways to verify each assumption."""
 
 Comparison = Literal["<", ">", ">="]
 
 STATED_NUMBERS: Final = ("number", "limit", "angle", "seconds")
-"""Names by which `CatalogueRow.plain` has the number and the limit of its rule."""
+"""Names in `CatalogueRow.plain` for the number and the limit of its rule."""
 
 WORDS: Final[Mapping[str, Callable[..., str]]] = {**FIT_WORDS, **SENSOR_WORDS}
-"""Words that sentences take beside values, each made from values."""
+"""Words in sentences, as functions of values."""
 
 _OF_THE_TARGET: Final = {1.0: "the target", 0.5: "half the target", 0.1: "a tenth of the target"}
 
 
 class Limit(NamedTuple):
-    """A factor, of a quantity of the record or of one."""
+    """A factor, or with `times` a multiple of that quantity of the record."""
 
     factor: float
     times: str = ""
 
 
 class Grade(NamedTuple):
-    """How severe it is beyond a limit: a factor, of a quantity of the record or of one."""
+    """Severity beyond a limit: a factor, or with `times` a multiple of that quantity of the record."""
 
     severity: Severity
     factor: float
@@ -90,7 +90,7 @@ class Grade(NamedTuple):
 
 
 class Needs(NamedTuple):
-    """Another comparison that has to hold as well, with a factor of a quantity of the record or of one."""
+    """A further comparison that must hold, with a factor or a multiple of the quantity `times`."""
 
     quantity: str
     comparison: Comparison
@@ -100,14 +100,14 @@ class Needs(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class Rule:
-    """A comparison of a quantity with limits: the last grade that holds is how severe it is."""
+    """A comparison of a quantity with limits; the last grade that holds gives the severity."""
 
-    quantity: str  #: name of a number of the record. What is not a number is beyond no limit.
-    grades: tuple[Grade, ...]  #: for the table of docs/findings.md: how severe when
-    comparison: Comparison = ">"  #: by which the quantity is beyond a limit
-    needs: tuple[Needs, ...] = ()  #: comparisons that have to hold as well
-    number: str = ""  #: quantity that a finding states, where it is another one
-    limit: Limit | None = None  #: that a finding states, where it is not that of the first grade
+    quantity: str  #: name of a number of the record; NaN exceeds no limit
+    grades: tuple[Grade, ...]  #: limits with their severities
+    comparison: Comparison = ">"  #: comparison by which the quantity exceeds a limit
+    needs: tuple[Needs, ...] = ()  #: further comparisons that must hold
+    number: str = ""  #: quantity that a finding states, if it is another one
+    limit: Limit | None = None  #: limit that a finding states, if it is not that of the first grade
 
     @property
     def stated_limit(self) -> Limit:
@@ -116,51 +116,51 @@ class Rule:
 
     @property
     def compared(self) -> frozenset[str]:
-        """Names of the quantities that it compares."""
+        """Names of the compared quantities."""
         graded = (grade.times for grade in self.grades)
         needed = (name for need in self.needs for name in (need.quantity, need.times))
         return frozenset({self.quantity, *graded, *needed} - {""})
 
     @property
     def stated_names(self) -> set[str]:
-        """Names of the quantities that number and limit are."""
+        """Names of the quantities of number and limit."""
         return {self.number or self.quantity, self.stated_limit.times} - {""}
 
     @property
     def names(self) -> frozenset[str]:
-        """Names of the quantities that it compares or states."""
+        """Names of all quantities that are compared or stated."""
         return self.compared | self.stated_names
 
     def stated(self, values: Mapping[str, Any]) -> tuple[float, float]:
-        """Number and limit as a finding states them."""
+        """Number and limit of a finding with these values."""
         factor, times = self.stated_limit
         return float(values[self.number or self.quantity]), float(factor * values[times] if times else factor)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class CatalogueRow:
-    """A finding that there can be: all that is known of it."""
+    """All data of one possible finding."""
 
     code: str  #: stable name
-    rule: Rule  #: when it is found
-    number: str  #: for the table of docs/findings.md: meaning and unit of the number
-    action: str  #: what to do
-    said: str  #: the technical sentence, or what of it follows `fault`: a format of values and of `WORDS`
-    plain: str  #: what it means for whoever uses the compass, without the mathematics
-    remedy: str = ""  #: what that person does about it
-    fault: str = ""  #: the beginning of the sentence, which says what is wrong where a fit is refused in a line
-    #: arguments that carry out the advice: each interface spells them, and the sentences name none
+    rule: Rule  #: condition of the finding
+    number: str  #: meaning and unit of the number, for the table of docs/findings.md
+    action: str  #: action for an engineer
+    said: str  #: the technical sentence, or its part after `fault`: a format of values and of `WORDS`
+    plain: str  #: meaning for the user of the compass, without mathematics
+    remedy: str = ""  #: remedy for the user
+    fault: str = ""  #: first part of the sentence: the fault, for a refusal in one line
+    #: arguments that the advice needs, spelled by each interface; sentences contain none
     hint: Hint = field(default_factory=dict)
-    limit: str | None = None  #: meaning of the limit; None where it is that number of the rule, or share of the target
-    grades: str = ""  #: how severe when; empty where that is the one severity of the rule
-    affects: Affects = "claim"  #: what it bears on where it limits
-    alarm: bool = False  #: the live page warns of it: something is wrong, and not only more turning needed
-    #: what to do in a report of many units, where `action` speaks of what the advice to one unit names
+    limit: str | None = None  #: meaning of the limit; None if it is the rule's number, or a share of the target
+    grades: str = ""  #: severities with their conditions; empty if the rule has just one
+    affects: Affects = "claim"  #: aspect that it affects if it limits
+    alarm: bool = False  #: whether the live page warns of it: a fault, not just too little turning
+    #: action in a report of many units, if `action` refers to the advice for one unit
     fleet_action: str = ""
 
     @property
     def names(self) -> tuple[str, ...]:
-        """Names of the values that a finding has: those of number and limit, of the sentence and of its words."""
+        """Names of the values of a finding: number, limit, and values in the sentences and their words."""
         stated = (self.rule.number or self.rule.quantity, self.rule.stated_limit.times)
         said = (name for words in (self.template, self.plain, self.remedy) for name in _values_of(words))
         return tuple(name for name in dict.fromkeys((*stated, *said)) if name and name not in STATED_NUMBERS)
@@ -171,22 +171,22 @@ class CatalogueRow:
         return f"{self.fault}: {self.said}" if self.fault else self.said
 
     def sentence(self, values: Mapping[str, Any], *, is_short: bool = False) -> str:
-        """The technical sentence; `is_short`: that part of it that says what is wrong, of a row that has one."""
+        """The technical sentence; with `is_short` only its fault, if the row has one."""
         return (self.fault if is_short and self.fault else self.template).format_map(_Stated(values))
 
     def in_plain_words(self, values: Mapping[str, Any]) -> str:
-        """What it means for whoever uses the compass."""
+        """Meaning for the user of the compass."""
         number, limit = map(Quantity, self.rule.stated(values))
         stated = {"number": number, "limit": limit, "angle": angle(number), "seconds": figures(number)}
         return self.plain.format_map(_Stated({**values, **stated}))
 
     def remedy_words(self, values: Mapping[str, Any]) -> str:
-        """What that person does about it, as a sentence; empty where there is nothing to do."""
+        """Remedy for the user, as a sentence; empty without one."""
         return as_sentence(self.remedy.format_map(_Stated(values))) if self.remedy else ""
 
     @property
     def severities(self) -> str:
-        """How severe it is when, for the table of docs/findings.md."""
+        """Severities with their conditions, for the table of docs/findings.md."""
         return self.grades or self.rule.grades[0].severity
 
     @property
@@ -199,7 +199,7 @@ class CatalogueRow:
 
 
 class Quantity(float):
-    """A number that is written to two figures, unless a format says otherwise; ``angle`` is in degrees.
+    """A number that is formatted to two digits by default; the format ``angle`` is in degrees.
 
     >>> f"{Quantity(12.3456)} {Quantity(0.25):.0%} {Quantity(2.04):angle} {Quantity(400.0):angle}"
     '12 25% 2.0° any angle'
@@ -212,7 +212,7 @@ class Quantity(float):
 
 
 class Record(dict[str, Any]):
-    """Quantities by name, and other values, each made when a finding takes it.
+    """Quantities by name, and other values that are computed on first access.
 
     >>> record = Record({"noise": 0.12}, who=lambda: "somebody")
     >>> record["noise"], record["who"]
@@ -229,7 +229,7 @@ class Record(dict[str, Any]):
 
 
 class _Stated(dict[str, Any]):
-    """Values as a sentence takes them: numbers to two figures, and words made of them."""
+    """Values in a sentence: numbers to two digits, and words made from them."""
 
     def __init__(self, values: Mapping[str, Any]) -> None:
         super().__init__()
@@ -244,13 +244,13 @@ class _Stated(dict[str, Any]):
 
 @cache
 def _values_of(said: str) -> tuple[str, ...]:
-    """Names of the values that a sentence and its words take."""
+    """Names of the values in a sentence and its words."""
     named = [name for _, name, _, _ in Formatter().parse(said) if name]
     return tuple(taken for name in named for taken in (taken_by(WORDS[name]) if name in WORDS else (name,)))
 
 
 def resting_on(conditions: Sequence[Condition]) -> str:
-    """What a verdict rests on; nothing where it rests on nothing.
+    """Assumptions of a verdict in words; empty without any.
 
     >>> resting_on(("uniform-field", "constant-iron")), resting_on(())
     ('holds if no iron is near and currents are constant', '')
@@ -260,32 +260,32 @@ def resting_on(conditions: Sequence[Condition]) -> str:
 
 
 def stated(conditions: Sequence[Condition]) -> str:
-    """The same, with what would show the first of it.
+    """Assumptions of a verdict, with a way to verify the first one.
 
     >>> stated(("uniform-field", "constant-iron")), stated(())
     ('holds if no iron is near and currents are constant: record elsewhere too', '')
     """
-    return f"{resting_on(conditions)}: {CERTAINTY[conditions[0]]}" if conditions else ""
+    return f"{resting_on(conditions)}: {VERIFICATIONS[conditions[0]]}" if conditions else ""
 
 
 TUMBLE_STATED: Final = stated(OF_A_TUMBLE)
-"""What a verdict rests on where a magnetometer alone was recorded, as it is stated."""
+"""Assumptions for a recording of a magnetometer alone, with a way to verify the first one."""
 
 
 # ------------------------------------------------------------------------------------- findings that follow from others
 
 OF_RESIDUALS: Final = (
     *("unsteady-field", "lasting-noise", "nonlinear-axis", "axis-lag", "structure", "correlated"),
-    "tilt-error",  # a dip that wanders
+    "tilt-error",  # a dip that varies
 )
-"""What residuals show, whatever made them."""
+"""Findings about residuals, whatever their cause."""
 
 OF_A_SURFACE: Final = ("prior", "unobservable-parameters", "axis-ratio", "field-strength")
-"""What an ellipsoid shows that is one."""
+"""Findings about an ellipsoid."""
 
 
 class Cause(NamedTuple):
-    """A finding of a severity, or a worse one, and the findings that follow from it, unless another is there."""
+    """A finding of at least a severity, and the findings that follow from it, unless another one is present."""
 
     code: str
     severity: Severity
@@ -307,7 +307,7 @@ CAUSES: Final = (
             *("heading-error", "coverage", "few-samples", "field-changed", "outliers"),
             *(*OF_RESIDUALS, *OF_A_SURFACE),
         ),
-        unless="level-plane",  # an ellipse through a short arc is small beside its noise
+        unless="level-plane",  # an ellipse through a short arc is small compared with its noise
     ),
     Cause("inflation", "limits", ("field-changed", "coverage", *OF_RESIDUALS, *OF_A_SURFACE)),
     Cause("recordings-differ", "limits", ("heading-error", "structure")),
@@ -324,4 +324,4 @@ CAUSES: Final = (
     Cause("few-samples", "limits", ("nonlinear-axis", "axis-lag", "structure", "correlated")),
     Cause("quantised", "note", ("stale-repeats",)),
 )
-"""The first cause first, as the findings are shown."""
+"""Causes in their order of display."""

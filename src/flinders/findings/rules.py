@@ -1,9 +1,9 @@
-"""The rules of the catalogue, as the engine applies them.
+"""Application of the catalogue's rules by the engine.
 
 >>> [finding.code for finding in found_in({"axis_ratio": 3.0, "step": 0.0}, "axis-ratio", "quantised")]
 ['axis-ratio']
 
-Findings that follow from others are not shown: who removes the cause need not read of them.
+Findings that follow from others are not shown: removing the cause removes them.
 
 >>> given = [Finding(code, "limits", {}) for code in ("noise", "coverage", "axis-swap")]
 >>> [finding.code for finding in first_causes(linked(given))]
@@ -29,7 +29,7 @@ if TYPE_CHECKING:
     from flinders.native.layouts import Records
 
 SEVERITIES: Final[tuple[Severity | None, ...]] = (None, *reversed(VERDICTS))
-"""Severities by the engine's numbers."""
+"""Severities, by number in the engine."""
 
 _RULES: Final = {code: number for number, code in enumerate(RULES)}
 _OF_A_FIT: Final = {code: number for number, code in enumerate(OF_A_FIT)}
@@ -37,12 +37,12 @@ _QUANTITIES: Final = {name: number for number, name in enumerate(QUANTITIES)}
 
 
 def finding_in(record: Mapping[str, Any], code: str) -> Finding | None:
-    """A finding of a record; None where its rule does not hold.
+    """A finding about a record; None if its rule does not hold.
 
     Parameters
     ----------
     record : mapping
-        Quantities of the rule by name, and what the sentence takes.
+        Quantities of the rule by name, and the other values of the sentence.
     """
     rule = CATALOGUE[code].rule
     quantities = np.full(len(QUANTITIES), np.nan)
@@ -53,19 +53,19 @@ def finding_in(record: Mapping[str, Any], code: str) -> Finding | None:
 
 
 def found_in(record: Mapping[str, Any], *codes: str) -> Iterator[Finding]:
-    """Of some findings those whose rules hold for a record."""
+    """The findings, among these codes, whose rules hold for a record."""
     return (finding for code in codes if (finding := finding_in(record, code)) is not None)
 
 
 def certain(record: Mapping[str, Any], code: str) -> Finding:
-    """A finding of a record for which its rule holds."""
+    """A finding about a record for which its rule is known to hold."""
     finding = finding_in(record, code)
     assert finding is not None
     return finding
 
 
 def linked(findings: Iterable[Finding]) -> tuple[Finding, ...]:
-    """Findings of several judgements of one fit, by severity, each with the code of the one that it follows from."""
+    """Combine findings of several judgements of one fit, by severity, each with the code of its cause."""
     given = by_severity(findings)
     severities = np.zeros(len(OF_A_FIT), dtype=np.uint8)
     for finding in given:
@@ -76,13 +76,13 @@ def linked(findings: Iterable[Finding]) -> tuple[Finding, ...]:
 
 
 def causes_of(judgement: Records) -> dict[str, str]:
-    """Code of the cause of each finding of a judgement that follows from another."""
+    """Code of the cause of each finding of a judgement that follows from another one."""
     causes = judgement["causes"].tolist()
     return {OF_A_FIT[rule]: OF_A_FIT[cause - 1] for rule, cause in enumerate(causes) if cause and cause != rule + 1}
 
 
 def first_causes(findings: Iterable[Finding]) -> tuple[Finding, ...]:
-    """Findings that follow from no other, by severity, causes first; a cause is as severe as what follows from it.
+    """Findings that follow from no other, by severity, causes first; a cause is as severe as its worst consequence.
 
     `findings`: of one fit.
     """
@@ -91,11 +91,11 @@ def first_causes(findings: Iterable[Finding]) -> tuple[Finding, ...]:
     there = {finding.code for finding in given}
     shown = [finding for finding in given if finding.follows_from is None]
     shown.sort(key=lambda finding: _place(finding, there))
-    return by_severity(replace(one, severity=_worse(one.severity, worst.get(one.code))) for one in shown)
+    return by_severity(replace(one, severity=_more_severe(one.severity, worst.get(one.code))) for one in shown)
 
 
 def _place(finding: Finding, there: Container[str]) -> int:
-    """Place of a finding among the causes; behind them where it is none as severe as it is."""
+    """Rank of a finding among the causes; after all of them if it is not severe enough for a cause."""
     for place, cause in enumerate(CAUSES):
         is_severe = SEVERITIES.index(finding.severity) >= SEVERITIES.index(cause.severity)
         if finding.code == cause.code and is_severe and cause.unless not in there:
@@ -103,13 +103,13 @@ def _place(finding: Finding, there: Container[str]) -> int:
     return len(CAUSES)
 
 
-def _worse(one: Severity, other: Severity | None) -> Severity:
+def _more_severe(one: Severity, other: Severity | None) -> Severity:
     """The more severe of two."""
     return one if other is None else max(one, other, key=SEVERITIES.index)
 
 
 def limit_of(code: str, name: Severity | str = "limits") -> float:
-    """The factor of a limit in a rule: that of a severity, or of another quantity that it needs.
+    """The factor of a limit in a rule: of a severity, or of another compared quantity.
 
     >>> limit_of("coverage"), limit_of("heading-error", "refuses"), limit_of("field-changed", "drift_by_chance")
     (60.0, 5.0, 0.0001)

@@ -1,6 +1,6 @@
-"""Words of the sentences about what is beside a magnetometer: disturbances, aiding sensors, other magnetometers.
+"""Words in sentences about other sensors: disturbances, aiding sensors, other magnetometers.
 
-As in `flinders.findings.words`, each is made from values of the finding alone.
+As in `flinders.findings.words`, each is made from values of the finding only.
 
 >>> noisy_share(0.021, 0.08), amount(1.7)
 ('2 to 8%', 'more than 100%')
@@ -37,25 +37,25 @@ def noisy(noisy_names: Sequence[str]) -> str:
 
 
 def noisy_what(noisy_names: Sequence[str]) -> str:
-    """What a noisy column does to what was found of it."""
+    """Effect of noise in a column."""
     if len(noisy_names) == 1:
-        return "its meter is noisy, and what was found of it is"
-    return "their meters are noisy, and what was found of each is, by its own course,"
+        return "its measurement is noisy, and its effect was found"
+    return "their measurements are noisy, and their effects were found"
 
 
 def noisy_share(least_attenuation: float, most_attenuation: float) -> str:
-    """By how much what was found of noisy disturbances is too small."""
+    """Relative error by which the effects of noisy disturbances are too small."""
     least, most = f"{least_attenuation:.0%}", f"{most_attenuation:.0%}"
     return most if least == most else f"{100.0 * least_attenuation:.0f} to {most}"
 
 
 def noisy_remedy(noisy_names: Sequence[str]) -> str:
-    """What to log instead."""
+    """Better column to log."""
     return f"a smoother {noisy_names[0]}" if len(noisy_names) == 1 else "them smoother"
 
 
 def range_unit(name: str) -> str:
-    """What stands behind the numbers of a disturbance."""
+    """Unit of a disturbance, to append to its numbers."""
     return known(name).unit
 
 
@@ -69,18 +69,18 @@ def disturbance(
     gain_per_unit: float,
     states: Sequence[str],
 ) -> str:
-    """An offset that follows something, with its numbers."""
+    """An offset that follows a disturbance, with its numbers."""
     numbers = (reference, lowest, highest, lag_s, gain_per_unit)
     return str(Disturbance(name, per_unit, *numbers, tuple(states)))  # type: ignore[arg-type]
 
 
 def _ranged(name: str, reference: float, lowest: float, highest: float, states: Sequence[str] = ()) -> Disturbance:
-    """A disturbance of which the range matters alone."""
+    """A disturbance with a range only."""
     return Disturbance(name, (0.0, 0.0, 0.0), reference, lowest, highest, states=tuple(states))  # type: ignore[arg-type]
 
 
 def at_end(name: str, reference: float, lowest: float, highest: float, states: Sequence[str]) -> str:
-    """At the far end of the recorded range, or in the second state."""
+    """Words for the far end of the recorded range, or for the second state."""
     ranged = _ranged(name, reference, lowest, highest, states)
     return f"{'while' if states else 'at'} {ranged.amount(ranged.farthest)}"
 
@@ -93,7 +93,7 @@ def explains(
     explained_share: float,
     explained_share_sigma: float,
 ) -> str:
-    """What a column of the log explains of the readings, with its uncertainty; nothing of other disturbances.
+    """Share of the residuals that a log column explains, with its uncertainty; empty for other disturbances.
 
     >>> explains("wheel_rpm", "µT", 2.14, 0.012, 0.934, 0.0052)
     '; it explains 93.40 ± 0.52% of the scatter without it, 2.140 ± 0.012 µT rms'
@@ -105,7 +105,7 @@ def explains(
 
 
 def uncertain(value: float, sigma: float) -> str:
-    """A number and its standard deviation, both to the second digit of that.
+    """A number and its standard deviation, both to the second digit of the latter.
 
     >>> uncertain(2.1437, 0.0123), uncertain(63.2, 4.1), uncertain(63.2, 14.0)
     ('2.144 ± 0.012', '63.2 ± 4.1', '63 ± 14')
@@ -115,50 +115,50 @@ def uncertain(value: float, sigma: float) -> str:
 
 
 def highest_amount(name: str, highest: float) -> str:
-    """Most of it that was recorded."""
+    """Largest recorded amount."""
     return f"{highest:.3g}{known(name).unit}"
 
 
 def reference_amount(name: str, reference: float) -> str:
-    """Where the offset of the calibration holds."""
+    """Amount for which the offset of the calibration holds."""
     return f"{reference:.3g}{known(name).unit}"
 
 
 def running(runs_along: float) -> str:
-    """That the other motors ran along with one of several."""
+    """Remark that the other motors ran too."""
     return ", the other motors running along as they did then" if runs_along else ""
 
 
 def without(noise_uncompensated: float, noise: float) -> str:
-    """What readings would be off by, if nothing were modelled."""
+    """Residual that readings would have without modelled disturbances."""
     if math.isnan(noise_uncompensated):
         return ""
     return f"; with nothing followed, readings lie {figures(noise_uncompensated)} off instead of {figures(noise)}"
 
 
 def other_column(name: str) -> str:
-    """What to record instead of a throttle."""
+    """Better column than a throttle."""
     is_throttle = motor(name)[0] == "throttle"
     return "record the current instead, which the field follows, or " if is_throttle else ""
 
 
 def out_of_range(name: str, lowest: float, highest: float) -> str:
-    """What is wrong with the values of a disturbance."""
+    """Fault of a disturbance's values."""
     kind, far = known(name), max(lowest, highest, key=abs)
     if not kind.plausible[0] <= far <= kind.plausible[1]:
         return (
             f"{name} was recorded at up to {far:.3g}{kind.unit}: it is in another unit than "
-            f"{kind.per}; convert the column, or what is exported is off by as much"
+            f"{kind.per}; convert the column, otherwise exported values are wrong by this factor"
         )
     return (
         f"{name} was recorded from {lowest:.3g} to "
-        f"{highest:.3g}{kind.unit}: what is drawn counts negative there, "
+        f"{highest:.3g}{kind.unit}: a drawn current is negative there, "
         "and positive for autopilots; turn the sign of the column round"
     )
 
 
 def beyond_words(name: str, lowest: float, highest: float, beyond: float) -> str:
-    """That a disturbance was seen outside the range that it was found in."""
+    """Remark that a disturbance exceeded its range in the calibration."""
     return beyond_range(_ranged(name, 0.0, lowest, highest), beyond)
 
 
@@ -166,45 +166,45 @@ def beyond_words(name: str, lowest: float, highest: float, beyond: float) -> str
 
 
 def as_what(rate_unit: str, axes: str) -> str:
-    """How a gyro fits better: in another unit, and with other axes; or with the other sign where neither is."""
+    """Better interpretation of a gyro: another unit with other axes, or else the opposite sign."""
     if not rate_unit:
         return "with the other sign"
     return f"as {rate_unit}{f' with axes {axes}' if axes else ''}"
 
 
 def amount(scale_error: float) -> str:
-    """An error of a scale; of a fit that went astray no more than that it is absurd."""
+    """An error of a scale; a failed fit's error only as "more than 100%"."""
     return f"{scale_error:.0%}" if scale_error <= 1.0 else "more than 100%"
 
 
 def why_disagree(aid: str) -> str:
-    """Why an aid does not go with a gyro."""
+    """Reason why an aid contradicts a gyro."""
     if aid == "dip":
         return "it leans, as an accelerometer does in steady turns"
     return "it lags, or is that of another body"
 
 
 def why_astray(aid: str) -> str:
-    """Why a vertical or an attitude does not go with the readings."""
+    """Reason why a vertical or an attitude contradicts the readings."""
     if aid == "dip":
         return "the body was accelerated all the time, or the accelerometer is that of another"
-    return "its quaternions turn from world to body or have w last, its times are other ones, or it is another body's"
+    return "its quaternions turn from world to body or have w last, its times are wrong, or it is another body's"
 
 
 def what_is_empty(aid: str) -> str:
-    """What readings have to have for an aid."""
+    """Quantity that an aid needs in the readings."""
     if aid == "rate":
         return "a rate, and a time that goes on from one to the next"
     return "an acceleration" if aid == "dip" else "an attitude"
 
 
 def instrument(aid: str) -> str:
-    """The instrument that an aid is of."""
+    """The instrument of an aid."""
     return "gyro" if aid == "rate" else "accelerometer"
 
 
 def how_it_sits(aid: str, axes: str, seat: str) -> str:
-    """How an instrument sits against the magnetometer, by the name of its `seat`; any other one is ``clear``."""
+    """Orientation of an instrument relative to the magnetometer, by the name of its `seat`; others mean ``clear``."""
     what, other = instrument(aid), instrument("dip" if aid == "rate" else "rate")
     if seat == "mirrored":
         return (
@@ -214,22 +214,22 @@ def how_it_sits(aid: str, axes: str, seat: str) -> str:
     if seat == "contradicted":
         return (
             f"with the magnetometer's axes turned by {axes}, and the {other} does not: the {what} sits "
-            "otherwise than the two, turn its columns; it was not used"
+            "differently from the two, rotate its columns; it was not used"
         )
     if seat == "unclear":
         return (
-            f"with the magnetometer's axes turned, such as by {axes}, and too little turning to tell how: turn "
-            f"the {what}'s columns to be as the magnetometer's; it was not used"
+            f"with the magnetometer's axes turned, such as by {axes}, with too little motion to determine how: rotate "
+            f"the {what}'s columns into the magnetometer's axes; it was not used"
         )
     if seat == "half-turned":
         mended = Axes.of(axes).opposite
         return (
             f"with the magnetometer's axes turned by {axes}, or with the sign of its {mended.mirrored_axis} changed, "
-            f"{mended}: the sign of the dip tells which, so say where it was recorded. The correction turns readings "
+            f"{mended}: the sign of the dip decides, so state where it was recorded. The correction turns readings "
             f"by {axes}"
         )
     return (
-        f"with the magnetometer's axes turned by {axes}: they do not sit alike, and the correction turns "
+        f"with the magnetometer's axes turned by {axes}: their orientations differ, and the correction turns "
         f"readings into the {what}'s axes"
     )
 
@@ -242,11 +242,11 @@ SITE_FAULTS: Final = {
     ),
     "elsewhere": "check place and date, and whether iron was near",
 }
-"""What may be wrong where the dip is not that of the site, by a name."""
+"""Possible faults if the dip differs from that of the site, by name."""
 
 
 def site_check(site_fault: str) -> str:
-    """What to check where the dip is not that of the site."""
+    """Checks if the dip differs from that of the site."""
     return SITE_FAULTS[site_fault]
 
 
@@ -254,22 +254,22 @@ def site_check(site_fault: str) -> str:
 
 
 def when(deviation_spans: Sequence[Row], deviation_count: float) -> str:
-    """When a sensor deviates from the others."""
+    """Times at which a sensor deviates from the others."""
     return spans(deviation_spans, deviation_count)
 
 
 def why_deviates(is_by_length: float) -> str:
-    """What tells that a sensor deviates."""
+    """Evidence that a sensor deviates."""
     return "the length of its readings changes" if is_by_length else "the others agree"
 
 
 def does_not_rest(is_alone: float) -> str:
-    """That a calibration does not rest on stretches that deviate."""
+    """Remark that a calibration does not include deviating stretches."""
     return "" if is_alone else ". The calibration does not rest on that"
 
 
 def disagreement(apart_deg: float, apart_share: float, deviation_spans: Sequence[Row], deviation_count: float) -> str:
-    """How far two sensors are apart, for a share of the time; all the time where no share is known."""
+    """Difference between two sensors, for a share of the time; all the time if the share is NaN."""
     if math.isnan(apart_share):
         return f"even averaged over a second the two are {figures(apart_deg)}° of heading apart all the time (1 σ)"
     return (
@@ -279,39 +279,39 @@ def disagreement(apart_deg: float, apart_share: float, deviation_spans: Sequence
 
 
 def each_alone(apart_share: float) -> str:
-    """What follows where two sensors disagree all the time."""
+    """Consequence if two sensors disagree all the time."""
     if not math.isnan(apart_share):
         return ""
-    return ". Each has what it finds by itself: see whether one is loose or its clock off, or fit a third"
+    return ". Each is fitted by itself: see whether one is loose or its clock off, or add a third"
 
 
 def who_is_mirrored(left_handed: Sequence[str]) -> str:
-    """Which sensors are most likely not right-handed; none are named where it may be either of two."""
+    """Sensors that are most likely not right-handed; none if it may be either of two."""
     if not left_handed:
         return "One of the two is not right-handed: check which, and map its axes"
     return f"Most likely {' and '.join(left_handed)} is not right-handed, as the others agree: map its axes"
 
 
 def in_the_vehicle(is_in_body: float) -> str:
-    """Whether the mounting in the vehicle is known."""
+    """Remark if the mounting in the vehicle is unknown."""
     return "" if is_in_body else "; their mounting in the vehicle is not known"
 
 
 def behind(delay_s: float) -> str:
-    """On which side of another clock a clock is."""
+    """Sign of a clock's delay, in words."""
     return "behind" if delay_s > 0 else "ahead of"
 
 
 def why_alone(together_deg: float, alone_deg: float) -> str:
-    """Why a sensor is not fitted together with the others."""
+    """Reason why a sensor is not fitted together with the others."""
     if not together_deg and not alone_deg:
         return (
-            "the readings leave open how the magnetometers are turned against each other, and each has what it finds "
+            "the readings do not determine the rotation between the magnetometers, and each is fitted "
             "by itself: turn the body about all its axes"
         )
     return (
         f"with the others its worst heading error would be {figures(together_deg)}°, and by itself it is "
-        f"{figures(alone_deg)}°: it has what it finds by itself, in its own axes. Look at what is wrong with the "
+        f"{figures(alone_deg)}°: it is fitted by itself, in its own axes. Find out what is wrong with the "
         "others, and at their clocks"
     )
 
@@ -341,4 +341,4 @@ SENSOR_WORDS: Final[dict[str, Callable[..., str]]] = {
         *(disagreement, each_alone, who_is_mirrored, in_the_vehicle, behind, why_alone, shots),
     )
 }
-"""Words of other sensors by the names that sentences have for them."""
+"""Words about other sensors, by their names in sentences."""

@@ -1,4 +1,4 @@
-"""Several magnetometers of one body, compared with each other; survey instruments."""
+"""Findings about several magnetometers of one body, and about survey instruments."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ ROWS: Final = (
     ),
     CatalogueRow(
         code="sensor-deviates-throughout",
-        number="what readings averaged over a second are off the others all the time, degrees of heading, 1 σ",
+        number="deviation of one-second averages from the others throughout the recording, degrees of heading, 1 σ",
         limit="the target, or three times the best of the others where that is more",
         action="steer by another; see whether [a disturbance](disturbances.md) explains it",
         rule=Rule(
@@ -59,11 +59,11 @@ ROWS: Final = (
     ),
     CatalogueRow(
         code="disagree",
-        number="heading that sensors of one body are apart for a while, or of two all the time (1 σ), degrees",
+        number="heading difference between sensors of one body for a while, or between two all the time (1 σ), degrees",
         action="neither a majority nor a length tells which is off: compare with a known bearing, or fit a third",
         rule=Rule("apart_deg", (Grade("limits", 0.0),), limit=Limit(1.0, "target_deg")),
-        said="{disagreement}, and it cannot be told which of them is off: no length tells, and no majority{each_alone}",
-        plain="Compasses of the vehicle were {angle} of heading apart, and nobody can tell which of them was off.",
+        said="{disagreement}, and it is unclear which of them is off: no length and no majority decides{each_alone}",
+        plain="Compasses of the vehicle were {angle} of heading apart, and it is unclear which of them was off.",
         remedy="Compare them with a known bearing, or fit a third.",
     ),
     CatalogueRow(
@@ -74,7 +74,7 @@ ROWS: Final = (
         action="look at how the columns were written: it is no second sensor",
         rule=Rule("is_copy", (Grade("limits", 0.0),), limit=Limit(0.1)),
         said=(
-            "its readings are those of {other}, turned and scaled: it is no second witness, and was fitted by "
+            "its readings are those of {other}, turned and scaled: it is no independent sensor, and was fitted by "
             "itself; look at how the columns were written"
         ),
         plain="The readings are those of another sensor, turned and scaled. It is no second compass.",

@@ -1,4 +1,4 @@
-"""What the model of a fit leaves out: changes while it was recorded, disturbances, axes that are not linear, structure.
+"""Findings about effects outside the model: changes during the recording, disturbances, nonlinear axes, structure.
 
 >>> [row.code for row in ROWS][:3]
 ['recordings-differ', 'field-changed', 'axis-swap']
@@ -44,7 +44,7 @@ ROWS: Final = (
         ),
         number=(
             "change of the offset from the beginning of a recording to its end, degrees at the worst heading; "
-            "told where chance makes it less often than once in ten thousand"
+            "reported if chance causes it less often than once in ten thousand"
         ),
         action="record again while temperature, currents and everything magnetic stay as they are in use",
         rule=Rule(
@@ -69,8 +69,8 @@ ROWS: Final = (
     CatalogueRow(
         code="axis-swap",
         number=(
-            "how many times closer to an ellipsoid the readings lie once the sign of an axis, or two axes, are "
-            "put right from some reading on; told where they then fit as those of a usable recording do"
+            "ratio by which the readings lie closer to an ellipsoid if the sign of an axis, or two axes, are corrected "
+            "from some reading on; reported if they then fit like a usable recording"
         ),
         action=(
             "find out what the driver did at the reading that the advice names; record again. A swap through the "
@@ -89,8 +89,8 @@ ROWS: Final = (
     CatalogueRow(
         code="disturbance-unmodelled",
         number=(
-            "what a [disturbance](disturbances.md) that was recorded and not asked for makes of a level heading at the "
-            "far end of its range, degrees"
+            "error of a level heading, degrees, at the far end of the range of a [disturbance](disturbances.md) that "
+            "was recorded but is not modelled"
         ),
         action="calibrate `--with` it, or record without",
         rule=Rule("unmodelled_deg", (Grade("limits", 0.5, "target_deg"),)),
@@ -109,8 +109,8 @@ ROWS: Final = (
     CatalogueRow(
         code="attitude-dependent",
         number=(
-            "what a disturbance that follows the attitude, by a recorded accelerometer, makes of a level heading where "
-            "it is largest, degrees; without what hides in offset and soft iron"
+            "largest error of a level heading, degrees, due to a disturbance that depends on the attitude, by a "
+            "recorded accelerometer; without the part that offset and soft iron absorb"
         ),
         action=(
             "record the current and calibrate `--with` it; fasten what is loose; or record far from iron and compare"
@@ -136,9 +136,9 @@ ROWS: Final = (
         code="tilt-error",
         affects="use",
         number=(
-            "what the accelerometer's tilt adds to a heading, degrees: scatter of the dip without noise and without the"
-            " error of the calibration, times the tangent of the dip; of a sensor that was hardly accelerated (scatter"
-            " of |g| below 2%)"
+            "heading error due to the accelerometer's tilt, degrees: scatter of the dip without noise and without "
+            "the error of the calibration, times the tangent of the dip; for a sensor that was hardly accelerated "
+            "(scatter of |g| below 2%)"
         ),
         action="calibrate `--with dip`, which finds bias and gains of the accelerometer, or calibrate that one",
         rule=Rule("tilt_error_deg", (Grade("limits", 1.0, "target_deg"),)),
@@ -159,8 +159,8 @@ ROWS: Final = (
         affects="error",
         grades="note; limits above the target; refuses above five times",
         number=(
-            "heading error, at the worst heading, of the quadratic and cubic terms of the axes; told where chance "
-            "makes as much less often than once in ten thousand, and both halves of the recording show it"
+            "heading error, at the worst heading, of the quadratic and cubic terms of the axes; reported if chance "
+            "causes it less often than once in ten thousand, and both halves of the recording show it"
         ),
         action=(
             "nothing below the target, the heading error allows for it; else correct it (`linearize=True`, "
@@ -192,14 +192,14 @@ ROWS: Final = (
     CatalogueRow(
         code="linearized",
         affects="error",
-        number="heading error, 1 σ at the worst attitude, by what is not known of the terms of the axes, degrees",
+        number="heading error, 1 σ at the worst attitude, due to the uncertainty of the axes' linearization, degrees",
         limit="none",
         action="write the calibration for a target that holds it: `c`, `arduino`, `micropython`; or apply it here",
         rule=Rule("linearized_deg", (Grade("note", -1.0),), limit=Limit(1.0, "target_deg")),
         said=(
             "axis {nonlinear_axis} is not linear, by {linearized_share:.1%} of the field, and the calibration "
-            "linearizes it; what is not known of its curve is up to {linearized_deg}° of heading, which the heading "
-            "error has in it"
+            "linearizes it; the uncertainty of its curve is up to {linearized_deg}° of heading, which the heading "
+            "error includes"
         ),
         plain="An axis of the sensor does not answer in proportion to the field, and the correction allows for that.",
     ),
@@ -208,8 +208,8 @@ ROWS: Final = (
         affects="error",
         grades="note from a tenth of the target on; limits above the target; refuses above five times",
         number=(
-            "heading error, at the worst heading, of axes that are read at different moments; told where chance makes "
-            "as much less often than once in ten thousand, and both halves of the recording show it"
+            "heading error, at the worst heading, of axes that are read at different moments; reported if chance "
+            "causes it less often than once in ten thousand, and both halves of the recording show it"
         ),
         action=(
             "nothing below the target, the heading error allows for it; else read all axes at once (one burst, block "
@@ -236,7 +236,7 @@ ROWS: Final = (
         code="structure",
         affects="error",
         grades="note; limits above the target",
-        number=("standard deviation of what depends on the direction as no ellipsoid does, as a fraction of the field"),
+        number=("standard deviation of residuals that depend on the direction, as a fraction of the field"),
         action=(
             "nothing: the heading error allows for it; a sensor that is not linear, or a field that is not the "
             "same everywhere"

@@ -1,7 +1,8 @@
-"""Words of the sentences about findings, each made from values of the finding alone.
+"""Words in sentences about findings, each made from values of the finding only.
 
-A sentence of the catalogue names values and words; a word is a function here, or in `flinders.findings.sensor_words`,
-and its parameters are names of values. So a finding that was read from a file says what it said when it was found.
+A sentence of the catalogue names values and words. A word is a function here, or in `flinders.findings.sensor_words`,
+and its parameters are names of values. A finding that was read from a file therefore has the same sentence as when it
+was found.
 
 >>> attitudes(attitude_limit_deg=34.6, target_deg=1.0, worst_deg=0.4, tilted=((90.0, 2.04), (180.0, 120.0)))
 'within 1° up to 35° of tilt; 2.0° at 90°, any angle upside down'
@@ -26,15 +27,15 @@ if TYPE_CHECKING:
     Row = Sequence[Any]
 
 ANY_ANGLE_DEG: Final = 90.0
-"""An error of a direction beyond this says nothing."""
+"""Error of a direction, in degrees, above which it counts as any angle."""
 
 UPSIDE_DOWN: Final = 180.0
 
 MANY_OUTLIERS: Final = 0.1
-"""Share of outliers that limits a fit."""
+"""Largest share of outliers that does not limit a fit."""
 
 MANY_ROWS: Final = 0.1
-"""Share of rows without a reading that limits a fit."""
+"""Largest share of rows without a reading that does not limit a fit."""
 
 Z_ELSEWHERE: Final = (
     "; an accelerometer shows that z does not point down, so that the dip of the site was left out: map the axes so "
@@ -49,7 +50,7 @@ SHOOT_AT_REST: Final = (
     "take each shot at rest, four to a direction with a quarter turn about the laser between them, in directions all "
     "around, up and down"
 )
-"""How the shots of a survey instrument are taken."""
+"""Instructions for the shots of a survey instrument."""
 
 STEPS: Final = {
     "turn-level": "turn the sensor all the way round, more than once, keeping it level",
@@ -62,11 +63,11 @@ STEPS: Final = {
     "merge-others": "merge calibrations that were made in the state of use, of sensors turned through all directions",
     "add-poses": "add poses at other headings, or turn the vehicle",
 }
-"""What to do next, by a name; ``hold`` comes with the number of a pose."""
+"""Next steps, by name; ``hold`` takes the number of a pose."""
 
 
 def angle(degrees: float) -> str:
-    """Write an error in degrees; beyond a right angle it says nothing.
+    """Format an error in degrees; one beyond a right angle counts as any angle.
 
     >>> angle(2.04), angle(120.0)
     ('2.0°', 'any angle')
@@ -75,12 +76,12 @@ def angle(degrees: float) -> str:
 
 
 def capitalised(words: str) -> str:
-    """Words as the beginning of a sentence."""
+    """Capitalise words for the start of a sentence."""
     return f"{words[:1].upper()}{words[1:]}"
 
 
 def as_sentence(words: str) -> str:
-    """Words as a sentence.
+    """Format words as a sentence.
 
     >>> as_sentence("nothing moved"), as_sentence("it moved.")
     ('Nothing moved.', 'It moved.')
@@ -89,9 +90,9 @@ def as_sentence(words: str) -> str:
 
 
 def attitudes(attitude_limit_deg: float, target_deg: float, worst_deg: float, tilted: Sequence[Row]) -> str:
-    """Say up to which tilt the heading is within the target, and how fast it degrades beyond.
+    """State the tilt up to which the heading is within the target, and the errors beyond.
 
-    `tilted`: a tilt and the worst heading error there, each.
+    `tilted`: pairs of a tilt and its worst heading error, in degrees.
     """
     if attitude_limit_deg >= UPSIDE_DOWN:
         return f"within {target_deg:g}° at any attitude"
@@ -115,27 +116,27 @@ WHY_LARGE: Final = {
     "merge-others": "the calibrations contradict each other",
     "add-poses": "too few poses were recorded",
 }
-"""Why a heading error is large, by what would make it smaller."""
+"""Reason for a large heading error, by the step that reduces it."""
 
 
 def why_large(next_step: Row) -> str:
-    """Why a heading error is large: a name of `WHY_LARGE` comes first."""
+    """Reason for a large heading error; `next_step` starts with a key of `WHY_LARGE`."""
     return WHY_LARGE[next_step[0]]
 
 
 def movement(next_movement: Row) -> str:
-    """Which way to turn the sensor next: a name of `STEPS`, and the number of a pose where it takes one."""
+    """Next movement of the sensor; `next_movement` is a key of `STEPS`, and the number of a pose if it takes one."""
     name, *poses = next_movement
     return STEPS[name].format(*(POSE_WORDS["sensor"][round(pose)] for pose in poses))
 
 
 def remedy(next_step: Row) -> str:
-    """What would make the heading error smaller, likewise."""
+    """Step that reduces the heading error; `next_step` as in `movement`."""
     return movement(next_step)
 
 
 def because(worst_deg: float, differ_deg: float, structure_deg: float, textbook_deg: float, is_covered: float) -> str:
-    """What makes most of a heading error, where that is known.
+    """Main part of a heading error, if known.
 
     >>> because(1.5, math.nan, 1.4, 0.04, is_covered=True), because(1.5, math.nan, 0.0, 0.04, is_covered=True)
     (', 1.4° of it because residuals depend on the direction', ', 0.040° if residuals were independent')
@@ -149,12 +150,12 @@ def because(worst_deg: float, differ_deg: float, structure_deg: float, textbook_
 
 
 def is_of_correlation(worst_deg: float, textbook_deg: float, is_covered: float) -> bool:
-    """Whether a heading error is large because residuals are correlated, and not because directions are missing."""
+    """Whether a heading error is large due to correlated residuals, and not due to missing directions."""
     return bool(is_covered) and 2.0 * textbook_deg < worst_deg
 
 
 def where_flat(breadth: float, flatness_limit: float) -> str:
-    """What readings in one plane, or on one line, leave open."""
+    """Direction that readings in one plane, or on one line, leave undetermined."""
     if breadth > flatness_limit:
         return "in one plane, as in a level turn, and tell nothing of the direction across it"
     return "on one line, as of two attitudes, and tell nothing of the directions across it"
@@ -171,49 +172,49 @@ def where_placed(plane: Plane, is_placed: float) -> str:
 
 
 def assumed(plane: Plane, is_placed: float, z_down: float) -> str:
-    """What the offset across the plane rests on."""
+    """Assumption for the offset across the plane."""
     side = "" if z_down == 0.0 or math.isnan(z_down) else f"{across(plane)} down, and "
     return f" (with {side}the floor level unless an accelerometer was recorded)" if is_placed else ""
 
 
 def where_z_points(z_down: float) -> str:
-    """Where z points, unless down."""
+    """Direction of z, unless it is down."""
     return Z_OPEN if math.isnan(z_down) else "" if z_down else Z_ELSEWHERE
 
 
 def mounting(is_skewed: float, is_placed: float) -> str:
-    """What to say about the mounting where the shape across the plane is not known."""
+    """Advice on the mounting if the shape across the plane is unknown."""
     return "say how well the mounting is known, or " if is_skewed and is_placed else ""
 
 
 def leave(is_better: float, is_covered: float) -> str:
-    """Whether the readings of a sensor that was corrected before are as good without the calibration."""
+    """Advice on readings that were corrected before: whether the calibration improves them."""
     if is_better:
         return "the calibration is worth having"
     return "leave them as they are" if is_covered else "leave them as they are, or turn the sensor further"
 
 
 def why_biased(plane: str) -> str:
-    """Why a method is off the likelihood."""
+    """Reason why a method deviates from the likelihood."""
     if plane:
         return "the points are not equally spaced in heading, or some do not belong; use 'ellipse'"
     return "its model is too simple for this sensor, or its equation is biased by noise; use 'auto'"
 
 
 def rings(unobserved: float) -> str:
-    """What readings look like that leave one parameter open."""
+    """Pattern of readings that leaves one parameter undetermined."""
     return ", as two rings of readings would" if unobserved == 1.0 else ""
 
 
 def independent_readings(independent: float, samples: float) -> str:
-    """How many readings there are to go by."""
+    """Number of independent readings."""
     alike = "the others repeat them or share their errors"
     others = "" if independent == samples else f" (of {samples:,.0f}; {alike})"
     return f"{counted(independent, 'independent reading')}{others}"
 
 
 def correlation(autocorrelation: float, textbook_deg: float) -> str:
-    """How much residuals have in common, and what it would be to take no notice of it."""
+    """Correlation of residuals, and the claim without regard to it."""
     next_one = f"each with the next by {autocorrelation:.2f}" if abs(autocorrelation) >= 0.005 else ""
     claim = "" if math.isnan(textbook_deg) else f"the claim would be {figures(textbook_deg)}° if they were not"
     words = "; ".join(part for part in (next_one, claim) if part)
@@ -223,7 +224,7 @@ def correlation(autocorrelation: float, textbook_deg: float) -> str:
 def contradiction(
     sources: Sequence[str], apart_deg: float, offset_apart: float, unit: str, apart_beyond_claim_deg: float
 ) -> str:
-    """Which recording is off the others, and by how much; of two recordings both are named."""
+    """The deviating recording and its deviation; of two recordings both are named."""
     pair = len(sources) == 2
     who = f"{sources[0]} and {sources[1]} are" if pair else f"{sources[0]} is"
     others = "apart" if pair else "off the other recordings"
@@ -234,21 +235,21 @@ def contradiction(
 
 
 def after_contradiction(apart_beyond_claim_deg: float) -> str:
-    """What follows from recordings that are apart."""
+    """Consequence of a deviating recording."""
     if apart_beyond_claim_deg:
         return "something magnetic changed in between; use recordings made in the state of use"
     return "the heading error allows for it"
 
 
 def halves(halves_ratio: float, drift_deg: float, drift_allowed_deg: float, target_deg: float) -> str:
-    """How far the halves of a recording are apart, where that limits the fit."""
+    """Difference between the halves of a recording, if it limits the fit."""
     if math.isnan(halves_ratio) or not drift_allowed_deg < min(drift_deg, target_deg):
         return ""
     return f" (its halves differ by {halves_ratio:.1f} times what they claim)"
 
 
 def swap(swapped_axes: str, swap_row: float, swap_count: float) -> str:
-    """Which axes changed their sign or their place, at which reading, and how often."""
+    """Axes that changed sign or place, with the reading and the count."""
     first, second = swapped_axes[0], swapped_axes[-1]
     what = f"the sign of {first} turned" if len(swapped_axes) == 1 else f"{first} and {second} changed places"
     again = f" and back and forth, {counted(swap_count - 1.0, 'time')} more" if swap_count > 1.0 else ""
@@ -256,13 +257,13 @@ def swap(swapped_axes: str, swap_row: float, swap_count: float) -> str:
 
 
 def axis_lag(late_axis: str, late_by: float, is_timed: float) -> str:
-    """Which axis is read at another moment than the others; `late_by` in seconds, or in readings without times."""
+    """The axis that is read at another moment than the others; `late_by` in s, or in readings without times."""
     amount = f"{abs(late_by) * 1000.0:.0f} ms" if is_timed else f"{abs(late_by):.2f} readings"
     return f"axis {late_axis} is read {amount} {'later' if late_by > 0.0 else 'earlier'} than the others"
 
 
 def outlier_run(first: float, last: float, readings: float, start_s: float, end_s: float, independent: float) -> str:
-    """A run of readings that were left out: its times, or its rows where there are none, and how many they are."""
+    """A run of readings that were left out: its times, or its rows without times, and its size."""
     rows = f"{readings:,.0f} readings" if readings > 1 else "a reading"
     rows += " at rest" if readings > 1 == independent else ""
     if not start_s <= end_s:  # no time, or a clock that stepped back
@@ -271,7 +272,7 @@ def outlier_run(first: float, last: float, readings: float, start_s: float, end_
 
 
 def outliers(outlier_count: float) -> str:
-    """How many readings were left out."""
+    """Number of readings that were left out."""
     return counted(outlier_count, "reading")
 
 
@@ -281,29 +282,29 @@ def runs(outlier_runs: Sequence[Row], outlier_run_count: float) -> str:
 
 
 def again(outlier_share: float) -> str:
-    """What to do about outliers, where they limit the fit."""
+    """Advice on outliers that limit the fit."""
     return "; see what it was, and record again without" if outlier_share > MANY_OUTLIERS else ""
 
 
 def rails(rail_ends: Sequence[Row]) -> str:
-    """Ends of axes with their share of the readings."""
+    """Ends of axes with their shares of the readings."""
     return ", ".join(
         f"{share:.1%} sit at the {end} value of {axis} ({value:g})" for axis, end, value, share in rail_ends
     )
 
 
 def spans(rows: Sequence[Row], count: float) -> str:
-    """Some of so many stretches, each first and last reading, and first and last time."""
+    """Some stretches out of `count`, each with first and last reading, and first and last time."""
     return "; ".join(span(*row) for row in rows) + _more(rows, count)
 
 
 def span(first: float, last: float, start_s: float, end_s: float) -> str:
-    """A stretch of time, or of readings where there are no times."""
+    """A stretch of time, or of readings without times."""
     return str(RestSpan(round(first), round(last), start_s, end_s))
 
 
 def _more(some: Sequence[Row], count: float) -> str:
-    """That there are more than those that are listed."""
+    """An ellipsis if the list is incomplete."""
     return "; …" if count > len(some) else ""
 
 
@@ -313,17 +314,17 @@ def rests(rest_spans: Sequence[Row], rest_count: float) -> str:
 
 
 def rests_treated(are_rests_left_out: float) -> str:
-    """What a fit makes of rests."""
+    """Treatment of rests in a fit."""
     return "are left out" if are_rests_left_out else "count as one reading each"
 
 
 def often(backward_steps: float) -> str:
-    """How often something happened."""
+    """Number of occurrences."""
     return "once" if backward_steps == 1.0 else f"{backward_steps:,.0f} times"
 
 
 def skipped_rows(skipped_kinds: Sequence[Row]) -> str:
-    """Rows that were left out, a kind each: reason, how many, numbers of the first lines, and what the first says."""
+    """Rows that were left out, by kind: reason, count, first line numbers, and text of the first line."""
     return "; ".join(
         str(Skipped(reason, round(rows), tuple(map(round, lines)), example))
         for reason, rows, lines, example in skipped_kinds
@@ -331,27 +332,27 @@ def skipped_rows(skipped_kinds: Sequence[Row]) -> str:
 
 
 def silent_rows(silent_kinds: Sequence[Row]) -> str:
-    """Rows at which the sensor did not answer, likewise."""
+    """Rows without an answer of the sensor; as `skipped_rows`."""
     return skipped_rows(silent_kinds)
 
 
 def check(skipped: float, rows: float) -> str:
-    """What to check where many rows could not be read."""
+    """Checks if many rows could not be read."""
     return ". Check the sensor, its cable, and what was saved" if skipped > MANY_ROWS * rows else ""
 
 
 def supply(silent: float, rows: float) -> str:
-    """What to check where the sensor often did not answer."""
+    """Checks if the sensor often did not answer."""
     return ". Check its supply and its bus, and how it is read" if silent > MANY_ROWS * rows else ""
 
 
 def length(corrected_length: float, unit: str) -> str:
-    """Strength of the field of corrected readings."""
+    """Field strength of corrected readings."""
     return f"{figures(corrected_length, 4)} {unit}"
 
 
 def turned_short(shortfall: float, unturned_deg: float, unit: str) -> str:
-    """What it would cost if a turn had not reached the ends of the shorter axes; nothing where they are alike."""
+    """Error if a turn had not reached the ends of the shorter axes; empty if axes are equal."""
     if not shortfall:
         return ""
     return (
@@ -361,12 +362,12 @@ def turned_short(shortfall: float, unturned_deg: float, unit: str) -> str:
 
 
 def turns(planes: Sequence[str]) -> str:
-    """Name turns by their planes, an empty one for what is no turn."""
+    """Planes of turns; an empty plane is no turn."""
     return ", then ".join(plane or "all attitudes" for plane in planes)
 
 
 def composition(planes: Sequence[str], rotation_left_deg: float) -> str:
-    """What turns in one plane after the other leave open."""
+    """Part that turns in one plane after another leave undetermined."""
     missing = [] if "" in planes else [plane for plane in ("xy", "yz", "zx") if plane not in planes]
     open_still = f"; not turned yet in {' and '.join(missing)}" if missing else ""
     if not {"xy", ""} & set(planes):
@@ -384,14 +385,14 @@ def composition(planes: Sequence[str], rotation_left_deg: float) -> str:
 
 
 def dropped_words(dropped: float) -> str:
-    """How many readings a filter dropped."""
+    """Number of readings that a filter dropped."""
     return f", {counted(dropped, 'reading')} dropped" if dropped else ""
 
 
 def filter_effect(
     moved_deg: float, claimed_deg: float, smaller_share: float, unfiltered: str, is_to_blame: float
 ) -> str:
-    """What a filter did to a calibration; `unfiltered`: the verdict without it, empty where there is none."""
+    """Effect of a filter on a calibration; `unfiltered`: the verdict without it, empty without a calibration."""
     if not unfiltered:
         return (
             "; without the filter there is no calibration to compare with, so the effect of the filter is not known: "
@@ -410,12 +411,12 @@ def filter_effect(
     )
 
 
-def _named(*functions: Callable[..., str]) -> dict[str, Callable[..., str]]:
+def _by_name(*functions: Callable[..., str]) -> dict[str, Callable[..., str]]:
     """Functions by their names."""
     return {function.__name__: function for function in functions}
 
 
-WORDS: Final = _named(
+WORDS: Final = _by_name(
     *(
         attitudes,
         movement,
@@ -445,7 +446,7 @@ WORDS: Final = _named(
     *(runs, again, rails, rests, rests_treated, often, skipped_rows, silent_rows, check, supply, length, turned_short),
     *(turns, composition, dropped_words, filter_effect),
 )
-"""Words of a fit of one magnetometer by the names that sentences have for them."""
+"""Words about a fit of one magnetometer, by their names in sentences."""
 
 
 def taken_by(word: Callable[..., str]) -> tuple[str, ...]:

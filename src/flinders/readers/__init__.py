@@ -1,6 +1,6 @@
 r"""Readers: files and streams in, blocks of `Samples` out.
 
-`open_recording` looks at what a path holds and picks the reader; `read` takes everything in at once.
+`open_recording` recognises the content of a path and selects the reader; `read` reads a whole recording into memory.
 
 >>> import tempfile
 >>> from pathlib import Path
@@ -14,7 +14,7 @@ array([ 21.7,   0.4, -58.6])
 
 A reader is a module of this package with its row in ``READERS`` at the end, by which `registry` finds it. It needs a
 sample in tests/samples.py; its line in docs/formats.md is made from the row. Other packages add rows through the entry
-points ``flinders.readers``, and are asked first.
+points ``flinders.readers``. Their readers are tried first.
 """
 
 from __future__ import annotations
@@ -79,22 +79,22 @@ __all__ = [
 
 AnyPath: TypeAlias = "str | os.PathLike[str]"
 AnySource: TypeAlias = "AnyPath | IO[bytes] | IO[str] | Any"
-"""What is one recording; frames need no types here, as their packages need not be there."""
+"""One recording: a path, an open file or a table. Types of frames are left out: their packages are optional."""
 FileRecording: TypeAlias = TextRecording | TableRecording | Instrument
-"""What there is to choose from: each knows its file and its unit, and can say what it recognised."""
+"""A recording of one magnetometer, which has a file, a unit and a description of the recognised columns."""
 
-LAST: Final = "text"
-"""The module that takes what no other does: whatever is not binary."""
+LAST_MODULE: Final = "text"
+"""The module that is tried last: it accepts every file that is not binary."""
 
 
 @cache
 def registry() -> tuple[Reader, ...]:
-    """All readers, in the order in which they are asked whether they take a file; the first call imports their modules.
+    """All readers, in the order in which they are tried on a file; the first call imports their modules.
 
     Raises `PluginError` for an installed package whose readers cannot be loaded.
     """
     modules = modules_of(sys.modules[__name__], "READERS")
-    last = modules.pop(LAST)
+    last = modules.pop(LAST_MODULE)
     rows = (getattr(import_module(module), "READERS", ()) for module in (*modules.values(), last))
     return (*plugin_rows("flinders.readers", Reader), *chain.from_iterable(rows))
 
@@ -118,7 +118,7 @@ def open_recording(
     once: bool = False,
     progress: Progress | None = None,
 ) -> Recording:
-    """Recognise what a file holds, ready to yield its readings.
+    """Recognise the format of a file and return a recording that yields its readings.
 
     Parameters
     ----------
@@ -129,42 +129,41 @@ def open_recording(
         Three names, or numbers from 1, of the magnetometer's columns: ``["mx", "my", "mz"]``, ``"mx,my,mz"``,
         ``"4,5,6"``.
     pattern : str, optional
-        How a line of text with a reading is written, with names in the place of its numbers, where it is not
+        How a line of text with a reading is written, with names in place of its numbers, for a format that is not
         recognised: ``"N {x} / {y} / {z}"``.
     unit : str, optional
-        What they are in, where the file does not say: ``uT``, ``mG``, ``G``, ``nT``, ``mT``, ``T`` or ``counts``.
+        Unit of the columns if the file states none: ``uT``, ``mG``, ``G``, ``nT``, ``mT``, ``T`` or ``counts``.
     scale : float, optional
         Microtesla in one count.
     axes : str
         Where each new axis comes from, such as ``"x,-y,-z"``.
     sensor : str, int or Choice, optional
-        Which magnetometer of a log, or of a table of several, by its number from 1 or its name; by default the first,
-        which says what others there are.
+        Magnetometer of a log, or of a table with several, by its number from 1 or its name. The default is the first,
+        and the description then lists the others.
     topic : str, optional
-        The member of an archive, or the topic of a bag, which is the name of a magnetometer.
+        Name of a magnetometer: the member of an archive, or the topic of a bag.
     as_logged : bool
-        Of a log, the readings as they were logged; by default the calibration that was in force is removed.
+        Read a log as it was logged. By default the calibration that was in force is removed.
     start, end : float, optional
-        Only what lies between these times, in seconds from the beginning of the recording, or of the log.
+        Read only the readings between these times, in seconds from the beginning of the recording or log.
     flat : str, optional
-        Columns may be two, those of a level turn in this plane: ``xy``, ``yz`` or ``zx``; the third axis reads 0.
+        Accept two columns, those of a level turn in this plane: ``xy``, ``yz`` or ``zx``; the third axis reads 0.
     auxiliary : sequence of str
-        Other columns to read, by the names they have there: ``["wheel_speed_rpm"]``, of a flight log ``BAT.Curr``, of
-        a bag ``/battery.current``; into `Samples.auxiliary`.
+        Names of further columns to read: ``["wheel_speed_rpm"]``, in a flight log ``BAT.Curr``, in a bag
+        ``/battery.current``. They become `Samples.auxiliary`.
     once : bool
-        It will be gone through once. Standard input or a pipe is then not copied to a temporary file, may be
-        endless, and gives its readings as they arrive; a second pass raises `UsageError`.
+        The recording is read in a single pass. Standard input or a pipe is then not copied to a temporary file, may
+        be endless, and yields its readings as they arrive; a second pass raises `UsageError`.
     progress : callable, optional
-        Called once a block with the bytes read so far and, where it is known, those there are.
+        Called once per block with the bytes read so far and the total, or None if the total is unknown.
 
     Raises
     ------
     InputError
-        `UnreadableInput` for what is not there or not a recording, `NoMagnetometer` where it is not clear
-        which columns are the magnetometer; for an auxiliary column that is not there.
+        `UnreadableInput` for a file that does not exist or is no recording; `NoMagnetometer` if the columns of the
+        magnetometer are not clear. Also for an auxiliary column that does not exist.
     UsageError
-        For columns or a magnetometer that there are not; its `UnitError` and `AxesError` for a unit or mapping that
-        cannot be used.
+        For columns or a magnetometer that do not exist; `UnitError` and `AxesError` for an invalid unit or mapping.
     """
     is_one = not isinstance(path, Iterable) or (not isinstance(path, (list, tuple)) and is_source(path))
     paths = [path] if is_one else list(cast("Sequence[AnySource]", path))
@@ -183,11 +182,11 @@ def open_recording(
         flat=flat,
         progress=progress,
     )
-    return with_auxiliary(_of_one_sensor([_opened(each, options, once=once) for each in paths]), auxiliary)
+    return with_auxiliary(_join_recordings([_open_source(each, options, once=once) for each in paths]), auxiliary)
 
 
-def _of_one_sensor(recordings: Sequence[FileRecording]) -> Recording:
-    """Join several recordings, which need one unit."""
+def _join_recordings(recordings: Sequence[FileRecording]) -> Recording:
+    """Join several recordings of one sensor; raise `UnitError` if their units differ."""
     first, *others = recordings
     for other in others:
         if other.unit != first.unit:
@@ -214,9 +213,9 @@ def open_log(
     end: float | None = None,
     progress: Progress | None = None,
 ) -> Log:
-    r"""Recognise all that a file holds: each of its magnetometers, place and time, the calibration that was in force.
+    r"""Recognise all magnetometers of a file, its position and time, and the calibration that was in force.
 
-    Parameters and errors are those of `open_recording`. A table knows no place.
+    Parameters and errors are those of `open_recording`. A table has no position.
 
     >>> import tempfile
     >>> from pathlib import Path
@@ -247,7 +246,7 @@ def open_log(
         source=table.source,
         format=reader.title,
         instruments=tuple(several or [_as_instrument(table)]),
-        begun=_begun(table.columns),
+        begun=_start_time(table.columns),
         notes=() if several else (table.contents(),),
         is_table=True,
     )
@@ -256,22 +255,22 @@ def open_log(
 def holds_log(
     path: AnyPath, *, columns: AnyColumns | None = None, pattern: str | None = None, topic: str | None = None
 ) -> bool:
-    """Tell whether there is a magnetometer to choose: in a log, or a table of several; never for a pipe.
+    """Tell whether a file has several magnetometers to choose from: a log, or a table of several; never for a pipe.
 
-    Raises `UnreadableInput` for what is not there, or of no kind that is read.
+    Raises `UnreadableInput` for a file that does not exist or is of an unknown kind.
 
     Parameters
     ----------
     columns, pattern, topic : str, optional
-        As `open_recording`; columns say which magnetometer it is already.
+        As in `open_recording`; given columns already select the magnetometer.
     """
     if os.fspath(path) == "-" or not (_is_folder(path) or os.path.isfile(path)):  # noqa: PTH113 - as _is_folder
-        return False  # what cannot be looked at twice is left alone
+        return False  # a pipe can be read only once, and is left alone
     file = _source_of(path)
     if _reader_of(file.name, file.head()).log is not None:
         return True
     options = _Options(columns=columns, pattern=pattern, topic=topic)
-    with contextlib.suppress(FlindersError), _reading(file) as reader:  # said by whoever opens it next
+    with contextlib.suppress(FlindersError), _reading(file) as reader:  # whoever opens the file next reports the error
         return bool(_table_of(file, reader, options).columns.magnetometers)
     return False
 
@@ -295,7 +294,7 @@ def read(
 ) -> Samples:
     """Read a whole recording into memory; parameters and errors as `open_recording`.
 
-    Of several recordings, columns that some do not have are left out.
+    Columns that only some of several recordings have are left out.
     """
     recording = open_recording(
         path,
@@ -317,13 +316,13 @@ def read(
     return replace(samples, skipped=reduce(added, (getattr(part, "skipped", ()) for part in parts), ()))
 
 
-OF_TABLES: Final = ("columns", "unit", "scale", "axes", "flat", "choice", "progress")
+TABLE_OPTIONS: Final = ("columns", "unit", "scale", "axes", "flat", "choice", "progress")
 """Options that every reader of tables takes."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class _Options:
-    """What the caller wants of a file, as `open_recording` names it."""
+    """Options of `open_recording` for one file."""
 
     columns: AnyColumns | None = None
     unit: str | None = None
@@ -338,7 +337,7 @@ class _Options:
     flat: str | None = None
 
     def __post_init__(self) -> None:
-        """Refuse what is of no type that an option takes, before a file is blamed for it."""
+        """Check the types of options before the file is opened, so that an error is not blamed on the file."""
         if not isinstance(self.columns, str | list | tuple | None):
             raise UsageError(f"columns are {self.columns!r}: need a text such as 'mx,my,mz', or a list of three names")
         for option in ("unit", "topic", "pattern", "flat"):
@@ -353,12 +352,12 @@ class _Options:
 
 
 def is_source(source: object) -> bool:
-    """Whether `open_recording` takes it as one recording: a path, an open file, or a table in memory."""
+    """Whether `open_recording` takes an object as one recording: a path, an open file, or a table in memory."""
     return isinstance(source, (str, os.PathLike)) or hasattr(source, "read") or is_frame(source)
 
 
-def _opened(source: AnySource, options: _Options, *, once: bool) -> FileRecording:
-    """Open a table in memory, or what a path or an open file holds."""
+def _open_source(source: AnySource, options: _Options, *, once: bool) -> FileRecording:
+    """Open a table in memory, or the file of a path or an open file."""
     if isinstance(source, (str, os.PathLike)) or hasattr(source, "read"):
         return _open(_source_of(cast("AnyPath", source), once=once), options)
     if not is_frame(source):
@@ -369,7 +368,7 @@ def _opened(source: AnySource, options: _Options, *, once: bool) -> FileRecordin
             raise UsageError(
                 "a table in memory has named columns and nothing else: leave this out", hint={option: None}
             )
-    recording = open_frame(source, **{name: getattr(options, name) for name in OF_TABLES})
+    recording = open_frame(source, **{name: getattr(options, name) for name in TABLE_OPTIONS})
     recording.span = options.span
     recording.is_unit_given = options.unit is not None or options.scale is not None
     return recording
@@ -379,13 +378,13 @@ def _open(file: Source, options: _Options) -> FileRecording:
     """Open a file with the first reader that accepts its first bytes; of a log, choose the magnetometer."""
     with _reading(file) as reader:
         if reader.log is not None:
-            return _chosen(_log_of(file, reader, options), options)
+            return _choose_instrument(_log_of(file, reader, options), options)
         return _table_of(file, reader, options)
 
 
 @contextlib.contextmanager
 def _reading(file: Source) -> Iterator[Reader]:
-    """Find the reader of a file, and let no error leave it but those of Flinders."""
+    """Find the reader of a file; turn foreign errors inside the block into errors of Flinders."""
     reader = _reader_of(file.name, file.head())
     with reading(file.name, reader.title):
         yield reader
@@ -396,7 +395,7 @@ def _is_folder(path: AnyPath) -> bool:
 
 
 def _source_of(path: AnyPath, *, once: bool = False) -> Source:
-    """Find what a path names; a folder of ROS goes by the description in it, and weighs what all in it does."""
+    """Find the file of a path; for a ROS folder, its description file, with the size of all files in it."""
     if not hasattr(path, "read") and _is_folder(path) and (description := _description_of(Path(path))):
         folder = description.parent
         size = sum(member.stat().st_size for member in folder.iterdir() if member.is_file())
@@ -405,14 +404,14 @@ def _source_of(path: AnyPath, *, once: bool = False) -> Source:
 
 
 def _description_of(folder: Path) -> Path | None:
-    """The file that describes a folder which is one recording; None of any other folder."""
+    """The file that describes a folder which is one recording; None for any other folder."""
     names = (reader.folder_file for reader in registry() if reader.folder_file)
     files = (folder / name for name in names)
     return next((file for file in files if os.path.isfile(file)), None)  # noqa: PTH113 - as _is_folder
 
 
 def _reader_of(name: str, head: bytes) -> Reader:
-    """Find the reader of what starts with these bytes."""
+    """Find the reader that accepts these first bytes; raise `UnreadableInput` if none does."""
     for reader in registry():
         if reader.accepts(head):
             return reader
@@ -422,13 +421,13 @@ def _reader_of(name: str, head: bytes) -> Reader:
 
 
 def _table_of(file: Source, reader: Reader, options: _Options) -> TextRecording | TableRecording:
-    """Open the columns of one magnetometer; of several, that which is meant."""
+    """Open the columns of one magnetometer; of several, the selected one."""
     if options.as_logged:
         raise UsageError(
-            f"{file.name} does not say what was corrected before it was written: leave it as it is",
+            f"{file.name} does not record which corrections were applied: leave this out",
             hint={"as_logged": None},
         )
-    of_table: dict[str, Any] = {name: getattr(options, name) for name in OF_TABLES}
+    of_table: dict[str, Any] = {name: getattr(options, name) for name in TABLE_OPTIONS}
     if options.topic is not None:
         if not reader.takes_topic:
             raise UsageError(f"{file.name} has no topics and no members: name none", hint={"topic": None})
@@ -449,7 +448,7 @@ def _table_of(file: Source, reader: Reader, options: _Options) -> TextRecording 
 
 
 def _as_instrument(table: TextRecording | TableRecording) -> Instrument:
-    """Make a magnetometer of a log out of columns of a table; one of several says which columns those are."""
+    """Make an instrument of a log from the columns of a table; its notes name the columns if there are several."""
     return Instrument(
         source=table.source,
         name=table.name or f"columns {', '.join(table.columns.field.names)}",
@@ -466,7 +465,7 @@ def _as_instrument(table: TextRecording | TableRecording) -> Instrument:
 
 
 def _log_of(file: Source, reader: Reader, options: _Options) -> Log:
-    """Open a log, which knows its units and columns."""
+    """Open a log; options that its format already defines are refused."""
     for option in ("columns", "pattern", *(() if reader.takes_unit else ("unit",)), "scale"):
         if getattr(options, option) is not None:
             raise UsageError(
@@ -485,8 +484,8 @@ def _log_of(file: Source, reader: Reader, options: _Options) -> Log:
     return replace(log, instruments=tuple(replace(instrument, **of_log) for instrument in log.instruments))
 
 
-def _begun(columns: Columns) -> datetime | None:
-    """When a table begins, where its clock counts from 1970."""
+def _start_time(columns: Columns) -> datetime | None:
+    """Start of a table in UTC, if its clock counts from 1970; else None."""
     time = columns.time
     if time is None or not time.start:
         return None
@@ -496,8 +495,8 @@ def _begun(columns: Columns) -> datetime | None:
         return None
 
 
-def _chosen(log: Log, options: _Options) -> Instrument:
-    """Take the magnetometer that was asked for, or the first, which then names the others."""
+def _choose_instrument(log: Log, options: _Options) -> Instrument:
+    """Select the magnetometer that was asked for, or the first, with a list of the others."""
     if options.choice.sensor is not None and options.topic is not None:
         raise UsageError(
             "sensor and topic both say which magnetometer of a log it is: leave one of them out",

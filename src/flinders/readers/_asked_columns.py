@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 
 
 def asked_columns(columns: AnyColumns, *, flat: bool = False) -> list[str]:
-    """Split what the user asked for: three different names or numbers; two will do if `flat`."""
+    """Split the columns that the user asked for: three different names or numbers, or also two if `flat`."""
     asked = parts_of(columns)
     count = len(asked)
     if not (count == 3 or (flat and count == 2)) or len({part.casefold() for part in asked}) != count:
@@ -35,7 +35,7 @@ def asked_columns(columns: AnyColumns, *, flat: bool = False) -> list[str]:
 
 
 def parts_of(columns: AnyColumns) -> list[str]:
-    """Names and numbers one by one.
+    """Split names and numbers.
 
     >>> parts_of("mx, my,mz"), parts_of([4, 5, "x, raw"])
     (['mx', 'my', 'mz'], ['4', '5', 'x, raw'])
@@ -44,7 +44,7 @@ def parts_of(columns: AnyColumns) -> list[str]:
 
 
 def wanted_places(columns: AnyColumns, names: Sequence[str], width: int, *, flat: bool = False) -> tuple[int, ...]:
-    """Look up the columns that the user asked for, by name or by number counted from 1."""
+    """Look up the places of the columns that the user asked for, by name or by number counted from 1."""
     known = [name.strip() for name in names]
     places = tuple(_place(part, known, width) for part in asked_columns(columns, flat=flat))
     if len(set(places)) != len(places):
@@ -54,9 +54,9 @@ def wanted_places(columns: AnyColumns, names: Sequence[str], width: int, *, flat
 
 
 def wanted_acceleration(asked: str, names: Sequence[str], columns: Columns, width: int) -> Columns:
-    """Take the accelerometer's columns from where the user says, if they are not read as the magnetometer."""
+    """Take the accelerometer's columns as the user asked, unless they are read as the magnetometer."""
     if not width:
-        raise UsageError(f"acceleration {asked!r}: lines differ in length, so that columns cannot be counted")
+        raise UsageError(f"acceleration {asked!r}: lines differ in length, so columns cannot be counted")
     own = column_of(ACCELERATION, wanted_places(asked, names, width), names)
     if taken := [name for name, cell in zip(own.names, own.cells, strict=True) if cell in columns.field.cells]:
         raise UsageError(
@@ -68,9 +68,9 @@ def wanted_acceleration(asked: str, names: Sequence[str], columns: Columns, widt
 
 
 def wanted_strength(asked: str, names: Sequence[str], columns: Columns, width: int) -> Columns:
-    """Take the strength of the field from the column that the user says, if it is not read as the magnetometer."""
+    """Take the field strength from the column that the user asked for, unless it is read as the magnetometer."""
     if not width:
-        raise UsageError(f"scalar {asked!r}: lines differ in length, so that columns cannot be counted")
+        raise UsageError(f"scalar {asked!r}: lines differ in length, so columns cannot be counted")
     place = _place(asked, [name.strip() for name in names], width)
     own = column_of(STRENGTH, [place], names)
     if place in columns.field.cells:
@@ -83,7 +83,7 @@ def wanted_strength(asked: str, names: Sequence[str], columns: Columns, width: i
 
 
 def _place(asked: str, names: list[str], width: int) -> int:
-    """Look up one column, by its name as it is written, then regardless of case, then by its number."""
+    """Look up one column: by its exact name, by its name regardless of case, then by its number."""
     folded = [name.casefold() for name in names]
     for known, wanted in ((names, asked), (folded, asked.casefold())):
         if wanted in known:

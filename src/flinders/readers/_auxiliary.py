@@ -1,4 +1,4 @@
-"""Columns of a recording that are read because they are asked for, by the names that they have there."""
+"""Further columns of a recording that are read on request, by their names in the file."""
 
 from __future__ import annotations
 
@@ -16,9 +16,9 @@ if TYPE_CHECKING:
 
 
 def with_auxiliary(recording: Recording, names: Iterable[str], *, are_needed: bool = True) -> Recording:
-    """A recording that also yields columns of these names; kinds that are always read are passed over.
+    """A recording that also yields columns of these names; kinds that are always read are skipped.
 
-    Raises `InputError` for a column that is not there, unless that may be: it is then left out.
+    Raises `InputError` for a missing column; without `are_needed` the column is left out instead.
 
     >>> from flinders.core.samples import Samples
     >>> samples = Samples.of([[1, 2, 3]], auxiliary={"wheel": [4.0]})
@@ -36,15 +36,15 @@ def with_auxiliary(recording: Recording, names: Iterable[str], *, are_needed: bo
 
 
 def lacks(source: str, name: str, there: Sequence[str]) -> InputError:
-    """The error for a column that a recording lacks; `there`: names of those that it has."""
+    """The error for a missing column; `there`: names of the existing ones."""
     has = f"its columns are {listed(list(there))}" if there else "its columns have no names: give them a header"
     return InputError(f"{source} has no column {name!r}{did_you_mean(name, there)}: {has}; give a name as it is there")
 
 
 def places_in(source: str, header: Sequence[str], names: Sequence[str], *, are_needed: bool) -> dict[str, int]:
-    """Places of columns of these names in a header.
+    """Places in a header of the columns with these names.
 
-    Raises `InputError` for a name that is not there, where they are needed; else it is left out.
+    Raises `InputError` for a missing name if `are_needed`; else the name is left out.
 
     >>> places_in("drive.csv", ["t", "mx", "wheel_rpm "], ["wheel_rpm"], are_needed=True)
     {'wheel_rpm': 2}

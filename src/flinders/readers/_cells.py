@@ -13,18 +13,18 @@ from typing import Final
 
 from flinders.readers._lines import CUT_OFF
 
-COMMENTS: Final = ("#", "%", "//")  # What a line that is none of a recording begins with
-SPACES: Final = " "  # The delimiter that stands for any run of spaces and tabs
-MISSING: Final = frozenset({"", "nan", "-nan", "na", "n/a", "null", "none"})  # What loggers write for no value
-MINUS: Final = "\N{MINUS SIGN}"  # What text processors make of a hyphen before a number
+COMMENTS: Final = ("#", "%", "//")  # Beginnings of comment lines
+SPACES: Final = " "  # Delimiter that stands for any run of spaces and tabs
+MISSING: Final = frozenset({"", "nan", "-nan", "na", "n/a", "null", "none"})  # Spellings of a missing value
+MINUS: Final = "\N{MINUS SIGN}"  # Minus sign that text processors put in place of a hyphen
 ATTACHED: Final = r"[-+−]?(?:0[xX][0-9a-fA-F]+|(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?|(?:nan|NaN|NAN|inf|ovf)(?!\w))"
-"""A number, whatever stands before it."""
+"""A number, regardless of the text before it."""
 GLUED: Final = re.compile(r"(?<!\S)[-+]?\d*[.,]\d+(?:-\d*[.,]\d+)+(?!\S)")  # ``2995.10-5044.85``
-_BITS: Final = {2: 8, 4: 16, 6: 24, 8: 32}  # of a signed hexadecimal number with so many digits
+_BITS: Final = {2: 8, 4: 16, 6: 24, 8: 32}  # bits of a signed hexadecimal number, by its number of digits
 
 
 def split(text: str, delimiter: str) -> list[str]:
-    """Cut a line into cells, quotes removed and spaces around them left on."""
+    """Split a line into cells, without quotes but with the spaces around them."""
     if text.endswith(CUT_OFF):
         return [text]
     if delimiter == SPACES:
@@ -38,12 +38,12 @@ def split(text: str, delimiter: str) -> list[str]:
 
 
 def quoted(cell: str) -> str:
-    """Write a cell of a table that is separated by commas."""
+    """Quote a cell for a comma-separated table if needed."""
     return '"' + cell.replace('"', '""') + '"' if any(sign in cell for sign in ',"\r\n') else cell
 
 
 def number(cell: str, decimal: str) -> float | None:
-    """Read a cell: NaN where it is empty or says so, None where it is text."""
+    """Parse a cell: NaN if it is empty or a missing value, None if it is text."""
     text = cell.strip()
     if decimal == ",":
         if text.endswith(","):
@@ -56,12 +56,12 @@ def number(cell: str, decimal: str) -> float | None:
 
 
 def fits(cells: list[str], width: int) -> bool:
-    """Tell whether a line has as many cells as the others; a delimiter at its end does no harm."""
+    """Tell whether a line has `width` cells; empty cells at its end are ignored."""
     return len(cells) == width or (len(cells) > width and not any(cell.strip() for cell in cells[width:]))
 
 
 def decimal(number: str) -> str:
-    """Write a number in decimal: a hexadecimal one with all of its digits is signed, an overflow is ``nan``."""
+    """Write a number in decimal: hexadecimal with a full set of digits as signed, overflow as ``nan``."""
     if number[-1:] in "fF" and number.lstrip("-+").casefold() in ("inf", "ovf"):
         return "nan"
     if "x" not in number and "X" not in number:
@@ -72,5 +72,5 @@ def decimal(number: str) -> str:
 
 
 def unglued(text: str) -> str:
-    """Part decimals in columns of a fixed width that a minus has filled up."""
+    """Insert spaces between fixed-width decimals that a minus sign has joined."""
     return GLUED.sub(lambda match: match[0][0] + match[0][1:].replace("-", " -"), text) if "-" in text else text

@@ -1,4 +1,4 @@
-"""Which of several magnetometers is meant: by number, by name, or the one that a calibration was made from.
+"""Selection of one of several magnetometers: by number, by name, or as in an earlier calibration.
 
 >>> Choice.of(2).among(["mag_left", "mag_right"], "two.csv"), Choice.of("mag_left").among(["mag_left"], "one.csv")
 (1, 0)
@@ -20,23 +20,23 @@ MOST_NAMED: Final = 8  # magnetometers that a line names; an array may have doze
 
 
 class Form(NamedTuple):
-    """Columns that were asked for of a table, and what tells a table of the same form."""
+    """Columns that were asked for in a table, and the features of a table of the same form."""
 
     field: tuple[str, ...]  # names, or numbers from 1
-    width: int  # columns of a line
-    names: tuple[str, ...]  # its header; none where it has none
-    increasing: tuple[int, ...] = ()  # without a header, numbers of its columns that are clocks and counters
+    width: int  # columns in a line
+    names: tuple[str, ...]  # names in its header; none without a header
+    increasing: tuple[int, ...] = ()  # without a header, numbers of the columns that only rise: clocks and counters
 
     @classmethod
     def of(cls, field: Sequence[str], names: Sequence[str], width: int, increasing: Iterable[int]) -> Self:
-        """That of a table; `increasing` are places of columns that only rise."""
+        """The form of a table; `increasing` are places of the columns that only rise."""
         own = tuple(name.strip() for name in names)
         return cls(tuple(field), width, own, () if own else tuple(place + 1 for place in increasing))
 
 
 @dataclass(frozen=True, slots=True)
 class Choice:
-    """Which of several magnetometers is meant: the one that was asked for, else the one a calibration was made from.
+    """Selection of one of several magnetometers: by request, else the one that a calibration was made from.
 
     >>> Choice("2").among(["mag_left", "mag_right"], "two.csv"), Choice(preferred="mag_right").among(["mag"], "one.csv")
     (1, 0)
@@ -46,14 +46,14 @@ class Choice:
         (mag_left), 2 (mag_right); say which one it is for (sensor=)
     """
 
-    sensor: str | None = None  # asked for, by its number from 1 or its name
-    preferred: str | None = None  # the name of the one that a calibration was made from
-    is_name: bool = False  # `sensor` may be given to the only magnetometer of a table, which does not know its name
-    forms: tuple[Form, ...] = ()  # of the tables that a calibration was made from
+    sensor: str | None = None  # requested number from 1, or name
+    preferred: str | None = None  # name of the magnetometer that a calibration was made from
+    is_name: bool = False  # whether `sensor` may name the only magnetometer of a table, which has no name itself
+    forms: tuple[Form, ...] = ()  # forms of the tables that a calibration was made from
 
     @classmethod
     def of(cls, sensor: str | int | None) -> Self:
-        """Take what the user gave: a name, or a number from 1 as digits or as an integer.
+        """Selection by the user's input: a name, or a number from 1 as digits or as an integer.
 
         >>> Choice.of(2) == Choice("2")
         True
@@ -66,11 +66,11 @@ class Choice:
 
     @property
     def is_open(self) -> bool:
-        """Nobody says which: the first is taken, and the others are named."""
+        """Whether nothing was requested: the first is taken, and the others are listed."""
         return self.sensor is None and self.preferred is None
 
     def remembered(self, names: Sequence[str], width: int, increasing: Iterable[int]) -> str | None:
-        """The columns that were asked for of a table of the same form; None for another, and where a sensor is asked.
+        """Columns requested in an earlier table of the same form; None for another form, or if a sensor is requested.
 
         >>> choice = Choice(forms=(Form(("2", "3", "4"), 7, (), (1,)),))
         >>> choice.remembered([], 7, [0]), choice.remembered([], 7, []), choice.remembered([], 6, [0])
@@ -81,7 +81,7 @@ class Choice:
         return next((",".join(form.field) for form in same if len(form.field) == len("xyz")), None)
 
     def among(self, names: Sequence[str], source: str) -> int:
-        """Look up its place among these names, from 0; UsageError for one that there is not, with those there are."""
+        """Index of the selected magnetometer in `names`; UsageError with the list of names if it is not among them."""
         wanted = self.preferred if self.sensor is None else self.sensor
         if wanted is None or (self.sensor is None and len(names) == 1):
             return 0
@@ -100,19 +100,19 @@ class Choice:
         raise UsageError(f"{what}: there {verb} {there or 'none'}")
 
     def refuse_alone(self, source: str) -> None:
-        """Refuse to choose from a table of one magnetometer."""
+        """Raise an error if a sensor is requested in a table of one magnetometer."""
         if self.sensor is not None and not self.is_name:
             raise UsageError(
-                f"{source} has one magnetometer: leave its number out; it is chosen by columns",
+                f"{source} has one magnetometer: leave the sensor out, or choose it by its columns",
                 hint={"sensor": None, "columns": None},
             )
 
 
-FIRST: Final = Choice()  # Nobody says which
+FIRST: Final = Choice()  # No selection: the first magnetometer
 
 
 def numbered(words: Sequence[str]) -> str:
-    """Put numbers and names of magnetometers into a sentence, as many as fit.
+    """List numbers and names of magnetometers for a sentence, at most `MOST_NAMED`.
 
     >>> numbered(["2 MAG2", "3 MAG3"])
     '2 MAG2, 3 MAG3'

@@ -1,7 +1,7 @@
-"""Dates and times of day, as cells of a table and stamps before a line have them, in seconds.
+"""Dates and times of day, in cells of a table or in stamps before a line, converted to seconds.
 
-The cells of a column tell together which number is the day and which the month. A time without a date counts from
-midnight, and goes on past the next one.
+The order of day and month is inferred from all cells of a column. A time without a date is counted from midnight, and
+continues to rise past the next midnight.
 
 >>> clock = Clock.of([["22.11.2026 23:59:59,5"], ["23.11.2026 00:00:00,0"]], (0,))
 >>> clock.order, [clock.seconds([text]) for text in ("22.11.2026 23:59:59,5", "Nov 23, 2026 12:00:01 AM", "later")]
@@ -32,55 +32,55 @@ DATE: Final = (
     r"(?P<last>\d{4}|\d{1,2})"
     r"|(?P<month>[^\W\d_]{3,9})\.?\s+(?P<day>\d{1,2})(?:st|nd|rd|th)?,?(?:\s+(?P<year>\d{4})(?![:\d]))?)"
 )
-"""A date, and the day of the week before it."""
+"""A date, optionally after the day of the week."""
 HALF: Final = r"(?:\s?(?P<half>[AaPp])\.?[Mm]\b\.?)?"
 TIME_OF_DAY: Final = (
     r"(?P<hour>\d{1,2}):(?P<minute>\d\d)(?::(?P<second>\d\d))?(?P<fraction>[.,]\d+|:\d{3,}|\s(?:\d{3}|\d{6}))?" + HALF
 )
-"""A time of day; one without hours, as spreadsheets write ``mm:ss.0``, has a fraction."""
+"""A time of day; without hours, as in the ``mm:ss.0`` of spreadsheets, it has a fraction."""
 ZONE: Final = r"(?:\s?(?P<zone>Z|UTC|GMT|(?:UTC|GMT)?[-+]\d\d:?(?:\d\d)?)|\s[A-Z]{2,5})?(?:\[[^\]]*\])?"
-"""A name such as ``CET`` says nothing: hours of it are counted as they are written."""
+"""A time zone; a name such as ``CET`` is ignored, and its hours are counted as UTC."""
 WHEN: Final = re.compile(
     rf"\s*[\[(<'\"]?(?:{DATE}(?:T|[ ,;_]\s*|$|(?=[\])>'\"])))?(?:(?P<days>\d+)\s+days?,?\s+)?"
     rf"(?:{TIME_OF_DAY}{ZONE})?(?:\s+(?P<late>\d{{4}}))?[\])>'\"]?\s*"
 )
-"""A cell with a date, a time of day or both; ``ctime`` has the year behind, and a span of pandas counts days."""
-PACKED: Final = re.compile(r"\s*(\d{4})(\d\d)(\d\d)[T_ ](\d\d)(\d\d)(\d\d)")  # ``20261122T044207.813Z``
-UNPADDED: Final = re.compile(
+"""A cell with a date, a time of day or both; ``ctime`` puts the year last, and a pandas timedelta counts days."""
+PACKED_TIME: Final = re.compile(r"\s*(\d{4})(\d\d)(\d\d)[T_ ](\d\d)(\d\d)(\d\d)")  # ``20261122T044207.813Z``
+UNPADDED_TIME: Final = re.compile(
     r"\s*(\d{1,2}):(\d{1,2}):(\d{1,2}):(\d{1,3})\s*"
 )  # ``4:42:7:13``, the last in milliseconds
 FRACTION: Final = re.compile(r"\d{3}|\d{6}")  # of a second
-REPEATED: Final = 0.2  # share of whole seconds that come again, from which on what stands behind may be their fraction
+MIN_REPEATED_SHARE: Final = 0.2  # share of repeated whole seconds above which the next cell may hold their fraction
 _SECONDS: Final = re.compile(r"(.*?\d:\d\d):(\d\d)(?:[.,](\d+))?((?:\s?[A-Za-z.+-].*)?)")
-"""A time with seconds, what stands before them and behind."""
+"""A time with seconds, and the text before and after them."""
 MONTHS: Final = {
     "jan": 1, "ene": 1, "gen": 1, "feb": 2, "fév": 2, "mar": 3, "mär": 3, "mrz": 3, "apr": 4, "avr": 4, "abr": 4,
     "may": 5, "mai": 5, "jun": 6, "juin": 6, "giu": 6, "jul": 7, "juil": 7, "lug": 7, "aug": 8, "aoû": 8, "ago": 8,
     "sep": 9, "set": 9, "oct": 10, "okt": 10, "ott": 10, "nov": 11, "dec": 12, "dez": 12, "déc": 12, "dic": 12,
 }  # fmt: skip
-"""By the first letters of their names."""
-ORDERS: Final = ("dmy", "mdy", "ymd")  # of day, month and year; the first is taken where a column leaves it open
-CENTURY: Final = 70  # first year of two digits that is one of 1900
+"""Number of the month, by the first letters of its name."""
+ORDERS: Final = ("dmy", "mdy", "ymd")  # of day, month and year; the first one is the default if a column is ambiguous
+FIRST_YEAR_OF_1900S: Final = 70  # two-digit years from this one on belong to the 1900s
 DAY_S: Final = 86400.0
 HOUR_S: Final = 3600.0
-ENOUGH: Final = 0.5  # share of the cells of a column that have to be a time
+ENOUGH: Final = 0.5  # smallest share of times among the cells of a column of times
 EPOCH: Final = date(1970, 1, 1).toordinal()
 
 
 @dataclass(frozen=True, slots=True)
 class Clock:
-    """How a column, or one with dates and one with times of day, is read as seconds."""
+    """How one column of times, or a column of dates and one of times of day, is converted to seconds."""
 
-    cells: tuple[int, ...]  # of dates and of times of day; the seconds stand in place of the last
-    order: str = "ymd"  # of day, month and year in dates of numbers
+    cells: tuple[int, ...]  # places of dates and times of day; the seconds are put in place of the last
+    order: str = "ymd"  # of day, month and year in numeric dates
     is_dated: bool = True
-    period: float = DAY_S  # after which a time without a date begins again
-    is_settled: bool = True  # the dates leave no other order open
+    period: float = DAY_S  # seconds after which a time without a date starts again
+    is_settled: bool = True  # whether the dates allow only this order
 
     @classmethod
     def of(cls, rows: Iterable[Sequence[str]], cells: tuple[int, ...]) -> Self:
-        """Find out in which order the dates of some rows have day and month."""
-        found = [match for row in rows if (match := _match(_joined(row, cells)))]
+        """Infer the order of day and month from the dates of some rows."""
+        found = [match for row in rows if (match := _match(_join_cells(row, cells)))]
         is_dated = any(match["first"] or match["year"] or match["late"] for match in found)
         is_short = any(match["second"] is None and match["fraction"] for match in found)
         order, is_settled = order_of(found)
@@ -88,16 +88,16 @@ class Clock:
 
     @property
     def cell(self) -> int:
-        """Where its seconds stand in a row of numbers."""
+        """Place of its seconds in a row of numbers."""
         return self.cells[-1]
 
     def seconds(self, row: Sequence[str]) -> float:
-        """Seconds of a row, cut into cells: since 1970, or since midnight; NaN where it has no time."""
+        """Seconds of a row of cells, since 1970 or since midnight; NaN if it has no time."""
         return self.seconds_of(*(row[cell] for cell in self.cells if cell < len(row)))
 
     def seconds_of(self, *texts: str) -> float:
-        """The same of its cells."""
-        text = _padded(" ".join(map(str.strip, texts)))
+        """Seconds of the cells that hold the time; NaN if they have no time."""
+        text = _pad_milliseconds(" ".join(map(str.strip, texts)))
         parts = _SECONDS.fullmatch(text)
         if parts is None:
             return _seconds(text, self.order)
@@ -107,7 +107,7 @@ class Clock:
 
 
 def clocks_of(rows: Sequence[Sequence[str]], places: Iterable[int]) -> Iterator[Clock]:
-    """Find the columns of text that are times: with a date, or a time of day with a column of dates beside it."""
+    """Find the text columns that are times: with a date, or a time of day paired with a column of dates."""
     days: list[int] = []
     times: list[int] = []
     for place in places:
@@ -127,19 +127,23 @@ def clocks_of(rows: Sequence[Sequence[str]], places: Iterable[int]) -> Iterator[
 
 
 def _with_fraction(rows: Sequence[Sequence[str]], cells: tuple[int, ...]) -> tuple[int, ...]:
-    """Join a time and its fraction, which a decimal comma has put into the next cell: ``04:42:07,813``."""
+    """Add the next cell if a decimal comma has moved the fraction of a time into it: ``04:42:07,813``."""
     after = cells[-1] + 1
     if not all(after < len(row) and FRACTION.fullmatch(row[after].strip()) for row in rows):
         return cells
     alone, joined = Clock.of(rows, cells), Clock.of(rows, (*cells, after))
     whole, times = (np.array([clock.seconds(row) for row in rows]) for clock in (alone, joined))
     repeats = np.diff(whole) == 0
-    is_finer = np.mean(repeats) > REPEATED and (whole == np.floor(whole)).all() and (np.diff(times)[repeats] > 0).all()
+    is_finer = (
+        np.mean(repeats) > MIN_REPEATED_SHARE
+        and (whole == np.floor(whole)).all()
+        and (np.diff(times)[repeats] > 0).all()
+    )
     return (*cells, after) if is_finer else cells
 
 
 def seconds_of(match: re.Match[str], order: str = "ymd") -> float | None:
-    """Seconds of a match of `DATE` and a time of day; None for a day that there is not."""
+    """Seconds of a match of `DATE` and a time of day; None for a date that does not exist."""
     parts = match.groupdict()
     hour, minute, second = int(parts["hour"] or 0), int(parts["minute"] or 0), parts["second"]
     fraction = (parts["fraction"] or "")[1:]
@@ -158,13 +162,13 @@ def seconds_of(match: re.Match[str], order: str = "ymd") -> float | None:
 
 @dataclass(slots=True)
 class Midnights:
-    """Times of day that go on where the day, or the hour, is over."""
+    """Unwraps times of day at the end of the day, or of the hour."""
 
     clock: Clock | None
-    last: float = math.nan  # the time before
+    last: float = math.nan  # the previous time, in seconds
 
     def past(self, seconds: Floats) -> Floats:
-        """(N,) times as they are written, as they go on; those of a clock with dates stay."""
+        """(N,) times in seconds, unwrapped past midnight; those of a clock with dates are returned unchanged."""
         known = np.flatnonzero(np.isfinite(seconds))
         if self.clock is None or self.clock.is_dated or not len(known):
             return seconds
@@ -176,13 +180,13 @@ class Midnights:
         return passed
 
 
-def _joined(row: Sequence[str], cells: tuple[int, ...]) -> str:
+def _join_cells(row: Sequence[str], cells: tuple[int, ...]) -> str:
     return " ".join(row[cell].strip() for cell in cells if cell < len(row))
 
 
 @lru_cache(64)
 def _minute(before: str, behind: str, order: str) -> int | None:
-    """The second at which a minute begins, by what stands before and behind the seconds: that costs more than they."""
+    """Start of a minute in seconds, from the text around its seconds; cached, since parsing it is slow."""
     seconds = _seconds(f"{before}:00{behind}", order)
     return None if math.isnan(seconds) else int(seconds)
 
@@ -193,26 +197,26 @@ def _seconds(text: str, order: str) -> float:
     return math.nan if seconds is None else seconds
 
 
-def _padded(text: str) -> str:
-    """A time of day with a colon before its milliseconds, with all of its zeros."""
-    match = UNPADDED.fullmatch(text) if text.count(":") == 3 else None
+def _pad_milliseconds(text: str) -> str:
+    """A time of day with a colon before its milliseconds, filled up with zeros."""
+    match = UNPADDED_TIME.fullmatch(text) if text.count(":") == 3 else None
     return f"{match[1]}:{match[2]:0>2}:{match[3]:0>2}.{match[4]:0>3}" if match else text
 
 
 def _are_parts(texts: Sequence[str]) -> bool:
-    """Tell whether what stands behind a third colon is no milliseconds: it never has three digits."""
-    parts = [match[4] for text in texts if (match := UNPADDED.fullmatch(text))]
+    """Tell whether the numbers after a third colon are no milliseconds: they never have three digits."""
+    parts = [match[4] for text in texts if (match := UNPADDED_TIME.fullmatch(text))]
     return bool(parts) and max(map(len, parts)) < 3
 
 
 def _match(text: str) -> re.Match[str] | None:
-    """A cell that is a date, a time of day or both, and nothing else."""
-    match = WHEN.fullmatch(PACKED.sub(r"\1-\2-\3T\4:\5:\6", _padded(text)))
+    """Match a cell that is a date, a time of day or both, and nothing else."""
+    match = WHEN.fullmatch(PACKED_TIME.sub(r"\1-\2-\3T\4:\5:\6", _pad_milliseconds(text)))
     return match if match and (match["hour"] or match["first"] or match["month"]) else None
 
 
 def _day_of(parts: dict[str, str | None], order: str) -> int | None:
-    """Days from 1970 to the date of a match; 0 where it has none with a year, None where there is no such day."""
+    """Days from 1970 to the date of a match; 0 without a date or year, None if the day does not exist."""
     first, middle, last = parts["first"], parts["middle"] or parts["named"], parts["last"]
     year, month, day = parts["year"] or parts.get("late"), parts["month"], parts["day"]
     if month and day:
@@ -227,10 +231,10 @@ def _day_of(parts: dict[str, str | None], order: str) -> int | None:
 
 @lru_cache(64)
 def _day(year: str, month: str, day: str) -> int | None:
-    """Days from 1970 to a date; None where there is no such day."""
+    """Days from 1970 to a date; None if the day does not exist."""
     name = month.casefold()
     number = int(month) if month.isdecimal() else MONTHS.get(name[:4]) or MONTHS.get(name[:3])
-    whole = int(year) + (0 if len(year) == 4 else 1900 if int(year) >= CENTURY else 2000)
+    whole = int(year) + (0 if len(year) == 4 else 1900 if int(year) >= FIRST_YEAR_OF_1900S else 2000)
     try:
         return date(whole, number or 0, int(day)).toordinal() - EPOCH
     except ValueError:
@@ -248,9 +252,9 @@ def _zone(zone: str | None) -> int:
 
 
 def order_of(found: Sequence[re.Match[str]]) -> tuple[str, bool]:
-    """Tell the order of day, month and year in dates of numbers, and whether no other is possible.
+    """Infer the order of day, month and year in numeric dates, and whether it is the only possible one.
 
-    Of several possible ones the one in which the dates ascend within the fewest days; the month is first before AM.
+    Of several, prefer the one whose dates ascend within the fewest days; with AM or PM, the month is first.
     """
     dates = {match.group("first", "middle", "last"): match for match in found if match["middle"]}
     if not dates or any(len(first) == 4 for first, _, _ in dates):

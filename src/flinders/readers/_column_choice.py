@@ -1,4 +1,4 @@
-"""Choice of the columns of a table: as the user asks, else by their names, else by their places.
+"""Choice of the magnetometer's columns in a table: by request, else by name, else by position.
 
 >>> import numpy as np
 >>> values = np.array([[0.0, 20, -3, 41], [0.1, 21, -4, 40], [0.2, 20, -5, 42]])
@@ -35,7 +35,7 @@ if TYPE_CHECKING:
 
 
 def rising_in(values: Floats) -> list[int]:
-    """Places of the columns that only ever rise."""
+    """Places of the columns whose values only rise."""
     return [place for place, column in enumerate(values.T) if only_rises(column)]
 
 
@@ -55,15 +55,15 @@ def choose(
     devices: Sequence[Device] = (),
     is_told: bool = False,
 ) -> Columns | None:
-    """Choose columns as the user asked, else by their names, else by their places; None where neither decides.
+    """Choose columns by request, else by name, else by position; None if none of these is conclusive.
 
-    `heading` says what header a table without names has; `quoted` and `cells` are its first line with readings.
-    `is_told` says that a word in each row names its sensor.
+    `heading` describes the header of a table without usable names; `quoted` and `cells` are its first line of readings.
+    `is_told` states that a word in each row names its sensor.
     """
     width = values.shape[1]
     axes = [] if names or asked else axes_of(values)
     if flat is not None and asked is None:
-        asked = _asked_level(flat, names, width, axes)
+        asked = _columns_of_level_turn(flat, names, width, axes)
     if asked is None:
         sensor = devices[0] if is_told else None
         chosen = by_name(names, values, (), units, clocks) if names else by_place(values, (), clocks, sensor)
@@ -71,7 +71,7 @@ def choose(
         if chosen is None or (is_bare and (chosen.magnetometers or "w" in [name.strip().casefold() for name in names])):
             _refuse_two(axes, width, source, quoted)
             _refuse_unclear(names, values, source, f"{heading or 'no header'}{quoted}", cells)
-        return chosen and _chosen(_of_devices(_assumed(chosen), devices), choice, source)
+        return chosen and _choose_magnetometer(_of_devices(_mark_assumed(chosen), devices), choice, source)
     wanted = wanted_places(asked, names, width, flat=flat is not None)
     chosen = by_name(names, values, wanted, units, clocks) if names else by_place(values, wanted, clocks)
     if chosen is None:
@@ -79,17 +79,17 @@ def choose(
     form = Form.of(asked_columns(asked, flat=flat is not None), names, width, rising_in(values))
     chosen = _of_devices(replace(chosen, form=form), devices)
     if chosen.magnetometers:
-        chosen = _chosen(chosen, choice, source)
+        chosen = _choose_magnetometer(chosen, choice, source)
     else:
         every = by_name(names, values, (), units, clocks) if names else None
-        chosen = _named(chosen, every.magnetometers if every else (), choice, asked, source)
+        chosen = _keep_name(chosen, every.magnetometers if every else (), choice, asked, source)
     if flat is None or len(wanted) != 2:
         return chosen
     return replace(chosen, field=replace(chosen.field, axes=tuple(map("xyz".index, flat))))
 
 
-def _asked_level(flat: str, names: Sequence[str], width: int, axes: Sequence[int]) -> str | None:
-    """The columns of a level turn where they are plain: the only two, those of its axes, or all that may be axes."""
+def _columns_of_level_turn(flat: str, names: Sequence[str], width: int, axes: Sequence[int]) -> str | None:
+    """The columns of a level turn if clear: the only two, those named as its axes, or the only two possible axes."""
     if width == 2:
         return "1,2"
     if set(flat) <= set(names):
@@ -97,14 +97,14 @@ def _asked_level(flat: str, names: Sequence[str], width: int, axes: Sequence[int
     return ",".join(str(place + 1) for place in axes) if len(axes) == 2 else None
 
 
-def _assumed(columns: Columns) -> Columns:
-    """Note where columns without telling names are taken for a magnetometer's."""
+def _mark_assumed(columns: Columns) -> Columns:
+    """Mark columns as assumed if neither their names nor a unit identify a magnetometer."""
     is_bare = all(name.isdecimal() or meaning(name).is_bare for name in columns.field.names)
     return replace(columns, is_assumed=is_bare and not columns.unit)
 
 
 def _of_devices(columns: Columns, devices: Sequence[Device]) -> Columns:
-    """Columns as those of each of several devices, whose rows another column tells apart."""
+    """Columns for each of several devices, whose rows another column distinguishes."""
     made = tuple(
         replace(each, device=device, name=", ".join(filter(None, (device.name, each.name))), magnetometers=())
         for device in devices
@@ -117,7 +117,7 @@ def _of_devices(columns: Columns, devices: Sequence[Device]) -> Columns:
 
 
 def _refuse_two(axes: Sequence[int], width: int, source: str, quoted: str) -> None:
-    """Refuse a table without a header of which two columns are left beside clocks and counters."""
+    """Raise an error for a table without header in which only two columns may be axes."""
     if len(axes) == 2:
         others = ", ".join(str(place + 1) for place in range(width) if place not in axes)
         left = " and ".join(str(place + 1) for place in axes)
@@ -128,36 +128,36 @@ def _refuse_two(axes: Sequence[int], width: int, source: str, quoted: str) -> No
 
 
 def _refuse_unclear(names: Sequence[str], values: Floats, source: str, heading: str, cells: Sequence[str]) -> None:
-    """Refuse a table whose names are those of references only, or do not tell while its values say something."""
+    """Raise an error for a table with references only, or whose names are inconclusive but whose values are not."""
     others = [each for each in vectors(names, list(map(meaning, names)), FIELD) if each.instead]
     if others:
         what = numbered([f"{each.whole} ({each.instead})" for each in others])
         columns = ",".join(names[cell].strip() for cell in others[0].cells)
         raise NoMagnetometer(
-            f"no readings of a magnetometer among the columns of {source}: by its name each is something else, {what}; "
-            "say which three columns are what the sensor read, such as these if they are it after all",
+            f"no readings of a magnetometer among the columns of {source}: their names say otherwise: {what}; "
+            "name the three columns with readings of the sensor, such as these if their names mislead",
             hint={"columns": columns},
         )
     width = values.shape[1]
     judged = groups(values, [place for place in range(width) if not names or tells_nothing(names[place])], names)
     if any(group.is_candidate or group.is_known or (names and len(group.names) > 1) for group in judged):
         nameless = f"{source} has {width} columns and {heading}: need three, x y z, or four with the time first"
-        what = f"names do not tell which columns of {source} are the magnetometer" if names else nameless
+        what = f"names do not identify the magnetometer among the columns of {source}" if names else nameless
         first = [f"{number}: {cell.strip()}" for number, cell in enumerate(cells, 1)]
         shown = f"; its first line by its columns is {listed(first)}" if cells and not names else ""
         told, hint = advice(judged)
         raise NoMagnetometer(f"{what}{shown}; {told}", hint=hint)
 
 
-def _named(
+def _keep_name(
     columns: Columns, magnetometers: Sequence[Columns], choice: Choice, asked: AnyColumns, source: str
 ) -> Columns:
-    """Let the columns that the user asked for keep the name of their magnetometer, or take the name the user gives."""
+    """Keep the magnetometer's name of requested columns, or clear it for a name that the user gives."""
     if choice.sensor is None:
         return columns
     if not choice.is_name:
         raise UsageError(
-            "columns and a number both say which magnetometer it is: leave one of them out",
+            "columns and a sensor number both select the magnetometer: leave one of them out",
             hint={"columns": None, "sensor": None},
         )
     wanted = choice.sensor.strip().casefold()
@@ -174,8 +174,8 @@ def _named(
     return replace(columns, name="")
 
 
-def _chosen(columns: Columns, choice: Choice, source: str) -> Columns:
-    """Take the magnetometer that is meant; where nobody says, the first with the names of the others."""
+def _choose_magnetometer(columns: Columns, choice: Choice, source: str) -> Columns:
+    """Select the requested magnetometer; by default the first, with the names of the others."""
     if not columns.magnetometers:
         choice.refuse_alone(source)
         return columns

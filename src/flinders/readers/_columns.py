@@ -1,4 +1,4 @@
-"""Columns of a table that are read: the magnetometer's, its unit, and the auxiliary ones beside it.
+"""Columns of a table that are read: the magnetometer's, its unit, and the auxiliary columns.
 
 >>> field = column_of("field", (1, 2, 3), ["t_s", "mx", "my", "mz"])
 >>> columns = Columns(field, auxiliary=(column_of("time", (0,), ["t_s"]),))
@@ -47,55 +47,57 @@ if TYPE_CHECKING:
 
 Values: TypeAlias = "NDArray[np.floating] | Sequence[NDArray[np.floating]]"
 """(N,) numbers of each column that is read."""
-OF_MOTORS: Final = (CURRENTS, THROTTLES)  # kinds of which each motor may have a column
-IN_SAMPLES: Final = COLUMNS[1:]  # kinds that stand beside the field
-VALID: Final = {THROTTLE: shares, THROTTLES: shares, ATTITUDE: quaternions.known}  # values out of range become NaN
+OF_MOTORS: Final = (CURRENTS, THROTTLES)  # kinds that may have a column for each motor
+IN_SAMPLES: Final = COLUMNS[1:]  # kinds of auxiliary columns in `Samples`
+# functions that set values out of range to NaN
+VALIDATORS: Final = {THROTTLE: shares, THROTTLES: shares, ATTITUDE: quaternions.known}
 
 
 @dataclass(frozen=True, slots=True)
 class Column:
-    """One column, or three of one sensor, or one of each motor."""
+    """One column, three of one sensor, or one for each motor."""
 
     kind: str  # as in `Meaning`
     cells: tuple[int, ...]  # places in a line, counted from 0: x, y, z, or motor by motor
     names: tuple[str, ...]  # as in the header, or numbers counted from 1
-    factor: float = 1.0  # from its unit to the unit used inside
-    start: float = 0.0  # subtracted first, in its own unit
-    unit: str = ""  # of a strength whose name states one; else it is in the unit of the field
-    axes: tuple[int, ...] = (0, 1, 2)  # which axes two columns of a level recording are; the third is 0
-    clock: Clock | None = None  # how a time is read that is no number
+    factor: float = 1.0  # from its unit to the internal unit
+    start: float = 0.0  # subtracted before scaling, in its own unit
+    unit: str = ""  # unit of a field strength, if its name states one; else that of the field
+    axes: tuple[int, ...] = (0, 1, 2)  # axes of the two columns of a level recording; the third axis is 0
+    clock: Clock | None = None  # clock of a time that is not numeric
 
 
 @dataclass(frozen=True)
 class Columns:
-    """The columns that are read."""
+    """The columns of a table that are read."""
 
     field: Column  # the magnetometer
-    unit: str = ""  # its unit as the header states it, or as the format has it by convention
-    stated: bool = False  # the unit is in the header, and must not be contradicted
+    unit: str = ""  # its unit by the header, or by convention of the format
+    stated: bool = False  # whether the unit is in the header, and must not be contradicted
     auxiliary: tuple[Column, ...] = ()  # at most one of each other kind
-    left_out: tuple[str, ...] = ()  # columns that were recognised and cannot be used, each with the reason
-    unread_time: str = ""  # names of columns that are called as a time, where none is read
-    name: str = ""  # of one of several magnetometers in a table
-    magnetometers: tuple[Columns, ...] = ()  # those of each of several magnetometers, in order
-    others: tuple[str, ...] = ()  # numbers and names of the other magnetometers, where nobody has said which is meant
-    passed_over: tuple[str, ...] = ()  # what is named like a magnetometer and is none of its own, with what it is
-    form: Form | None = None  # where they were asked for, how the table is recognised
-    reset: Column | None = (
-        None  # what a sensor with set and reset pulses read after a reset, where `field` is after a set
-    )
-    own_offset: tuple[float, ...] = ()  # (3,) of such a sensor, in its unit: half of set plus reset, of the first rows
-    device: Device | None = None  # whose rows are read, where a column tells several devices apart
-    is_assumed: bool = False  # nobody says that they are a magnetometer's, neither their names nor the user
+    left_out: tuple[str, ...] = ()  # recognised columns that cannot be used, each with the reason
+    unread_time: str = ""  # names of columns that look like a time, if none is read
+    name: str = ""  # name of one of several magnetometers in a table
+    magnetometers: tuple[Columns, ...] = ()  # columns of each of several magnetometers, in order
+    others: tuple[str, ...] = ()  # numbers and names of the other magnetometers, if none was selected
+    passed_over: tuple[str, ...] = ()  # sensors with names like a magnetometer's that are none, with their kind
+    form: Form | None = None  # form of the table, if the columns were requested
+    # readings after a reset pulse, if `field` is after a set pulse
+    reset: Column | None = None
+    own_offset: tuple[
+        float, ...
+    ] = ()  # offset of a sensor with set and reset, (3,) in its unit, from the first rows: (set + reset) / 2
+    device: Device | None = None  # device whose rows are read, if a column distinguishes several
+    is_assumed: bool = False  # neither the names nor the user identify the columns as a magnetometer's
 
     @property
     def time(self) -> Column | None:
-        """When each reading was taken, where that is known."""
+        """Time of each reading, if known."""
         return self.of_kind(TIME)
 
     @property
     def clock(self) -> Clock | None:
-        """How the time is read where it is no number."""
+        """Clock of a time that is not numeric."""
         return self.time.clock if self.time else None
 
     def of_kind(self, kind: str) -> Column | None:
@@ -103,7 +105,7 @@ class Columns:
         return next((column for column in self.auxiliary if column.kind == kind), None)
 
     def only(self, *kinds: str) -> Columns:
-        """The field, and of what stands beside it only some kinds."""
+        """Columns of the field, and auxiliary columns of these kinds only."""
         return replace(self, auxiliary=tuple(column for column in self.auxiliary if column.kind in kinds))
 
     @cached_property
@@ -113,18 +115,18 @@ class Columns:
         return tuple(sorted({cell for column in columns for cell in column.cells}))
 
     def with_auxiliary(self, names: Iterable[str], places: Iterable[int]) -> Columns:
-        """The same with columns that are asked for, by their names and places; of each magnetometer, too."""
+        """Columns with requested auxiliary ones, by their names and places; also for each of several magnetometers."""
         asked = tuple(Column(AUXILIARY, (place,), (name,)) for name, place in zip(names, places, strict=True))
         several = tuple(replace(each, auxiliary=(*each.auxiliary, *asked)) for each in self.magnetometers)
         return replace(self, auxiliary=(*self.auxiliary, *asked), magnetometers=several)
 
     @property
     def needed(self) -> frozenset[int]:
-        """Those without which a line cannot be used: the field, in both polarities where there are two."""
+        """Places without which a line cannot be used: the field, in both polarities if there are two."""
         return frozenset((*self.field.cells, *(self.reset.cells if self.reset else ())))
 
     def with_strength_in(self, unit: Unit) -> Columns:
-        """Scale the column of strengths to the unit of the field; without it where the two have nothing in common."""
+        """Scale the field strength to the unit of the field; leave it out if the units are incompatible."""
         strength = self.of_kind(STRENGTH)
         if strength is None or not strength.unit:
             return self
@@ -135,20 +137,20 @@ class Columns:
         return replace(self, auxiliary=others, left_out=(*self.left_out, reason))
 
     def in_told(self, unit: str) -> Columns:
-        """The same where the table says elsewhere than in names in which unit the field is; what they say stays."""
+        """Columns in a unit that the table states outside its names; a unit in the names has priority."""
         told = self if self.unit else replace(self, unit=unit, stated=True, is_assumed=False)
         return replace(told, magnetometers=tuple(each.in_told(unit) for each in self.magnetometers))
 
     def in_given(self, unit: str | None, scale: float | None) -> Columns:
-        """The same where the user says which unit of a field they are in."""
+        """Columns that are no longer assumed, if the user states the unit."""
         return self if unit is None and scale is None else replace(self, is_assumed=False)
 
     def taken(self, values: Values, column: Column) -> Floats:
-        """(N, k) numbers of one of the columns, from values of `cells`."""
+        """(N, k) numbers of a column, taken from the values of `cells`."""
         return np.stack([values[self.cells.index(cell)] for cell in column.cells], axis=1, dtype=np.float64)
 
     def readings(self, values: Values) -> Floats:
-        """(N, 3) field as recorded, from values of `cells`; where set and reset are recorded, half their difference."""
+        """(N, 3) field as recorded, from the values of `cells`; half of set minus reset, if both are recorded."""
         field = self.taken(values, self.field)
         if self.reset is not None:
             field = (field - self.taken(values, self.reset)) / 2.0
@@ -159,11 +161,11 @@ class Columns:
         return field
 
     def describe(self, unit: str) -> str:
-        """Say which columns are read, in which unit; of several magnetometers, which one."""
+        """Describe the columns and unit that are read, with the name of one of several magnetometers."""
         return f"{f'{self.name}, ' if self.name else ''}{self.contents(unit)}"
 
     def contents(self, unit: str) -> str:
-        """Say which columns are read, in which unit."""
+        """Describe the columns and unit that are read."""
         time = f", time in {' and '.join(self.time.names)}" if self.time else ""
         chip = next((word for word in label(self.field.names[0]) if kind_of_chip(word) == FIELD), "")
         known = f" ({chip.upper()} is a magnetometer)" if chip else ""
@@ -172,7 +174,7 @@ class Columns:
         return f"columns {', '.join(self.field.names)}{less}{known} in {unit}{time}{rows}"
 
     def remarks(self) -> list[str]:
-        """Say what is left out, which other magnetometers there are, and what is named like one."""
+        """Remarks on columns left out, other magnetometers, and sensors with similar names."""
         parts = [f"left out {', '.join(self.left_out)}"] * bool(self.left_out)
         own = ", ".join(figures(value) for value in self.own_offset)
         parts += [f"the sensor's own offset, (set + reset) / 2, was {own} at the beginning"] * bool(own)
@@ -189,7 +191,7 @@ class Columns:
         frame: str = "sensor",
         words: Mapping[str, NDArray[np.str_]] | None = None,
     ) -> Samples:
-        """Make samples of values of `cells`: the field, and its auxiliary columns in the units of `Samples`.
+        """Make samples from the values of `cells`: the field, and auxiliary columns in the units of `Samples`.
 
         `words`: (N,) columns of words that were asked for, by name.
         """
@@ -209,7 +211,7 @@ class Columns:
         )
 
     def _values_of(self, values: Values, column: Column) -> Floats:
-        """Take a column in the unit of `Samples`; NaN where a value is not valid."""
+        """Values of a column in the unit of `Samples`; NaN for invalid ones."""
         kind = column.kind
         with np.errstate(over="ignore", invalid="ignore"):
             recorded = self.taken(values, column)
@@ -219,16 +221,16 @@ class Columns:
         taken[np.isinf(taken)] = np.nan
         if taken.shape[1] == 1 and kind not in OF_MOTORS:
             taken = taken[:, 0]
-        return VALID[kind](taken) if kind in VALID else taken
+        return VALIDATORS[kind](taken) if kind in VALIDATORS else taken
 
 
 def column_of(kind: str, cells: Sequence[int], names: Sequence[str]) -> Column:
-    """Name a column as the header does, or by its number counted from 1 where it has no name."""
+    """A column with its name in the header, or its number counted from 1 if it has none."""
     return Column(kind, tuple(cells), tuple((names[cell].strip() if names else "") or str(cell + 1) for cell in cells))
 
 
 class ColumnsRecording:
-    """What recordings of columns have in common, of text and of other tables: what is said of them."""
+    """Common base of recordings of columns, in text or other tables."""
 
     file: Source
     source: str  # name of the file
@@ -240,34 +242,34 @@ class ColumnsRecording:
 
     @property
     def name(self) -> str:
-        """What the magnetometer is called, where it is one of several."""
+        """Name of the magnetometer, if it is one of several."""
         return str(self.columns.name)
 
     @property
     def states_unit(self) -> bool:
-        """The unit stands in the names, or was given by whoever opened it."""
+        """Whether the unit is in the names, or was given by the user."""
         return bool(self.columns.stated) or self.is_unit_given
 
     def with_columns(self, columns: Columns, unit: str | None, scale: float | None) -> Self:
-        """Read these columns, in the unit that their names or the user say."""
+        """The recording of these columns, in the unit of their names or of the user."""
         raise NotImplementedError
 
     def written(self) -> str:
-        """How it is written."""
+        """Description of the format."""
         raise NotImplementedError
 
     def each(self, unit: str | None, scale: float | None) -> tuple[Self, ...]:
-        """Each of several magnetometers, in the unit that its names or the user say; none where there is one."""
+        """A recording for each of several magnetometers, in the unit of its names or of the user; else empty."""
         return tuple(self.with_columns(columns, unit, scale) for columns in self.columns.magnetometers)
 
     def describe(self) -> str:
-        """Say in one line what was recognised and is used."""
+        """Describe in one line the recognised columns that are used."""
         return f"{self.source}: {self.contents()}"
 
     __str__ = describe
 
     def contents(self, *, is_named: bool = True) -> str:
-        """The same without the name of the file; unless `is_named`, without that of the magnetometer, too."""
+        """Describe the columns without the file name; unless `is_named`, also without the magnetometer's name."""
         unit = f"counts of {self.unit.scale:g} µT" if self.unit.name == COUNTS != self.unit.inside else self.unit.name
         columns = self.columns.describe(unit) if is_named else self.columns.contents(unit)
         parts = [columns, self.written()]
@@ -276,7 +278,7 @@ class ColumnsRecording:
 
 
 def unit_of(columns: Columns, name: str, unit: str | None, scale: float | None) -> Unit:
-    """Choose the unit between what the header says and what the user says; UnitError where they contradict."""
+    """Choose the unit by header and user; UnitError if they contradict each other."""
     if unit is not None:
         chosen = Unit.of(unit, scale)
         if columns.stated and chosen.name != columns.unit:

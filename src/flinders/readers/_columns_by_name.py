@@ -1,4 +1,4 @@
-"""Columns of a table by the names in its header, the units below them and the first rows.
+"""Choice of a table's columns by the names in its header, the units below them and the first rows.
 
 >>> chosen = by_name(["t_s", "mag_x_mG", "mag_y_mG", "mag_z_mG"], np.zeros((2, 4)))
 >>> chosen.field.cells, chosen.field.names, chosen.unit, chosen.time.names
@@ -47,18 +47,19 @@ if TYPE_CHECKING:
     from flinders.arrays import Floats
     from flinders.readers._clock import Clock
 
-SHARES: Final = ("share", "percent", "pct", "%")  # units of a throttle that count from 0; pulses count from `REST_US`
-REST_US: Final = 1000.0  # pulse that asks a motor for nothing; a thousand more asks for all
-PULSES_US: Final = (800.0, 2200.0)  # shortest and longest of such pulses
-LAST: Final = 9  # rank of a time that no name calls one
+SHARES: Final = ("share", "percent", "pct", "%")  # units of a throttle from 0 to full; pulses start at `REST_US`
+REST_US: Final = 1000.0  # pulse width for zero throttle, in µs; full throttle is 1000 µs more
+PULSES_US: Final = (800.0, 2200.0)  # shortest and longest pulse width, in µs
+LAST: Final = 9  # rank of a time whose name is not recognised
 NANOSECONDS: Final = re.compile(r"(.*?)(?:n|nano)(secs?)\b(.*)", re.IGNORECASE)
-"""The column behind the one of whole seconds, as messages of ROS have both."""
+"""Name of a column of nanoseconds, next to one of whole seconds, as in ROS messages."""
 ON_BOARD: Final = re.compile(r"(?:Ofs|MO)[XYZ]")
-"""Columns of a message ``MAG`` of a flight log: the compass's own offsets, and those of the motors' current."""
-OF_ROS: Final = ("magnetic_field.x", "magnetic_field/x")  # ends of names whose unit sensor_msgs defines, tesla
-TURNED: Final = 3.0  # times that set plus reset spreads wider than their difference where both have one sign
+"""Columns of the message ``MAG`` of a flight log: offsets of the compass and of the motors' current."""
+OF_ROS: Final = ("magnetic_field.x", "magnetic_field/x")  # endings of names that sensor_msgs defines in tesla
+# ratio of spreads, set plus reset over their difference, above which the reset is negated
+MIN_TURNED_RATIO: Final = 3.0
 RAW_NAME: Final = re.compile(r"raw|uncal", re.IGNORECASE)
-"""What names of readings have that nobody corrected."""
+"""Part of a name that marks uncorrected readings."""
 
 
 def by_name(
@@ -68,9 +69,9 @@ def by_name(
     units: Sequence[str] = (),
     clocks: Sequence[Clock] = (),
 ) -> Columns | None:
-    """Choose columns by a header, its units and the first rows: the first of several magnetometers, with all in it.
+    """Choose columns by header, units and first rows: the first magnetometer, which also lists all of several.
 
-    Of pairs as ``mag_x_set`` and ``mag_x_reset`` the difference is read.
+    For pairs such as ``mag_x_set`` and ``mag_x_reset``, half their difference is read.
 
     >>> pairs = by_name(["x_set", "y_set", "z_set", "x_reset", "y_reset", "z_reset"], np.array([[9, 1, 5, -5, 3, -1]]))
     >>> pairs.reset.cells, pairs.own_offset
@@ -86,7 +87,7 @@ def by_name(
 
 
 def _with_pairs(columns: Columns, names: Sequence[str], values: Floats, pairs: Mapping[int, int]) -> Columns:
-    """Columns, and those of each of several magnetometers, with what was read in the other polarity."""
+    """Columns, also of each of several magnetometers, with the readings of the other polarity."""
     several = tuple(_with_pairs(each, names, values, pairs) for each in columns.magnetometers)
     columns = replace(columns, magnetometers=several)
     if not set(columns.field.cells) <= set(pairs):
@@ -95,7 +96,7 @@ def _with_pairs(columns: Columns, names: Sequence[str], values: Floats, pairs: M
     field = column_of(FIELD, columns.field.cells, names)
     both = values[np.isfinite(values[:, [*field.cells, *reset.cells]]).all(axis=1)]
     after, before = both[:, field.cells], both[:, reset.cells]
-    if _spread(after + before) > TURNED * _spread(after - before):
+    if _spread(after + before) > MIN_TURNED_RATIO * _spread(after - before):
         turned = f"{', '.join(reset.names)} (follows {', '.join(field.names)}: its sign was turned already)"
         return replace(columns, field=field, left_out=(*columns.left_out, turned))
     own = (np.median(after + before, axis=0) / 2.0).tolist() if len(both) else []
@@ -110,15 +111,15 @@ def _spread(values: Floats) -> float:
 def _by_name(
     names: Sequence[str], values: Floats, wanted: Sequence[int], units: Sequence[str], clocks: Sequence[Clock]
 ) -> Columns | None:
-    """Choose columns by a header without pairs."""
+    """Choose columns by a header without set and reset pairs."""
     meanings = [meaning(name) for name in names]
-    for place, unit in enumerate(units[: len(names)]):  # in a row below the header
+    for place, unit in enumerate(units[: len(names)]):  # from a row below the header
         if unit and not meanings[place].unit:
             meanings[place] = meaning(f"{names[place]} ({unit})")
     for place, name in enumerate(names):
         if is_letter_of_time(name) and meanings[place].kind == TIME and is_temperature(values[:, place]):
             meanings[place] = Meaning(TEMPERATURE)
-    for clock in clocks:  # after those that are numbers
+    for clock in clocks:  # ranked after numeric times
         known = meanings[clock.cell]
         for cell in clock.cells:
             meanings[cell] = Meaning("")
@@ -136,7 +137,7 @@ def _by_name(
     if wanted:
         own = next((each for each in sensors if set(wanted) <= set(each.cells)), Vector(tuple(wanted), 0, (), ""))
         name = own.name if own in fields else own.whole
-        return replace(header.around(own._replace(cells=tuple(wanted))), name=name if len(fields) > 1 else "")
+        return replace(header.columns_for(own._replace(cells=tuple(wanted))), name=name if len(fields) > 1 else "")
     if not fields:
         return None
     read = {place for field in fields for place in field.cells}
@@ -145,21 +146,21 @@ def _by_name(
     recognised = [str(group) for group in judged if group.is_known or group.is_candidate]
     others = (*passed_over(sensors, fields), *recognised)
     several = len(fields) > 1
-    made = [replace(header.around(each), passed_over=others, name=each.name if several else "") for each in fields]
+    made = [replace(header.columns_for(each), passed_over=others, name=each.name if several else "") for each in fields]
     apart = tuple(filter(None, (_incomplete(header, sensors), _on_board(names))))
     made = [replace(each, left_out=(*apart, *each.left_out)) for each in made]
     return replace(made[0], magnetometers=tuple(made)) if several else made[0]
 
 
 def _on_board(names: Sequence[str]) -> str:
-    """Name the columns of the calibration on board beside readings of a flight log, which are after it."""
+    """Name the columns of the on-board calibration of a flight log, whose readings it has already corrected."""
     own = [name.strip() for name in names if ON_BOARD.fullmatch(name.strip())]
     is_there = len(own) >= len("xyz") and "MagX" in names
-    return f"{', '.join(own)} (the calibration on board, which MagX is after where it is not 0)" if is_there else ""
+    return f"{', '.join(own)} (the on-board calibration, already applied to MagX unless it is 0)" if is_there else ""
 
 
 def _incomplete(header: _Header, sensors: Sequence[Vector]) -> str:
-    """Say that names are there of some axes of another magnetometer; nothing where one alone is, or none."""
+    """Name columns that are only some axes of another magnetometer; empty if there are none, or just one."""
     known = {place for sensor in sensors for place in sensor.cells}
     named = zip(header.names, header.meanings, strict=True)
     parts = [
@@ -174,18 +175,18 @@ def _incomplete(header: _Header, sensors: Sequence[Vector]) -> str:
 
 @dataclass(frozen=True, slots=True)
 class _Header:
-    """A header, what its names mean, and the first rows below it."""
+    """A header, the meanings of its names, and the first rows below it."""
 
     names: Sequence[str]
     meanings: Sequence[Meaning]
     values: Floats
     fields: Sequence[Vector]  # magnetometers
-    triples: Mapping[str, Sequence[Vector]]  # accelerometers and gyros
-    clocks: Mapping[int, Clock]  # of times that are no numbers, by their place
+    triples: Mapping[str, Sequence[Vector]]  # accelerometers and gyros, by kind
+    clocks: Mapping[int, Clock]  # clocks of times that are not numeric, by place
     left_out: list[str] = field(default_factory=list)  # columns that cannot be used, each with the reason
 
-    def around(self, sensor: Vector) -> Columns:
-        """Collect the columns that are read for one of the magnetometers."""
+    def columns_for(self, sensor: Vector) -> Columns:
+        """Collect the columns that are read for one magnetometer."""
         stated = {self._unit_of(cell) for cell in sensor.cells}
         unit = stated.pop() if len(stated) == 1 else ""
         free = [Meaning("") if place in sensor.cells else known for place, known in enumerate(self.meanings)]
@@ -201,18 +202,18 @@ class _Header:
         )
 
     def _unit_of(self, cell: int) -> str:
-        """The unit of a field that a name states, also one that says no more, as of columns that were asked for."""
+        """The field unit in a column's name, also for requested columns of another kind."""
         known = self.meanings[cell]
         return known.unit if known.kind == FIELD else unit_of_field(self.names[cell]) if not known.kind else ""
 
     def unread_time(self) -> str:
-        """Names of the columns that are called as a time: those that are left out, and those of words."""
+        """Names of the columns that look like a time but are not read as one."""
         timed = [place for place, name in enumerate(self.names) if is_like_time(name) and not self.meanings[place].axis]
         known = [place for place in timed if self.meanings[place].kind == TIME or not is_numeric(self.values[:, place])]
         return ", ".join(self.names[place].strip() for place in known)
 
     def auxiliary(self, sensor: Vector) -> Iterator[Column]:
-        """Yield the other columns that are read with a magnetometer."""
+        """Yield the auxiliary columns that are read with a magnetometer."""
         own = {kind: companion(each, sensor, self.fields) for kind, each in self.triples.items()}
         turned = {known.axis: place for place, known in enumerate(self.meanings) if known.kind == ATTITUDE}
         columns = [column_of(kind, each.cells, self.names) for kind, each in own.items() if each]
@@ -224,14 +225,14 @@ class _Header:
             if column.kind == RATE and not self.meanings[column.cells[0]].unit:
                 self._leave_out(", ".join(column.names), "neither deg/s nor rad/s in the names")
             else:
-                yield self.scaled(column)
+                yield self.with_factor(column)
         for kind, each in self.triples.items():
             for other in each:
                 if other.instead and not own[kind]:
                     self._leave_out(other.whole, other.instead)
 
-    def scaled(self, column: Column) -> Column:
-        """Give a column the factor and start of its unit."""
+    def with_factor(self, column: Column) -> Column:
+        """Set the factor and start of a column from its unit."""
         first = column.cells[0]
         unit = self.meanings[first].unit
         if column.kind == TIME:
@@ -241,9 +242,9 @@ class _Header:
         return replace(column, factor=factor, start=start, unit=unit if column.kind == STRENGTH else "")
 
     def scalar(self, kind: str, field: Floats) -> Column | None:
-        """Find the best usable column of a kind without axes."""
+        """Find the best usable column of a kind without axes, such as a time or temperature."""
         places = [place for place, known in enumerate(self.meanings) if known.kind == kind and not known.axis]
-        parted = {place for place in places if kind == TIME and self._is_parted(place)}
+        parted = {place for place in places if kind == TIME and self._has_nanoseconds(place)}
         for place in sorted(places, key=lambda place: self.meanings[place].rank):
             if place in parted:
                 return column_of(kind, [place, place + 1], self.names)
@@ -255,18 +256,18 @@ class _Header:
                 reason = falls(self.names[place], unit, times) or cut_digits(times, unit)
                 reason = reason or too_fast(times, unit, field)
             if not reason:
-                return self._told(place) if place in self.clocks else column_of(kind, [place], self.names)
+                return self._clock_column(place) if place in self.clocks else column_of(kind, [place], self.names)
             self._leave_out(self.names[place].strip(), reason)
         return None
 
-    def _told(self, place: int) -> Column:
-        """The time in a column that is no number, with that of its dates where they stand in another."""
+    def _clock_column(self, place: int) -> Column:
+        """A non-numeric time column, with the column of its dates if they are separate."""
         clock = self.clocks[place]
         named = [cell for cell in clock.cells if self.names[cell].strip()] or clock.cells
         return replace(column_of(TIME, named, self.names), cells=(place,), clock=clock)
 
-    def _is_parted(self, place: int) -> bool:
-        """Tell whether a column is of whole seconds, and the next of the nanoseconds that belong to them."""
+    def _has_nanoseconds(self, place: int) -> bool:
+        """Tell whether a column has whole seconds and the next one their nanoseconds."""
         following = NANOSECONDS.fullmatch(self.names[place + 1].strip()) if place + 1 < len(self.names) else None
         if following is None or not is_numeric(self.values[:, place + 1]):
             return False
@@ -276,7 +277,7 @@ class _Header:
         return is_under_heading or own == f"{stem}{seconds}{rest}".casefold()
 
     def motors(self, kind: str) -> Column | None:
-        """Find the columns of single motors, from the first motor on."""
+        """Find the columns of the single motors, in order from the first motor."""
         cells = {int(known.axis): place for place, known in enumerate(self.meanings) if known.kind == kind}
         if not cells:
             return None
@@ -284,7 +285,7 @@ class _Header:
         column = column_of(kind, [cells[number] for number in numbers], self.names)
         units = {self.meanings[cell].unit for cell in column.cells}
         if numbers != list(range(numbers[0], numbers[-1] + 1)) or numbers[0] > 1:
-            reason = "motors are missing between: need each from the first on"
+            reason = "some motors are missing: all are needed, from the first on"
         elif not all(is_numeric(self.values[:, cell]) for cell in column.cells):
             reason = "not numbers"
         elif len(units) > 1:
@@ -301,7 +302,7 @@ class _Header:
 
 
 def _by_convention(names: Sequence[str], field: tuple[int, ...]) -> str:
-    """Tell the unit that a known format has without saying so: ROS messages, the app Sensor Logger."""
+    """The unit that a known format implies: ROS messages, or the app Sensor Logger."""
     first = names[field[0]].casefold()
     is_printed = first == "magnetic_field x" and any(name.startswith("magnetic_field_covariance") for name in names)
     if is_printed or first.endswith(OF_ROS):
@@ -310,6 +311,6 @@ def _by_convention(names: Sequence[str], field: tuple[int, ...]) -> str:
 
 
 def _are_pulses(values: Floats) -> bool:
-    """Tell whether numbers are the widths of pulses that a speed controller takes, in µs."""
+    """Tell whether numbers are pulse widths for a speed controller, in µs."""
     finite = values[np.isfinite(values)]
     return len(finite) > 0 and bool(np.all((finite >= PULSES_US[0]) & (finite <= PULSES_US[1])))

@@ -1,4 +1,4 @@
-"""Delimiters and decimal signs of text: each pair cuts the first lines, and the one that yields the most numbers fits.
+"""Delimiter and decimal sign of a text: the pair that yields the most numbers from the first lines.
 
 >>> lines = list(enumerate(["x;y;z", "20,1;-3,0;41,2", "20,2;-3,1;41,3"]))
 >>> best = max((cut_at(lines, signs) for signs in signs_of(lines)), key=Cut.score)
@@ -15,7 +15,7 @@ from flinders.readers._cells import COMMENTS, GLUED, SPACES, number, split
 SIGNS: Final = (
     (",", "."), (";", "."), (";", ","), ("\t", "."), ("\t", ","), (SPACES, "."), (SPACES, ","), (",", ","),
 )  # fmt: skip
-"""Delimiters and decimal signs; of equally good ones the first is taken."""
+"""Pairs of delimiter and decimal sign, in order of preference."""
 
 
 def is_comment(text: str) -> bool:
@@ -24,20 +24,20 @@ def is_comment(text: str) -> bool:
 
 
 class Cut(NamedTuple):
-    """Lines cut at a delimiter: those that are rows of numbers, by their place."""
+    """Lines split at a delimiter; those that are rows of numbers, by line index."""
 
     signs: tuple[str, str]
-    rows: dict[int, list[str]]  # cells
-    values: dict[int, list[float | None]]  # their numbers, None for text
-    numbers: int  # in all of them
+    rows: dict[int, list[str]]  # cells by line index
+    values: dict[int, list[float | None]]  # numbers by line index, None for text
+    numbers: int  # count of numbers in all rows
 
     def score(self) -> tuple[int, int]:
-        """How well delimiter and decimal sign fit."""
+        """Score of a delimiter and decimal sign: counts of rows and of numbers."""
         return len(self.rows), self.numbers
 
 
 def signs_of(lines: list[tuple[int, str]]) -> list[tuple[str, str]]:
-    """Leave out delimiters of no line, and decimal commas that no cell can have: cut at commas, it is one in quotes."""
+    """Pairs that occur in the lines: the delimiter, and a decimal comma (in quotes if commas also delimit)."""
     whole = "\n".join(text for _, text in lines)
     has_comma, has_quote = "," in whole, '"' in whole
     there = {delimiter for delimiter, _ in SIGNS if delimiter in whole} - {SPACES}
@@ -48,7 +48,7 @@ def signs_of(lines: list[tuple[int, str]]) -> list[tuple[str, str]]:
 
 
 def cut_at(lines: list[tuple[int, str]], signs: tuple[str, str], least: int = 3) -> Cut:
-    """Cut lines, and pick those that hold at least so many numbers, and more numbers than words."""
+    """Split lines; rows have at least `least` numbers, and at least as many numbers as words."""
     delimiter, decimal = signs
     rows, values, total = {}, {}, 0
     for place, text in lines:
@@ -65,6 +65,6 @@ def cut_at(lines: list[tuple[int, str]], signs: tuple[str, str], least: int = 3)
 
 
 def first_row(texts: list[str], after: int, start: int) -> int:
-    """Place of the first line that looks like a reading, however it is cut: it counts, also if it cannot be read."""
+    """Place of the first line that looks like a reading with any delimiter, also if it cannot be read."""
     between = [(place, text) for place, text in enumerate(texts[after:start], after) if not is_comment(text)]
     return min((place for signs in SIGNS for place in cut_at(between, signs).rows), default=start)

@@ -1,7 +1,7 @@
-"""Several devices in one table, told apart by a column such as ``id``, ``node`` or ``address``.
+"""Several devices in one table, distinguished by a column such as ``id``, ``node`` or ``address``.
 
-A column tells devices apart where its name says so and a few of its words come again and again. A counter has too many,
-and the name of a label, a quality or a trial says something else.
+A column distinguishes devices if its name indicates them and it repeats a few words. A counter has too many different
+words, and the name of a label, a quality or a trial has another meaning.
 
 >>> [name for name in ("id", "NodeID", "mac address", "trial_id", "accuracy", "mag_x", "seq") if names_device(name)]
 ['id', 'NodeID', 'mac address']
@@ -29,33 +29,33 @@ if TYPE_CHECKING:
     Rows: TypeAlias = Callable[[], Iterator[tuple[str, ...]]]
 
 MAX_DEVICES: Final = 64
-"""Different words of a column; one with more is a counter."""
+"""Largest number of different words in a column of devices; a counter has more."""
 MAX_NUMBERED: Final = 8
-"""The same of a column of numbers that has no name."""
+"""Largest number of different numbers in a device column without a name."""
 MIN_READINGS: Final = 3
-"""Of a device; a word that is rarer may be a slip."""
+"""Smallest number of readings of a device; a rarer word may be an error."""
 MIN_READINGS_IN_A_ROW: Final = 20
-"""Of a device, where none comes again after another one: fewer may be parts of one recording."""
+"""Smallest number of readings of a device if each device has one contiguous block, which may be part of a recording."""
 MIN_SHARE: Final = 0.9
-"""Of the rows, that are of such devices."""
+"""Smallest share of rows that belong to such devices."""
 MAX_LETTERS: Final = 64
-"""Of a name."""
+"""Largest length of a device name, in characters."""
 INSTANCE: Final = "I"
 CLOCK_OF_INSTANCES: Final = "TimeUS"
 MAX_SENSORS: Final = 32
-"""Different words of a column that says which sensor a row is of."""
+"""Largest number of different words in a column that names the sensor of each row."""
 LEAST_LETTERS: Final = 3
-"""Of such a word; ``A`` and ``M`` may be states."""
+"""Smallest length of such a word, in letters; ``A`` and ``M`` may be states."""
 _SENSOR: Final = re.compile(r"(sensor|type|kind|name|source|topic|stream|signal|modality)s?")
-"""Words of columns that may say which sensor a row is of."""
+"""Words in names of columns that name the sensor of each row."""
 _DEVICE: Final = re.compile(
     r"(id|uid|uuid|guid|eui|imei|sn|(dev|device|node|mote|sensor|imu|board|module|probe|chip|unit|instrument|logger"
     r"|magnetometer|compass|robot|drone|vehicle|agent|phone|beacon|serial|mac|ip|hw|address|addr|host|client|sender"
     r"|channel|port|slave|instance|bus|mux)(id|no|nr|num|number|name|addr|address|key|eui)?s?)"
 )
-"""Words of columns that tell devices apart."""
+"""Words in names of columns that distinguish devices."""
 _PIECES: Final = re.compile(r"[0-9]+|[^0-9]+")
-_AROUND: Final = " \"'()[]:#,;"  # what stands around a word
+_AROUND: Final = " \"'()[]:#,;"  # characters around a word that are ignored
 _ADDRESS: Final = re.compile(
     r"[\da-f]{2}([:-][\da-f]{2})+|\d+(\.\d+){3}|0x[\da-f]+|[a-z]{1,16}[-_#]?\d{1,8}|[\da-f]{8,32}", re.IGNORECASE
 )
@@ -66,41 +66,41 @@ _OTHER: Final = re.compile(
     r"|position|pos|pose|orientation|location|place|room|user|subject|participant|person|driver|operator|gesture"
     r"|motion|action|fold|split|cluster|survey|shot|leg|waypoint|mission|flight|log|file|temp|temperature|type"
 )
-"""Words of columns that say something else of a reading, also as ``trial_id``."""
+"""Words in names of columns with another meaning, also as in ``trial_id``."""
 
 
 @dataclass(frozen=True, slots=True)
 class Device:
-    """One of several devices in a table: the words that its rows have in some columns."""
+    """One of several devices in a table: the words in certain columns of its rows."""
 
     cells: tuple[int, ...]  # places of the columns
-    columns: tuple[str, ...]  # what they are called
-    words: tuple[str, ...]  # in them
+    columns: tuple[str, ...]  # names of the columns
+    words: tuple[str, ...]  # words in these columns
 
     @property
     def name(self) -> str:
-        """What it is called: ``id=3``."""
+        """Name of the device, such as ``id=3``."""
         return " ".join(f"{column}={word}" for column, word in zip(self.columns, self.words, strict=True))
 
     def is_of_other(self, cells: Sequence[str]) -> bool:
-        """Whether the cells of a row say that it is of another device; one that is cut short may be of any."""
+        """Whether a row belongs to another device; a row that is cut short may belong to any."""
         return any(
             cell < len(cells) and bare(cells[cell]) != word for cell, word in zip(self.cells, self.words, strict=True)
         )
 
 
 class SensorColumn(NamedTuple):
-    """A column that says which sensor a row is of, and its words of magnetometers."""
+    """A column that names the sensor of each row, and its words for magnetometers."""
 
     place: int
     words: tuple[str, ...]
 
     def is_of_first(self, row: Sequence[str]) -> bool:
-        """Tell whether a row is of the first of them."""
+        """Tell whether a row belongs to the first of these magnetometers."""
         return self.place < len(row) and bare(row[self.place]) == self.words[0]
 
     def devices(self, names: Sequence[str], others: Sequence[Device]) -> tuple[Device, ...]:
-        """A device for each of them, and of each one for each that another column tells apart."""
+        """A device for each magnetometer, combined with each device of the other columns."""
         own, called = self.place, names[self.place].strip() if names else str(self.place + 1)
         return tuple(
             Device((own, *each.cells), (called, *each.columns), (word, *each.words))
@@ -110,7 +110,7 @@ class SensorColumn(NamedTuple):
 
 
 def sensor_column(rows: Sequence[Sequence[str]], places: Iterable[int]) -> SensorColumn | None:
-    """Find a column of words that name a magnetometer in some rows and another sensor in others.
+    """Find a column whose words name a magnetometer in some rows and another sensor in others.
 
     >>> rows = [["1", "ACC"], ["2", "MAG"], ["3", "PRES"]]
     >>> sensor_column(rows, (1,)), sensor_column(rows[1:], (1,))
@@ -129,7 +129,7 @@ def sensor_column(rows: Sequence[Sequence[str]], places: Iterable[int]) -> Senso
 
 
 def sensors_of_words(words: Iterable[str]) -> dict[str, Meaning]:
-    """What the words of a column say, those that name a sensor; none of too many.
+    """Meanings of the words of a column that name a sensor; empty if there are too many words.
 
     >>> {word: known.kind for word, known in sensors_of_words(["GYRO", "gravity", "Fix", "mag", "12"]).items()}
     {'GYRO': 'rate', 'gravity': 'acceleration', 'mag': 'field'}
@@ -143,12 +143,12 @@ def sensors_of_words(words: Iterable[str]) -> dict[str, Meaning]:
 
 
 def tells_rows_apart(name: str) -> bool:
-    """Tell whether words of a column may say which device or which sensor a row is of."""
+    """Tell whether a column's name may indicate a device or sensor of each row."""
     return names_device(name) or names_sensor(name)
 
 
 def names_sensor(name: str) -> bool:
-    """Tell whether a column may say by its name which sensor a row is of.
+    """Tell whether a column's name may indicate the sensor of each row.
 
     >>> [name for name in ("sensor", "sensor_type", "Name", "mag_x", "time") if names_sensor(name)]
     ['sensor', 'sensor_type', 'Name']
@@ -157,9 +157,9 @@ def names_sensor(name: str) -> bool:
 
 
 def names_device(name: str, header: Sequence[str] = ()) -> bool:
-    """Tell whether a column may say by its name which device a row is of.
+    """Tell whether a column's name may indicate the device of each row.
 
-    In messages of a flight log, which have a ``TimeUS``, an ``I`` is the number of the instance.
+    In messages of a flight log, which have a ``TimeUS``, ``I`` is the number of the instance.
     """
     if name.strip() == INSTANCE and CLOCK_OF_INSTANCES in header:
         return True
@@ -169,7 +169,7 @@ def names_device(name: str, header: Sequence[str] = ()) -> bool:
 
 
 def bare(cell: str) -> str:
-    """A word as it is compared; a whole number may be written with decimals.
+    """Normalise a word for comparison; a whole number may have decimals.
 
     >>> bare(" 3.0"), bare("'B4:01'"), bare("10.0.0.7")
     ('3', 'B4:01', '10.0.0.7')
@@ -180,9 +180,9 @@ def bare(cell: str) -> str:
 
 
 def are_ids(words: Iterable[str], *, is_ahead: bool) -> bool:
-    """Tell whether the words of a column without a name are those of devices.
+    """Tell whether the words of an unnamed column identify devices.
 
-    Addresses and names with a number are, and numbers from 0 or 1 on that stand ahead of the readings.
+    Addresses and names with a number do, and numbers counted from 0 or 1 ahead of the readings.
 
     >>> are_ids(["b4:12:01", "b4:12:02"], is_ahead=False), are_ids(["S2", "S1", "S1"], is_ahead=False)
     (True, True)
@@ -200,9 +200,9 @@ def are_ids(words: Iterable[str], *, is_ahead: bool) -> bool:
 
 
 def devices_in(names: Sequence[str], places: Sequence[int], rows: Rows) -> tuple[Device, ...]:
-    """Devices by the words of all rows in some columns, in the order of their names; none for one.
+    """Devices by the words of all rows in some columns, sorted by name; none if there is only one.
 
-    Columns that tell different devices apart count together, and those that tell the same apart once.
+    Columns that distinguish different devices are combined; columns that distinguish the same devices count once.
     """
     tallies = {place: _Tally() for place in places}
     for words in rows():
@@ -224,14 +224,14 @@ def devices_in(names: Sequence[str], places: Sequence[int], rows: Rows) -> tuple
 
 
 class _Tally:
-    """Words of a column, counted in the order of the rows."""
+    """Counts the words of a column in the order of the rows."""
 
     def __init__(self) -> None:
         self.counts: Counter[str] = Counter()
         self._last, self._has_returned = "", False
 
     def add(self, word: str) -> None:
-        """Count a word; of too many no more."""
+        """Count a word; stops when there are too many different words."""
         if word != self._last:
             self._has_returned = self._has_returned or word in self.counts
             self._last = word
@@ -240,7 +240,7 @@ class _Tally:
 
     @property
     def devices(self) -> list[str]:
-        """Words of devices; none where there are too many or just one, or where they are no names."""
+        """Words that name devices; none if there are too many, just one, or measured values."""
         least = MIN_READINGS if self._has_returned else MIN_READINGS_IN_A_ROW
         often = [word for word, count in self.counts.items() if word and count >= least]
         is_few = len(often) >= 2 and len(self.counts) <= MAX_DEVICES
@@ -249,12 +249,12 @@ class _Tally:
 
 
 def _is_name(word: str) -> bool:
-    """Tell a whole number, a word or an address from a measured value."""
+    """Tell whether a word is a name, address or whole number rather than a measured value."""
     value = number(word, ".")
     return len(word) <= MAX_LETTERS if value is None else value.is_integer()
 
 
 def _in_order(words: tuple[str, ...]) -> list[list[tuple[bool, int, str]]]:
-    """Sort words by the alphabet, and numbers in them by their size."""
+    """Key that sorts words alphabetically, and numbers in them by value."""
     pieces = [_PIECES.findall(word.casefold()) for word in words]
     return [[(not one.isdecimal(), int(one) if one.isdecimal() else 0, one) for one in each] for each in pieces]

@@ -1,4 +1,4 @@
-r"""Kinds of files that are no recordings, or those of another program: known by their first bytes, with what to do.
+r"""Kinds of files that are not recordings, or belong to another program, by their first bytes, with advice.
 
 >>> foreign_kind(b"\x89PNG\r\n\x1a\n....")
 FileKind(name='a PNG image', advice='give the recording itself')
@@ -18,20 +18,20 @@ from flinders.errors import UnreadableInput
 
 
 def refuse_foreign(name: str, head: bytes) -> None:
-    """Refuse what is no text."""
+    """Raise an error for a file that is not text."""
     if kind := foreign_kind(head):
         raise UnreadableInput(f"{name} is {kind.name}: {kind.advice}")
 
 
 WIDE_BOMS: Final = (BOM_UTF32_LE, BOM_UTF32_BE, BOM_UTF16_LE, BOM_UTF16_BE)
 CONTROLS: Final = bytes(set(range(32)) - {9, 10, 12, 13, 27}) + b"\x7f"
-"""Bytes that text does not hold: all but tab, line ends, form feed and escape."""
+"""Bytes that text does not contain: all control bytes but tab, line ends, form feed and escape."""
 MOST_CONTROLS: Final = 0.02
-"""Share of control bytes up to which a file still counts as text; random bytes have 0.11."""
+"""Largest share of control bytes in text; random bytes have 0.11."""
 
 
 class FileKind(NamedTuple):
-    """A kind of file, and what to do with one."""
+    """A kind of file, and advice for it."""
 
     name: str
     advice: str
@@ -46,8 +46,8 @@ RAW_MAVLINK: Final = FileKind(
     "a raw MAVLink stream, without the times of a .tlog",
     "save the telemetry as .tlog in a ground station, or give the vehicle's own log (.bin, .ulg)",
 )
-FRAMES: Final = 3
-"""Packets of MAVLink, one right behind the other, by which a stream of them is known."""
+MIN_PACKETS: Final = 3
+"""Number of consecutive MAVLink packets that identify a stream."""
 MAGIC: Final[dict[bytes, FileKind]] = {
     b"\x89PNG\r\n\x1a\n": FileKind("a PNG image", _ITSELF),
     b"\xff\xd8\xff": FileKind("a JPEG image", _ITSELF),
@@ -75,14 +75,14 @@ MAGIC: Final[dict[bytes, FileKind]] = {
         "decode it with blackbox_decode, or save it as CSV in the Blackbox Explorer, and give the CSV",
     ),
 }
-"""First bytes, and what they are the first bytes of. The order does not matter: none starts another."""
+"""Kinds of files by first bytes. The order does not matter: no key is the start of another."""
 PAGES: Final = {b"<!doctype html": "an HTML page", b"<html": "an HTML page", b"<?xml": "an XML document"}
 _WORDS: Final = frozenset(start for start in MAGIC if start.isalpha())
-"""Starts that plain text may have too (``BM``, ``MZ``): they count only in a file that is binary."""
+"""Keys that plain text may also start with (``BM``, ``MZ``): they count only in a binary file."""
 
 
 def foreign_kind(head: bytes) -> FileKind | None:
-    """Name what starts with these bytes, or None where they may be text."""
+    """Kind of a file with these first bytes, or None if it may be text."""
     binary = is_binary(head)
     for start, kind in MAGIC.items():
         if head.startswith(start) and (binary or start not in _WORDS):
@@ -97,7 +97,7 @@ def foreign_kind(head: bytes) -> FileKind | None:
 
 
 def _advice_on_page(opening: bytes, head: bytes) -> str:
-    """Say what to do with a page or a document; of a recording of MVN, what has its readings."""
+    """Advice for an HTML page or XML document; for an MVN recording, it names the element with the readings."""
     if not opening.startswith(b"<?xml"):
         return "download the raw file it shows"
     own = " (of MVN, sensorMagneticField of one sensor)" if b"<mvnx" in head else ""
@@ -105,7 +105,7 @@ def _advice_on_page(opening: bytes, head: bytes) -> str:
 
 
 def _of_fields(head: bytes) -> str:
-    r"""Say whether the field list of a blackbox has the magnetometer; nothing where the list is not there.
+    r"""Advice by the field list of a blackbox, which may contain the magnetometer; empty without a field list.
 
     >>> _of_fields(b"H Product:Blackbox\nH Field I name:time,gyroADC[0]\n").partition(":")[0]
     '; its field list has no magADC'
@@ -119,9 +119,9 @@ def _of_fields(head: bytes) -> str:
 
 
 def _is_mavlink(head: bytes) -> bool:
-    """Tell whether packets of MAVLink 1 or 2 follow one another from the first byte on."""
+    """Tell whether the file starts with consecutive packets of MAVLink 1 or 2."""
     at = 0
-    for _ in range(FRAMES):
+    for _ in range(MIN_PACKETS):
         first, length, flags = (head[at : at + 3] + b"\0\0\0")[:3]
         if first not in (0xFE, 0xFD):
             return False
@@ -130,7 +130,7 @@ def _is_mavlink(head: bytes) -> bool:
 
 
 def is_binary(head: bytes) -> bool:
-    """Tell whether these bytes hold what text does not; zeros that fill up the end are let pass."""
+    """Tell whether bytes contain too many control bytes for text; zeros at the end are ignored."""
     if head.startswith(WIDE_BOMS):
         return False
     filled = head.rstrip(b"\x00")

@@ -1,6 +1,6 @@
-"""Tables in memory as recordings: data frames of any kind, and whatever hands out a stream of Arrow.
+"""Tables in memory as recordings: data frames of any kind, and any object that exports an Arrow stream.
 
-Columns are recognised by the same names as those of files.
+Columns are recognised by the same names as in files.
 
 >>> import pyarrow
 >>> table = pyarrow.table({"t_s": [0.0, 0.1], "mx_mG": [217, 217], "my_mG": [4, 2], "mz_mG": [-586, -587]})
@@ -39,7 +39,7 @@ KIND: Final = "columns in memory"
 def open_frame(frame: Any, **options: Any) -> TableRecording:  # noqa: ANN401 - of packages that need not be there
     """Recognise the columns of a table in memory; options and errors are those of `open_table`.
 
-    Without pyarrow a frame of polars is read too, but for dates in texts. One that only hands out a stream of Arrow
+    Without pyarrow a polars frame is read too, except for dates in text. A frame that only exports an Arrow stream then
     raises `MissingExtra`.
     """
     name = name_of(frame)
@@ -57,7 +57,7 @@ def open_columns(columns: dict[str, Any], name: str, /, **options: Any) -> Table
 
 
 def _of_columns(columns: dict[str, Any], source: str) -> Table:
-    """Columns that hold numbers, dates, or the names of devices and sensors."""
+    """Table of the columns that hold numbers, dates, or names of devices and sensors."""
     arrays = {name: _numbers(column) for name, column in columns.items()}
     labels = {name: Labels() for name, array in arrays.items() if array is None and tells_rows_apart(name)}
     arrays |= {name: known.numbers(words_of(columns[name])) for name, known in labels.items()}
@@ -67,13 +67,13 @@ def _of_columns(columns: dict[str, Any], source: str) -> Table:
 
 
 def _numbers(column: Any) -> NDArray[Any] | None:  # noqa: ANN401
-    """Numbers with NaN for what is missing, dates in UTC; None for anything else."""
+    """Numbers with NaN for missing values, dates in UTC; None for other columns."""
     if isinstance(column, np.ma.MaskedArray):
         fill = np.nan if column.dtype.kind in "iufb" else None
         column = np.ma.filled(column.astype(np.float64) if fill is not None else column, fill)
     if getattr(column, "ndim", 1) > 1 or getattr(column.dtype, "names", None):
         return np.asarray(column)
-    kind = getattr(column.dtype, "kind", "") or column.to_numpy().dtype.kind  # types of polars have no kind
+    kind = getattr(column.dtype, "kind", "") or column.to_numpy().dtype.kind  # polars types have no kind
     try:
         return np.asarray(column, dtype="datetime64[ns]" if kind == "M" else np.float64)
     except (TypeError, ValueError):
@@ -81,14 +81,14 @@ def _numbers(column: Any) -> NDArray[Any] | None:  # noqa: ANN401
 
 
 def words_of(column: Any) -> Any:  # noqa: ANN401
-    """Values of a column, None for what is missing."""
+    """Values of a column, None for missing ones."""
     if hasattr(column, "notna"):
         return column.where(column.notna(), None)
     return column.to_list() if hasattr(column, "to_list") else np.asarray(column).tolist()
 
 
 def _of_arrow(frame: Any, name: str) -> Table:  # noqa: ANN401
-    """Columns that come as a stream of Arrow."""
+    """Table of columns that are exported as an Arrow stream."""
     table = needs("pyarrow", "parquet", f"a {name}").table(frame)
 
     def batches(names: list[str]) -> Iterator[Any]:

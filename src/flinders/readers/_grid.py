@@ -1,7 +1,7 @@
-r"""Numbers of the lines of a table, by its delimiter: a block at once where all lines of it are sound, else one by one.
+r"""Numbers of the lines of a table: a block at once if all its lines are valid, else line by line.
 
-Where pyarrow is installed, large files take less time: `parser_of` gives the numbers that `rows_of` would give, bit for
-bit, or none at all where there is any doubt.
+If pyarrow is installed, large files take less time: `parser_of` yields the same numbers as `rows_of`, bit for bit, or
+None in case of doubt.
 
 >>> grid = Grid(",", ".", 3, (0, 2), frozenset({0, 2}))
 >>> rows_of(["1,noon,2.5", "-4e-1,dusk,6"], range(1, 3), grid).values.tolist()
@@ -31,29 +31,29 @@ if TYPE_CHECKING:
     from flinders.arrays import Floats
     from flinders.readers._clock import Clock, Midnights
 
-PIECE: Final = 128  # Lines that are read one by one where one of them is unsound
+PIECE_LINES: Final = 128  # lines per piece in which lines are read one by one if one is invalid
 Parse: TypeAlias = "Callable[[Lines], Floats | None]"
 LEAST_FOR_ARROW: Final = 8 << 20
-"""Bytes of a file from which on pyarrow saves more time than its import takes: 17 ms a MB, against 0.05 to 0.1 s."""
+"""Smallest file in bytes for which pyarrow pays off: it saves 17 ms per MB, and its import takes 0.05 to 0.1 s."""
 BLOCKS_AT_ONCE: Final = 6
-"""Blocks of lines that are read at once: a call by itself costs 0.4 ms, a quarter of what the numbers of a block do."""
-DOUBTFUL: Final = ('"', "(", "\ufeff", CUT_OFF)
-"""What pyarrow's lines may not hold: quotes, what it alone takes for a number (``nan(1)``), a line that was cut."""
+"""Blocks of lines per call of pyarrow: a call costs 0.4 ms, a quarter of the time to parse a block."""
+UNSAFE_TEXTS: Final = ('"', "(", "\ufeff", CUT_OFF)
+"""Text that pyarrow must not get: quotes, numbers only it accepts (``nan(1)``), a truncated line."""
 
 
 @dataclass(frozen=True, slots=True)
 class Grid:
-    """How a line is cut into cells, and which of them are read."""
+    """How a line is split into cells, and which of them are read."""
 
     delimiter: str  # one character; `SPACES` for any run of spaces and tabs
     decimal: str
-    width: int  # cells in a line; 0 where that differs from line to line
-    cells: tuple[int, ...]  # the ones that are read, counted from 0
-    needed: frozenset[int]  # the ones of them without which a line cannot be used; in others, text reads as NaN
-    clock: Clock | None = None  # how the one of them with the time is read, where that is no number
+    width: int  # cells in a line; 0 if the count varies
+    cells: tuple[int, ...]  # places of the cells that are read, counted from 0
+    needed: frozenset[int]  # places of the cells that must be numbers; in others, text reads as NaN
+    clock: Clock | None = None  # clock of the time, if that is not numeric
 
     def row(self, text: str) -> list[float] | None:
-        """Read one line, or None where it has the wrong number of cells or text in a needed one."""
+        """Parse one line; None if it has the wrong number of cells, or text in a needed one."""
         cells = split(text, self.delimiter)
         if not fits(cells, self.width) if self.width else len(cells) <= max(self.needed):
             return None
@@ -66,18 +66,18 @@ class Grid:
         return known
 
     def without_clock(self) -> Grid:
-        """The same without the time."""
+        """The same grid without its time."""
         cells = tuple(cell for cell in self.cells if not self.clock or cell != self.clock.cell)
         return replace(self, cells=cells, clock=None)
 
 
 @dataclass(frozen=True, slots=True)
 class NumberRows:
-    """What was read from some lines."""
+    """Numbers read from some lines."""
 
-    values: Floats  # (N, len(cells)) as written, NaN where a cell is empty
-    lines: Sequence[int]  # the line each row came from
-    unreadable: list[tuple[int, str]]  # number and text of lines that are not rows
+    values: Floats  # (N, len(cells)) as written, NaN for an empty cell
+    lines: Sequence[int]  # line number of each row
+    unreadable: list[tuple[int, str]]  # number and text of lines that are no rows
 
     @property
     def numbers(self) -> Floats:
@@ -86,7 +86,7 @@ class NumberRows:
         return np.arange(lines.start, lines.stop, dtype=float) if isinstance(lines, range) else np.array(lines, float)
 
     def past(self, midnights: Midnights, grid: Grid) -> Self:
-        """The same rows with times of day that go on past midnight."""
+        """The same rows with times of day unwrapped past midnight."""
         if grid.clock and not grid.clock.is_dated:
             place = grid.cells.index(grid.clock.cell)
             self.values[:, place] = midnights.past(self.values[:, place])
@@ -94,17 +94,17 @@ class NumberRows:
 
 
 def rows_of(texts: list[str], lines: Sequence[int], grid: Grid) -> NumberRows:
-    """Read lines that are neither blank nor comments."""
+    """Parse lines that are neither blank nor comments."""
     if not texts:
         return NumberRows(np.empty((0, len(grid.cells))), [], [])
     try:
         return NumberRows(_at_once(texts, grid), lines, [])
     except ValueError:
-        if len(texts) <= PIECE:
+        if len(texts) <= PIECE_LINES:
             return _one_by_one(texts, lines, grid)
     pieces = [
-        rows_of(texts[start : start + PIECE], lines[start : start + PIECE], grid)
-        for start in range(0, len(texts), PIECE)
+        rows_of(texts[start : start + PIECE_LINES], lines[start : start + PIECE_LINES], grid)
+        for start in range(0, len(texts), PIECE_LINES)
     ]
     return NumberRows(
         np.concatenate([piece.values for piece in pieces]),
@@ -114,13 +114,13 @@ def rows_of(texts: list[str], lines: Sequence[int], grid: Grid) -> NumberRows:
 
 
 def _at_once(texts: list[str], grid: Grid) -> Floats:
-    """Read lines that all have the same number of cells, all of the read ones numbers; else ValueError."""
+    """Parse lines that all have the same number of cells, with numbers in all that are read; else ValueError."""
     if clock := grid.clock:
         values = _at_once(texts, grid.without_clock())
         times = [clock.seconds(split(text, grid.delimiter)) for text in texts]
         return np.insert(values, grid.cells.index(clock.cell), times, axis=1)
     spaces, is_all = grid.delimiter == SPACES, len(grid.cells) == grid.width
-    if grid.width and not is_all:  # else loadtxt sees to it
+    if grid.width and not is_all:  # otherwise loadtxt checks the width
         cells = map(len, map(str.split, texts)) if spaces else map(str.count, texts, repeat(grid.delimiter))
         if set(cells) != {grid.width - (not spaces)}:
             raise ValueError
@@ -128,7 +128,7 @@ def _at_once(texts: list[str], grid: Grid) -> Floats:
         raise ValueError
     if grid.decimal == ",":
         if grid.delimiter == ",":
-            raise ValueError  # quotes tell the two kinds of comma apart
+            raise ValueError  # quotes distinguish the two kinds of comma
         texts = [text.replace(",", ".") for text in texts]
     values = np.loadtxt(
         texts,
@@ -152,10 +152,10 @@ def _one_by_one(texts: list[str], lines: Sequence[int], grid: Grid) -> NumberRow
 
 
 def parser_of(grid: Grid) -> Parse | None:
-    """Prepare pyarrow to read lines without comments and header; None where it cannot cut them, or is not there.
+    """Prepare pyarrow to parse lines without comments and header; None if it cannot, or is not installed.
 
-    The parser gives (lines.count, len(grid.cells)) numbers, or None where a line is blank, quoted or of another width,
-    or a cell that is read holds no plain number.
+    The parser gives (lines.count, len(grid.cells)) numbers, or None if a line is blank, quoted or of another width, or
+    if a cell that is read holds no plain number.
     """
     if not grid.width or grid.delimiter in (SPACES, grid.decimal):
         return None
@@ -177,7 +177,7 @@ def parser_of(grid: Grid) -> Parse | None:
     )
 
     def parse(lines: Lines) -> Floats | None:
-        if any(sign in lines.text for sign in DOUBTFUL):
+        if any(sign in lines.text for sign in UNSAFE_TEXTS):
             return None
         content = lines.text.encode()
         whole = table.ReadOptions(column_names=names, block_size=len(content) + 1, use_threads=False)
@@ -187,7 +187,7 @@ def parser_of(grid: Grid) -> Parse | None:
                 read_options=whole,
                 parse_options=cut,
                 convert_options=converted,
-                memory_pool=arrow.system_memory_pool(),  # others keep what they gave back
+                memory_pool=arrow.system_memory_pool(),  # other pools keep freed memory
             )
         except arrow.ArrowException:
             return None

@@ -1,4 +1,4 @@
-"""Header of a table: names of its columns, units below them, and headers that fit no line of readings.
+"""Header of a table: column names, units below them, and headers with another number of names than fields.
 
 >>> find_header(["site: hall", "t_s,mag_x_uT,mag_y_uT,mag_z_uT"], ",", 4, 4)
 (1, ['t_s', 'mag_x_uT', 'mag_y_uT', 'mag_z_uT'])
@@ -32,19 +32,19 @@ if TYPE_CHECKING:
     from flinders.readers._clock import Clock
     from flinders.readers._devices import SensorColumn
 
-MOST_NAMES_OVER: Final = 2  # Names that a header may have more than lines have fields
-_UNITS: Final = re.compile(r"(?:(?:mag|field)[ _-]?)?units?", re.IGNORECASE)  # name of a column
+MAX_EXTRA_NAMES: Final = 2  # largest excess of header names over fields in a line
+_UNITS: Final = re.compile(r"(?:(?:mag|field)[ _-]?)?units?", re.IGNORECASE)  # name of a column of units
 _SAYS_UNIT: Final = re.compile(
     r"\W*(?:(?:mag[^\W_]*|(?:magnetic[ _])?field|the)[\W_]+)*units?(?:[ _]of[ _](?:the[ _])?(?:mag\w*|field))?"
     r"(?:\s+(?:is|are)\b|[\"']?\s*[:=,;\t])\s*[\"'\[(]?((?:(?:micro|milli|nano)[ _-])?[^\W\d_]+)\W*",
     re.IGNORECASE,
 )
-"""A line that says in which unit the field is."""
-_OTHER_UNITS: Final = ("g", "mg", "t", "raw")  # gravity, and what says nothing
+"""A line that states the unit of the field."""
+_OTHER_UNITS: Final = ("g", "mg", "t", "raw")  # gravity, and words without a unit
 
 
 def lines_above(texts: Sequence[str], delimiter: str, sensors: SensorColumn | None) -> list[str]:
-    """Lines above the readings; of several headers those of the sensor that is read, where each begins with its own."""
+    """Lines above the readings; of several headers, only those of the selected sensor if each starts with its name."""
     if sensors is None:
         return list(texts)
     own = [text if sensors.is_of_first(_names_in(text, delimiter)) else "" for text in texts]
@@ -52,9 +52,9 @@ def lines_above(texts: Sequence[str], delimiter: str, sensors: SensorColumn | No
 
 
 def find_header(above: list[str], delimiter: str, filled: int, width: int) -> tuple[int, list[str]]:
-    """Find the header above the readings: the nearest line that names a magnetometer, or else columns at all.
+    """Find the header above the readings: the nearest line that names a magnetometer, else the nearest with any names.
 
-    Lines have `width` cells, of which the first `filled` hold something.
+    Lines have `width` cells, of which the first `filled` are not empty.
     """
     fallback: tuple[int, list[str]] = (-1, [])
     for place in range(len(above) - 1, -1, -1):
@@ -65,7 +65,7 @@ def find_header(above: list[str], delimiter: str, filled: int, width: int) -> tu
         if all(is_unit(name) for name in names if name):
             continue
         if grouped := _with_sensors(names, _names_in(above[place - 1], delimiter) if place else []):
-            lower = fallback[1][: len(grouped)]  # of a column whose name stands in a line of its own
+            lower = fallback[1][: len(grouped)]  # for a column whose name is in another line
             return place, [name or below for name, below in zip_longest(grouped, lower, fillvalue="")]
         if names_magnetometer(names):
             return place, names
@@ -75,24 +75,24 @@ def find_header(above: list[str], delimiter: str, filled: int, width: int) -> tu
 
 
 class _Misfit(NamedTuple):
-    """A header with another number of names than lines have fields."""
+    """A header whose number of names differs from the number of fields in a line."""
 
     place: int
-    written: int  # names
-    names: list[str]  # one for each field, some of them empty; none where values do not tell whose they are
+    written: int  # number of names
+    names: list[str]  # a name for each field, some empty; no names if their places are ambiguous
     text: str
 
     def words(self, width: int) -> str:
-        """How many there are of each."""
+        """Phrase with the numbers of names and fields."""
         return f"a header of {self.written} names over {width} fields" if self.written != width else ""
 
 
 def find_misfit(
     name: str, above: list[str], delimiter: str, values: Floats, clocks: Sequence[Clock], asked: AnyColumns | None
 ) -> _Misfit | None:
-    """Find a header that fits by no number, or no delimiter: the nearest that has the names that are meant.
+    """Find a header with another number of names or another delimiter: the nearest with the requested names.
 
-    Raises `NoMagnetometer` where it names a magnetometer and values do not tell which columns it is.
+    Raises `NoMagnetometer` if it names a magnetometer but the values do not identify its columns.
     """
     width, other = values.shape[1], None
     parts = [part.casefold() for part in parts_of(asked)] if asked else []
@@ -100,33 +100,33 @@ def find_misfit(
     for place, sign in ((place, sign) for place in range(len(above) - 1, -1, -1) for sign in dict(SIGNS)):
         names = _named_in(above[place], sign)
         least = 3 if sign == delimiter != SPACES else width / 2 if sign == delimiter else width
-        is_close = least <= len(names) <= width + MOST_NAMES_OVER * (sign == delimiter)
+        is_close = least <= len(names) <= width + MAX_EXTRA_NAMES * (sign == delimiter)
         is_meant = set(wanted) <= set(map(str.casefold, names)) if wanted else names_magnetometer(names)
         if is_close and is_meant:
             header = names if len(names) == width else shifted(names, values, clocks, wanted)
             if header or asked is None or wanted:
-                return _settled(name, _Misfit(place, len(names), header, above[place]), values, wanted)
+                return _require_places(name, _Misfit(place, len(names), header, above[place]), values, wanted)
         could_be = is_close and sign == delimiter and not is_comment(above[place])
         if other is None and could_be and _could_name(names, sign):
             other = _Misfit(place, len(names), [], above[place])
     return other
 
 
-def _settled(name: str, found: _Misfit, values: Floats, wanted: Sequence[str]) -> _Misfit:
-    """Ask where a header names what is wanted and values do not tell which columns that is."""
+def _require_places(name: str, found: _Misfit, values: Floats, wanted: Sequence[str]) -> _Misfit:
+    """Return the header if its names are placed; else raise an error that asks for the columns."""
     if found.names:
         return found
     what = f"{found.words(values.shape[1])} (line {found.place + 1}: {shown(found.text)!r})"
     if wanted:
         asked = ",".join(wanted)
-        raise UsageError(f"columns {asked!r}: {name} has {what}, which may be of other columns: give numbers")
+        raise UsageError(f"columns {asked!r}: {name} has {what}, so their places are ambiguous: give numbers")
     judged = groups(values, range(values.shape[1]))
     told, hint = advice(judged) if judged else (f"say which, by number; they go from {ranges(values)}", XYZ)
-    raise NoMagnetometer(f"{name} has {what}, and values do not tell which fields the names are of; {told}", hint=hint)
+    raise NoMagnetometer(f"{name} has {what}, and the values do not match the names to fields; {told}", hint=hint)
 
 
 def _named_in(text: str, delimiter: str) -> list[str]:
-    """Names of a line without those that are empty at its end; none where some are numbers, or come again."""
+    """Names of a line without empty ones at its end; none if some are numbers or repeated."""
     names = [name.rstrip(",;") for name in _names_in(text, delimiter)]
     while names and not names[-1]:
         names.pop()
@@ -136,14 +136,14 @@ def _named_in(text: str, delimiter: str) -> list[str]:
 
 
 def _names_in(text: str, delimiter: str) -> list[str]:
-    """Cut a line of names, also in a comment."""
+    """Split a line of names, also in a comment."""
     bare = text.lstrip()
     sign = next((sign for sign in COMMENTS if bare.startswith(sign)), "")
     return [cell.strip() for cell in split(bare.removeprefix(sign).lstrip() if sign else text, delimiter)]
 
 
 def _with_sensors(names: Sequence[str], titles: Sequence[str]) -> list[str]:
-    """Put the sensors of a line before the axes below it, each above its columns or the first; else nothing."""
+    """Prefix axis names with the sensor names of the line above, each valid up to the next; empty if unclear."""
     below = [meaning(name) for name in names]
     axes = [place for place, each in enumerate(below) if each.axis and (each.is_bare or not each.kind)]
     if len(axes) < 3 or len(titles) > len(names) + 1 or sum(map(bool, titles)) < 2:
@@ -161,7 +161,7 @@ def _with_sensors(names: Sequence[str], titles: Sequence[str]) -> list[str]:
 
 
 def units_below(below: list[str], delimiter: str, width: int) -> list[str]:
-    """Find a row of units between the header and the readings, one a column; nothing where there is none."""
+    """Find a row of units between header and readings, one per column; empty if there is none."""
     for text in below:
         cells = [cell.strip("[]()") for cell in _names_in(text, delimiter)]
         units = [cell if is_unit(cell) else "" for cell in cells]
@@ -171,7 +171,7 @@ def units_below(below: list[str], delimiter: str, width: int) -> list[str]:
 
 
 def stated_unit(header: Sequence[str], rows: Sequence[Sequence[str]], above: Sequence[str]) -> str:
-    """Unit that a column of units, or a line above the readings, says the field is in; nothing where none does."""
+    """Unit of the field by a column of units, or by a line above the readings; empty if none states it."""
     places = [place for place, name in enumerate(header) if _UNITS.fullmatch(name.strip())]
     words = [{row[place].strip() for row in rows if place < len(row)} for place in places]
     said = [word for each in words if len(each) == 1 for word in each]
@@ -182,7 +182,7 @@ def stated_unit(header: Sequence[str], rows: Sequence[Sequence[str]], above: Seq
 
 
 def _could_name(names: list[str], delimiter: str) -> bool:
-    """Tell a header from a sentence: no numbers and, where spaces part the cells, a name that means something."""
+    """Tell whether names are a header, not a sentence: no numbers; between spaces, a recognised name."""
     if not any(names) or any(name and number(name, ".") is not None for name in names):
         return False
     return delimiter != SPACES or any(meaning(name).kind for name in names)

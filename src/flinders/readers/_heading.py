@@ -1,8 +1,8 @@
-"""Where names stand of a header that has another number of them than lines have fields.
+"""Placement of header names over columns when their numbers differ.
 
-A column without a name, a forgotten one, or a value of two words shifts the names behind it. They are put where values
-agree with them: a time rises, the axes of a magnetometer are numbers that neither stand still nor only rise, written
-alike. Where that leaves two places for the magnetometer, none is taken.
+An unnamed column, a missing name, or a value of two words shifts the names behind it. Names are placed so that the
+values match: a time rises; the axes of a magnetometer are numbers of the same format that neither stay constant nor
+only rise. If two placements of the magnetometer remain, none is used.
 
 >>> tumble = 45 * np.random.default_rng(1).normal(size=(50, 3))
 >>> clock = np.arange(50.0)[:, np.newaxis]
@@ -28,33 +28,33 @@ if TYPE_CHECKING:
     from flinders.arrays import Floats
     from flinders.readers._clock import Clock
 
-WORSE: Final = 10  # what an axis that can be none weighs, and a magnetometer that is not there
-BAD: Final = 3  # a time that does not rise
+AXIS_PENALTY: Final = 10  # penalty of an axis that cannot be one, and of a missing magnetometer
+TIME_PENALTY: Final = 3  # penalty of a time that does not rise
 
 
 def shifted(
     names: Sequence[str], values: Floats, clocks: Sequence[Clock] = (), wanted: Collection[str] = ()
 ) -> list[str]:
-    """Put a name to each column, nothing where it has none; all nothing where values leave it open.
+    """One name per column, empty if it has none; an empty list if the values leave the placement open.
 
-    `wanted` are the names of the columns that are asked for, in place of those of a magnetometer.
+    `wanted` are the names of requested columns, which replace those of a magnetometer.
     """
     width = values.shape[1]
     told = {cell for clock in clocks for cell in clock.cells}
     places: dict[tuple[int, ...], tuple[int, list[str]]] = {}
     for header in _headers(names, width):
         cells = _field(header, wanted)
-        weight = _doubts(header, values, cells, told)
-        if cells and weight <= places.get(cells, (WORSE - 1,))[0]:
+        weight = _penalty(header, values, cells, told)
+        if cells and weight <= places.get(cells, (AXIS_PENALTY - 1,))[0]:
             places[cells] = weight, header
-    least = min((weight for weight, _ in places.values()), default=WORSE)
+    least = min((weight for weight, _ in places.values()), default=AXIS_PENALTY)
     best = {cells: header for cells, (weight, header) in places.items() if weight == least}
     chosen = fits_beside(values, list(best)) if len(best) > 1 else next(iter(best), None)
     return best[chosen] if chosen else []
 
 
 def _headers(names: Sequence[str], width: int) -> list[list[str]]:
-    """All ways to leave out columns, or names, in one place; the last leaves the names in place from the left."""
+    """All ways to skip columns, or names, at one place; the last keeps the names aligned to the left."""
     over = width - len(names)
     if over > 0:
         return [[*names[:at], *[""] * over, *names[at:]] for at in range(len(names) + 1)]
@@ -62,7 +62,7 @@ def _headers(names: Sequence[str], width: int) -> list[list[str]]:
 
 
 def _field(header: Sequence[str], wanted: Collection[str]) -> tuple[int, ...]:
-    """Places of the names that are asked for, else of those of the first magnetometer."""
+    """Places of the requested names, else of those of the first magnetometer."""
     if wanted:
         cells = tuple(place for place, name in enumerate(header) if name and name.casefold() in wanted)
         return cells if len(cells) == len(wanted) else ()
@@ -70,10 +70,10 @@ def _field(header: Sequence[str], wanted: Collection[str]) -> tuple[int, ...]:
     return sensors[0].cells if sensors else ()
 
 
-def _doubts(header: Sequence[str], values: Floats, field: Sequence[int], told: Collection[int]) -> int:
-    """How badly values agree with names; 0 where nothing speaks against them."""
-    doubts = sum(WORSE for place in field if place in told or is_no_axis(values[:, place]))
-    doubts += BAD * (max(field, default=0) - min(field, default=0) >= len(field))
+def _penalty(header: Sequence[str], values: Floats, field: Sequence[int], told: Collection[int]) -> int:
+    """Penalty for values that contradict the names; 0 without a contradiction."""
+    doubts = sum(AXIS_PENALTY for place in field if place in told or is_no_axis(values[:, place]))
+    doubts += TIME_PENALTY * (max(field, default=0) - min(field, default=0) >= len(field))
     timed = False
     for place, name in enumerate(header):
         kind = meaning(name).kind if name and place not in field else ""
@@ -82,15 +82,15 @@ def _doubts(header: Sequence[str], values: Floats, field: Sequence[int], told: C
             doubts += 1
         elif kind == TIME and not is_letter_of_time(name):
             timed = True
-            doubts += 0 if place in told else _of_time(column)
+            doubts += 0 if place in told else _time_penalty(column)
         elif kind == TIME:
             timed = True
-            doubts += 0 if place in told else min(_of_time(column), 1)
+            doubts += 0 if place in told else min(_time_penalty(column), 1)
     return doubts + (not timed)
 
 
-def _of_time(column: Floats) -> int:
-    """How badly a column agrees with the name of a time: it is to rise, and to count no rows."""
+def _time_penalty(column: Floats) -> int:
+    """Penalty of a column with the name of a time: it has to rise, and must not count rows."""
     if not ascends(column):
-        return BAD
+        return TIME_PENALTY
     return int(set(np.diff(column[np.isfinite(column)])) == {1.0})

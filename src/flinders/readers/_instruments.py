@@ -1,4 +1,4 @@
-"""Three-axis sensors that the names of columns make, and which of them are magnetometers of their own.
+"""Three-axis sensors found by the names of columns, and which of them are separate magnetometers.
 
 A table may hold ``mag1_x`` and ``mag2_x``, two instruments, or ``mag_raw_x`` and ``mag_cal_x``, one before and after
 its calibration. What is left of a name without axis, unit and the words that every magnetometer has tells them apart:
@@ -41,28 +41,28 @@ from flinders.readers._names import (
 if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence
 
-FEW: Final = 10  # a bare number from here on is a sensor's where its neighbour is there: they count from 0 or 1 on
-LONGEST: Final = 9  # digits of a number; what is longer is a word
+MIN_PAIRED_NUMBER: Final = 10  # from this bare number on, a sensor's number needs a neighbour: they count from 0 or 1
+LONGEST: Final = 9  # largest count of digits in a number; a longer word is text
 
 
 class Vector(NamedTuple):
     """Three columns of one sensor."""
 
-    cells: tuple[int, ...]  # their places: x, y, z
+    cells: tuple[int, ...]  # places of x, y, z
     rank: int  # as in `Meaning`
-    label: tuple[str, ...]  # words of their names that are not those of any such sensor
-    name: str  # what they are called, without axis and unit
-    whole: str = ""  # the same with ``raw``, ``filtered`` and the unit: tells it from a copy of its readings
-    instead: str = ""  # what they are, such as ``a reference``, where they are not a sensor's readings
+    label: tuple[str, ...]  # words of their names beyond those common to such sensors
+    name: str  # their name without axis and unit
+    whole: str = ""  # the same with ``raw``, ``filtered`` and the unit, which distinguish copies of its readings
+    instead: str = ""  # their kind, such as ``a reference``, if they are not readings
 
     @property
     def number(self) -> tuple[str, ...]:
-        """The numbers and places of its label; all of it where it has none."""
+        """The numbers and places in its label; the whole label if it has none."""
         return tuple(word for word in self.label if _is_number(word) or tells_apart(word)) or self.label
 
 
 def vectors(names: Sequence[str], meanings: Sequence[Meaning], kind: str) -> list[Vector]:
-    """Find the columns of a kind that make three axes, in the order of the first; a name may stand there again."""
+    """Find the three-axis sensors of a kind, in the order of their first columns; names may be repeated."""
     sensors: dict[tuple[str, int], dict[str, int]] = defaultdict(dict)
     times: Counter[str] = Counter()
     for place, known in enumerate(meanings):
@@ -85,16 +85,16 @@ def vectors(names: Sequence[str], meanings: Sequence[Meaning], kind: str) -> lis
 
 
 def _letters(axes: Iterable[str]) -> str:
-    """The three of these that are the axes of a sensor; nothing where one is missing."""
+    """The three letters of the axes; empty if one is missing."""
     return next((letters for letters in ("xyz", "012", "123") if set(letters) <= set(axes)), "")
 
 
 SET: Final = re.compile(r"_?(?<![a-zA-Z])(?:set|SET)(?![a-zA-Z])_?|_?Set(?![a-z])_?")
-"""What a name has of a reading after a set pulse; that after a reset pulse has ``reset`` in its place."""
+"""Part of a name for readings after a set pulse; after a reset pulse ``reset`` is in its place."""
 
 
 def polarities(names: Sequence[str]) -> dict[int, int]:
-    """Places of readings after a set pulse, each with that of the same axis after a reset pulse.
+    """Place after a set pulse to place after a reset pulse, for each axis that has both.
 
     >>> polarities(["t", "mag_x_set", "mag_x_reset", "setpoint_x"]), polarities(["xReset", "xSet"])
     ({1: 2}, {1: 0})
@@ -105,7 +105,7 @@ def polarities(names: Sequence[str]) -> dict[int, int]:
 
 
 def without_set(name: str) -> str:
-    """A name without the word of the pulse.
+    """The name without the word ``set``.
 
     >>> without_set("mx_set_uT"), without_set("mag_x_set"), without_set("xSet"), without_set("Set X")
     ('mx_uT', 'mag_x', 'x', ' X')
@@ -114,22 +114,22 @@ def without_set(name: str) -> str:
 
 
 def _reset(match: re.Match[str]) -> str:
-    """The word of a set pulse as that of a reset."""
+    """The word ``set`` of a match, replaced by ``reset``."""
     return re.sub("set", "reset", match[0], flags=re.IGNORECASE)
 
 
 def names_magnetometer(names: Sequence[str]) -> bool:
-    """Tell whether three of these names are those of a magnetometer."""
+    """Tell whether three of the names are the axes of a magnetometer."""
     return bool(vectors(names, list(map(meaning, names)), FIELD))
 
 
 def magnetometers(names: Sequence[str]) -> tuple[Vector, ...]:
-    """Find the magnetometers of their own among the columns of these names."""
+    """Find the separate magnetometers among the columns with these names."""
     return instruments(vectors(names, list(map(meaning, names)), FIELD))
 
 
 def instruments(sensors: Sequence[Vector]) -> tuple[Vector, ...]:
-    """Pick those that are magnetometers of their own, of each the rawest, in the order of their columns.
+    """Select the separate magnetometers, the rawest readings of each, in the order of their columns.
 
     Those that were corrected or filtered come last. Just the best, by `_quality`, where it is not clear that there are
     several; none without readings.
@@ -138,7 +138,7 @@ def instruments(sensors: Sequence[Vector]) -> tuple[Vector, ...]:
     if any(manner(vector.whole) == 0 and vector.rank < CALIBRATED for vector in readings):
         readings = [
             vector for vector in readings if vector.label or manner(vector.whole) < 2
-        ]  # a model's field beside it
+        ]  # a modelled field next to it
     readings = [vector for vector in readings if clearness(vector.rank) < BARE] or readings
     if not readings:
         return ()
@@ -146,13 +146,13 @@ def instruments(sensors: Sequence[Vector]) -> tuple[Vector, ...]:
     for vector in sorted(readings, key=_quality):
         kinds.setdefault(vector.label, vector)
     rawer = [kind for kind in kinds.values() if kind.rank < CALIBRATED]
-    several = _told_apart([kind for kind in kinds.values() if not _is_copy(kind, rawer)])
+    several = _distinct_sensors([kind for kind in kinds.values() if not _is_copy(kind, rawer)])
     ordered = sorted(several, key=lambda vector: (vector.rank >= CALIBRATED, min(vector.cells)))
     return tuple(ordered) or (min(readings, key=_quality),)
 
 
 def passed_over(sensors: Sequence[Vector], fields: Sequence[Vector]) -> tuple[str, ...]:
-    """Name those that are as plainly a magnetometer's as those taken, and what they are where that is clear."""
+    """Names of sensors that look as much like a magnetometer as the selected ones, with their kind if known."""
     least = max(BARE - 1, max((clearness(each.rank) for each in fields), default=0))
     others = [each for each in sensors if each not in fields and clearness(each.rank) <= least]
     kinds = [(each.whole, each.instead or "corrected or filtered" * (each.rank >= CALIBRATED)) for each in others]
@@ -160,7 +160,7 @@ def passed_over(sensors: Sequence[Vector], fields: Sequence[Vector]) -> tuple[st
 
 
 def companion(sensors: Sequence[Vector], field: Vector, fields: Sequence[Vector]) -> Vector | None:
-    """Pick the accelerometer or gyro that goes with a magnetometer: the best of its number, or with no other's number.
+    """Select the accelerometer or gyro of a magnetometer: the best with its number, or with no other's number.
 
     Where there is one magnetometer all go with it. What is no readings, such as ``acc_ned_x``, is not taken.
     """
@@ -172,8 +172,8 @@ def companion(sensors: Sequence[Vector], field: Vector, fields: Sequence[Vector]
     return min(fitting, key=lambda each: (each.number != field.number, *_quality(each)), default=None)
 
 
-def _told_apart(sensors: Sequence[Vector]) -> list[Vector]:
-    """Pick two or more whose labels are numbers, places or nothing; else letters or type numbers, if all are."""
+def _distinct_sensors(sensors: Sequence[Vector]) -> list[Vector]:
+    """Select two or more sensors distinguished by numbers or places; else by letters or types, if all have them."""
     shared = set.intersection(*(set(each.label) for each in sensors)) if sensors else set()
     rest = [(each, [word for word in each.label if word not in shared]) for each in sensors]
     numbers = {int(word) for _, words in rest for word in words if _is_number(word)}
@@ -182,19 +182,19 @@ def _told_apart(sensors: Sequence[Vector]) -> list[Vector]:
 
     def counts(word: str) -> bool:
         is_sensors = bool(shared) or word in folders
-        return tells_apart(word) or (_is_number(word) and (is_sensors or _is_one_of(numbers, int(word))))
+        return tells_apart(word) or (_is_number(word) and (is_sensors or _is_sensor_number(numbers, int(word))))
 
     counted = [each for each, words in rest if all(map(counts, words))]
     if len(counted) > 1:
         return counted
-    is_lettered = _in_a_row(words[0] if len(words) == 1 else "" for _, words in rest)
+    is_lettered = _are_consecutive(words[0] if len(words) == 1 else "" for _, words in rest)
     is_typed = all(any(map(_is_number, words)) and not _is_number(words[0]) for _, words in rest if words)
     has_words = len(rest) > 1 and all(words for _, words in rest)
     return list(sensors) if has_words and (is_lettered or is_typed) else []
 
 
-def _in_a_row(letters: Iterable[str]) -> bool:
-    """Tell whether these are letters in a row, such as a, b, c, or left and right."""
+def _are_consecutive(letters: Iterable[str]) -> bool:
+    """Tell whether letters are consecutive, such as a, b, c, or left and right."""
     together = "".join(sorted(letters))
     return together == "lr" or (len(together) > 1 and together in "abcdefgh")
 
@@ -204,13 +204,13 @@ def _is_number(word: str) -> bool:
     return word.isdecimal() and len(word) <= LONGEST
 
 
-def _is_one_of(numbers: set[int], number: int) -> bool:
-    """Tell whether a number is that of a sensor: a small one, or one in a row."""
-    return number < FEW or bool(numbers & {number - 1, number + 1})
+def _is_sensor_number(numbers: set[int], number: int) -> bool:
+    """Tell whether a number is that of a sensor: a small one, or one with a neighbour."""
+    return number < MIN_PAIRED_NUMBER or bool(numbers & {number - 1, number + 1})
 
 
 def _is_copy(one: Vector, rawer: Sequence[Vector]) -> bool:
-    """Tell whether corrected or filtered readings are those of a rawer one: named after it, or in another way than all.
+    """Tell whether corrected or filtered readings copy rawer ones: named after them, or labelled unlike all.
 
     Beside ``mag2`` a ``mag1_cal`` is another magnetometer; ``mag2_cal`` is not, nor is ``mag_cal``.
     """
@@ -222,7 +222,7 @@ def _is_copy(one: Vector, rawer: Sequence[Vector]) -> bool:
 
 
 def _quality(vector: Vector) -> tuple[int, int, bool, int, int, int]:
-    """Sort the best first: the rawest, a sensor before a field and m before b, then the name that says least besides.
+    """Sort key, best first: rawest; a sensor before a field, m before b; then the fewest additional words.
 
     A b may be a bias.
     """

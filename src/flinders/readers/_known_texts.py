@@ -1,7 +1,7 @@
-r"""Known formats without readings of a magnetometer, and what to do with each.
+r"""Known text formats without magnetometer readings, and advice for each.
 
->>> str(refusal("bus.log", ["(1600000000.123456) can0 123#DEADBEEF"]))[:71]
-'bus.log is a candump of a CAN bus: what its bytes mean only a descripti'
+>>> str(refusal("bus.log", ["(1600000000.123456) can0 123#DEADBEEF"]))[:59]
+'bus.log is a candump of a CAN bus, whose bytes need the des'
 >>> refusal("tumble.csv", ["mx,my,mz", "1,2,3"]) is None
 True
 """
@@ -20,24 +20,24 @@ from flinders.errors import NoMagnetometer
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-LOOKED_AT: Final = 400  # Lines that are looked at
+EXAMINED_LINES: Final = 400  # number of first lines that are examined
 
 
 class KnownText(NamedTuple):
-    """A kind of text."""
+    """A kind of text without magnetometer readings."""
 
-    sign: re.Pattern[str]  # what a line of it holds
-    share: float  # of the lines that have to hold it; 0 where one is enough
-    words: str  # what it is, and what to do
-    may_be_read: bool = False  # readings may stand beside it: it is refused where none was found
+    sign: re.Pattern[str]  # pattern in one of its lines
+    share: float  # smallest share of lines with the pattern; 0 if one line is enough
+    words: str  # name of the kind, and advice
+    may_be_read: bool = False  # whether readings may occur next to it; it is then refused only if none was found
 
 
 TEXTS: Final = (
     KnownText(
         re.compile(r"^ ?Format\s+IAGA-2002"),
         0.0,
-        "is a file of an observatory (IAGA-2002), the earth's field at a place, of which D is an angle in minutes of "
-        "arc: a sensor is calibrated from readings while it was turned",
+        "is an observatory file (IAGA-2002): the earth's field at one place, with D as an angle in minutes of arc. A "
+        "calibration needs readings of a sensor that was turned",
     ),
     KnownText(
         re.compile(
@@ -45,7 +45,7 @@ TEXTS: Final = (
             r"(?:##?[0-9A-Fa-f.R]*|\s+\[\d\d?\](?:\s+[0-9A-Fa-f]{2})*)(?:\s+\S*)?\s*$"
         ),
         0.6,
-        "is a candump of a CAN bus: what its bytes mean only a description of the bus tells; decode it, such as with "
+        "is a candump of a CAN bus, whose bytes need the description of the bus; decode it, for example with "
         "cantools decode FILE.dbc, and give the magnetometer's x, y and z as columns",
     ),
     KnownText(
@@ -59,14 +59,14 @@ TEXTS: Final = (
 
 @cache
 def _texts() -> tuple[KnownText, ...]:
-    """Kinds that are known, those first that packages of `flinders.apps` add: they are more special."""
+    """All known kinds; those of packages of `flinders.apps` come first, as they are more specific."""
     added = map(import_module, app_modules("KNOWN_TEXTS").values())
     return (*chain.from_iterable(module.TEXTS for module in added), *TEXTS)
 
 
 def refusal(name: str, lines: Sequence[str], *, is_unread: bool = False) -> NoMagnetometer | None:
-    """Say what a text is that holds no readings; if `is_unread`, also where readings might have stood beside it."""
-    some = [line for line in lines[:LOOKED_AT] if line.strip()]
+    """Error for a text without readings, with its kind; with `is_unread`, also if readings might occur next to it."""
+    some = [line for line in lines[:EXAMINED_LINES] if line.strip()]
     for text in _texts():
         count = sum(text.sign.search(line) is not None for line in some)
         if count and count >= text.share * len(some) and (is_unread or not text.may_be_read):

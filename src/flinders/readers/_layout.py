@@ -1,8 +1,8 @@
-"""How a table is laid out: its delimiter, decimal sign, header and columns, recognised by its first lines.
+"""Layout of a table: delimiter, decimal sign, header and columns, recognised from its first lines.
 
-Every way of cutting lines is tried on the first few hundred; the one that yields the most lines of numbers is taken.
-What stands above the first such line is preamble, and a header if it has as many cells as the readings and its names,
-as `_names` reads them, hold a magnetometer.
+All delimiters are tried on the first few hundred lines; the one with the most rows of numbers is used. Lines above the
+first row are preamble; one of them is the header if it has as many cells as the rows and its names, parsed by `_names`,
+contain a magnetometer.
 
 >>> lines = ["first flight", "t_s;mag_x_uT;mag_y_uT;mag_z_uT", "0,0;20,1;-3,0;41,2", "0,1;20,2;-3,1;41,3"]
 >>> layout = sniff("log.csv", lines)
@@ -57,50 +57,50 @@ if TYPE_CHECKING:
     EveryLine: TypeAlias = Callable[[], Iterable[str]]
 
 ON_BOARD: Final = "magADC is after the board's own mag_zero and alignment, on INAV after its gain too"
-"""What a blackbox logs; `compassUpdate` in `sensors/compass.c` of Betaflight and INAV."""
+"""Note on readings in a blackbox; see `compassUpdate` in `sensors/compass.c` of Betaflight and INAV."""
 SPOKEN: Final = {",": "comma", ";": "semicolon", "\t": "tab", SPACES: "space"}
-TRIED: Final = 400  # Lines that are tried first
-SAMPLED: Final = 200  # Rows looked at to tell numbers from text, and ascending times
+TRIED: Final = 400  # lines that are tried first
+SAMPLED: Final = 200  # rows that are examined to distinguish numbers from text, and to find ascending times
 SAME_WIDTH: Final = 0.6
-"""Share of rows with the same number of cells from which on others count as broken; under a header they always do."""
-MOST_COLUMNS: Final = 4096  # Columns of a table
-_END_OF_HEADER: Final = re.compile(r"\W*end[ _]of[ _]header\W*", re.IGNORECASE)  # numbers above are no readings
+"""Share of rows of one width above which other rows count as broken; under a header they always do."""
+MOST_COLUMNS: Final = 4096  # largest number of columns in a table
+_END_OF_HEADER: Final = re.compile(r"\W*end[ _]of[ _]header\W*", re.IGNORECASE)  # lines above it are no readings
 
 
 @dataclass(frozen=True, slots=True)
 class TextLayout:
-    """How a recording is written."""
+    """Layout of a recording in text."""
 
     grid: Grid
     columns: Columns
     start: int = 1  # number of the first line with readings
     header: tuple[str, ...] = ()  # names of the columns
-    units: tuple[str, ...] = ()  # those in a row below the header; empty where there is none
-    header_line: int = 0  # where they stand; 0 where nowhere
-    header_text: str = ""  # that line, as it is
-    heading: str = ""  # of a header with another number of names than lines have fields, how many there are
-    words: str = ""  # the dialect that was made a table of, for people
-    spare: frozenset[int] = frozenset()  # columns that rows with a reading leave empty
-    in_force: str = ""  # the calibration of the board that readings are after, where headers of a blackbox tell one
+    units: tuple[str, ...] = ()  # units in a row below the header; empty without one
+    header_line: int = 0  # number of the header line; 0 without one
+    header_text: str = ""  # text of the header line
+    heading: str = ""  # phrase for a header whose number of names differs from the number of fields
+    words: str = ""  # description of the dialect that was converted to a table
+    spare: frozenset[int] = frozenset()  # columns that are empty in all rows with a reading
+    in_force: str = ""  # on-board calibration that was applied to the readings, if the headers of a blackbox state one
     encoding: str = "utf-8"
     newline: str = "\n"
 
     @property
     def is_blackbox(self) -> bool:
-        """It is a decoded blackbox, whose readings are in the axes of the board."""
+        """Whether it is a decoded blackbox, whose readings are in axes of the board."""
         return self.columns.field.names[0].casefold().startswith("magadc")
 
     def is_reading(self, text: str) -> bool:
-        """Tell whether a line below the header should be a reading that is read."""
+        """Tell whether a line below the header is expected to be a reading of the selected device."""
         return self._is_row(text) and not self.is_of_other_device(text)
 
     def is_of_other_device(self, text: str) -> bool:
-        """Tell whether a line is a row of a device that is not read."""
+        """Tell whether a line is a row of another device."""
         device = self.columns.device
         return device is not None and self._is_row(text) and device.is_of_other(split(text, self.grid.delimiter))
 
     def is_of_others(self, text: str) -> bool:
-        """Tell whether a row holds what no row with a reading does, and no reading, as of other topics."""
+        """Tell whether a row has values only in columns that rows with a reading leave empty, such as another topic."""
         if not self.spare:
             return False
         cells = split(text, self.grid.delimiter)
@@ -108,7 +108,7 @@ class TextLayout:
         return is_empty and any(cells[cell].strip() for cell in self.spare if cell < len(cells))
 
     def _is_row(self, text: str) -> bool:
-        """Tell whether a line is no blank, comment or header come again."""
+        """Tell whether a line is neither blank, a comment nor a repeated header."""
         return bool(text.strip()) and not is_comment(text) and not (self.header_text and text == self.header_text)
 
     def __str__(self) -> str:
@@ -123,14 +123,14 @@ class TextLayout:
 
 @dataclass(slots=True)
 class Cells(Dialect):
-    """Rows of a table."""
+    """Dialect for the rows of a table."""
 
     grid: Grid
-    header_text: str = ""  # a line that says their names
+    header_text: str = ""  # the header line
 
     @classmethod
     def of(cls, layout: TextLayout, words: str, nameless: Sequence[str] = ()) -> Cells:
-        """Take the rows of a table; units that stand elsewhere go into its names, and without a header into none."""
+        """Dialect for a laid-out table; units stated outside the header are appended to its names."""
         own = [each for each in (layout.columns, *layout.columns.magnetometers) if each.stated]
         told = {cell: each.unit for each in own for cell in each.field.cells}
         units = layout.units or [told.get(cell, "") for cell in range(len(layout.header))]
@@ -139,7 +139,7 @@ class Cells(Dialect):
         return cls(words, tuple(names or nameless), layout.grid, layout.header_text)
 
     def row(self, line: str) -> list[str] | None:
-        """Cut a line; one of another width, or with words for the magnetometer's numbers, is another line."""
+        """Split a line; one of another width, or with text instead of a magnetometer's number, is no row."""
         if self.header_text and line == self.header_text:
             return []
         if is_comment(line) or self.grid.row(line) is None:
@@ -157,14 +157,14 @@ def sniff(
     choice: Choice = FIRST,
     every: EveryLine | None = None,
 ) -> TextLayout:
-    """Recognise by its first lines how a table is laid out; `header` are names that are known from elsewhere."""
+    """Recognise the layout of a table from its first lines; `header` are names known from elsewhere."""
     end = max((place for place, text in enumerate(texts[:TRIED]) if _END_OF_HEADER.fullmatch(text)), default=-1)
     texts = [""] * (end + 1) + texts[end + 1 :]
     lines = [(place, text) for place, text in enumerate(texts) if text.strip() and not is_comment(text)]
     if not lines:
         blank = not any(text.strip() for text in texts)
         content = "blank lines" if blank else "comments"
-        marked = "" if blank else f"; where readings begin with {' or '.join(COMMENTS)}, say how they are printed"
+        marked = "" if blank else f"; if readings begin with {' or '.join(COMMENTS)}, state how they are printed"
         raise UnreadableInput(
             f"{name} holds only {content}: need lines of numbers, one reading each{marked}",
             hint={} if blank else {"pattern": None},
@@ -178,16 +178,16 @@ def sniff(
 
 
 class Body(NamedTuple):
-    """Lines of a table that are rows of numbers, of its magnetometer where a word in each tells sensors apart."""
+    """Lines of a table that are rows of numbers; with a sensor in each row, only those of the magnetometer."""
 
-    rows: dict[int, list[str]]  # cells by lines
-    places: list[int]  # lines of rows that are as wide as most
-    width: int  # of these
-    sensors: SensorColumn | None  # which column tells sensors apart
+    rows: dict[int, list[str]]  # cells by line index
+    places: list[int]  # line indices of rows with the most common width
+    width: int  # the most common width
+    sensors: SensorColumn | None  # column that names the sensor of each row
 
     @classmethod
     def of(cls, best: Cut, name: str) -> Body:
-        """Take the rows of a table that was cut out of a text. Raises NoMagnetometer where they are too wide."""
+        """Take the rows of a split text. Raises NoMagnetometer if they have too many columns."""
         words = [at for at, value in enumerate(next(iter(best.values.values()))) if value is None]
         sensors = sensor_column(list(best.rows.values()), words)
         rows = {place: cells for place, cells in best.rows.items() if not sensors or sensors.is_of_first(cells)}
@@ -198,32 +198,32 @@ class Body(NamedTuple):
 
     @property
     def start(self) -> int:
-        """Line of the first row."""
+        """Line index of the first row."""
         return min(self.places)
 
     @property
     def alike(self) -> list[list[str]]:
-        """Rows that are as wide as most."""
+        """Cells of the rows with the most common width."""
         return [self.rows[place] for place in self.places]
 
     @property
     def filled(self) -> int:
-        """Width without cells at the end that are empty in all rows, where each line ends with delimiters."""
+        """Width without columns at the end that are empty in all rows."""
         alike = self.alike
         return self.width - next((at for at in range(self.width) if any(cells[-1 - at].strip() for cells in alike)), 0)
 
     def is_even(self, has_header: bool) -> bool:
-        """Whether rows of another width are broken: under a header, or where few are."""
+        """Whether rows of another width count as broken: under a header, or if they are few."""
         return has_header or len(self.places) >= SAME_WIDTH * len(self.rows)
 
 
 class Head(NamedTuple):
     """Header of a table, and the first numbers below it."""
 
-    place: int  # its line; -1 where it is none
+    place: int  # line index of the header; -1 without one
     names: list[str]
     width: int  # columns
-    words: str  # of another number of names than lines have fields, how many there are
+    words: str  # phrase for a number of names that differs from the number of fields
     values: Floats
     clocks: list[Clock]
 
@@ -231,7 +231,7 @@ class Head(NamedTuple):
     def of(
         cls, name: str, texts: list[str], best: Cut, body: Body, known: Sequence[str], asked: AnyColumns | None
     ) -> Head:
-        """Find the header above the rows; `known` are names from elsewhere, `asked` the columns of the user."""
+        """Find the header above the rows; `known` are names from elsewhere, `asked` the requested columns."""
         sign, start, filled = best.signs[0], body.start, body.filled
         above = lines_above(texts[:start], sign, body.sensors)
         place, names = (-1, list(known)) if known else find_header(above, sign, filled, body.width)
@@ -264,10 +264,10 @@ def _table(
         refuse_matrices(name, texts)
         if asked is None and not body.sensors:
             refuse_nameless(name, devices, head.clocks, head.width)
-            head = head._replace(values=_longer(texts[start:], head.values, signs))
+            head = head._replace(values=_numbers_of_all(texts[start:], head.values, signs))
     units = units_below(texts[head.place + 1 : start], signs[0], len(head.names)) if head.place >= 0 else ()
     choosing = partial(choosing, asked=asked, units=units, devices=devices)
-    chosen = _chosen(name, texts, head, body, choosing)
+    chosen = _choose_columns(name, texts, head, body, choosing)
     if asked is None:
         refuse_unsafe(name, head.names, body.alike, chosen, signs[1])
     width = head.width if body.is_even(bool(head.names)) else 0
@@ -281,13 +281,13 @@ def _table(
         units=tuple(units),
         header_line=head.place + 1,
         header_text=texts[head.place] if head.place >= 0 else "",
-        spare=_spare(body.alike, chosen.field.cells),
+        spare=_spare_columns(body.alike, chosen.field.cells),
         heading=head.words + named,
     )
 
 
-def _chosen(name: str, texts: list[str], head: Head, body: Body, choosing: partial[Columns | None]) -> Columns:
-    """Choose the columns, in the unit that stands above them; NoMagnetometer where it is not clear which they are."""
+def _choose_columns(name: str, texts: list[str], head: Head, body: Body, choosing: partial[Columns | None]) -> Columns:
+    """Choose the columns, in the unit that is stated above them; NoMagnetometer if the choice is not clear."""
     start, header, values, alike = body.start, head.names, head.values, body.alike
     line = f" (line {start + 1}: {shown(texts[start])!r})"
     chosen = choosing(
@@ -307,21 +307,21 @@ def _chosen(name: str, texts: list[str], head: Head, body: Body, choosing: parti
     return chosen.in_told(unit) if unit else chosen
 
 
-def _spare(rows: Sequence[Sequence[str]], field: Sequence[int]) -> frozenset[int]:
-    """Places that are empty in each row with something of the field."""
+def _spare_columns(rows: Sequence[Sequence[str]], field: Sequence[int]) -> frozenset[int]:
+    """Places that are empty in every row with a value of the field."""
     filled = [{place for place, cell in enumerate(row) if cell.strip()} for row in rows]
     return frozenset(range(len(rows[0]))).difference(*(places for places in filled if places & set(field)))
 
 
 def _first_numbers(best: Cut, places: Sequence[int], width: int, texts: Sequence[str]) -> tuple[Floats, list[Clock]]:
-    """Numbers of the first of some rows, with the seconds of times that are no numbers, and the columns of these."""
+    """Numbers of the first rows, with seconds in place of non-numeric times, and the clocks of these times."""
     some = places[:SAMPLED]
     values = np.array([best.values[place][:width] for place in some], dtype=float)
     return values, _clocks(texts, [best.rows[place] for place in some], values, best.signs[0])
 
 
-def _longer(texts: Sequence[str], values: Floats, signs: tuple[str, str]) -> Floats:
-    """Numbers of all of these lines, where an axis of a table without a header only rises through the first."""
+def _numbers_of_all(texts: Sequence[str], values: Floats, signs: tuple[str, str]) -> Floats:
+    """Numbers of all lines instead of the first ones, if an axis of a table without header only rises in those."""
     width = values.shape[1]
     if width not in (3, 4) or not has_clock(values[:, width - 3 :]):
         return values
@@ -331,9 +331,9 @@ def _longer(texts: Sequence[str], values: Floats, signs: tuple[str, str]) -> Flo
 
 
 def _clocks(texts: Sequence[str], rows: Sequence[Sequence[str]], values: Floats, delimiter: str) -> list[Clock]:
-    """Find the columns that are times and no numbers, and put seconds into their `values`.
+    """Find the non-numeric columns of times, and put their seconds into `values`.
 
-    Where some rows do not tell the day from the month, all of these lines may.
+    If the first rows leave the order of day and month open, all lines are used.
     """
     words = [place for place, column in enumerate(values.T) if np.isfinite(column).mean() < 0.5]
     clocks = []
@@ -346,9 +346,9 @@ def _clocks(texts: Sequence[str], rows: Sequence[Sequence[str]], values: Floats,
 
 
 def _devices(head: Head, body: Body, delimiter: str, every: EveryLine) -> tuple[Device, ...]:
-    """Devices that a column of a table tells apart, by its name or the first rows, and then by all of its rows.
+    """Devices that a column distinguishes, found by its name or first rows, then by all rows.
 
-    Columns of times name none; that of sensors says which rows are of a magnetometer.
+    Columns of times are ignored; a column of sensors selects the rows of a magnetometer.
     """
     header, width, sensors = head.names, head.width, body.sensors
     times = {cell for clock in head.clocks for cell in clock.cells}

@@ -1,7 +1,7 @@
-r"""Lines beside readings: those that a program prints with them, and those that should have been readings.
+r"""Classification of lines between readings: lines that a program prints along with them, and damaged readings.
 
-A shape is a line without its values, ``Heading: 0``. Lines of a shape that comes back again and again with readings
-between accompany them. What is left of a cut reading does not, whatever it looks like, nor does an error in its place.
+The shape of a line is its text without values, ``Heading: 0``. Lines whose shape recurs, with readings in between,
+accompany the readings. Rests of a damaged reading never do, and neither do error messages in its place.
 
 >>> shapes = LineShapes()
 >>> for row in range(4):
@@ -18,52 +18,52 @@ import re
 from dataclasses import dataclass
 from typing import Final
 
-MIN_RETURNS: Final = 3  # times that a shape comes back with readings between before it accompanies them
-MIN_SHARE: Final = 0.005  # the same, as a share of the readings
-EACH_TIME: Final = 0.9  # share from which on it comes with each reading
-MAX_IN_A_ROW: Final = 10.0  # lines of one shape for each return; more are a burst
-MAX_LENGTH: Final = 512  # characters of a line that is looked at
-MAX_SHAPES: Final = 1000  # shapes that are remembered; garbage has new ones without end
-LEARNED: Final = 400  # readings whose shapes are learned
+MIN_RETURNS: Final = 3  # times that a shape must recur, with readings in between, to accompany them
+MIN_SHARE: Final = 0.005  # smallest number of recurrences, as a share of the readings
+MIN_SHARE_OF_EACH: Final = 0.9  # share of recurrences from which a shape belongs to each reading
+MAX_IN_A_ROW: Final = 10.0  # largest number of lines per recurrence; more are a burst
+MAX_LENGTH: Final = 512  # characters of a line that are examined
+MAX_SHAPES: Final = 1000  # largest number of stored shapes; garbage produces ever new ones
+LEARNED_READINGS: Final = 400  # number of readings whose shapes are learned
 _COLOURS: Final = re.compile(r"\x1b\[[0-9;]*[A-Za-z]")
 _VALUE: Final = re.compile(r"[-+−]?(?:0[xX][0-9a-fA-F]+|(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)")
 _TITLE: Final = re.compile(r"[^\W\d_]{2}[^:=,;\d]*")
-"""The first words of a line, up to its first value or the sign before that."""
-_APART: Final = re.compile(r"(?<![^\W_])0(?![^\W_])")  # a value that is no part of a word
+"""The first words of a line, up to its first value or the delimiter before that."""
+_SEPARATE_VALUE: Final = re.compile(r"(?<![^\W_])0(?![^\W_])")  # a value that is not part of a word
 _RULER: Final = re.compile(r"([^\w\s,;])\1")
-_CLOSING: Final = re.compile(r"[\])}]+[,;]?")  # ends a block of lines, unless readings have it
+_CLOSING: Final = re.compile(r"[\])}]+[,;]?")  # closing brackets; the end of a block unless readings have them
 _FAILURE: Final = re.compile(
     r"\b(?:err(?:or)?s?|fail(?:ed|s|ure)?|time[ -]?out|timed out|nack|lost|overrun|overflow|invalid|bad"
     r"|no (?:data|response)|not ready|exception)\b",
     re.IGNORECASE,
 )
-"""What a line says that stands in place of a reading."""
+"""Words of an error message in place of a reading."""
 
 
 @dataclass(slots=True)
 class _Shape:
-    """Lines of one shape."""
+    """Statistics of the lines of one shape."""
 
-    example: str  # shape of the first
+    example: str  # shape of its first line
     lines: int = 0
-    returns: int = 0  # of them, those with a reading between it and the one before
-    readings: int = -1  # before the latest
+    returns: int = 0  # number of its lines with a reading since its previous line
+    readings: int = -1  # number of readings before its latest line
 
 
 class LineShapes:
     """Shapes of the lines of a recording so far."""
 
     def __init__(self) -> None:
-        self._readings: dict[str, str] = {}  # shapes of readings, and the letters of each
-        self._titles: set[str] = set()  # their first words
-        self._shapes: dict[str, _Shape] = {}  # of other lines
-        self._count = 0  # readings so far
+        self._readings: dict[str, str] = {}  # letters of each shape of a reading
+        self._titles: set[str] = set()  # first words of readings
+        self._shapes: dict[str, _Shape] = {}  # shapes of other lines
+        self._count = 0  # number of readings so far
 
     def add(self, text: str, *, is_reading: bool = False) -> None:
-        """Take the next line; those that are blank need not come."""
+        """Count the next line; blank lines may be skipped."""
         if is_reading:
             self._count += 1
-            if self._count <= LEARNED:
+            if self._count <= LEARNED_READINGS:
                 shape = _shape_of(text)
                 self._readings[shape] = _letters_of(shape)
                 self._titles.add(_title_of(shape))
@@ -79,32 +79,32 @@ class LineShapes:
         known.readings = self._count
 
     def accompanies(self, text: str) -> bool:
-        """Tell whether a line is of a shape that comes with the readings."""
+        """Tell whether a line has a shape that accompanies the readings."""
         known = self._shapes.get(self._key(_shape_of(text)))
-        if known is None or not self._comes_back(known):
+        if known is None or not self._recurs(known):
             return False
         shape = known.example
         is_sound = shape.isprintable() and "\ufffd" not in shape
-        return is_sound and not _fails(shape) and not self._is_rest(known)
+        return is_sound and not _is_failure(shape) and not self._is_rest(known)
 
     def count_accompanying(self) -> int:
-        """Count the lines so far that accompany readings."""
+        """Number of lines so far that accompany readings."""
         return sum(known.lines for known in self._shapes.values() if self.accompanies(known.example))
 
     def _key(self, shape: str) -> str:
-        """What lines of one shape share: their first words, unless readings begin with these; else all."""
+        """Key of a shape: its first words, unless readings start with them; else the whole shape."""
         title = _title_of(shape)
         return title if title and title not in self._titles else shape
 
-    def _comes_back(self, known: _Shape) -> bool:
-        """Tell whether lines of a shape come again and again with readings between, and in no burst."""
+    def _recurs(self, known: _Shape) -> bool:
+        """Tell whether lines of a shape recur with readings in between, and not in bursts."""
         is_often = known.returns >= max(MIN_RETURNS, MIN_SHARE * self._count)
         return is_often and known.lines <= MAX_IN_A_ROW * known.returns
 
     def _is_rest(self, known: _Shape) -> bool:
-        """Tell whether a line may be what is left of a reading; not one of as many numbers that comes with each."""
+        """Tell whether a line may be the rest of a reading; a full set of numbers with each reading is not."""
         shape, letters = known.example, _letters_of(known.example)
-        is_of_each = known.returns >= EACH_TIME * self._count
+        is_of_each = known.returns >= MIN_SHARE_OF_EACH * self._count
         if not letters:
             is_end = _CLOSING.fullmatch(shape) and not any(shape in reading for reading in self._readings)
             return not (_RULER.search(shape) or is_end or (is_of_each and shape == "0"))
@@ -116,7 +116,7 @@ class LineShapes:
 
 
 def _shape_of(text: str) -> str:
-    """A line with zeros for its values."""
+    """The text of a line with zeros for its values."""
     return " ".join(_VALUE.sub("0", _COLOURS.sub("", text[:MAX_LENGTH])).split())
 
 
@@ -129,20 +129,20 @@ def _letters_of(shape: str) -> str:
     return "".join(filter(str.isalpha, shape))
 
 
-def _fails(shape: str) -> bool:
-    """Tell whether a line without a value says that a reading failed."""
-    return _FAILURE.search(shape) is not None and _APART.search(shape) is None
+def _is_failure(shape: str) -> bool:
+    """Tell whether a line without a value is an error message."""
+    return _FAILURE.search(shape) is not None and _SEPARATE_VALUE.search(shape) is None
 
 
 def _is_piece(letters: str, reading: str) -> bool:
-    """Tell whether letters are a piece of others, or their beginning and their end without what is between."""
+    """Tell whether letters are part of a reading's, or its start and end without the middle."""
     ends = range(1, len(letters))
     is_gapped = any(reading.startswith(letters[:end]) and reading.endswith(letters[end:]) for end in ends)
     return letters in reading or is_gapped
 
 
 def _has_cells_of(shape: str, row: str) -> bool:
-    """Tell whether a line has as many cells as the row of a table, with words for numbers."""
+    """Tell whether a line has as many cells as a table row, with words in place of numbers."""
     delimiters = row.replace("0", "").replace(" ", "")
     if not delimiters or any(map(str.isalpha, row)):
         return False

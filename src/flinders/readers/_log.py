@@ -1,7 +1,7 @@
-"""A log: a file that holds several instruments, and what it knows of their calibration, of the place and of the time.
+"""A log: a file with one or more instruments, their calibration in force, its position and its time.
 
-Every magnetometer in it is an `Instrument`, which is a `Recording`: what was measured, before the calibration that was
-in force on board was applied, or as it was logged.
+Each of its magnetometers is an `Instrument`, which is a `Recording`: readings as measured, with the calibration in
+force on board removed, or as they were logged.
 
 >>> from flinders.core.samples import Samples
 >>> from flinders.core.units import Unit
@@ -44,46 +44,46 @@ if TYPE_CHECKING:
     from flinders.readers._source import Progress, Source
 
 
-HIGHEST_M: Final = 1e5
-"""An altitude beyond is none."""
+MAX_ALTITUDE_M: Final = 1e5
+"""Largest altitude in m that is accepted."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Stored:
-    """A calibration that was in force when a log was made; of several, the last."""
+    """The calibration in force when a log was made; the last one if there were several."""
 
-    #: of readings without it, before the mounting, in no known strength of the field; None of numbers that flatten
+    #: calibration of raw readings, before the mounting, without field strength; None if its numbers flatten the
     #: readings
     calibration: Calibration | None
-    #: what it is, as the target calls it: ``COMPASS_OFS −12, 40, −93 mG; COMPASS_DIA 1.02, 0.99, 1.00``
+    #: its parameters as the target names them: ``COMPASS_OFS −12, 40, −93 mG; COMPASS_DIA 1.02, 0.99, 1.00``
     words: str = ""
-    applied: bool = True  #: readings are logged after it; where they are not, there is nothing to un-apply
-    changes: int = 0  #: how often it changed in the log
+    applied: bool = True  #: readings were logged after it; else there is nothing to remove
+    changes: int = 0  #: number of changes in the log
 
     def sentence(self, *, as_logged: bool) -> str:
-        """Say what became of it."""
+        """Describe whether it was removed from the readings."""
         if not self.applied:
-            return f"logged raw, before {self.words}"
+            return f"logged raw, without {self.words}"
         return f"{'as logged, after' if as_logged else 'un-applied:'} {self.words}"
 
 
 @dataclass(frozen=True, slots=True)
 class Position:
-    """Where a log was made."""
+    """Position of a log."""
 
     latitude_deg: float  #: degrees, north and east positive (WGS 84)
     longitude_deg: float
-    altitude_m: float = 0.0  #: m above the sea; 0 where it is not known
+    altitude_m: float = 0.0  #: m above sea level; 0 if unknown
 
 
 def first_position(
     latitude: Floats, longitude: Floats, altitude: Floats, *, fixed: NDArray[np.bool_]
 ) -> Position | None:
-    """The first of (N,) places in degrees and metres that is `fixed` and can be one."""
+    """First of the (N,) positions in degrees and metres that is `fixed` and valid."""
     usable = fixed & (np.abs(latitude) <= 90) & (np.abs(longitude) <= 180) & ((latitude != 0) | (longitude != 0))
     for row in np.flatnonzero(usable)[:1]:
         height = float(altitude[row])
-        return Position(float(latitude[row]), float(longitude[row]), height if abs(height) < HIGHEST_M else 0.0)
+        return Position(float(latitude[row]), float(longitude[row]), height if abs(height) < MAX_ALTITUDE_M else 0.0)
     return None
 
 
@@ -92,46 +92,46 @@ class Instrument:
     """One magnetometer of a log."""
 
     source: str  #: the file, for messages
-    name: str  #: as the log calls it: ``MAG 0``, ``sensor_mag 1 (device 396809)``, ``/imu/mag``
-    unit: Unit  #: of what `columns` yields
-    #: yields blocks of `Samples` from the first on, each time it is called; its argument says whether as logged
-    #: (True), or with what is `stored` un-applied (False)
+    name: str  #: name in the log: ``MAG 0``, ``sensor_mag 1 (device 396809)``, ``/imu/mag``
+    unit: Unit  #: unit of the readings of `columns`
+    #: yields blocks of `Samples` from the first on at each call; its argument is True for readings as logged, or False
+    #: with the `stored` calibration removed
     columns: Callable[[bool], Iterator[Samples]]
-    stored: Stored | None = None  #: what the log says was in force, where readings are logged after it
+    stored: Stored | None = None  #: calibration in force according to the log, if readings are logged after it
     axes: Axes = field(default_factory=Axes)
-    #: what the axes of `columns` are, ``sensor`` or ``vehicle``: with what is `stored` un-applied, and as logged
+    #: axes of `columns`, ``sensor`` or ``vehicle``: with the `stored` calibration removed, and as logged
     frames: tuple[str, str] = ("sensor", "sensor")
-    autopilot: Literal["ardupilot", "px4"] | None = None  #: whose compass it is
-    compass: int | None = None  #: its number there
-    device_id: int | None = None  #: its device id there
-    #: roll, pitch and yaw in degrees: how it is mounted, where it has a mounting of its own
+    autopilot: Literal["ardupilot", "px4"] | None = None  #: autopilot whose compass it is
+    compass: int | None = None  #: its compass number on the autopilot
+    device_id: int | None = None  #: its device id on the autopilot
+    #: its own mounting, if it has one: roll, pitch and yaw in degrees
     mounting: tuple[float, float, float] | None = None
     as_logged: bool = False
-    span: TimeSpan = field(default_factory=TimeSpan)  #: only readings within it are given
-    #: s: the time from which the span counts, by the clock of `columns`: the first reading where it is NaN
+    span: TimeSpan = field(default_factory=TimeSpan)  #: only readings within this span are yielded
+    #: s: start of the span by the clock of `columns`; NaN stands for the first reading
     beginning: float = np.nan
-    readings: int | None = None  #: how many `columns` yields, where that is known beforehand
-    notes: tuple[str, ...] = ()  #: what to know about it, a sentence each
-    fields: tuple[str, ...] = ()  #: of a table, names of the columns of x, y and z
-    unread_time: str = ""  #: names of columns that are called as a time, where none is read
-    others: tuple[str, ...] = ()  #: names of the log's other magnetometers, where nobody has said which is meant
-    damage: tuple[str, ...] = ()  #: what of the file could not be read, where it was cut short or is broken
-    position: Position | None = None  #: where the log was made
-    begun: datetime | None = None  #: and when, UTC
-    velocity: TimeSeries | None = None  #: over ground, north and east, m/s, by the clock of `columns`
-    file: Source | None = None  #: the bytes it was read from, as they lie on the disk
+    readings: int | None = None  #: number of readings of `columns`, if known beforehand
+    notes: tuple[str, ...] = ()  #: remarks, a sentence each
+    fields: tuple[str, ...] = ()  #: names of the columns of x, y and z in a table
+    unread_time: str = ""  #: names of columns that look like a time, if none is read
+    others: tuple[str, ...] = ()  #: names of the log's other magnetometers, if none was selected
+    damage: tuple[str, ...] = ()  #: parts of the file that could not be read, if it is cut short or broken
+    position: Position | None = None  #: position of the log
+    begun: datetime | None = None  #: start of the log in UTC
+    velocity: TimeSeries | None = None  #: velocity over ground, north and east, m/s, by the clock of `columns`
+    file: Source | None = None  #: raw bytes of the file on disk
     temporary_files: tuple[Source, ...] = ()  #: temporary files that it needs
-    #: called once a block with the bytes read so far, by the share of `readings`, and those there are
+    #: called once per block with the bytes read so far, estimated by the share of `readings`, and their total
     progress: Progress | None = None
-    #: finds columns by their names in the log: series by the clock of `columns`, without those that are not there, and
-    #: names of some that are
+    #: finds columns by their names in the log: time series by the clock of `columns`, without missing ones, and some of
+    #: the names that exist
     look_up: Callable[[Sequence[str]], tuple[Mapping[str, TimeSeries], Sequence[str]]] | None = None
-    auxiliary: Mapping[str, TimeSeries] = field(default_factory=dict)  #: those that are read, by name
+    auxiliary: Mapping[str, TimeSeries] = field(default_factory=dict)  #: auxiliary columns that are read, by name
 
     def with_auxiliary(self, names: Sequence[str], *, are_needed: bool = True) -> Instrument:
-        """Read columns of these names as well, at the times of the readings.
+        """The instrument with further columns, read at the times of the readings.
 
-        Raises `InputError` for one that is not there, where they are needed; else it is left out.
+        Raises `InputError` for a missing name if `are_needed`; else the name is left out.
         """
         found, there = ({}, ()) if self.look_up is None else self.look_up(names)
         for name in names:
@@ -141,14 +141,14 @@ class Instrument:
 
     @property
     def frame(self) -> str:
-        """What the axes of its readings are, before `axes` maps them: ``sensor`` or ``vehicle``."""
+        """Axes of its readings, before `axes` maps them: ``sensor`` or ``vehicle``."""
         return self.frames[self.as_logged]
 
     @property
     def onboard(self) -> Calibration | None:
-        """What was in force, for readings as `blocks` yields them; None where nothing is known, or they are after it.
+        """Calibration in force for the readings of `blocks`; None if unknown, or if they already include it.
 
-        Its field strength is that of the site, where the log states one.
+        Its field strength is that of the site, if the log states one.
         """
         if self.stored is None or self.stored.calibration is None or (self.as_logged and self.stored.applied):
             return None
@@ -159,10 +159,10 @@ class Instrument:
 
     @sound
     def blocks(self) -> Iterator[Samples]:
-        """Go through the readings, in `axes` and within `span`.
+        """Yield the readings, in `axes` and within `span`.
 
-        Raises `UnreadableInput` where the log cannot be read to its end, or no reading is left; `UsageError` where
-        nothing lies within the span.
+        Raises `UnreadableInput` if the log cannot be read to its end, or no reading is left; `UsageError` if the span
+        contains no reading.
         """
         clock, gone, given = self.span.clock(self.source, self.beginning), 0, 0
         onboard = self.onboard
@@ -178,18 +178,18 @@ class Instrument:
         clock.judge()
         if not given:
             raise UnreadableInput(
-                f"no usable reading of {self.name} in {self.source}: need finite x, y and z: check the sensor, and "
+                f"no usable reading of {self.name} in {self.source}: need finite x, y and z; check the sensor, and "
                 "whether it was being logged"
             )
 
     def _auxiliary_at(self, time: Floats | None) -> dict[str, Floats]:
-        """(N,) values of the auxiliary columns at times of readings; none where these have no times."""
+        """(N,) values of each auxiliary column at the times of readings; none without times."""
         if time is None:
             return {}
         return {name: series.at(time)[:, 0] for name, series in self.auxiliary.items()}
 
     def describe(self) -> str:
-        """Say in one line what is used, and what was un-applied."""
+        """Describe in one line the readings that are used, and the calibration that was removed."""
         parts = [f"{self.source}: {self.name} in {self.unit.name}"]
         if self.stored is not None:
             parts.append(self.stored.sentence(as_logged=self.as_logged))
@@ -205,29 +205,29 @@ class Instrument:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Log:
-    """What a file holds."""
+    """Contents of a file with instruments."""
 
     source: str  #: the file, for messages
-    format: str  #: for people: ``HDF5``
+    format: str  #: format name for users: ``HDF5``
     instruments: tuple[Instrument, ...]  #: its magnetometers, in the order of their numbers
     position: Position | None = None
-    begun: datetime | None = None  #: UTC
-    #: what to know about the file, a sentence each: that it was cut short, that its clock jumps
+    begun: datetime | None = None  #: start in UTC
+    #: remarks on the file, a sentence each: that it was cut short, that its clock jumps
     notes: tuple[str, ...] = ()
-    damage: tuple[str, ...] = ()  #: those of the notes that tell what could not be read
-    #: its magnetometers are columns of one table; a topic has named the member of an archive that holds it
+    damage: tuple[str, ...] = ()  #: the notes on parts that could not be read
+    #: its magnetometers are columns of one table; the topic selects the member of an archive that holds it
     is_table: bool = False
 
     def sensor(self, wanted: str) -> Instrument:
-        """Look a magnetometer up by its number, counted from 1, or by its name.
+        """Find a magnetometer by its number, counted from 1, or by its name.
 
-        Raises `UsageError` for one that there is not; names those there are.
+        Raises `UsageError` with the existing names if there is none.
         """
         return self.instruments[Choice(wanted).among([one.name for one in self.instruments], self.source)]
 
 
 def beginning_of(log: Log) -> float:
-    """The time of the first reading of any of its magnetometers, s; NaN where none has a time."""
+    """Time of the first reading of any magnetometer, in s; NaN without times."""
     times = []
     for instrument in log.instruments:
         block = next(iter(instrument.columns(True)), None)

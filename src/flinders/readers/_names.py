@@ -1,7 +1,7 @@
-"""What names of columns say: which sensor, axis and unit.
+"""Meanings of column names: sensor, axis and unit.
 
-Names are taken apart into words, so that no list of known headers is needed, and matched without regard to case or to
-how badly µ survived the journey.
+Names are split into words, so that no list of known headers is needed, and matched regardless of case and of a damaged
+µ.
 
 >>> meaning("magADC[0]")
 Meaning(kind='field', axis='0', unit='', rank=0)
@@ -31,7 +31,7 @@ THROTTLE: Final = "throttle"
 ATTITUDE: Final = "attitude"
 CURRENTS: Final = "currents"
 THROTTLES: Final = "throttles"
-AUXILIARY: Final = "auxiliary"  # of a column that is asked for by its name
+AUXILIARY: Final = "auxiliary"  # a column that is requested by its name
 
 _DEGREES = math.pi / 180
 
@@ -58,13 +58,13 @@ FACTORS: Final[dict[str, dict[str, float]]] = {
 }
 _UNITS: Final = frozenset(unit for units in FACTORS.values() for unit in units)
 _UNITS_OF_AXES: Final = frozenset(unit for kind in (FIELD, ACCELERATION, RATE) for unit in FACTORS[kind])
-# Sensors that go by a letter or a few, as in ``mx``, ``B_x`` or ``geo_x``, and the letters that may follow the name of
-# a device, as in ``imu_mx``; a ``b`` there is a bias or the second one.
+# Letters that stand for sensors, as in ``mx``, ``B_x`` or ``geo_x``, and the letters that may follow the name of a
+# device, as in ``imu_mx``; a ``b`` after a device is a bias or the second one.
 _LETTERS: Final = {
     "m": FIELD, "h": FIELD, "b": FIELD, "mf": FIELD, "geo": FIELD, "a": ACCELERATION, "g": RATE, "w": RATE,
 }  # fmt: skip
 _LETTERS_OF_A_DEVICE: Final = "magw"
-# Chips by what they measure; the last have several sensors, magnetometers or not: their name alone does not tell.
+# Chips by measured quantity; those of the last row have several sensors, so that their name alone is ambiguous.
 _CHIPS: Final = {
     FIELD: (
         r"lis[23]mdl|[hq]mc5[89]83[lp]?|mmc(?:34160|5603|5633|5983)(?:pj|njl?|ma)?|rm[23]100|ist83\d\d[a-z]?"
@@ -77,9 +77,9 @@ _CHIPS: Final = {
         r"|bmi\d{3}|[ai]sm330(?:dhcx|dlc|lhhx?|is)?|iim4\d{4}|qmi8658c?|fxos8700|bno0[58]\d|bmx(?:055|160)|adis16\d{3}"
     ),
 }
-# The name of a chip, with a number, letter and axis that nothing parts from it: ``rm3100x``.
+# The name of a chip, followed directly by a number, letter and axis: ``rm3100x``.
 _CHIP: Final = re.compile(rf"({'|'.join(_CHIPS.values())})(\d?)([{_LETTERS_OF_A_DEVICE}]?)([xyz]?)")
-# Devices of several sensors, and places: words that tell a magnetometer from others.
+# Devices with several sensors, and places: words that distinguish magnetometers.
 _DEVICES: Final = frozenset(("imu", "ahrs", "ins"))
 PLACES: Final = frozenset(
     (
@@ -88,83 +88,85 @@ PLACES: Final = frozenset(
         "backup", "master", "slave", "first", "second", "third",
     )
 )  # fmt: skip
-# Words of columns that stand beside readings and are none.
+# Words of columns that accompany readings.
 _OTHERS: Final = re.compile(
     r"(cov|std|sigma|var|offset|ofs|bias|abs|norm|total|magnitude|heading|health|accuracy|gain|scale$|quality|err)"
 )
-# Words of columns that are no sensor's with three axes, whatever their values are.
+# Words of columns that belong to no three-axis sensor, whatever their values.
 _ELSEWHERE: Final = re.compile(
     r"(lat|lon|lng|alt|gps|gnss|pos|vel|speed|course|roll|pitch|yaw|euler|baro|press|volt|batt|vbat|pwm|servo|rc$|hum"
     r"|light|lux|prox|step|index|seq|count|loop|sat|[hv]dop|rssi|status|flag|modes?$)"
 )
-# Where a strength comes from that is no length of the readings, and what it is called besides; not ``h``, which is the
-# horizontal part in geomagnetism.
+# Sources of a reference field strength, and words for the strength; ``h`` is left out, as it is the horizontal part in
+# geomagnetism.
 _REFERENCES: Final = frozenset(("reference", "ref", "igrf", "wmm"))
 _STRENGTHS: Final = frozenset(("field", "strength", "total", "intensity", "f"))
 _CORRECTED: Final = "cal|calib|calibrated|cald|corr|corrected|comp|compensated|filt|filter|filtered"
-_SMOOTHED: Final = (  # a number after one is its own, as in ``avg10``, and not that of a sensor
+_SMOOTHED: Final = (  # a number after one belongs to it, as in ``avg10``, and is no sensor's
     "lp|lpf|hp|hpf|bp|bpf|ema|sma|avg|average|averaged|mean|median|smooth|smoothed|prev|previous|kalman|decimated"
 )
 _CALIBRATED: Final = re.compile(rf"({_CORRECTED})$")
 _DERIVED: Final = re.compile(rf"({_CORRECTED}|({_SMOOTHED})\d*)$")
-# Words of three columns that are none of a sensor's readings, and what they are instead.
+# Words of three columns that are no readings of a sensor, and their kind.
 _NO_READINGS: Final = {
     **dict.fromkeys((*sorted(_REFERENCES), "model", "true", "truth", "expected", "predicted"), "a reference"),
     **dict.fromkeys(("ned", "enu", "nwu", "ecef", "earth", "world"), "in axes of the earth"),
     **dict.fromkeys(("dir", "direction"), "a direction"),
     **dict.fromkeys(("min", "max", "diff", "delta", "status", "innov", "innovation", "residual"), "no readings"),
 }
-# Such a word that nothing parts from the sensor's: ``magref``.
+# Such a word directly after the sensor's: ``magref``.
 _GLUED: Final = re.compile(rf"(mag|acc|gyro)(raw|{_CORRECTED}|{_SMOOTHED}|unit|{'|'.join(_NO_READINGS)})([xyz]?)")
-# Numbers that are not those of a sensor: of bits, of steps in time, of a filter, of a version.
+# Numbers that do not identify a sensor: of bits, time steps, a filter, a version.
 _MEASURES: Final = re.compile(
     rf"\b(u?int (8|16|24|32|64)|float (32|64)|({_SMOOTHED}|t|v|ver|version|k|order|lag) \d+|\d+ (bits?|hz|ms))\b"
 )
 _RAW: Final = re.compile(r"(raw|adc|.*uncal(ib|ibrated)?)$")
-# Words of what a sensor reads, where a model's field stands beside it.
+# Words for readings of a sensor, as opposed to the field of a model.
 _MEASURED: Final = "meas|measured|observed|obs"
 _SENSED: Final = re.compile(rf"(sensors?|magnetometers?|compass|measurement|{_MEASURED})$")
 _TIMES: Final = re.compile(
     r"(t[st]?|time.*|.*time|stamp|seconds|millis|micros|epoch|elapsed|zeit|temps|tiempo|时间|時間)$"
 )
-_CLOCKS: Final = re.compile(r"(dates?|day|datum|clock|utc|gmt|uhr.*|heure|hora|fecha|when)$")  # a time, or not
-_BEGUN: Final = re.compile(r"offset[\s_]?(?=time\b)", re.IGNORECASE)  # a time since the beginning: ``offsetTime``
-_NUMBERED: Final = re.compile(r"field[\s_]?\d+", re.IGNORECASE)  # of any quantity, as ThingSpeak has them
+_CLOCKS: Final = re.compile(r"(dates?|day|datum|clock|utc|gmt|uhr.*|heure|hora|fecha|when)$")  # times or dates
+_BEGUN: Final = re.compile(r"offset[\s_]?(?=time\b)", re.IGNORECASE)  # a time since the start: ``offsetTime``
+_NUMBERED: Final = re.compile(r"field[\s_]?\d+", re.IGNORECASE)  # any quantity, as in ThingSpeak
 _NO_TIMES: Final = re.compile(r"(day|date|zone|fix|offset|gps|time_of_day)$")
-# Words that any such sensor may have in its name.
+# Words that may occur in the name of any such sensor.
 _COMMON: Final = re.compile(
     r"(mag.*|flux.*|compass|acc.*|gyr.*|angular|velocity|linear|axis|field|strength|vector|imu|ahrs|ins|sensor|dev|device|unit|node"
     r"|board|module|no|nr|num|id|instance|ch|channel|data|value|reading|measurement)$"
 )
-_BETWEEN: Final = r"\s_.,:;%#\-\[\](){}'\""  # what parts the words of a name
+_BETWEEN: Final = r"\s_.,:;%#\-\[\](){}'\""  # characters between the words of a name
 _ATTACHED: Final = re.compile(
     r"(mag(?:n|net|netic|netometer|netom|adc|raw|field)?|acc(?:el|l|elero|eleration|elerometer)?|gyro?(?:scope|adc)?"
     r"|compass|[mhbagw]|mf|geo)([xyz])"
 )
 _AXIS_BEFORE: Final = re.compile(r"([xyz])(mag|acc|gyro|mf)")
 _SEPARATORS: Final = re.compile(rf"[{_BETWEEN}]+")
-_PIECES: Final = re.compile(rf"([{_BETWEEN}]*)([^{_BETWEEN}]+)")  # words, each with what is before it
-_IN: Final = re.compile(r"(?<![^\W_])in[\s_]+(?=[^\s_()\[\]]+\s*[)\]]?\s*$)", re.IGNORECASE)  # before a unit at the end
+_PIECES: Final = re.compile(rf"([{_BETWEEN}]*)([^{_BETWEEN}]+)")  # words, each with the separator before it
+_IN: Final = re.compile(
+    r"(?<![^\W_])in[\s_]+(?=[^\s_()\[\]]+\s*[)\]]?\s*$)", re.IGNORECASE
+)  # ``in`` before a unit at the end
 _IN_BRACKETS: Final = re.compile(r"[(\[]([^)\]]*)[)\]]?\s*$")  # a unit, or the number of an axis
 _BRACKET: Final = re.compile(r"\s*[(\[](?!\d+[)\]])[^)\]]*[)\]]?\s*$")
 _OF_A_DIRECTION: Final = re.compile("unit|vec|field|mag|acc")
-# Words and numbers that nothing parts: ``magX1`` has three.
+# Words and numbers without separators: ``magX1`` has three.
 _PARTS: Final = re.compile(r"[A-Z]+(?![a-z])|[A-Z]?[a-z]+|\d+|[^\x00-\x7f]+")
-_BROKEN_MICRO: Final = re.compile(r"(?:[^\x00-\x7f]+|i|\?)t")  # µT whose bytes were decoded as something else
-CALIBRATED: Final = 10  # rank from which on readings were corrected already
-BARE: Final = 2  # clearness of ``x``, ``y``, ``z``, which may be a position where something else is a magnetometer
-# Columns that are known by their whole name only, as `flinders.simulate.recording` writes them: a ``throttle`` may be
-# per cent or microseconds, and an attitude that of any axes.
+_BROKEN_MICRO: Final = re.compile(r"(?:[^\x00-\x7f]+|i|\?)t")  # µT with wrongly decoded bytes
+CALIBRATED: Final = 10  # smallest rank of corrected readings
+BARE: Final = 2  # clearness of ``x``, ``y``, ``z``, which may be a position next to a magnetometer
+# Columns that are recognised by their whole name only, as written by `flinders.simulate.recording`: a ``throttle``
+# may be per cent or microseconds, and an attitude may refer to any axes.
 _WRITTEN_HERE: Final = {
     "throttle_share": (THROTTLE, ""),
     **{f"{ATTITUDE}_{axis}": (ATTITUDE, axis) for axis in "wxyz"},
 }
-# Spellings of units in the names of single motors' columns, and the factor to A and shares; none of pulses in µs.
+# Units in the names of single motors' columns, and the factor to A and shares; pulses in µs have none.
 FACTORS_OF_MOTORS: Final[dict[str, dict[str, float]]] = {
     CURRENTS: {"": 1.0, "a": 1.0, "ma": 1e-3},
     THROTTLES: {"share": 1.0, "percent": 0.01, "pct": 0.01, "%": 0.01, "": 1e-3, "us": 1e-3, "µs": 1e-3},
 }
-# Columns of single motors, by their whole name: which motor, and in which unit.
+# Columns of single motors, by their whole name: number of the motor, and unit.
 _OF_MOTOR: Final = {
     CURRENTS: re.compile(
         r"(?:(?:esc|motor|mot|m)[ _.]?\[?(\d{1,2})\]?[ _.](?:esc[ _])?(?:current|curr|amps?)"
@@ -178,27 +180,27 @@ _OF_MOTOR: Final = {
 
 
 class Meaning(NamedTuple):
-    """What a name says."""
+    """Meaning of a column name."""
 
-    kind: str  # one of those above, or nothing
-    axis: str = ""  # x, y or z, of an attitude also w; 0 to 3 where axes are counted; the number of a motor; or nothing
-    unit: str = ""  # as found in `FACTORS`; that of a field or a strength as `Unit` calls it; or nothing
-    rank: int = 0  # which to take where there are several: the smallest
+    kind: str  # one of the kinds above, or empty
+    axis: str = ""  # x, y or z, for an attitude also w; 0 to 3 for counted axes; number of a motor; or empty
+    unit: str = ""  # as in `FACTORS`; for a field or a strength as in `Unit`; or empty
+    rank: int = 0  # priority among several: the smallest is taken
 
     @property
     def is_bare(self) -> bool:
-        """It is an axis and nothing else: a field's, or that of something else."""
+        """Whether the name is only an axis, of a field or of another quantity."""
         return self.kind == FIELD and not self.unit and clearness(self.rank) >= BARE
 
 
 def clearness(rank: int) -> int:
-    """Tell how plainly a name says that it is a magnetometer's: ``mag_x``, then ``mx``, then ``x``."""
+    """How clearly a name is a magnetometer's, best first: 0 ``mag_x``, 1 ``mx``, 2 ``x``."""
     return rank % CALIBRATED // 2
 
 
 @lru_cache(maxsize=1_024)
 def meaning(name: str) -> Meaning:
-    """Meaning of a column name; its kind is empty where nothing is recognised."""
+    """Meaning of a column name; its kind is empty if it is not recognised."""
     if written := _WRITTEN_HERE.get(name.strip().casefold()):
         return Meaning(*written)
     for kind, pattern in _OF_MOTOR.items():
@@ -210,10 +212,10 @@ def meaning(name: str) -> Meaning:
         return Meaning("")
     if _is_strength(folded, units):
         return Meaning(STRENGTH, "", _unit(STRENGTH, units))
-    sensor, axis = _without_axis(folded)
+    sensor, axis = _split_axis(folded)
     if any(_OTHERS.match(word) for word in sensor):
         return Meaning("")
-    is_joined = len(sensor) == len(folded)  # the axis was no word of its own
+    is_joined = len(sensor) == len(folded)  # the axis was not a separate word
     kind, rank = _vector(sensor, units, is_joined=is_joined) if axis else _scalar(sensor, units)
     if kind == FIELD and axis and any(_DERIVED.match(word.casefold()) for word in (*sensor, *units)):
         rank += CALIBRATED
@@ -221,14 +223,14 @@ def meaning(name: str) -> Meaning:
 
 
 def tells_nothing(name: str) -> bool:
-    """Tell whether a name leaves open what a column is, so that it may be an axis of a magnetometer."""
+    """Tell whether a name is inconclusive, so that the column may be an axis of a magnetometer."""
     known, words = meaning(name), [word.casefold() for word in _words(name)[0]]
     is_other = any(_ELSEWHERE.match(word) or _OTHERS.match(word) for word in words)
     return known.is_bare or not (known.kind or is_other)
 
 
 def is_like_time(name: str) -> bool:
-    """Tell whether a column is called as times are.
+    """Tell whether a column's name looks like a time.
 
     >>> [is_like_time(name) for name in ("timestamp", "UTC", "Date", "mx")]
     [True, True, True, False]
@@ -237,7 +239,7 @@ def is_like_time(name: str) -> bool:
 
 
 def is_letter_of_time(name: str) -> bool:
-    """Tell whether the only sign that a column is a time is a ``T``, which a temperature has too.
+    """Tell whether only a ``T`` marks a column as a time, which may also stand for a temperature.
 
     >>> [is_letter_of_time(name) for name in ("T", "t_raw", "T_r", "t_ms", "time", "T_C")]
     [True, True, True, False, False, False]
@@ -247,7 +249,7 @@ def is_letter_of_time(name: str) -> bool:
 
 
 def words_of(name: str) -> list[str]:
-    """Take a name apart into its words, without a unit.
+    """Split a name into its words, without a unit.
 
     >>> words_of("deviceID"), words_of("MAC address"), words_of("node_2 (uT)")
     (['device', 'ID'], ['MAC', 'address'], ['node', '2'])
@@ -256,13 +258,13 @@ def words_of(name: str) -> list[str]:
 
 
 def is_unit(text: str) -> bool:
-    """Tell whether a text is a unit and nothing else, as in a row of units below a header."""
+    """Tell whether a text is just a unit, as in a row of units below a header."""
     return _IN.sub("", PARTED.sub(r"\1", text)).casefold() in _UNITS
 
 
 @lru_cache(maxsize=1_024)
 def field_stem(name: str, axis: str) -> str:
-    """Take the axis out of a name, so that the three columns of one sensor are left with the same text."""
+    """The name without its axis, which is the same for the three columns of one sensor."""
     folded = name.strip().casefold()
     place = _place_of_axis(folded, axis)
     return f"{folded[:place]}*{folded[place + 1 :]}"
@@ -270,7 +272,7 @@ def field_stem(name: str, axis: str) -> str:
 
 @lru_cache(maxsize=1_024)
 def label(name: str) -> tuple[str, ...]:
-    """Take the words of a three-axis sensor's column that distinguish it from others of its kind."""
+    """Words of a three-axis sensor's column that distinguish it from others of its kind."""
     words = words_of_sensor(name)
     has_kind = any(_kind_of_word(word) or kind_of_chip(word) for word in words)
     plain = (_COMMON, _RAW, _DERIVED, _SENSED)
@@ -281,38 +283,38 @@ def label(name: str) -> tuple[str, ...]:
 
 
 def is_chip(word: str) -> bool:
-    """Tell whether a word in lower case is the name of a known chip."""
+    """Tell whether a lower-case word is the name of a known chip."""
     return bool((chip := _CHIP.fullmatch(word)) and chip[1] == word)
 
 
 def kind_of_chip(word: str) -> str:
-    """Tell what a chip measures, where that is one thing."""
+    """Quantity that a chip measures; empty if it has several sensors."""
     return next((kind for kind, pattern in _CHIPS.items() if re.fullmatch(pattern, word)), "")
 
 
 def tells_apart(word: str) -> bool:
-    """Tell whether a word other than a number names one of several sensors: a place, a chip, a device."""
+    """Tell whether a word other than a number identifies one of several sensors: a place, a chip, a device."""
     return word in PLACES or word in _DEVICES or is_chip(word)
 
 
 def tells_readings_apart(word: str) -> bool:
-    """Tell whether a word in lower case says which of several readings these are, or what was done to them."""
+    """Tell whether a lower-case word identifies one of several sets of readings, or their processing."""
     return bool(tells_apart(word) or _RAW.match(word) or _DERIVED.match(word))
 
 
 @lru_cache(maxsize=1_024)
 def no_readings(name: str) -> str:
-    """Tell what a three-axis column is where it is none of a sensor's readings; nothing where it may be one."""
+    """Kind of a three-axis column that is no readings of a sensor; empty if it may be."""
     words = words_of_sensor(name)
-    if "main field" in " ".join(words):  # that of the core of the earth
+    if "main field" in " ".join(words):  # main field of the earth's core
         return "a reference"
-    if "unit" in words and all(map(_OF_A_DIRECTION.match, words)):  # no unit of a device
+    if "unit" in words and all(map(_OF_A_DIRECTION.match, words)):  # but not the unit of a device
         return "a direction"
     return next((_NO_READINGS[word] for word in words if word in _NO_READINGS), "")
 
 
 def manner(whole: str) -> int:
-    """0 where a name tells of a sensor, 2 of a field, which a model may give too, 1 of neither."""
+    """0 if a name indicates a sensor, 2 for a field, which may be modelled, 1 for neither."""
     words = [word.casefold() for word in _words(whole)[0]]
     if any(_SENSED.match(word) or _RAW.match(word) or is_chip(word) for word in words):
         return 0
@@ -336,14 +338,14 @@ def sensor_name(name: str, axis: str, *, whole: bool = False) -> str:
 
 
 def words_of_sensor(name: str) -> list[str]:
-    """Take a three-axis column's name apart, without axis and unit, in lower case."""
+    """Words of a three-axis column in lower case, without axis and unit."""
     words, units = _words(name)
     foreign = [unit for unit in units if unit.casefold() not in _UNITS_OF_AXES]
-    return _without_axis([word.casefold() for word in words + foreign])[0]
+    return _split_axis([word.casefold() for word in words + foreign])[0]
 
 
 def _place_of_axis(folded: str, axis: str) -> int:
-    """Find the letter or digit of the axis in a name: the last that stands by itself, else the last."""
+    """Position of the axis letter or digit in a name: the last separate one, else the last."""
     places = [match.start() for match in re.finditer(axis, folded)]
     around = {place: folded[max(place - 1, 0) : place] + folded[place + 1 : place + 2] for place in places}
     alone = [place for place in places if not any(map(str.isalpha, around[place]))]
@@ -351,7 +353,7 @@ def _place_of_axis(folded: str, axis: str) -> int:
 
 
 def _words(name: str) -> tuple[list[str], list[str]]:
-    """Take a name apart into its words and, in the order of trust, the units it may state."""
+    """Split a name into its words and the units it may state, the most reliable first."""
     units = []
     name = _BEGUN.sub("", _IN.sub("", PARTED.sub(r"\1", name)))
     inside = _IN_BRACKETS.search(name)
@@ -376,8 +378,8 @@ def _words(name: str) -> tuple[list[str], list[str]]:
     return words, units
 
 
-def _without_axis(words: list[str]) -> tuple[list[str], str]:
-    """Find the axis in a name's words: a word of its own, the end or start of one, or a small number."""
+def _split_axis(words: list[str]) -> tuple[list[str], str]:
+    """Find the axis in the words of a name: a separate word, the end or start of one, or a small number."""
     letters = [word for word in words if word in {"x", "y", "z"}]
     if len(letters) == 1:
         return [word for word in words if word != letters[0]], letters[0]
@@ -392,7 +394,7 @@ def _without_axis(words: list[str]) -> tuple[list[str], str]:
 
 
 def _vector(words: list[str], units: list[str], *, is_joined: bool) -> tuple[str, int]:
-    """Tell which three-axis sensor the words name, and how good a source of its raw readings this is."""
+    """Three-axis sensor that the words name, and the rank of its readings: the rawest have the smallest."""
     raw = 0 if any(_RAW.match(word) for word in words) else 1
     names = [word for word in words if not word.isdigit()]
     kinds = [kind for word in names if (kind := _kind_of_word(word))] or list(filter(None, map(kind_of_chip, names)))
@@ -409,20 +411,20 @@ def _vector(words: list[str], units: list[str], *, is_joined: bool) -> tuple[str
         return _LETTERS[own[0]], raw + 2
     if bare in (["field"], ["field", "strength"]):
         return FIELD, raw + 2
-    return (_plain(units), raw + 4) if not bare else ("", 0)
+    return (_kind_of_bare_axis(units), raw + 4) if not bare else ("", 0)
 
 
 def _kind_of_word(word: str) -> str:
-    """Tell which three-axis sensor a word names."""
+    """Three-axis sensor that a word names; empty if none."""
     if word.startswith(("mag", "flux")) or word == "compass":
         return FIELD
     return ACCELERATION if word.startswith("acc") else RATE if word.startswith(("gyr", "angular")) else ""
 
 
-def _plain(units: list[str]) -> str:
-    """Tell what a name that is only an axis may be: a field, unless its unit is that of something else."""
+def _kind_of_bare_axis(units: list[str]) -> str:
+    """Possible kind of a name that is only an axis: a field, unless its unit is of another quantity."""
     for unit in units:
-        if unit in {"g", "mg"}:  # lower case: of gravity
+        if unit in {"g", "mg"}:  # lower case: gravity
             return ACCELERATION
         for kind in (RATE, ACCELERATION):
             if unit.casefold() in FACTORS[kind] and unit.casefold() not in FACTORS[FIELD]:
@@ -431,7 +433,7 @@ def _plain(units: list[str]) -> str:
 
 
 def _scalar(words: list[str], units: list[str]) -> tuple[str, int]:
-    """Tell which sensor without axes, or clock, the words name, and how good a source of it this is."""
+    """Sensor without axes, or clock, that the words name, and its rank."""
     is_warm = words == ["t"] and any(unit.casefold() in FACTORS[TEMPERATURE] for unit in units)  # T = 23.4 C
     if is_warm or (any(word.startswith(("temp", "tmp")) for word in words) and words != ["temps"]):
         return TEMPERATURE, 0
@@ -446,7 +448,7 @@ def _scalar(words: list[str], units: list[str]) -> tuple[str, int]:
 
 
 def _is_strength(words: list[str], units: list[str]) -> bool:
-    """Tell whether a name is that of a strength known from elsewhere: where from, what, and nothing besides."""
+    """Tell whether a name is that of a reference field strength: its source, the quantity, and nothing else."""
     named = {word for word in words if not word.isdigit()}
     if not named & _REFERENCES or not named <= _REFERENCES | _STRENGTHS:
         return False
@@ -454,7 +456,7 @@ def _is_strength(words: list[str], units: list[str]) -> bool:
 
 
 def unit_of_field(name: str) -> str:
-    """The unit that the name of a column states for a field; not a ``g``, which is that of gravity.
+    """Unit in the name of a column for a field; ``g`` is ignored, as it is gravity.
 
     >>> unit_of_field("磁场X(uT)"), unit_of_field("v1 [nT]"), unit_of_field("v1 (mg)"), unit_of_field("v1")
     ('uT', 'nT', '', '')
@@ -463,7 +465,7 @@ def unit_of_field(name: str) -> str:
 
 
 def unit_of_strength(name: str) -> str:
-    """The unit that the name of a column states for a strength of the field; nothing where it states none.
+    """Unit in the name of a column for a field strength; empty if it states none.
 
     >>> unit_of_strength("MAG_4_UNCOMP [nT]"), unit_of_strength("scalar")
     ('nT', '')
@@ -472,7 +474,7 @@ def unit_of_strength(name: str) -> str:
 
 
 def _unit(kind: str, units: list[str]) -> str:
-    """Pick the unit that this kind of column can have, in the spelling of `FACTORS` or, for a field, of `Unit`."""
+    """The unit that fits this kind of column, spelled as in `FACTORS` or, for a field, as in `Unit`."""
     for unit in units:
         folded = unit.casefold()
         if kind in (FIELD, STRENGTH) and folded != "raw":

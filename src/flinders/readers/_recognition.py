@@ -1,6 +1,6 @@
-"""Which dialect lines of text are written in; where it is none they are a table.
+"""Recognition of the dialect of text lines; lines in no dialect are a table.
 
-A dialect is looked for where a line bears its sign, in the order of `DIALECTS`, and makes rows of a table of lines.
+A dialect is tried if a line contains its sign, in the order of `DIALECTS`; it converts lines to rows of a table.
 
 >>> dialect = recognise(["starting up", "X: -20.8 Y: -20.2 Z: 26.1 uT", "X: -20.7 Y: -20.1 Z: 26.2 uT"])
 >>> dialect.words, dialect.names
@@ -37,7 +37,7 @@ if TYPE_CHECKING:
 
     EveryLine: TypeAlias = Callable[[], Iterable[str]]
 
-HEADING: Final = 2  # Lines above a table of plain numbers that may hold anything
+HEADING: Final = 2  # lines above a table of plain numbers that may hold any text
 _PLAIN: Final = re.compile(r"[-+.,;\s\d]*(?:(?:[eE][-+]\d|nan)[-+.,;\s\d]*)*", re.ASCII)
 _OPENS_JSON: Final = re.compile(r"^\s*[\[{]")
 _CLOCK: Final = re.compile(r"\d:\d\d:\d\d")
@@ -53,10 +53,10 @@ def recognise_layout(
     flat: str | None = None,
     every: EveryLine | None = None,
 ) -> tuple[Dialect | None, TextLayout]:
-    """Recognise how lines are written: as a table, which `lay_out` does, or in a dialect that makes one.
+    """Recognise the format of lines: a table, laid out by `lay_out`, or a dialect that converts lines to one.
 
-    Raises what `lay_out` raises where they are neither; of a text that is known, `NoMagnetometer` says what it is.
-    `lines` are the first of the file, and `every` gives all of it.
+    If they are neither, raises the error of `lay_out`, or for a known text `NoMagnetometer` with its kind. `lines` are
+    the first lines of the file, and `every` yields all lines.
     """
     every = every or (lambda: lines)
     if pattern is None and (known := refusal(name, lines)):
@@ -67,7 +67,7 @@ def recognise_layout(
     if isinstance(dialect, labelled.Labelled) and not _names_magnetometer(dialect) and is_table(lines):
         dialect = None
     try:
-        return dialect, _laid_out(name, lines, lay_out, dialect, every)
+        return dialect, _lay_out(name, lines, lay_out, dialect, every)
     except (NoMagnetometer, UnreadableInput):
         dialect = None if dialect else guess(lines)
         is_unread = dialect is None or (not _names_magnetometer(dialect) and is_table(lines))
@@ -76,16 +76,16 @@ def recognise_layout(
             if known := refusal(name, lines, is_unread=True):
                 raise known from None
             raise
-    return dialect, _laid_out(name, lines, lay_out, dialect, every)
+    return dialect, _lay_out(name, lines, lay_out, dialect, every)
 
 
-def _laid_out(
+def _lay_out(
     name: str, lines: list[str], lay_out: Callable[..., TextLayout], dialect: Dialect | None, every: EveryLine
 ) -> TextLayout:
-    """Lay out a table, or the one that a dialect makes of these lines."""
+    """Lay out a table, or the table that a dialect makes of these lines."""
     if dialect is None:
         return lay_out(lines, every=every)
-    trial = deepcopy(dialect)  # it remembers parts of a reading
+    trial = deepcopy(dialect)  # a dialect stores parts of a reading
     rows, filled = list[str](), 0
     for line in lines:
         rows.append(",".join(trial.row(line) or ()))
@@ -93,7 +93,7 @@ def _laid_out(
         if filled == TRIED:
             break
     if not filled:
-        raise NoMagnetometer(f"{name} is a {dialect.words} without a line of a magnetometer")
+        raise NoMagnetometer(f"{name} is {dialect.words} without a line of a magnetometer")
     return replace(lay_out(rows, header=dialect.names, every=partial(_rows_of, dialect, every)), words=dialect.words)
 
 
@@ -106,14 +106,14 @@ def _rows_of(dialect: Dialect, every: EveryLine) -> Iterator[str]:
 
 
 def split_records(source: Source, encoding: str, beginning: str) -> Source | None:
-    """Put records of a JSON document, or datagrams without line ends, in lines of their own; None for other lines."""
+    """Put records of a JSON document, or datagrams without line ends, on separate lines; None for other text."""
     if json_records.is_document(beginning) or json_records.has_several_to_a_record(beginning):
         return derived(source, json_records.records_as_lines(source, encoding))
     return derived(source, marked.datagrams_as_lines(source)) if marked.are_glued(beginning) else None
 
 
 def recognise(lines: list[str], flat: str | None = None) -> Dialect | None:
-    """Find the dialect whose signs the lines bear; None for a table. Behind time stamps two axes will do if `flat`."""
+    """Find the dialect whose sign the lines contain; None for a table. With `flat`, two axes after a time suffice."""
     if is_plain(lines):
         return None
     if flat and (level := wrapped.stamped(lines[:TRIED], recognise, partial(rows_of_table, flat=flat))):
@@ -126,7 +126,7 @@ def recognise(lines: list[str], flat: str | None = None) -> Dialect | None:
 
 
 def guess(lines: list[str]) -> Dialect | None:
-    """Find a dialect for lines that are no table either: tuples, words before numbers, time stamps before a table."""
+    """Find a dialect for lines that are no table: tuples, words before numbers, time stamps before a table."""
     return (
         wrapped.stamped(lines, recognise, rows_of_table, marked=False, share=wrapped.SOME)
         or wrapped.stamped(lines, _labelled, rows_of_table, marked=False, share=wrapped.SOME)
@@ -146,19 +146,19 @@ def _named_table(lines: list[str]) -> Cells | None:
 
 
 def _names_magnetometer(dialect: Dialect) -> bool:
-    """Tell whether names say in words that a magnetometer is among them, and not by a letter or an axis."""
+    """Tell whether names contain a magnetometer by a word, not just by a letter or an axis."""
     known = map(meaning, dialect.names)
     return any(each.kind == FIELD and each.axis and clearness(each.rank) == 0 for each in known)
 
 
 def is_table(lines: list[str]) -> bool:
-    """Tell whether lines are a table though cells look like labels: below names, or with an address such as `b4:01`."""
+    """Tell whether lines with label-like cells are a table: below names, or with an address such as `b4:01`."""
     addressed = sum(ADDRESS_CELL.search(line) is not None for line in lines[:TRIED])
     return 2 * addressed > len(lines[:TRIED]) or names_columns(lines)
 
 
 def names_columns(lines: list[str]) -> bool:
-    """Tell whether lines are a table with names above its columns, parted by more than spaces."""
+    """Tell whether lines are a table with names above its columns, and a delimiter other than spaces."""
     some = [(place, text) for place, text in enumerate(lines[:TRIED]) if text.strip() and not is_comment(text)]
     cuts = (cut_at(some, signs) for signs in signs_of(some) if signs[0] != SPACES)
     best = max(cuts, key=Cut.score, default=None)
@@ -170,7 +170,7 @@ def names_columns(lines: list[str]) -> bool:
 
 
 def rows_of_table(lines: list[str], flat: str | None = None) -> Cells | None:
-    """Find the rows of a table, as behind time stamps; three columns without names are x, y, z, two those of `flat`."""
+    """Find the rows of a table after time stamps; three unnamed columns are x, y, z, two are those of `flat`."""
     try:
         layout = sniff("", lines, flat=flat)
     except FlindersError:
@@ -181,15 +181,15 @@ def rows_of_table(lines: list[str], flat: str | None = None) -> Cells | None:
 
 
 class _Row(NamedTuple):
-    """A dialect, which is looked for where a line bears its sign."""
+    """A dialect with the sign that its lines contain."""
 
     sign: re.Pattern[str]
     recognise: Callable[[list[str]], Dialect | None]
-    most: int | None = TRIED  # lines that are looked at
+    most: int | None = TRIED  # number of lines that are examined
 
 
 DIALECTS: Final = (
-    _Row(marked.SIGN, marked.recognise, None),  # a log may begin with other messages
+    _Row(marked.SIGN, marked.recognise, None),  # a log may start with other messages
     _Row(_OPENS_JSON, json_records.recognise),
     _Row(boxed.RULER, boxed.recognise),
     _Row(influx.SIGN, influx.recognise),
@@ -201,5 +201,5 @@ DIALECTS: Final = (
 
 
 def is_plain(lines: list[str]) -> bool:
-    """Tell whether lines, but for the first two, are nothing but numbers and delimiters: a table."""
+    """Tell whether lines after the first two contain only numbers and delimiters, as a table does."""
     return len(lines) > HEADING and all(map(_PLAIN.fullmatch, lines[HEADING:TRIED]))

@@ -1,4 +1,4 @@
-"""Texts that are refused: no magnetometer in them, several sensors in one column, or thousands that are grouped.
+"""Checks that refuse texts: no magnetometer, several sensors in one column, or grouped thousands.
 
 >>> refuse_one_value("log.csv", [f"mag_{axis},{value}" for axis in "xyz" for value in range(9)])
 Traceback (most recent call last):
@@ -37,17 +37,17 @@ if TYPE_CHECKING:
     from flinders.readers._devices import Device
 
 ONE_VALUE_SIGNS: Final = (",", ";", "\t", "|")  # Delimiters of tables with one value a row
-PRINTED: Final = 1024  # Characters of a line that are searched for labels
-LONGEST_EXAMPLE: Final = 160  # Characters of a line that is shown as a pattern
-MOST_ABOVE: Final = 40  # Lines in which a header without readings is looked for
-NAMELESS: Final = 5  # Columns without a header, up to which a number ahead of three is that of a sensor
-MAX_CODES: Final = 16  # Different whole numbers of a column that may say which sensor each line is of
-IN_TURN: Final = 0.2  # Share of rows at which such a number changes
-LEAST_OF_CODE: Final = 10  # Lines of such a number that are judged
-APART: Final = 2.0
-FAR_APART: Final = 5.0
-"""Ratio of the median lengths of such lines, one of them that of gravity or not, from which on sensors are not one."""
-MOST_RANGES: Final = 16  # Columns whose ranges are listed
+SEARCHED_LETTERS: Final = 1024  # Characters of a line that are searched for labels
+MAX_EXAMPLE_LETTERS: Final = 160  # Longest line, in characters, that is shown as a pattern
+MOST_ABOVE: Final = 40  # First lines in which a header without readings is searched
+NAMELESS: Final = 5  # Largest number of columns of a table without header in which a leading number may name the sensor
+MAX_CODES: Final = 16  # Largest number of different codes in a column that may name the sensor of each line
+MIN_CHANGE_SHARE: Final = 0.2  # Share of rows at which such a code changes
+MIN_LINES_OF_CODE: Final = 10  # Smallest number of lines with a code for its lengths to be compared
+MIN_RATIO_TO_GRAVITY: Final = 2.0
+MIN_RATIO: Final = 5.0
+"""Ratio of median vector lengths that separates two sensors: the first if one is gravity, else the second."""
+MAX_RANGES: Final = 16  # Columns whose ranges are listed
 _GROUPED: Final = re.compile(r"[-+\u2212]?[1-9]\d{0,2}[.,]\d{3}")  # thousands, or three decimals
 MATRIX: Final = re.compile(r"# (?:name: (?P<name>.+)|columns: (?P<columns>\d+)\s*$)")  # in text of Octave
 
@@ -55,14 +55,14 @@ MATRIX: Final = re.compile(r"# (?:name: (?P<name>.+)|columns: (?P<columns>\d+)\s
 def refuse_unsafe(
     name: str, header: Sequence[str], alike: Sequence[Sequence[str]], chosen: Columns, decimal: str
 ) -> None:
-    """Refuse columns that nobody asked for, where rows are of several sensors or thousands are grouped."""
+    """Raise an error if columns were not requested and rows mix several sensors or group thousands."""
     if not header or meaning(chosen.field.names[0]).is_bare:
         _refuse_mixed(name, header, alike)
     _refuse_thousands(name, alike, chosen, decimal)
 
 
 def refuse_nameless(name: str, devices: Sequence[Device], clocks: Sequence[Clock], width: int) -> None:
-    """Refuse a table without a header in which a column says which of several sensors each line is of."""
+    """Raise an error for a table without header in which one column names the sensor of each line."""
     if devices and width <= NAMELESS:
         words = ", ".join(" ".join(device.words) for device in devices[:MOST_NAMED])
         column = devices[0].cells[0]
@@ -76,7 +76,7 @@ def refuse_nameless(name: str, devices: Sequence[Device], clocks: Sequence[Clock
 
 
 def refuse_matrices(name: str, texts: Sequence[str]) -> None:
-    """Refuse text of Octave with two matrices or more of three columns, one below the other."""
+    """Raise an error for Octave text with two or more matrices of three columns below each other."""
     named = (match for text in texts if text.startswith("# ") and (match := MATRIX.match(text)))
     known: list[str] = []
     wide: list[str] = []
@@ -92,36 +92,38 @@ def refuse_matrices(name: str, texts: Sequence[str]) -> None:
 
 @np.errstate(over="ignore", invalid="ignore")
 def refuse_coded(name: str, header: Sequence[str], values: Floats, cells: Sequence[int]) -> None:
-    """Refuse a table in which a number says which sensor a line is of: lengths of x, y and z differ with it by far."""
+    """Raise an error if a column numbers the sensor of each line: vector lengths differ widely between its codes."""
     lengths = np.linalg.norm(values[:, cells], axis=1)
     for place in (place for place in range(values.shape[1]) if place not in cells):
         known = values[:, place][np.isfinite(values[:, place])]
         codes, steps = np.unique(known), np.diff(known)
-        is_in_turn = np.mean(steps != 0) > IN_TURN and (steps < 0).any() if len(steps) else False
+        is_in_turn = np.mean(steps != 0) > MIN_CHANGE_SHARE and (steps < 0).any() if len(steps) else False
         if not (is_in_turn and len(codes) <= MAX_CODES and (codes == np.floor(codes)).all()):
             continue
         own = {int(code): lengths[(values[:, place] == code) & np.isfinite(lengths)] for code in codes}
-        usual = {code: float(np.median(each)) for code, each in own.items() if len(each) >= LEAST_OF_CODE}
-        factor = APART if any(_is_gravity(own[code], length) for code, length in usual.items()) else FAR_APART
+        usual = {code: float(np.median(each)) for code, each in own.items() if len(each) >= MIN_LINES_OF_CODE}
+        factor = (
+            MIN_RATIO_TO_GRAVITY if any(_is_gravity(own[code], length) for code, length in usual.items()) else MIN_RATIO
+        )
         if usual and min(usual.values()) * factor < max(usual.values()):
             column = repr(header[place].strip()) if header else str(place + 1)
             told = ", ".join(f"{code}: {figures(length, 3)}" for code, length in usual.items())
             raise NoMagnetometer(
-                f"column {column} of {name} says by a number which sensor each line is of, it seems, for their lengths "
-                f"are far apart ({told}): keep the lines of the magnetometer"
+                f"column {column} of {name} seems to number the sensor of each line, as the vector lengths "
+                f"differ widely ({told}): keep only the lines of the magnetometer"
             )
 
 
 def _is_gravity(lengths: Floats, usual: float) -> bool:
-    """Tell whether lengths are those of gravity in m/s² or g."""
+    """Tell whether vector lengths are those of gravity in m/s² or g."""
     is_near = any(abs(usual / GRAVITY[unit] - 1) < NEARLY for unit in ("m/s²", "g"))
     return is_near and float(np.median(np.abs(lengths - usual))) < STEADY * usual
 
 
 def refuse_one_value(name: str, lines: Sequence[str], *, may_be_in_turn: bool = False) -> None:
-    """Refuse a table with one value a row, whose axis a word in the row names: ``sensor.field_x,28.90,2026-11-22``.
+    """Raise an error for a table with one value per row and a word for its axis: ``sensor.field_x,28.90,2026-11-22``.
 
-    Labelled lines are read where the axes come in turn.
+    Labelled lines whose axes alternate are accepted with `may_be_in_turn`.
     """
     texts = [text for text in lines if text.strip() and not is_comment(text)]
     for delimiter in ONE_VALUE_SIGNS:
@@ -140,7 +142,7 @@ def refuse_one_value(name: str, lines: Sequence[str], *, may_be_in_turn: bool = 
 
 
 def _axes_of_words(words: Sequence[str]) -> list[str]:
-    """Repeated words that name the three axes of a magnetometer; none where there are too many."""
+    """Repeated words that name the three axes of a magnetometer; none if there are too many different words."""
     counts = Counter(words)
     often = sorted(word for word, count in counts.items() if count >= MIN_READINGS and number(word, ".") is None)
     found = magnetometers(often) if len(counts) <= MAX_DEVICES else ()
@@ -148,12 +150,12 @@ def _axes_of_words(words: Sequence[str]) -> list[str]:
 
 
 def _are_in_turn(words: Sequence[str]) -> bool:
-    """Tell whether most words are followed by another one."""
+    """Tell whether most words differ from the next one."""
     return 2 * sum(one != other for one, other in pairwise(words)) > len(words)
 
 
 def _refuse_mixed(name: str, header: Sequence[str], rows: Sequence[Sequence[str]]) -> None:
-    """Refuse a table in which a column of words says which sensor each line is of, and none is a magnetometer."""
+    """Raise an error if a column of words names the sensor of each line and none is a magnetometer."""
     for place in range(min(map(len, rows))):
         known = sensors_of_words(row[place] for row in rows)
         if others := [word for word, each in known.items() if each.kind != FIELD]:
@@ -166,7 +168,7 @@ def _refuse_mixed(name: str, header: Sequence[str], rows: Sequence[Sequence[str]
 
 
 def _refuse_thousands(name: str, rows: Sequence[Sequence[str]], columns: Columns, decimal: str) -> None:
-    """Refuse readings in which commas or points part thousands: whole numbers up to 999, above it three more digits."""
+    """Raise an error if commas or points seem to group thousands in readings."""
     grouped: list[str] = []
     whole: list[float] = []
     for cell in (row[place].strip() for row in rows for place in columns.field.cells):
@@ -179,8 +181,8 @@ def _refuse_thousands(name: str, rows: Sequence[Sequence[str]], columns: Columns
             return
     if len(grouped) >= 3 and 100 <= max(whole, default=0) < 1000:
         raise UnreadableInput(
-            f"numbers of {name} such as {grouped[0]!r} beside {max(whole):.0f} have {decimal!r} between thousands, it "
-            "seems: save it without a separator of thousands, or name the columns where it is the decimal sign",
+            f"numbers of {name} such as {grouped[0]!r} next to {max(whole):.0f} seem to group thousands with "
+            f"{decimal!r}: save it without separator, or name the columns if it is the decimal sign",
             hint={"columns": None},
         )
 
@@ -189,15 +191,15 @@ def ranges(values: Floats) -> str:
     """Range of each column of a table without names: ``1: 0 to 0.25, 2: -302 to 299``."""
     columns = [column[np.isfinite(column)] for column in values.T]
     ends = [f"{figures(each.min(), 3)} to {figures(each.max(), 3)}" if len(each) else "no numbers" for each in columns]
-    written = [f"{number}: {each}" for number, each in enumerate(ends[:MOST_RANGES], 1)]
-    return ", ".join(written + ["…"] * (len(ends) > MOST_RANGES))
+    written = [f"{number}: {each}" for number, each in enumerate(ends[:MAX_RANGES], 1)]
+    return ", ".join(written + ["…"] * (len(ends) > MAX_RANGES))
 
 
 def extremes_alone(name: str, texts: Sequence[str]) -> NoMagnetometer | None:
-    """Say what to do with six numbers alone, the smallest and the largest of each axis; None for anything else."""
+    """Error for six numbers alone, the smallest and the largest of each axis; None for any other text."""
     if len(texts) > 2 * len("xyz"):
         return None
-    numbers = [each for text in texts for each in cut(text[:PRINTED])[0]]
+    numbers = [each for text in texts for each in cut(text[:SEARCHED_LETTERS])[0]]
     if len(numbers) != 2 * len("xyz"):
         return None
     pairs = list(zip(numbers[::2], numbers[1::2], strict=True))
@@ -227,34 +229,34 @@ def no_magnetometer(name: str, header: list[str], values: Floats, text: str, hea
 
 
 def _other_labels(name: str, text: str, line: str) -> NoMagnetometer | None:
-    """Say what the labels of a line are, where they are of other sensors."""
-    gaps = cut(text[:PRINTED])[1]
+    """Error that names the other sensors in the labels of a line; None if there are no labels."""
+    gaps = cut(text[:SEARCHED_LETTERS])[1]
     names = names_of(gaps) if len(gaps) > 1 else ()
     others = {meaning(each).kind for each in names} & {ACCELERATION, RATE}
     if not others and not (is_labelled(gaps) and any(map(QUANTITY.search, names))):
         return None
     what = " and ".join(sorted(others)) or ", ".join(dict.fromkeys(filter(None, names)))
     return NoMagnetometer(
-        f"the labels of {name} tell of {what} and of no magnetometer{line}: let the board print its magnetometer "
-        "too, or say which numbers of a line it is",
+        f"the labels of {name} name {what} and no magnetometer{line}: let the board print its magnetometer "
+        "too, or say which numbers of a line are its readings",
         hint={"pattern": None},
     )
 
 
 def nothing_read(name: str, lines: list[tuple[int, str]]) -> InputError:
-    """Say what a file without rows of three numbers holds instead."""
+    """Error for a file without rows of three numbers, by its actual content."""
     if lines[-1][1] == ENDS_EARLY:
         return UnreadableInput(
             f"{name} is cut short before its first reading: its gzip data have no end; copy it again"
         )
     few = max((cut_at(lines, signs, 1).rows for signs in SIGNS), key=len)
-    numbers = [(at, text) for at, text in lines if len(cut(text[:PRINTED])[0]) >= 3]
+    numbers = [(at, text) for at, text in lines if len(cut(text[:SEARCHED_LETTERS])[0]) >= 3]
     headed = next(
         (
             at
             for at, text in lines[:MOST_ABOVE]
             for sign, _ in SIGNS
-            if names_magnetometer(split(text[: 16 * PRINTED], sign))
+            if names_magnetometer(split(text[: 16 * SEARCHED_LETTERS], sign))
         ),
         None,
     )
@@ -275,7 +277,7 @@ def nothing_read(name: str, lines: list[tuple[int, str]]) -> InputError:
         )
     place, text = numbers[0] if numbers else lines[0]
     line = f" (line {place + 1}: {shown(text)!r})"
-    if not numbers and any(MOMENT.search(text[:PRINTED]) for _, text in lines[:MOST_ABOVE]):
+    if not numbers and any(MOMENT.search(text[:SEARCHED_LETTERS]) for _, text in lines[:MOST_ABOVE]):
         return NoMagnetometer(
             f"no magnetometer in {name}: no line has three numbers besides dates and times{line}; need x, y and z of a "
             "reading on a line"
@@ -284,8 +286,8 @@ def nothing_read(name: str, lines: list[tuple[int, str]]) -> InputError:
 
 
 def _unrecognised(name: str, text: str, line: str) -> UnreadableInput:
-    """Say that no readings are recognised, and offer the ``--pattern`` of a line that has numbers."""
-    pattern = pattern_of(text) if len(text) <= LONGEST_EXAMPLE else ""
+    """Error for unrecognised text, with a ``--pattern`` for a line that has numbers."""
+    pattern = pattern_of(text) if len(text) <= MAX_EXAMPLE_LETTERS else ""
     example = ", as here if those are x, y and z" if pattern else ""
     return UnreadableInput(
         f"no readings are recognised in {name}{line}: need three columns of numbers, "

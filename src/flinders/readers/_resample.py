@@ -1,4 +1,4 @@
-"""What other sensors measured, at the times of a magnetometer's readings.
+"""Interpolation of other sensors' measurements at the times of a magnetometer's readings.
 
 >>> climb = TimeSeries.of([0.0, 1.0, 2.0], [[0, 0], [10, 1], [20, 4]])
 >>> climb.at(np.array([0.5, 1.5, 9.0]))
@@ -31,28 +31,28 @@ if TYPE_CHECKING:
     from flinders.arrays import Floats
     from flinders.core.units import Unit
 
-LONGEST: Final = 2.5
-"""Seconds between two measurements over which nothing is interpolated."""
+MAX_GAP_S: Final = 2.5
+"""Longest gap in s between two measurements that is interpolated."""
 LONGEST_TURN: Final = 0.5
-"""The same between two attitudes: autopilots tell theirs four times a second or more."""
-ROUNDING: Final = 0.01
-"""By how much a throttle may lie beyond 0 to 1."""
-WIDEST_TURN: Final = np.pi / 4
-"""Angle between two attitudes over which nothing is interpolated: the estimator jumped, or nobody knows the way."""
-LEAST_COSINE: Final = float(np.cos(WIDEST_TURN / 2))
-"""Of half that angle: what the product of two unit quaternions is at least."""
+"""Longest gap in s between two attitudes that is interpolated; autopilots log at least four per second."""
+THROTTLE_TOLERANCE: Final = 0.01
+"""Largest excess of a throttle over the range 0 to 1."""
+MAX_TURN_RAD: Final = np.pi / 4
+"""Largest angle in rad between two attitudes that is interpolated; a larger one is a jump, or ambiguous."""
+MIN_HALF_TURN_COSINE: Final = float(np.cos(MAX_TURN_RAD / 2))
+"""Smallest product of two unit quaternions that are `MAX_TURN_RAD` apart: the cosine of half that angle."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class TimeSeries:
-    """Measurements with times of their own."""
+    """Measurements with their own times."""
 
-    time: Floats  # (M,), s: ascending
+    time: Floats  # (M,), s, ascending
     values: Floats  # (M, k)
 
     @classmethod
     def of(cls, time: ArrayLike, values: ArrayLike) -> Self | None:
-        """Put measurements in the order of their times, without those that are not finite; None where none is left.
+        """Sort finite measurements by time; None if there are none.
 
         `time`: (M,) array-like, s; `values`: (M, k) array-like.
         """
@@ -66,20 +66,20 @@ class TimeSeries:
         return cls(when, measured) if len(when) else None
 
     def at(self, time: Floats) -> Floats:
-        """(N, k) at these (N,) times, between neighbours by a straight line; NaN before, after and in long gaps."""
+        """(N, k) values at these (N,) times, interpolated linearly; NaN before, after and in long gaps."""
         values = np.column_stack([np.interp(time, self.time, column, np.nan, np.nan) for column in self.values.T])
         after = np.clip(np.searchsorted(self.time, time, side="right"), 1, max(len(self.time) - 1, 1))
         if len(self.time) > 1:
             gap = self.time[after] - self.time[after - 1]
             met = (time == self.time[after]) | (time == self.time[after - 1])
-            values[(gap > LONGEST) & ~met] = np.nan
+            values[(gap > MAX_GAP_S) & ~met] = np.nan
         return values
 
     def until_next(self, time: Floats) -> Floats:
-        """(N, k) mean from each of these (N,) times to the next, where something was measured in between; else `at`.
+        """(N, k) mean from each of these (N,) times to the next, if there are measurements in between; else `at`.
 
-        What a gyro says of a reading is how the body turns until the next. Single values of a gyro that is faster than
-        the compass leave out most of that: of the flight in the archive half as much of the field again is left.
+        The mean rate of the gyro gives the rotation of the body up to the next reading. Single values of a gyro that is
+        faster than the compass miss most of it: for the flight in the archive they leave half as much error again.
 
         >>> shaken = TimeSeries.of(np.arange(9.0) / 4, np.array([[0, 4, 0, 4, 0, 4, 0, 4, 0]]).T)
         >>> shaken.at(np.array([0.0, 1.0, 2.0])).ravel(), shaken.until_next(np.array([0.0, 1.0, 2.0])).ravel()
@@ -92,13 +92,13 @@ class TimeSeries:
         last = self.at(ends)
         inside = np.searchsorted(self.time, ends, side="left") > np.searchsorted(self.time, time[:-1], side="right")
         seconds = ends - time[:-1]
-        sound = inside & (seconds > 0.0) & (seconds <= LONGEST) & np.isfinite(last + values[:-1]).all(axis=1)
+        sound = inside & (seconds > 0.0) & (seconds <= MAX_GAP_S) & np.isfinite(last + values[:-1]).all(axis=1)
         area = self._area(ends, last)[sound] - self._area(time[:-1], values[:-1])[sound]
         values[:-1][sound] = area / seconds[sound, np.newaxis]
         return values
 
     def _area(self, time: Floats, here: Floats) -> Floats:
-        """(N, k) integral from the first measurement to these times, where the straight lines are at `here`."""
+        """(N, k) integral from the first measurement to these times, where the interpolated values are `here`."""
         steps = np.diff(self.time)[:, np.newaxis]
         whole = np.concatenate(
             [np.zeros((1, here.shape[1])), np.cumsum(0.5 * steps * (self.values[1:] + self.values[:-1]), axis=0)]
@@ -110,20 +110,20 @@ class TimeSeries:
 
 
 class AttitudeSeries(TimeSeries):
-    """Attitudes with times of their own: `values` are unit quaternions."""
+    """Attitudes with their own times: `values` are unit quaternions."""
 
     __slots__ = ()
 
     @classmethod
     def of(cls, time: ArrayLike, values: ArrayLike) -> Self | None:
-        """Put (M, 4) quaternions w, x, y, z in the order of their (M,) times, without those whose length is not 1."""
+        """Sort (M, 4) quaternions w, x, y, z by their (M,) times, without those whose length is not 1."""
         return super().of(time, known(floats(values)))
 
     def at(self, time: Floats) -> Floats:
-        """(N, 4) at these (N,) times, between neighbours on the shortest way at a constant rate.
+        """(N, 4) attitudes at these (N,) times, interpolated at a constant rate on the shortest path.
 
-        NaN before and after, where neighbours are more than `LONGEST_TURN` apart, and where they differ by more than
-        `WIDEST_TURN`.
+        NaN before and after, in gaps longer than `LONGEST_TURN`, and between attitudes that differ by more than
+        `MAX_TURN_RAD`.
         """
         after = np.clip(np.searchsorted(self.time, time, side="right"), 1, max(len(self.time) - 1, 1))
         before, after = after - 1, np.minimum(after, len(self.time) - 1)
@@ -131,7 +131,7 @@ class AttitudeSeries(TimeSeries):
         gap = end - start
         share = np.clip((time - start) / np.where(gap > 0, gap, 1.0), 0.0, 1.0)
         values = between(self.values[before], self.values[after], share)
-        is_smooth = np.abs(np.einsum("ij,ij->i", self.values[before], self.values[after])) >= LEAST_COSINE
+        is_smooth = np.abs(np.einsum("ij,ij->i", self.values[before], self.values[after])) >= MIN_HALF_TURN_COSINE
         met = (time == start) | (time == end)
         lost = ~(met | (is_smooth & (gap <= LONGEST_TURN)))
         values[~((time >= start) & (time <= end)) | lost] = np.nan
@@ -139,11 +139,11 @@ class AttitudeSeries(TimeSeries):
 
 
 Series: TypeAlias = TimeSeries | tuple[TimeSeries, ...]
-"""Of one column of `Samples`; several are columns of one, each by its own times."""
+"""Time series of one column of `Samples`; a tuple is several columns, each with its own times."""
 
 
 def resampled(series: Mapping[str, Series | None], time: Floats, turn: Floats | None = None) -> dict[str, Any]:
-    """Columns of `Samples` at the times of readings, whose axes a (3, 3) rotation makes of those of the series."""
+    """Columns of `Samples` at the times of readings; a (3, 3) rotation `turn` maps the axes of the series to theirs."""
     columns: dict[str, Any] = {}
     for kind, one in series.items():
         if one is None:
@@ -159,29 +159,31 @@ def resampled(series: Mapping[str, Series | None], time: Floats, turn: Floats | 
 
 
 def _as_column(kind: str, values: Floats) -> Floats:
-    """(N,) where `Samples` have one number of this kind, else (N, k); throttles are shares."""
+    """(N,) for kinds with one number in `Samples`, else (N, k); throttles as shares."""
     valid = shares(values) if kind in (THROTTLE, THROTTLES) else values
     return valid[:, 0] if kind in (CURRENT, THROTTLE, TEMPERATURE) else valid
 
 
 def shares(values: Floats) -> Floats:
-    """Throttles of a log: those beyond 0 to 1 are NaN; a hundredth too much is rounding.
+    """Throttles of a log as shares: NaN outside 0 to 1, with a tolerance of 0.01 for rounding.
 
     >>> shares(np.array([0.5, 1.005, -0.2]))
     array([0.5, 1. , nan])
     """
     with np.errstate(invalid="ignore"):
-        return np.where((values >= -ROUNDING) & (values <= 1 + ROUNDING), np.clip(values, 0.0, 1.0), np.nan)
+        return np.where(
+            (values >= -THROTTLE_TOLERANCE) & (values <= 1 + THROTTLE_TOLERANCE), np.clip(values, 0.0, 1.0), np.nan
+        )
 
 
 def numbered(samples: Samples, before: int) -> Samples:
-    """A block of a recording, whose rows that were left out are numbered by the whole: so many rows come before it."""
+    """A block of a recording whose skipped rows are numbered from the start of it: `before` rows precede the block."""
     skipped = (replace(one, lines=tuple(line + before for line in one.lines)) for one in samples.skipped)
     return replace(samples, skipped=tuple(skipped)) if samples.skipped and before else samples
 
 
 def blocks(source: str, unit: Unit, count: int, rows: Callable[[slice], dict[str, Any]]) -> Iterator[Samples]:
-    """Yield the readings of a magnetometer from the first on; `rows` gives the columns of some, by their names."""
+    """Yield the readings of a magnetometer; `rows` returns the columns of a slice, by name."""
     for start in range(0, count, BLOCK):
         samples = Samples.of(unit=unit, source=source, **rows(slice(start, start + BLOCK)))
         yield numbered(samples, start)

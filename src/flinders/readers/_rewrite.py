@@ -1,4 +1,4 @@
-"""The lines of a recording once more, with other numbers in the place of the magnetometer's."""
+"""Copies of a recording's lines with corrected numbers for the magnetometer."""
 
 from __future__ import annotations
 
@@ -19,18 +19,18 @@ if TYPE_CHECKING:
     from flinders.readers._layout import TextLayout
     from flinders.readers._lines import Lines
 
-WRITTEN: Final = "%.9g"  # Nine significant digits: as many as a float32 has
+NUMBER_FORMAT: Final = "%.9g"  # nine significant digits, as many as a float32 has
 SUFFIX: Final = "_cal"
 
 
 class Rewriter:
-    """Puts numbers into lines, or with `add` after them, and leaves the rest of them alone."""
+    """Replaces numbers in lines, or with `add` appends them, and leaves the rest unchanged."""
 
     def __init__(self, layout: TextLayout, *, add: bool) -> None:
         if layout.columns.reset is not None and not add:
             raise UsageError(
-                f"readings are in pairs ({layout.columns.field.names[0]}, {layout.columns.reset.names[0]}), and a "
-                "corrected one has no place among them: add columns for it",
+                f"each reading is a pair ({layout.columns.field.names[0]}, {layout.columns.reset.names[0]}), which a "
+                "corrected reading cannot replace: add columns for it",
                 hint={"add": True},
             )
         self._layout, self._add = layout, add
@@ -40,10 +40,10 @@ class Rewriter:
         self._cell = re.compile(rf'({spaces}"(?:[^"]|"")*"{spaces}(?={mark}|$)|[^{mark}]*)(?:{mark}|$)')
 
     def opening(self) -> Iterator[str]:
-        """Yield a header, where the recording has names and no line that says them."""
+        """Yield a header, if the recording has names but no header line."""
         header = self._layout.header
         if header and not self._layout.header_line:
-            yield self._named(",".join(map(quoted, header))) + self._layout.newline
+            yield self._name_added_columns(",".join(map(quoted, header))) + self._layout.newline
 
     def lines(self, lines: Lines, rows: NumberRows, field: Floats) -> Iterator[str]:
         """Yield these lines with their ends; `field` is (len(rows.lines), 3), in the unit of the recording."""
@@ -51,28 +51,28 @@ class Rewriter:
             return self._one_by_one(lines, rows, field)
         texts = lines.texts
         blocks = (slice(start, start + BLOCK) for start in range(0, lines.count, BLOCK))
-        return chain.from_iterable(self._replaced(texts[block], field[block]) for block in blocks)
+        return chain.from_iterable(self._replace_numbers(texts[block], field[block]) for block in blocks)
 
-    def _replaced(self, texts: Sequence[str], field: Floats) -> Iterable[str]:
-        """Put numbers into lines that are all readings, column by column where all have the same bare cells."""
+    def _replace_numbers(self, texts: Sequence[str], field: Floats) -> Iterable[str]:
+        """Replace numbers in lines that are all readings, column by column if all have the same unquoted cells."""
         delimiter, end = self._delimiter, self._layout.newline
         between = f"{delimiter}\n{delimiter}"
         cells = between.join(texts).split(delimiter)
-        step = -(-len(cells) // len(texts))  # a line, and its end
+        step = -(-len(cells) // len(texts))  # cells of a line, plus its end
         if cells[step - 1 :: step] != ["\n"] * (len(texts) - 1):
-            return self._each_changed(texts, field)
+            return self._change_each(texts, field)
         for place, values in zip(self._layout.columns.field.cells, field.T.tolist(), strict=True):
             if any(map(ne, cells[place::step], map(str.strip, cells[place::step]))):
-                return self._each_changed(texts, field)
-            cells[place::step] = self._written(values)
+                return self._change_each(texts, field)
+            cells[place::step] = self._format_numbers(values)
         return [f"{line}{end}" for line in delimiter.join(cells).split(between)]
 
-    def _each_changed(self, texts: Sequence[str], field: Floats) -> Iterator[str]:
-        changed = map(self._changed, texts, map(self._written, field.tolist()))
+    def _change_each(self, texts: Sequence[str], field: Floats) -> Iterator[str]:
+        changed = map(self._change_line, texts, map(self._format_numbers, field.tolist()))
         return (text + self._layout.newline for text in changed)
 
     def _one_by_one(self, lines: Lines, rows: NumberRows, field: Floats) -> Iterator[str]:
-        """Yield lines among which some may be no readings, or are given cells."""
+        """Yield lines one by one: some may be no readings, or get appended cells."""
         layout = self._layout
         recorded = lines.texts
         texts: list[str | None] = [text or None for text in recorded] if layout.words else list(recorded)
@@ -84,64 +84,64 @@ class Rewriter:
             texts[line - lines.first] = None
         for line, reading in zip(rows.lines, field.tolist(), strict=True):
             place = line - lines.first
-            texts[place] = self._changed(recorded[place], self._written(reading))
+            texts[place] = self._change_line(recorded[place], self._format_numbers(reading))
         for text in texts:
             if text is not None:
                 yield text + layout.newline
 
-    def _written(self, values: Sequence[float]) -> Sequence[str]:
-        """Write numbers, all at once: one by one they take twice as long."""
-        text = ";".join([WRITTEN] * len(values)) % tuple(values)
+    def _format_numbers(self, values: Sequence[float]) -> Sequence[str]:
+        """Format numbers together, which takes half the time of single calls."""
+        text = ";".join([NUMBER_FORMAT] * len(values)) % tuple(values)
         return (text.replace(".", ",") if self._layout.grid.decimal == "," else text).split(";")
 
-    def _changed(self, text: str, reading: Sequence[str]) -> str:
-        """Put three numbers into a line, or after it."""
-        cells = self._cut(text)
+    def _change_line(self, text: str, reading: Sequence[str]) -> str:
+        """Replace three numbers of a line, or append them."""
+        cells = self._split_line(text)
         places = self._layout.columns.field.cells
         if self._add:
             quote = '"' if '"' in cells[places[0]] or (self._layout.grid.decimal == self._delimiter) else ""
-            return self._appended(text, [f"{quote}{value}{quote}" for value in reading])
+            return self._append_cells(text, [f"{quote}{value}{quote}" for value in reading])
         for place, value in zip(places, reading, strict=True):
             old = cells[place]
             bare = old.strip().strip('"')
             cells[place] = value if bare == old else old.replace(bare, value, 1) if bare else old + value
-        return self._joined(cells)
+        return self._join_cells(cells)
 
     def _rename(self, texts: list[str | None], first: int) -> None:
-        """Name added columns, wherever the header stands."""
+        """Append the names of added columns to each header line."""
         layout = self._layout
         for place, text in enumerate(texts):
             if layout.header_line and text == layout.header_text and first + place >= layout.header_line:
-                texts[place] = self._named(text)
+                texts[place] = self._name_added_columns(text)
 
-    def _named(self, header: str) -> str:
-        """Add names to a header."""
+    def _name_added_columns(self, header: str) -> str:
+        """Append names to a header."""
         if not self._add:
             return header
         if self._layout.heading:
             known = self._layout.header
             over = next((at for at, name in enumerate(reversed(known)) if name), 0) * (self._delimiter != SPACES)
             own = [known[place] + SUFFIX for place in self._layout.columns.field.cells]
-            return self._appended(header + self._delimiter * over, own)
-        cells = self._cut(header)
+            return self._append_cells(header + self._delimiter * over, own)
+        cells = self._split_line(header)
         shift = len(cells) - len(self._layout.header) if self._delimiter == SPACES else 0  # the sign of a comment
         names = [cells[place + max(shift, 0)].strip().lstrip("#%/ ") for place in self._layout.columns.field.cells]
-        return self._appended(
+        return self._append_cells(
             header, [f'{name[:-1]}{SUFFIX}"' if name[-1:] == '"' else name + SUFFIX for name in names]
         )
 
-    def _appended(self, text: str, cells: list[str]) -> str:
-        """Write three cells after a line, in the style of its delimiters."""
+    def _append_cells(self, text: str, cells: list[str]) -> str:
+        """Append three cells to a line, in the style of its delimiters."""
         text = text.rstrip(" ")
         if self._delimiter == SPACES:
             between = "\t" if "\t" in text else " "
             return between.join([text.rstrip(), *cells])
         between = self._delimiter + " " * (f"{self._delimiter} " in text)
-        closed = text.endswith(self._delimiter) and 0 < self._layout.grid.width < len(self._cut(text))
+        closed = text.endswith(self._delimiter) and 0 < self._layout.grid.width < len(self._split_line(text))
         return text + ("" if closed else between) + between.join(cells)
 
-    def _cut(self, text: str) -> list[str]:
-        """Cut a line into cells that `_joined` puts together again: spaces and quotes stay on."""
+    def _split_line(self, text: str) -> list[str]:
+        """Split a line into cells with their spaces and quotes, so that `_join_cells` restores it."""
         if self._delimiter == SPACES:
             return re.findall(r"\s*\S+", unglued(text))
         if '"' not in text:
@@ -155,5 +155,5 @@ class Rewriter:
                 break
         return cells
 
-    def _joined(self, cells: list[str]) -> str:
+    def _join_cells(self, cells: list[str]) -> str:
         return "".join(cells) if self._delimiter == SPACES else self._delimiter.join(cells)

@@ -1,8 +1,8 @@
-r"""Bytes of a file or a pipe, as often as asked or as they arrive, and what they are by the first of them.
+r"""Bytes of a file, read as often as needed, or of a pipe, read as they arrive; the first bytes tell the format.
 
-What cannot be read twice (standard input, a named pipe, a serial port) is either copied to a temporary
-file, which goes when its `File` does, or, where one pass is enough, read as a `ByteStream` that keeps
-nothing. Gzip is recognised by its first bytes.
+Input that cannot be read twice (standard input, a named pipe, a serial port) is copied to a temporary file, which is
+deleted with its `File`. If one pass is enough, it is read as a `ByteStream`, which keeps nothing. Gzip is recognised by
+its first bytes.
 
 >>> piped = spooled("-", [b"mx,my,mz\n", b"1,2,3\n"])
 >>> piped.size, [lines.texts for lines in piped.lines("utf-8")]
@@ -43,39 +43,39 @@ if TYPE_CHECKING:
 P = ParamSpec("P")
 Item = TypeVar("Item")
 Progress: TypeAlias = "Callable[[int, int | None], None]"
-"""Called once a block with the bytes read so far and, where it is known, those there are."""
+"""Called once per block with the bytes read so far and the total, or None if the total is unknown."""
 GZIP: Final = b"\x1f\x8b"
 HEAD: Final = 1 << 16
-"""Bytes looked at to tell what a file is, and how its text is encoded."""
-END: Final = 1 << 14
-"""Bytes at the start and at the end by which a file that has grown is told from one that was written over."""
+"""Number of first bytes that are examined to recognise the format and the encoding of a file."""
+END_BYTES: Final = 1 << 14
+"""Number of bytes at each end of a file that are compared to tell a file that grew from one that was overwritten."""
 CHUNK: Final = 1 << 18
-"""Bytes read at a time."""
-MOST_SPOOLED: Final = 64 << 30
-"""Bytes copied to a temporary file before it is given up: a pipe may have no end."""
+"""Number of bytes per read."""
+MAX_SPOOLED_BYTES: Final = 64 << 30
+"""Largest size of a temporary copy in bytes; a longer pipe is refused, as it may be endless."""
 MOST_MEMBER: Final = 4 << 30
-"""Bytes of a member of an archive, or of a packed file of a recording of ROS 2, unpacked."""
-LONGEST_MESSAGE: Final = 1 << 16
-"""Bytes of a message of a log of messages, of which length or number have two bytes at most."""
-ENOUGH_ROWS, ENOUGH_LINES = 20, 400
-"""Lines of numbers of one width, and lines at all, after which no more is waited for to tell what a stream is."""
+"""Largest unpacked size in bytes of a member of an archive, or of a packed file of a ROS 2 recording."""
+MAX_MESSAGE_BYTES: Final = 1 << 16
+"""Largest size in bytes of a message in a log, whose length field has at most two bytes."""
+MIN_ROWS, MIN_LINES = 20, 400
+"""Number of number rows of one width, or of lines, that are enough to recognise the format of a stream."""
 NOTHING_PIPED: Final = "nothing was piped in"
-LEAST_NUMBERS: Final = 3
-"""In a line with a reading."""
+MIN_NUMBERS: Final = 3
+"""Smallest count of numbers in a line with a reading."""
 
 
 @dataclass(frozen=True, slots=True, weakref_slot=True, eq=False)
 class File:
-    """A file that stays where it is while it is being read."""
+    """A file whose content stays the same while it is being read."""
 
     name: str  # for messages
-    path: Path  # where the bytes lie: the file itself, or its copy in a temporary file
-    size: int  # as it lies on the disk, compressed or not
-    status: os.stat_result | None = None  # of the file when it was found; None where nobody else changes it
-    ends: bytes = b""  # its first and last bytes then
+    path: Path  # location of the bytes: the file itself, or its temporary copy
+    size: int  # size on disk in bytes, compressed or not
+    status: os.stat_result | None = None  # status of the file when it was found; None for a private copy
+    ends: bytes = b""  # its first and last bytes at that time
 
     def is_packed(self) -> bool:
-        """Whether it lies on the disk as gzip; raises as `opened`."""
+        """Whether the file on disk is compressed with gzip; raises as `opened`."""
         with self.opened() as (_, unpacked):
             return isinstance(unpacked, gzip.GzipFile)
 
@@ -94,18 +94,18 @@ class File:
         return head[:HEAD]
 
     def opening(self, encoding: str) -> tuple[list[str], bool]:
-        """Return the first lines, a block of them, and whether they are all."""
+        """Return the first block of lines, and whether these are all lines."""
         with contextlib.closing(self.lines(encoding)) as blocks:
             first = next(blocks, Lines(1, "", 0, 0))
             return first.texts, next(blocks, None) is None
 
     def last_lines(self, encoding: str) -> list[str]:
-        """Return the whole lines among its last bytes; none where it is packed."""
-        return [] if self.is_packed() else self.ends[-END:].decode(encoding, "replace").splitlines()[1:]
+        """Return the complete lines among the last bytes; none for a compressed file."""
+        return [] if self.is_packed() else self.ends[-END_BYTES:].decode(encoding, "replace").splitlines()[1:]
 
     @contextlib.contextmanager
     def opened(self) -> Iterator[tuple[io.BufferedReader, io.BufferedIOBase]]:
-        """Open the file, giving it as it lies on the disk and unpacked; `UnreadableInput` where it cannot be read."""
+        """Open the file and give two streams, raw and unpacked; `UnreadableInput` if it cannot be read."""
         try:
             raw: Any = io.BufferedReader(UpTo(self.path, self.status.st_size if self.status else None))
         except OSError as error:
@@ -117,7 +117,7 @@ class File:
 
     @contextlib.contextmanager
     def mapped(self) -> Iterator[mmap.mmap]:
-        """Have the bytes as they lie on the disk without reading them in; raises as `opened`."""
+        """Map the raw bytes of the file into memory; raises as `opened`."""
         with contextlib.ExitStack() as opened:
             try:
                 stream = opened.enter_context(self.path.open("rb"))
@@ -127,20 +127,20 @@ class File:
             yield content
 
     def chunks(self) -> Iterator[bytes]:
-        """Yield all bytes, unpacked; raise `EndsEarly` where they have no end, and as `lines`."""
+        """Yield all bytes, unpacked; raise `EndsEarly` if the gzip data are cut short, and as `lines`."""
         with self.opened() as (raw, unpacked):
             yield from self._bounded(raw, unpacked)
 
     def lines(self, encoding: str, blocks: int = 1) -> Generator[Lines, None, None]:
-        """Yield all lines, `BLOCK` at a time, or after the first so many blocks at a time.
+        """Yield all lines: first `blocks` blocks of `BLOCK` lines, then one block at a time.
 
-        A file that cannot be opened, whose gzip data are broken or unpack to too much raises `UnreadableInput`.
+        Raises `UnreadableInput` if the file cannot be opened, or its gzip data are broken or unpack to too much.
         """
         with self.opened() as (raw, unpacked):
             yield from lines_of(self._bounded(raw, unpacked), encoding, raw.tell, blocks=blocks)
 
     def refuse_changed(self) -> None:
-        """Refuse a file that is another one by now, or was written over; one that grew or is gone is read as it was."""
+        """Raise an error if the file was replaced or overwritten; a file that grew or was deleted is accepted."""
         if self.status is None or not self.path.exists():
             return
         now, then = self.path.stat(), self.status
@@ -150,7 +150,7 @@ class File:
             raise UnreadableInput(f"{self.name} was replaced or changed while it was read: read it again")
 
     def _bounded(self, raw: io.BufferedReader, unpacked: io.BufferedIOBase) -> Iterator[bytes]:
-        """Yield all bytes; once packed ones look like those of a bomb, weigh the rest before more is passed on."""
+        """Yield all bytes; if the compression ratio looks like that of a bomb, check the total size first."""
         chunks = _chunks(self.name, unpacked.read1)
         if not isinstance(unpacked, gzip.GzipFile):
             yield from chunks
@@ -164,25 +164,25 @@ class File:
             yield chunk
 
     def _weigh(self) -> None:
-        """Unpack all of it, and refuse what becomes too much."""
+        """Unpack the whole file and raise an error if the result is too large."""
         with self.opened() as (_, unpacked), contextlib.suppress(EndsEarly):
             for _chunk in metered(self.name, _chunks(self.name, unpacked.read1), lambda: self.size):
                 pass
 
 
 def _ends(name: str, path: Path, size: int) -> bytes:
-    """The first and the last `END` bytes of a file of a size; `UnreadableInput` where it cannot be read."""
+    """The first and the last `END_BYTES` bytes of a file of `size` bytes; `UnreadableInput` if it cannot be read."""
     try:
         with io.BufferedReader(UpTo(path, size)) as file:
-            first = file.read(END)
-            file.seek(max(size - END, 0))
-            return first + file.read(END)
+            first = file.read(END_BYTES)
+            file.seek(max(size - END_BYTES, 0))
+            return first + file.read(END_BYTES)
     except OSError as error:
         raise refusal(name, error) from None
 
 
 class UpTo(io.FileIO):
-    """A file that ends at the size it had, however it grows."""
+    """A file that ends at its size when it was opened, also if it grows."""
 
     def __init__(self, path: Path, size: int | None = None) -> None:
         super().__init__(path)
@@ -198,7 +198,7 @@ class UpTo(io.FileIO):
 
 
 class ByteStream:
-    """Bytes, unpacked, that come once and are not kept, such as those of a sensor that is still running."""
+    """Unpacked bytes that arrive once and are not kept, such as those of a sensor that is still running."""
 
     size: Final = None
 
@@ -210,7 +210,7 @@ class ByteStream:
         self._cut: EndsEarly | None = None
 
     def head(self) -> bytes:
-        """Wait for enough to tell what it is: lines of numbers, `HEAD` bytes, the end; nothing is refused."""
+        """Wait for enough bytes to recognise the format: rows of numbers, `HEAD` bytes, or the end of the stream."""
         try:
             while not self._is_enough and (chunk := next(self._arriving, None)) is not None:
                 self._head += chunk
@@ -225,15 +225,15 @@ class ByteStream:
         return self._head
 
     def opening(self, encoding: str) -> tuple[list[str], bool]:
-        """Return the lines that have arrived so far; whether they are all is not known before they are read."""
+        """Return the lines that have arrived so far, and False: the stream may have more."""
         texts = [text for lines in lines_of(self._so_far(), encoding, lambda: 0) for text in lines.texts]
         return texts if self._ended or len(texts) < 2 else texts[:-1], False
 
     def chunks(self) -> Iterator[bytes]:
-        """Yield all bytes as they arrive; raise `EndsEarly` where they have no end, `UsageError` the second time."""
+        """Yield all bytes as they arrive; raise `EndsEarly` for data cut short, `UsageError` on a second pass."""
         if self._is_read:
             raise UsageError(
-                f"{self.name} was opened for one pass and has been read: to go over it again, open it for more",
+                f"{self.name} was opened for a single pass and has been read: open it for several passes",
                 hint={"once": False},
             )
         self._is_read = True
@@ -241,16 +241,16 @@ class ByteStream:
         yield from self._arriving
 
     def lines(self, encoding: str) -> Iterator[Lines]:
-        """Yield all lines, those that arrive together at a time; `UnreadableInput` for broken gzip data."""
+        """Yield all lines, grouped as they arrive; `UnreadableInput` for broken gzip data."""
         done = 0
 
-        def counted() -> Iterator[bytes]:
+        def counted_chunks() -> Iterator[bytes]:
             nonlocal done
             for chunk in self.chunks():
                 done += len(chunk)
                 yield chunk
 
-        yield from lines_of(counted(), encoding, lambda: done, least=1)
+        yield from lines_of(counted_chunks(), encoding, lambda: done, least=1)
 
     def _so_far(self) -> Iterator[bytes]:
         yield self.head()
@@ -262,27 +262,27 @@ Source: TypeAlias = File | ByteStream
 
 
 Check: TypeAlias = "Callable[[str, bytes], object]"
-"""Raises `UnreadableInput` where a source of this name cannot be read that starts with these bytes."""
+"""Raises `UnreadableInput` if a source of this name with these first bytes cannot be read."""
 
 
 def find(path: str | os.PathLike[str] | IO[Any], *, once: bool = False, check: Check = refuse_foreign) -> Source:
-    """Find what a path names, a file, a pipe or a device; ``"-"`` is standard input, and an open file is read on.
+    """Find the source of a path: a file, pipe or device; ``"-"`` is standard input; an open file is read on.
 
-    Where one pass is enough (`once`), what can be read only once is not kept, and comes as it arrives; else it is
-    copied, if its first bytes pass the `check`. A path where there is nothing, nothing readable, a folder or an empty
+    With `once`, a source that can be read only once is not kept, and its bytes come as they arrive. Otherwise it
+    is copied, if its first bytes pass the `check`. A path without a file, without permission, a folder or an empty
     file raises `UnreadableInput`.
     """
     if not isinstance(path, (str, os.PathLike)):
         return _of_open_file(path, check)
     text = os.fspath(path)
     if text == "-":
-        return _piped("standard input", _standard_input(), once, check)
+        return _open_pipe("standard input", _standard_input(), once, check)
     file, name = Path(text), shown(text)
     try:
         status = file.stat()
         if not (stat.S_ISREG(status.st_mode) or stat.S_ISDIR(status.st_mode)):
             with contextlib.ExitStack() as stack:
-                source = _piped(file.name, stack.enter_context(file.open("rb")), once, check)
+                source = _open_pipe(file.name, stack.enter_context(file.open("rb")), once, check)
                 weakref.finalize(source, stack.pop_all().close)
                 return source
     except (OSError, ValueError) as error:
@@ -296,7 +296,7 @@ def find(path: str | os.PathLike[str] | IO[Any], *, once: bool = False, check: C
 
 
 def printable(name: str) -> str:
-    r"""The name of a file with U+FFFD for bytes that are no UTF-8: no report and no table can hold those.
+    r"""The name of a file with U+FFFD for bytes that are not UTF-8, which reports and tables cannot hold.
 
     >>> printable(os.fsdecode(b"A\xff.csv"))
     'A\ufffd.csv'
@@ -305,10 +305,10 @@ def printable(name: str) -> str:
 
 
 def sound(passed: Callable[P, Iterator[Item]]) -> Callable[P, Iterator[Item]]:
-    """Have a method that goes through a recording raise only errors of Flinders, also for a file that was replaced."""
+    """Decorate a pass over a recording so that it raises only errors of Flinders, and refuses a replaced file."""
 
     @functools.wraps(passed)
-    def checked(*args: P.args, **options: P.kwargs) -> Iterator[Item]:
+    def checked_pass(*args: P.args, **options: P.kwargs) -> Iterator[Item]:
         recording: Any = args[0]
         with reading(recording.source, "a recording"):
             yield from passed(*args, **options)
@@ -316,13 +316,13 @@ def sound(passed: Callable[P, Iterator[Item]]) -> Callable[P, Iterator[Item]]:
             if isinstance(file, File):
                 file.refuse_changed()
 
-    return checked
+    return checked_pass
 
 
 def spooled(name: str, chunks: Iterable[bytes], *, empty: str = "record again, or check what was saved") -> File:
-    """Copy what can be read only once to a temporary file, which is deleted with the source or at exit.
+    """Copy chunks to a temporary file, which is deleted with the source or at exit.
 
-    Nothing, and what cannot be written, raise `UnreadableInput`; `empty` says what to do about nothing.
+    Empty input and a failed copy raise `UnreadableInput`; `empty` is the advice for empty input.
     """
     import tempfile
 
@@ -347,17 +347,17 @@ def spooled(name: str, chunks: Iterable[bytes], *, empty: str = "record again, o
 
 
 def derived(source: Source, chunks: Iterator[bytes]) -> Source:
-    """Keep what is made of a source's bytes as long as the source itself is kept."""
+    """Turn bytes derived from a source into a source of the same kind: a stream, or a temporary file."""
     return ByteStream(source.name, chunks) if isinstance(source, ByteStream) else spooled(source.name, chunks)
 
 
 def on_disk(source: Source) -> File:
-    """Have it as a file without packing around it, for readers that do not go from the first byte to the last."""
+    """The source as an uncompressed file, for readers that need random access."""
     return source if isinstance(source, File) and not source.is_packed() else spooled(source.name, unpacked(source))
 
 
 def unpacked(source: Source) -> Iterator[bytes]:
-    """Yield all bytes; compressed ones without their end, or that are too many, raise `UnreadableInput`."""
+    """Yield all bytes, unpacked; `UnreadableInput` for compressed data that are cut short or too large."""
     try:
         yield from source.chunks()
     except EndsEarly as cut:
@@ -365,7 +365,7 @@ def unpacked(source: Source) -> Iterator[bytes]:
 
 
 def refusal(name: str, error: OSError | ValueError) -> UnreadableInput:
-    """Turn an error of the operating system into one line."""
+    """Turn an error of the operating system into a message of one line."""
     match error:
         case FileNotFoundError() | NotADirectoryError():
             return UnreadableInput(f"{name} does not exist: check the name and the folder")
@@ -379,28 +379,28 @@ def refusal(name: str, error: OSError | ValueError) -> UnreadableInput:
 
 
 def _of_open_file(file: IO[Any], check: Check) -> Source:
-    """Copy what is left in an open file, of bytes or of text."""
+    """Copy the rest of an open file, of bytes or of text."""
     name = str(getattr(file, "name", type(file).__name__))
     pieces = iter(partial(file.read, CHUNK), file.read(0))
     chunks = (piece.encode() if isinstance(piece, str) else piece for piece in pieces)
-    return spooled(name, _checked(name, chunks, check))
+    return spooled(name, _checked_chunks(name, chunks, check))
 
 
 def _standard_input() -> io.BufferedIOBase:
     if sys.stdin is None or sys.stdin.closed:
         raise UnreadableInput("standard input is closed: pipe a recording in, or give a file name")
-    buffer = getattr(sys.stdin, "buffer", None)  # none where a program has put other text in its place
+    buffer = getattr(sys.stdin, "buffer", None)  # missing if a program has replaced standard input by a text stream
     return cast("io.BufferedIOBase", buffer) if buffer else io.BytesIO(sys.stdin.read().encode())
 
 
-def _piped(name: str, stream: io.BufferedIOBase, once: bool, check: Check) -> Source:
+def _open_pipe(name: str, stream: io.BufferedIOBase, once: bool, check: Check) -> Source:
     if once:
         return ByteStream(name, _as_it_arrives(name, stream))
-    return spooled(name, _checked(name, _chunks(name, stream.read), check), empty=NOTHING_PIPED)
+    return spooled(name, _checked_chunks(name, _chunks(name, stream.read), check), empty=NOTHING_PIPED)
 
 
-def _checked(name: str, chunks: Iterator[bytes], check: Check) -> Iterator[bytes]:
-    """Yield chunks if the first passes the check, or is packed."""
+def _checked_chunks(name: str, chunks: Iterator[bytes], check: Check) -> Iterator[bytes]:
+    """Yield chunks if the first one passes the check or is gzip."""
     first = next(chunks, b"")
     if first and not first.startswith(GZIP):
         check(name, first[:HEAD])
@@ -408,7 +408,7 @@ def _checked(name: str, chunks: Iterator[bytes], check: Check) -> Iterator[bytes
 
 
 def _as_it_arrives(name: str, stream: io.BufferedIOBase) -> Iterator[bytes]:
-    """Yield the bytes of a pipe, unpacked, and wait only where there are none."""
+    """Yield the unpacked bytes of a pipe as soon as they arrive."""
     start = b""
     while len(start) < len(GZIP) and (more := _read(name, stream.read1, CHUNK)):
         start += more
@@ -422,7 +422,7 @@ def _as_it_arrives(name: str, stream: io.BufferedIOBase) -> Iterator[bytes]:
 
 
 class _Ahead:
-    """A pipe of which the first bytes were read already; gives what has arrived, and counts it in `given`."""
+    """A pipe whose first bytes were already read; `given` counts the bytes that were passed on."""
 
     def __init__(self, start: bytes, stream: io.BufferedIOBase) -> None:
         self._start, self._stream, self.given = start, stream, 0
@@ -435,26 +435,26 @@ class _Ahead:
 
 
 def _shows_layout(head: bytes) -> bool:
-    """Tell whether the start of a stream shows how it is written; a slow sensor is not waited for any longer."""
+    """Tell whether the start of a stream is enough to recognise its layout, so that a slow sensor is not waited for."""
     text = head.decode(encoding_of(head), "replace")
     lines = [line for line in text.splitlines(keepends=True) if line.endswith(("\n", "\r"))]
     rows = Counter(filter(None, map(_row_width, lines)))
-    return len(lines) >= ENOUGH_LINES or max(rows.values(), default=0) >= ENOUGH_ROWS
+    return len(lines) >= MIN_LINES or max(rows.values(), default=0) >= MIN_ROWS
 
 
 def _row_width(line: str) -> int:
-    """Count the numbers of a line; 0 where they are too few for a reading."""
+    """Count the numbers of a line; 0 if they are too few for a reading."""
     numbers = len(cut(line)[0])
-    return numbers if numbers >= LEAST_NUMBERS else 0
+    return numbers if numbers >= MIN_NUMBERS else 0
 
 
 def _copy(name: str, chunks: Iterable[bytes], file: IO[bytes], empty: str) -> int:
-    """Write chunks to a file and count bytes."""
+    """Write chunks to a file and return the number of bytes."""
     size = 0
     for chunk in chunks:
         size += file.write(chunk)
-        if size > MOST_SPOOLED:
-            raise UnreadableInput(f"{name} is longer than {MOST_SPOOLED >> 30} GB: save it as a file, or cut it")
+        if size > MAX_SPOOLED_BYTES:
+            raise UnreadableInput(f"{name} is longer than {MAX_SPOOLED_BYTES >> 30} GB: save it as a file, or cut it")
     if size == 0:
         raise UnreadableInput(f"{name} is empty: {empty}")
     return size
@@ -477,7 +477,7 @@ def _read(name: str, read: Callable[[int], bytes], size: int) -> bytes:
 
 
 def filled_size(path: Path) -> int:
-    """Size of a file without the zeros behind it, where a logger has reserved more than a message can have of them."""
+    """Size of a file in bytes without trailing zeros, if these are more than one message can hold."""
     with path.open("rb") as file:
         size = end = file.seek(0, os.SEEK_END)
         while end > 0:
@@ -485,11 +485,11 @@ def filled_size(path: Path) -> int:
             file.seek(start)
             filled = file.read(end - start).rstrip(b"\0")
             if filled:
-                return start + len(filled) if size - start - len(filled) > LONGEST_MESSAGE else size
+                return start + len(filled) if size - start - len(filled) > MAX_MESSAGE_BYTES else size
             end = start
     return size
 
 
 def reserved_words(size: int) -> str:
-    """Say that so many zeros were left out."""
+    """Notice that trailing zeros were left out."""
     return f"{size:,} bytes of zeros at its end are left out: the logger had reserved them, and did not close it"

@@ -1,6 +1,6 @@
-"""Tables that are not text: named columns of numbers, from an array, a MATLAB file, a Parquet table.
+"""Tables other than text: named columns of numbers in an array, a MATLAB file or a Parquet table.
 
-Columns are recognised by the same names as those of text.
+Columns are recognised by the same names as in text.
 
 >>> import numpy as np
 >>> from flinders.readers._source import File
@@ -52,12 +52,12 @@ if TYPE_CHECKING:
     from flinders.readers._asked_columns import AnyColumns
     from flinders.readers._source import Progress, Source
 
-SAMPLED: Final = 200  # Rows looked at to tell times from other numbers
-WIDEST: Final = 512  # Columns of an array; a wider one is no list of readings
+SAMPLED_ROWS: Final = 200  # rows that are examined to distinguish times from other numbers
+WIDEST: Final = 512  # largest number of columns in an array of readings
 
 
 class Labels:
-    """Numbers in the place of the words of a column, in the order in which they come.
+    """Numbers for the words of a column, in the order of their first occurrence.
 
     >>> labels = Labels()
     >>> labels.numbers(["b4:01", "b4:02", None, "b4:01"]), labels.word(1.0)
@@ -68,14 +68,14 @@ class Labels:
         self._places: dict[str, int] = {}
 
     def numbers(self, words: Iterable[object]) -> Floats:
-        """(N,) a number for each word, the same for the same; NaN where there is none."""
+        """(N,) a number for each word, equal for equal words; NaN for None."""
         places = self._places
         return np.array(
             [np.nan if word is None else places.setdefault(str(word), len(places)) for word in words], float
         )
 
     def word(self, number: float) -> str:
-        """The word that has a number."""
+        """The word for a number."""
         return self.words[int(number)]
 
     @property
@@ -88,19 +88,21 @@ class Labels:
 class Table:
     """Columns of numbers, and how to go through them."""
 
-    kind: str  # what it is, for people: ``Parquet``, ``named arrays``
-    names: tuple[str, ...]  # of the columns; empty where they have none
+    kind: str  # name of the kind for users: ``Parquet``, ``named arrays``
+    names: tuple[str, ...]  # names of the columns; empty if they have none
     width: int  # columns
     length: int  # rows
-    rows: Callable[[Sequence[int]], Iterator[Floats]]  # (N, K) blocks of the columns at these places, in this order
-    labels: Mapping[int, Labels] = field(default_factory=dict)  # of columns of words, by their places
-    #: places of other columns of words, by name, behind all others
+    rows: Callable[
+        [Sequence[int]], Iterator[Floats]
+    ]  # yields (N, K) blocks of the columns at these places, in this order
+    labels: Mapping[int, Labels] = field(default_factory=dict)  # labels of columns of words, by place
+    #: places of further columns of words, by name, after all others
     text_columns: Mapping[str, int] = field(default_factory=dict)
 
     def sensors(self) -> SensorColumn | None:
-        """The column of words that says which sensor a row is of; None where none does."""
+        """The column of words that names the sensor of each row; None if there is none."""
         for place, labels in self.labels.items():
-            for _ in self.rows([place]):  # labels learn its words
+            for _ in self.rows([place]):  # labels collect its words
                 if len(labels.words) > MAX_SENSORS:
                     break
             if found := sensor_column([(word,) for word in labels.words], (0,)):
@@ -108,7 +110,7 @@ class Table:
         return None
 
     def devices(self, sensors: SensorColumn | None = None) -> tuple[Device, ...]:
-        """Devices that a column of it tells apart, and magnetometers among the sensors of its rows."""
+        """Devices that a column distinguishes, combined with the magnetometers among the sensors of its rows."""
         told = sensors.place if sensors else None
         places = [place for place, name in enumerate(self.names) if names_device(name, self.names) and place != told]
 
@@ -120,14 +122,14 @@ class Table:
         return sensors.devices(self.names, found) if sensors else found
 
     def words(self, places: Sequence[int], row: Sequence[float]) -> tuple[str, ...]:
-        """What a row says in some columns."""
+        """Words of a row in some columns."""
         return tuple(
             "" if math.isnan(value) else self.labels[place].word(value) if place in self.labels else f"{value:.12g}"
             for place, value in zip(places, row, strict=True)
         )
 
     def words_of(self, columns: Columns, values: Floats) -> dict[str, NDArray[np.str_]]:
-        """(N,) words of the columns of words among those that are asked for, from values of their cells."""
+        """(N,) words of the requested columns of words, from the values of their cells."""
         asked = (each for each in columns.auxiliary if each.kind == AUXILIARY and each.cells[0] in self.labels)
         found = {}
         for each in asked:
@@ -136,8 +138,8 @@ class Table:
             found[each.names[0]] = known[np.where(np.isnan(numbers), -1, numbers).astype(int)]
         return found
 
-    def is_of(self, device: Device, values: Floats) -> NDArray[np.bool_]:
-        """(N,) which rows of the columns of a device are of it."""
+    def belongs_to(self, device: Device, values: Floats) -> NDArray[np.bool_]:
+        """(N,) mask of the rows that belong to a device."""
         distinct, places = np.unique(values, axis=0, return_inverse=True)
         known = [self.words(device.cells, row) == device.words for row in distinct.tolist()]
         return np.array(known, dtype=bool)[places.ravel()]
@@ -151,11 +153,10 @@ class Table:
         labels: Mapping[str, Labels] | None = None,
         words: Mapping[str, Sequence[object]] | None = None,
     ) -> Table:
-        """Lay arrays side by side: those as long as most of them are, an (N, 3) one as three columns.
+        """Combine arrays side by side: those with the most common length, an (N, 3) one as three columns.
 
-        Arrays are (N,), (N, K) or (K, N) of numbers or dates, or records of them; what is neither is left out, and
-        NoMagnetometer where nothing is left. A name may be empty. `words` are columns that are read where they are
-        asked for.
+        Arrays are (N,), (N, K) or (K, N) of numbers or dates, or structured; others are left out. Raises NoMagnetometer
+        if none is left. A name may be empty. `words` are columns that are read only on request.
         """
         columns = [column for name, array in arrays.items() for column in _columns_of(name, array)]
         if not columns:
@@ -189,33 +190,33 @@ class Table:
 
 @dataclass(slots=True, eq=False)
 class TableRecording(ColumnsRecording):
-    """A table that yields its readings in bounded memory, again and again."""
+    """Recording of a table that yields its readings in bounded memory, any number of times."""
 
-    file: Source  # the bytes it was read from, as they lie on the disk
+    file: Source  # raw bytes of the file on disk
     table: Table
     columns: Columns
     unit: Unit  # of the magnetometer's columns
-    axes: Axes = field(default_factory=Axes)  # how the recorded axes are turned
-    progress: Progress | None = None  # called with the bytes read so far, by the share of rows
-    span: TimeSpan = field(default_factory=TimeSpan)  # which part of it is read
+    axes: Axes = field(default_factory=Axes)  # mapping of the recorded axes
+    progress: Progress | None = None  # called with the bytes read so far, estimated by the share of rows
+    span: TimeSpan = field(default_factory=TimeSpan)  # the part of the recording that is read
     source: str = field(init=False)
-    is_unit_given: bool = field(default=False, init=False)  # by whoever opened it
-    skipped: tuple[Skipped, ...] = field(default=(), init=False)  # what the last pass has left out so far
-    temporary_files: tuple[Source, ...] = field(default=(), init=False)  # that it needs
+    is_unit_given: bool = field(default=False, init=False)  # whether the user gave the unit
+    skipped: tuple[Skipped, ...] = field(default=(), init=False)  # rows that the last pass has skipped so far
+    temporary_files: tuple[Source, ...] = field(default=(), init=False)  # temporary files that it needs
 
     def __post_init__(self) -> None:
-        """Take the name of the file."""
+        """Set the source to the name of the file."""
         self.source = self.file.name
 
     @property
     def readings(self) -> int | None:
-        """How many rows there are; None where only those of one device are read."""
+        """Number of rows; None if only those of one device are read."""
         return self.table.length if self.columns.device is None else None
 
     def with_auxiliary(self, names: Sequence[str], *, are_needed: bool = True) -> TableRecording:
-        """Read columns of these names as well, numbers or words.
+        """The recording with further columns, of numbers or words.
 
-        Raises `InputError` for one that is not there, where they are needed; else it is left out.
+        Raises `InputError` for a missing name if `are_needed`; else the name is left out.
         """
         there = dict(zip((name.strip() for name in self.table.names), range(self.table.width), strict=False))
         there |= {name: place for name, place in self.table.text_columns.items() if name not in there}
@@ -226,7 +227,7 @@ class TableRecording(ColumnsRecording):
         return recording
 
     def with_columns(self, columns: Columns, unit: str | None, scale: float | None) -> TableRecording:
-        """Read these columns, in the unit that their names or the user say."""
+        """The recording of these columns, in the unit of their names or of the user."""
         own = unit_of(columns, self.source, unit, scale)
         recording = replace(self, columns=columns.in_given(unit, scale).with_strength_in(own), unit=own)
         recording.temporary_files = self.temporary_files
@@ -236,13 +237,13 @@ class TableRecording(ColumnsRecording):
     def blocks(self) -> Iterator[Samples]:
         """Yield the readings from the first on, about 8192 at a time.
 
-        Raises `UnreadableInput` where the file cannot be read to its end, or no reading is finite; `UsageError` where
-        nothing lies within the span.
+        Raises `UnreadableInput` if the file cannot be read to its end, or no reading is finite; `UsageError` if the
+        span contains no reading.
         """
         self.skipped = ()
         clock, done, usable, device = self.span.clock(self.source), 0, 0, self.columns.device
         for values in self.table.rows((*self.columns.cells, *(device.cells if device else ()))):
-            own = values[self.table.is_of(device, values[:, -len(device.cells) :])] if device else values
+            own = values[self.table.belongs_to(device, values[:, -len(device.cells) :])] if device else values
             words = self.table.words_of(self.columns, own.T)
             samples = self.columns.samples(own.T, unit=self.unit, axes=self.axes, source=self.source, words=words)
             self.skipped = added(self.skipped, numbered(samples, done).skipped)
@@ -256,12 +257,12 @@ class TableRecording(ColumnsRecording):
         if not usable:
             raise UnreadableInput(
                 f"no usable reading in {self.source}: {'; '.join(map(str, self.skipped)) or 'it has no rows'}; need "
-                "finite x, y and z: check the sensor and its wiring"
+                "finite x, y and z; check the sensor and its wiring"
             )
         clock.judge()
 
     def written(self) -> str:
-        """How it is written."""
+        """Description of the format."""
         return self.table.kind + ("" if self.table.names else ", columns without names")
 
 
@@ -277,28 +278,30 @@ def open_table(
     choice: Choice = FIRST,
     progress: Progress | None = None,
 ) -> TableRecording:
-    """Recognise which columns are what; parameters as `flinders.readers.open_recording`.
+    """Recognise the columns of a table; parameters as `flinders.readers.open_recording`.
 
-    Raises `NoMagnetometer` where it is not clear which columns are the magnetometer, and where none holds numbers;
-    `UsageError` for columns or a magnetometer that there are not; its `UnitError` for a unit that contradicts the
-    names; `UnreadableInput` where the table has no rows.
+    Raises `NoMagnetometer` if the magnetometer's columns are not clear, or none holds numbers; `UsageError` for
+    columns or a magnetometer that do not exist; `UnitError` for a unit that contradicts the names; `UnreadableInput` if
+    the table has no rows.
     """
     if not table.length:
         raise UnreadableInput(f"{file.name} has no rows: record again, or check what was saved")
     if not table.width:
-        raise NoMagnetometer(f"{file.name} holds no columns of numbers: need three, x y z, beside what else there is")
+        raise NoMagnetometer(f"{file.name} holds no columns of numbers: need three, x y z")
     block = next(table.rows(range(table.width)), None)
     if block is None:
-        raise UnreadableInput(f"{file.name} tells of {counted(table.length, 'row')} and none is there: copy it again")
-    if len(block) == table.length:  # all of it, which is not read again
+        raise UnreadableInput(
+            f"{file.name} should have {counted(table.length, 'row')} but contains none: copy it again"
+        )
+    if len(block) == table.length:  # the whole table, which need not be read again
         again = table.rows
         table = replace(
             table,
             rows=lambda cells: iter([block[:, list(cells)]]) if max(cells, default=0) < table.width else again(cells),
         )
     devices = table.devices(table.sensors())
-    own = block[table.is_of(devices[0], block[:, list(devices[0].cells)])] if devices else block
-    first = own[:SAMPLED] if len(own) else block[:SAMPLED]
+    own = block[table.belongs_to(devices[0], block[:, list(devices[0].cells)])] if devices else block
+    first = own[:SAMPLED_ROWS] if len(own) else block[:SAMPLED_ROWS]
     columns = columns or choice.remembered(table.names, table.width, rising_in(first) if choice.forms else ())
     known = choose(table.names, first, columns, flat=flat, choice=choice, source=file.name, devices=devices)
     if known is None:
@@ -321,21 +324,21 @@ def _unknown(name: str, table: Table, first: Floats) -> str:
 
 
 def _columns_of(name: str, array: NDArray[Any]) -> Iterator[tuple[str, NDArray[Any]]]:
-    """Cut one array into columns with names; nothing where it holds no numbers."""
+    """Split one array into named columns; none if it holds no numbers."""
     if array.dtype.names:
         for part in array.dtype.names:
             yield from _columns_of(f"{name}.{part}" if name else part, array[part])
     elif array.dtype.kind in "iufbM" and array.ndim in {1, 2} and array.size > 1:
         rows = array.reshape(-1, 1) if 1 in array.shape or array.ndim == 1 else array
         if rows.shape[0] <= 4 < rows.shape[1]:
-            rows = rows.T  # a column a reading, as MATLAB has it
+            rows = rows.T  # one reading per column, as in MATLAB
         width = rows.shape[1]
         if width <= WIDEST:
             yield from ((named_part(name, place, width), rows[:, place]) for place in range(width))
 
 
 def named_part(name: str, place: int, width: int) -> str:
-    """Name a column of an array, with its unit at the end: ``mag (mG)`` has ``mag.x (mG)``."""
+    """Name of one column of an array, with its unit at the end: ``mag (mG)`` has ``mag.x (mG)``."""
     if width == 1 or not name:
         return name
     bare, bracket, unit = name.partition(" (")
@@ -343,7 +346,7 @@ def named_part(name: str, place: int, width: int) -> str:
 
 
 def _floats(column: NDArray[Any]) -> Floats:
-    """Numbers as they are; dates as nanoseconds since 1970, which is how a time is recognised."""
+    """Numbers unchanged; dates as nanoseconds since 1970, so that they are recognised as a time."""
     if column.dtype.kind == "M":
         return np.where(np.isnat(column), np.nan, column.astype("datetime64[ns]").astype(np.int64).astype(float))
     return column.astype(float)

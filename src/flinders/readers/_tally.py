@@ -1,4 +1,4 @@
-"""Account of the lines of a text: what is read, what cannot be used, and what is no reading.
+"""Account of the lines of a text: readings, unusable rows, and other lines.
 
 >>> from flinders.readers._grid import NumberRows
 >>> tally = Tally()
@@ -31,11 +31,11 @@ if TYPE_CHECKING:
 
 UNREADABLE: Final = "unreadable"
 NOT_FINITE: Final = "not finite"
-OTHER: Final = "other"  # Why lines are left out that are none of the dialect
+OTHER: Final = "other"  # lines that do not belong to the dialect
 
 
 class Tally:
-    """Counts what is read and what is not, so that a file of which little can be read is refused."""
+    """Counts lines that are read and not, so that a mostly unreadable file is refused."""
 
     def __init__(self) -> None:
         self.rows = self.usable = 0
@@ -52,7 +52,7 @@ class Tally:
             self.unreadable += len(rows.unreadable)
 
     def judge(self, name: str, skipped: tuple[Skipped, ...]) -> None:
-        """Refuse a file more than half of which is unreadable, or in which nothing can be used."""
+        """Raise an error if more than half of the lines are unreadable, or no reading is usable."""
         if self.unreadable > self.rows:
             raise UnreadableInput(
                 f"{self.unreadable:,} of {self.unreadable + self.rows:,} lines of {name} are not readings: "
@@ -75,7 +75,7 @@ def accounted(
     shapes: LineShapes,
     is_of_others: Callable[[str], bool],
 ) -> tuple[NumberRows, tuple[Skipped, ...]]:
-    """Account for the rows of a block that cannot be used and the lines that are none; drop those that accompany."""
+    """Account for unusable rows and other lines of a block; remove the lines that accompany readings."""
     unusable = np.flatnonzero(~usable)
     read = columns.readings(rows.values[unusable].T)
     is_silent = silent(read)
@@ -93,7 +93,7 @@ def accounted(
 
 
 def besides(lines: Lines, others: Sequence[int], shapes: LineShapes, reason: str) -> tuple[Skipped, ...]:
-    """Account for the lines of these numbers, which are no readings, for this reason unless they accompany readings."""
+    """Account for lines that are no readings: as `reason`, or as accompanying readings."""
     if not others:
         return ()
     texts, known = lines.texts, frozenset(others)
@@ -106,6 +106,6 @@ def besides(lines: Lines, others: Sequence[int], shapes: LineShapes, reason: str
 
 
 def _skipped(lines: Lines, numbers: Sequence[int], reason: str) -> Skipped:
-    """An account of the lines of these numbers, which shows the first."""
+    """An account of the lines with these numbers, with the first one as example."""
     example = lines.texts[numbers[0] - lines.first]
     return Skipped(reason, len(numbers), tuple(numbers[:NOTED]), shown(example))

@@ -1,4 +1,4 @@
-"""Times of a table: the unit of a column of times, from its name or its size, and why one cannot be used.
+"""Times of a table: the unit of a time column, from its name or values, and reasons why one cannot be used.
 
 >>> seconds_and_nanoseconds(np.array([[1.7e9, 9e8, 4], [1.7e9 + 1, 1e8, 5]]))
 (0, 1)
@@ -22,23 +22,25 @@ if TYPE_CHECKING:
     from flinders.arrays import Floats
     from flinders.readers._columns import Column
 
-# From which value on a time counts from 1970, in ns, µs, ms and s; four times it is the year 2096.
+# Smallest value of a time since 1970 in ns, µs, ms and s, with the factor to s; four times the value is the year 2096.
 EPOCHS: Final = ((1e18, 1e-9), (1e15, 1e-6), (1e12, 1e-3), (1e9, 1.0))
-COARSE: Final = 10  # readings to one time from which on its digits are too few: buffers of sensors give a few at once
-COARSE_S: Final = 1.0  # resolution from which on a time that never changes is cut, and its clock not at rest
-TEMPERATURES_C: Final = (-60.0, 150.0)  # what a sensor may have
-FEWEST_TIMES: Final = 10  # rows from which on a column is looked at for whether it rises
-RARE: Final = 0.1  # of the steps of a clock that is set back or begins again
-REGULAR: Final = 0.25  # by how much of it the number of readings to each time varies
-FALLS: Final = "it does not rise as a time does"
-FASTEST_RAD_S: Final = 70.0  # 4,000 °/s: what gyros measure up to, and no hand turns a sensor at
-APART: Final = 4  # rows over which a turn goes on, and noise does not grow
-GROWS: Final = 2.0  # times that readings so far apart differ more than neighbours, from which on they are of a turn
-LONG: Final = 1e8  # seconds after which a time is taken to count from 1970 and not from the start of the recording
+# readings per time from which its digits are too few; sensor buffers give only a few readings at once
+COARSE: Final = 10
+# resolution in s from which on a constant time lacks digits, rather than its clock being at rest
+MIN_COARSE_S: Final = 1.0
+TEMPERATURES_C: Final = (-60.0, 150.0)  # range of a sensor's temperature
+MIN_TIMES: Final = 10  # rows from which a column is checked for rising
+MAX_RESET_SHARE: Final = 0.1  # largest share of backward steps, as of a clock that is set back or restarts
+REPEAT_TOLERANCE: Final = 0.25  # tolerance of the number of readings per time, relative to the median
+FALLING_REASON: Final = "it does not rise like a time"
+MAX_RATE_RAD_S: Final = 70.0  # 4000 °/s, the range of gyros; a sensor turned by hand is slower
+TURN_LAG_ROWS: Final = 4  # lag in rows over which a rotation accumulates and noise does not
+MIN_TURN_RATIO: Final = 2.0  # ratio of differences at this lag and between neighbours from which they are a rotation
+LONG: Final = 1e8  # s; larger times count from 1970, not from the start of the recording
 
 
 def seconds_and_nanoseconds(values: Floats) -> tuple[int, ...]:
-    """Places of a column of whole seconds since 1970 and of the next, which has the nanoseconds; nothing without.
+    """Places of a column of whole seconds since 1970 and of the next one with nanoseconds; empty without.
 
     >>> seconds_and_nanoseconds(np.array([[1.7e9, 9e8, 4], [1.7e9 + 1, 1e8, 5]]))
     (0, 1)
@@ -55,12 +57,12 @@ def seconds_and_nanoseconds(values: Floats) -> tuple[int, ...]:
 
 
 def is_clock(column: Floats) -> bool:
-    """Tell whether a column without a name ascends, and does not count rows."""
+    """Tell whether an unnamed column ascends and is no row counter."""
     return ascends(column) and set(np.diff(column[np.isfinite(column)])) != {1.0}
 
 
 def timed_column(column: Column, unit: str, values: Floats) -> Column:
-    """Find the factor to seconds, and where a clock that counts from 1970 starts."""
+    """Set the factor to seconds of a time column, and its start if the clock counts from 1970."""
     values = values[np.isfinite(values)]
     first = float(values[0]) if len(values) else 0.0
     factor = _factor_to_seconds(values, unit)
@@ -69,11 +71,11 @@ def timed_column(column: Column, unit: str, values: Floats) -> Column:
 
 @np.errstate(over="ignore")
 def cut_digits(values: Floats, unit: str) -> str:
-    """Say that a time was written with too few digits: many readings share each, and the next is one digit later."""
+    """Reason if a time lacks digits: many readings share one time, and times differ by one unit of the last digit."""
     values = values[np.isfinite(values)]
     changes = np.flatnonzero(np.diff(values)) + 1
     runs = np.diff([0, *changes, len(values)])
-    inside = runs[1:-1] if len(runs) > 2 else runs  # the first and the last may go on
+    inside = runs[1:-1] if len(runs) > 2 else runs  # the first and the last may be incomplete
     if len(values) < 2 * COARSE or np.median(inside) < COARSE:
         return ""
     distinct, factor = values[[0, *changes]], _factor_to_seconds(values, unit)
@@ -82,7 +84,7 @@ def cut_digits(values: Floats, unit: str) -> str:
         jump = float(np.min(np.abs(np.diff(distinct))))
         steps = [jump] if any(step / 2 < jump < 2 * step for step in steps) else []
     else:
-        steps = [step for step in steps if step * factor >= COARSE_S]
+        steps = [step for step in steps if step * factor >= MIN_COARSE_S]
     many = f"{np.median(inside):.0f}" if len(runs) > 2 else f"{np.max(runs)} or more"
     reason = "its digits were cut to steps of {:.3g} s, {} readings to each: write more of them, as float64"
     return reason.format(max(steps) * factor, many) if steps else ""
@@ -90,56 +92,56 @@ def cut_digits(values: Floats, unit: str) -> str:
 
 @np.errstate(over="ignore", invalid="ignore")
 def too_fast(values: Floats, unit: str, field: Floats) -> str:
-    """Say that the unit of a time is not known: with the one that its size suggests, no sensor turns so fast."""
+    """Reason if the unit of a time is unknown: with a unit guessed from its values, the sensor would turn too fast."""
     known = np.isfinite(values) & np.isfinite(field).all(axis=1)
     times, read = values[known], field[known]
-    if unit or len(times) < FEWEST_TIMES:
+    if unit or len(times) < MIN_TIMES:
         return ""
     step = float(np.median(np.diff(times))) * _factor_to_seconds(times, unit)
-    near, far = (float(np.median(np.linalg.norm(read[lag:] - read[:-lag], axis=1))) for lag in (1, APART))
+    near, far = (float(np.median(np.linalg.norm(read[lag:] - read[:-lag], axis=1))) for lag in (1, TURN_LAG_ROWS))
     radius = float(np.ptp(read, axis=0).max()) / 2
-    if step <= 0 or far <= GROWS * near or near <= FASTEST_RAD_S * step * radius:
+    if step <= 0 or far <= MIN_TURN_RATIO * near or near <= MAX_RATE_RAD_S * step * radius:
         return ""
     fast = f"at steps of {step:.3g} s the sensor would turn at {near / radius / step:,.0f} rad/s"
-    return f"its unit is not known, {fast}: put it into the name, as t_ms"
+    return f"its unit is unknown, and {fast}: put the unit into the name, such as t_ms"
 
 
 def falls(name: str, unit: str, values: Floats) -> str:
-    """Say that a column falls, or goes to and fro, as no time does; of a ``T`` also that it stands still.
+    """Reason if a column falls, or alternates, as no time does; a ``T`` must not be constant either.
 
-    Where the unit of a time stands in the name it is one: the rows of a fleet may be in any order.
+    A name with a unit of time is always accepted: the rows of a fleet may be in any order.
     """
     values = values[np.isfinite(values)]
     steps = np.diff(values)
     falling = np.count_nonzero(steps < 0)
     is_none = not unit and falling > 1 and 2 * falling > np.count_nonzero(steps > 0)
-    if len(values) >= FEWEST_TIMES and (is_none or (is_letter_of_time(name) and not _rises(values))):
-        return FALLS
+    if len(values) >= MIN_TIMES and (is_none or (is_letter_of_time(name) and not _rises(values))):
+        return FALLING_REASON
     return ""
 
 
 def _rises(values: Floats) -> bool:
-    """Tell whether finite numbers rise as a clock does: from time to time, so many readings to each."""
+    """Tell whether finite numbers rise like a clock, with a regular number of readings per time."""
     steps = np.diff(values)
     changes = np.flatnonzero(steps)
     if len(changes) == 0:
-        return bool(values[0] == 0.0 or values[0] > LONG)  # a clock at rest, and one whose digits were cut
-    runs = np.diff(changes)  # readings to each value but the first and the last
-    if len(runs) == 0 or np.mean(steps[changes] < 0) > RARE:
+        return bool(values[0] == 0.0 or values[0] > LONG)  # a clock at rest, or one that lacks digits
+    runs = np.diff(changes)  # readings per value, without the first and the last
+    if len(runs) == 0 or np.mean(steps[changes] < 0) > MAX_RESET_SHARE:
         return False
     usual = float(np.median(runs))
-    return bool(np.mean(np.abs(runs - usual) <= max(1.0, REGULAR * usual)) >= 1 - RARE)
+    return bool(np.mean(np.abs(runs - usual) <= max(1.0, REPEAT_TOLERANCE * usual)) >= 1 - MAX_RESET_SHARE)
 
 
 def is_temperature(values: Floats) -> bool:
-    """Tell whether a column named ``T`` is a temperature in °C, and does not rise as a clock does."""
+    """Tell whether a column ``T`` is a temperature in °C: within range, and not rising like a clock."""
     values = values[np.isfinite(values)]
     is_warm = (TEMPERATURES_C[0] <= values) & (values <= TEMPERATURES_C[1])
-    return len(values) >= FEWEST_TIMES and bool(is_warm.all()) and not _rises(values)
+    return len(values) >= MIN_TIMES and bool(is_warm.all()) and not _rises(values)
 
 
 def _factor_to_seconds(values: Floats, unit: str) -> float:
-    """Factor of a time's stated unit, else a guess from its size, then from its steps of 10 µs to 10 s."""
+    """Factor to seconds: of the stated unit, else guessed from the size and from steps of 10 µs to 10 s."""
     if unit:
         return FACTORS[TIME][unit]
     first = float(values[0]) if len(values) else 0.0
@@ -152,7 +154,7 @@ def _factor_to_seconds(values: Floats, unit: str) -> float:
 
 
 def _resolutions(values: Floats) -> list[float]:
-    """Tell which units in the last digit these numbers may have: the last that is written, and that of float32."""
+    """Possible units of the last digit of these numbers: by the decimals written, and by float32."""
     digits = [Decimal(repr(value)).normalize().as_tuple().exponent for value in values.tolist() if value]
     if not digits:
         return []

@@ -1,7 +1,7 @@
-r"""Printed lines: their numbers, and the names that labels and units between them give.
+r"""Printed lines: their numbers, and column names made from the labels and units between the numbers.
 
-The text between two numbers holds the unit of the first and the label of the second. A label that is only an
-axis belongs to the sensor named before it, and three numbers behind one label are its x, y and z.
+The text between two numbers contains the unit of the first and the label of the second. A label that is only an axis
+belongs to the sensor named before it, and three numbers after one label are its x, y and z.
 
 >>> numbers, gaps = cut("Mag X: -20.8 Y: -20.2 Z: 0xff38 uT")
 >>> numbers, gaps
@@ -23,14 +23,14 @@ from flinders.readers._names import FACTORS, meaning, tells_readings_apart
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
 
-MOST_NAMED: Final = 24  # Columns named in a message
+MOST_NAMED: Final = 24  # largest number of columns named in a message
 
 NUMBER: Final = r"(?<![\w.^])(?:(?<!\w[-+−])(?=[-+−])|(?<![-+−])(?![-+−]))(?!(?<=\w\[)\d+\])(?!(?<=<)inf>)" + ATTACHED
-"""A number that is no part of a word, of ``m/s^2``, ``X-6`` or an index; Arduino prints ``nan``, ``inf`` and ``ovf``,
-and Zephyr ``<inf>`` before what is information."""
+"""A number that is not part of a word, of ``m/s^2``, ``X-6`` or an index; ``nan``, ``inf`` and ``ovf`` are printed by
+Arduino; ``<inf>`` is a log level of Zephyr."""
 _CUT: Final = re.compile(f"({NUMBER})")
-_COLOURS: Final = re.compile(r"\x1b\[[0-9;]*[A-Za-z]")  # of a terminal, as the log of ESP-IDF has them
-_CHECK_SUM: Final = re.compile(r"\*[0-9a-fA-F]{2}\s*$")  # ends a sentence that begins with ``$``
+_COLOURS: Final = re.compile(r"\x1b\[[0-9;]*[A-Za-z]")  # of a terminal, as in the log of ESP-IDF
+_CHECK_SUM: Final = re.compile(r"\*[0-9a-fA-F]{2}\s*$")  # at the end of a sentence that starts with ``$``
 _LOOSE_SIGN: Final = re.compile(r"(?<=[:=,(\[])\s*-\s+(?=[\d.])")  # ``X: - 12``
 _NUMBERED: Final = re.compile(
     r"\b(?!(?:reading|sample|measurement|point|step|row|line|packet|frame|loop|count)\b)([^\W\d_]{3,})"
@@ -41,7 +41,7 @@ _NUMBERED: Final = re.compile(
 _REMARKED: Final = re.compile(
     r"(?<=[^\W_])\s?[(\[][^()\[\]:=]*[^\W\d_][^()\[\]:=]*[)\]](?=\s*[:=]|\s+[xyz]\s*[:=])", re.IGNORECASE
 )
-"""A remark in brackets behind a label, in which numbers are no readings: ``Mag (±4 gauss):``."""
+"""A remark in brackets after a label, whose numbers are no readings: ``Mag (±4 gauss):``."""
 _DIGITS: Final = re.compile(r"(?<![\w.^])\d[\d.]*")
 _MONTH: Final = r"(?:Jan|Feb|Mar|Apr|May|Jun|Jul|Aug|Sep|Oct|Nov|Dec)[a-z]*\.?"
 _YEAR: Final = r"(?:19|20)\d\d"
@@ -56,19 +56,19 @@ _TIME: Final = (
 MOMENT: Final = re.compile(
     rf"(?<![\w.:+-])(?:{_DAY}(?:[T\s,:]+{_TIME})?|{_TIME}(?:\s+{_DAY})?|\d+(?:\.\d+){{2,}})(?![\w:/]|[.-]\d)"
 )
-"""A date, a time of day, or both, with their zone, or a version: none of its numbers is a reading."""
+"""A date, a time of day, or both, with their zone, or a version: its numbers are no readings."""
 _MAY_BE_MOMENT: Final = re.compile(r"\d(?:[:/-]\d|\.\d+\.\d)|Jan|Feb|Mar|Apr|May|Jun|Jul|Aug|Sep|Oct|Nov|Dec")
 _MAY_BE_NUMBERED: Final = re.compile(r"\d[)\]]?\s*[:=]|\d[)\]]\s+[xyzXYZ]\b")
-"""What a line with a `MOMENT`, and with the number of a sensor, has and few others: found in a third of the time."""
+"""Quick tests for a `MOMENT` and for the number of a sensor, which take a third of the time of the full patterns."""
 _OF_OTHERS: Final = re.compile(
     r"\s*(?:km/h|kmh|kph|mph|kn|kts?|knots?|m/s|mps|deg|degrees?|°|º|hz|hpa|mbar|%|volts?|ms|rpm)(?![\w/])",
     re.IGNORECASE,
 )
-"""What stands behind a number that is no magnetometer's: a speed, an angle."""
+"""Text after a number of another quantity, such as a speed or an angle."""
 _TELEPLOT: Final = re.compile(r"^(\s*>[^:|\s]+:)\d+(?:\.\d+)?:(?=[-+.\d])")  # a time: ``>mag_x:1627551892437:-20.8``
 _PLAIN: Final = r"([-+]?\d+(?:\.\d*)?)"
 
-_OTHER_UNITS: Final = (  # of what stands beside a magnetometer and is not read
+_OTHER_UNITS: Final = (  # of quantities next to a magnetometer that are not read
     "deg", "degs", "degree", "degrees", "°", "º", "hz", "hpa", "%", "rad", "mbar", "ft", "f", "°f", "mm", "cm",
 )  # fmt: skip
 _UNIT: Final = "|".join(
@@ -79,51 +79,53 @@ _UNIT: Final = "|".join(
 )
 _KNOWN_UNIT: Final = rf"((?:{_UNIT}|[^\x00-\x7f]{{1,3}}T))"
 _UNIT_AHEAD: Final = re.compile(rf"[\[(]?{_KNOWN_UNIT}[\])]?(?=$|[\s,;|)\]}}/])(?!\s*[:=])", re.IGNORECASE)
-"""A unit right behind a number; ``T:`` is a label."""
+"""A unit directly after a number; ``T:`` is a label."""
 _UNIT_INSIDE: Final = re.compile(
     rf"(?:[(\[]\s*|\bin\s+){_KNOWN_UNIT}\s*[)\]]?(?=[\s:=]*(?:$|[(\[]|[xyz]\b))", re.IGNORECASE
 )
-"""A unit in brackets at the end of a label, or behind ``in``."""
+"""A unit in brackets at the end of a label, or after ``in``."""
 _UNIT_AND_AXIS: Final = re.compile(rf"{_KNOWN_UNIT}\s+([xyz])", re.IGNORECASE)  # ``Gauss X``
 _SENSOR_AND_UNIT: Final = re.compile(r"\s*\[(\w{3,})/(\w+)\]")  # ``LSM303AGR [mag/mgauss]``
-_BRACKET: Final = re.compile(r"(?<=[^\W_])\s*[(\[]([^()\[\]]*)[)\]]")  # behind the words of a label
-_LEVEL: Final = re.compile(r"\b(?:trace|debug|info|notice|warn(?:ing)?|err(?:or)?)\b", re.IGNORECASE)  # of a log
-_TICKS: Final = re.compile(r"[DEIVW] \(")  # before milliseconds, in the log of ESP-IDF: ``I (400) tag:``
-_REMARK: Final = re.compile(r"^\s*\([^()]*\)\s+(?=\w)")  # on the number before: ``type=8(magn_x) index=0``
-_EDGE: Final = " \t,;:=|()[{}<>\"'-#*/>→~&$!"  # what stands around the words of a label
-_BEHIND: Final = " )]}§"  # what closes brackets around the number before
-_BEFORE: Final = " \t,;:=|[{<>\"'-#*/→~"  # what stands between a label and its number
-_LABEL: Final = re.compile(r"^[\W\d_]*[^\W\d_][^:=\[({]*[:=\[({]")  # a letter, and behind it the sign that ends a label
+_BRACKET: Final = re.compile(r"(?<=[^\W_])\s*[(\[]([^()\[\]]*)[)\]]")  # after the words of a label
+_LEVEL: Final = re.compile(r"\b(?:trace|debug|info|notice|warn(?:ing)?|err(?:or)?)\b", re.IGNORECASE)  # log level
+_TICKS: Final = re.compile(r"[DEIVW] \(")  # before milliseconds in the log of ESP-IDF: ``I (400) tag:``
+_REMARK: Final = re.compile(r"^\s*\([^()]*\)\s+(?=\w)")  # remark on the number before it: ``type=8(magn_x) index=0``
+_EDGE: Final = " \t,;:=|()[{}<>\"'-#*/>→~&$!"  # characters around the words of a label
+_BEHIND: Final = " )]}§"  # characters that close brackets around the number before them
+_BEFORE: Final = " \t,;:=|[{<>\"'-#*/→~"  # characters between a label and its number
+_LABEL: Final = re.compile(
+    r"^[\W\d_]*[^\W\d_][^:=\[({]*[:=\[({]"
+)  # a letter, followed by the character that ends a label
 _BETWEEN: Final = re.compile(r"(?:[\s:=|>\"'{,;]|(?<=\s)-(?=\s))+")
-_XYZ: Final = re.compile(r"(?:^|[\s(\[])x[\s,/]*y[\s,/]*z$", re.IGNORECASE)  # a label of all three: ``Mag XYZ``
+_XYZ: Final = re.compile(r"(?:^|[\s(\[])x[\s,/]*y[\s,/]*z$", re.IGNORECASE)  # a label of all three axes: ``Mag XYZ``
 _AXIS: Final = re.compile(r"(?:^|[\s_.\-/(])([xyz])(?:[\s_-]*(?:axis|component|value))?$", re.IGNORECASE)
 """An axis at the end of a label."""
 _AXIS_AHEAD: Final = re.compile(
     r"([xyz])[\s_-]*(?:axis\b)?[\s_-]*(raw|norm|field|mag(?:net\w*)?|acc\w*|gyro?\w*|value)?\b(.*)", re.IGNORECASE
 )
-"""An axis at its beginning: ``X axis field``, ``Xraw``."""
+"""An axis at the start of a label: ``X axis field``, ``Xraw``."""
 QUANTITY: Final = re.compile(
     r"orient|euler|linear|gravity|rotat|posit|\bpos\b|veloc|quat|angle|\bang\b|attitude|tilt|speed|displace|force"
     r"|heading|azimuth|bearing|roll|pitch|yaw|\b(?:ypr|rpy|areal|aworld|(?:min|max)(?:imum)?)\b",
     re.IGNORECASE,
 )
-"""Other quantities with three axes: their words stay with the axis, where those that mean nothing are dropped."""
+"""Other three-axis quantities: their words stay with the axis, while meaningless words are dropped."""
 _FILLING: Final = re.compile(r"\b(value|reading|data|component|axis)s?\b", re.IGNORECASE)
-_WORDS: Final = 3  # last words of a label that are tried when all of it says nothing
+_WORDS: Final = 3  # number of last words of a label that are tried if the whole label has no meaning
 
 
 # Bytes to lines -------------------------------------------------------------------------------------------------------
 
 
 def shown(text: str) -> str:
-    """Cut a line to what fits in a message, without characters that a terminal would act on."""
+    """Shorten a line for a message, without characters that control a terminal."""
     cut = text.strip()[: CUT + 1]
     clean = "".join(letter if letter.isprintable() else " " if letter == "\t" else "\ufffd" for letter in cut)
     return clean if len(clean) <= CUT else clean[: CUT - 1] + "…"
 
 
 def listed(names: Sequence[str]) -> str:
-    """The first names of columns, and how many more there are: a table may have thousands.
+    """The first names of columns, and the number of further ones: a table may have thousands.
 
     >>> listed([str(place) for place in range(26)])[-16:]
     '23, and 2 others'
@@ -136,7 +138,7 @@ def listed(names: Sequence[str]) -> str:
 
 
 def cut(line: str) -> tuple[list[str], tuple[str, ...]]:
-    """Cut a line into its numbers and what stands before, between and behind them, without spaces at the ends."""
+    """Split a line into its numbers and the stripped texts before, between and after them."""
     line = _COLOURS.sub("", line) if "\x1b" in line else line
     line = _CHECK_SUM.sub("", line) if line.startswith("$") else line
     line = _TELEPLOT.sub(r"\1", line) if ">" in line else line
@@ -149,7 +151,7 @@ def cut(line: str) -> tuple[list[str], tuple[str, ...]]:
 
 
 def like(gaps: Sequence[str]) -> re.Pattern[str]:
-    """Compile what finds the numbers of a line with just these gaps, in a third of the time that `cut` takes."""
+    """Compile a pattern for lines with exactly these gaps, which takes a third of the time of `cut`."""
     inner = [rf"\s*{re.escape(gap)}\s*" if gap else r"\s+" for gap in gaps[1:-1]]
     ends = [rf"\s*{re.escape(gap)}\s*" for gap in (gaps[0], gaps[-1])]
     return re.compile(ends[0] + "".join(f"{_PLAIN}{gap}" for gap in inner) + _PLAIN + ends[1])
@@ -160,13 +162,13 @@ def like(gaps: Sequence[str]) -> re.Pattern[str]:
 
 @lru_cache(1024)
 def names_of(gaps: tuple[str, ...]) -> tuple[str, ...]:
-    """Name the columns of a line by label, axis and unit from the gaps of `cut`; empty names where no label stands."""
+    """Column names of a line by label, axis and unit from the gaps of `cut`; empty for a number without label."""
     behind = [_unit_and_label(gap) for gap in gaps[1:]]
     ahead = "time (ms)" if _TICKS.fullmatch(gaps[0]) else _label(gaps[0])
     labels, units = [ahead, *(label for _, label in behind[:-1])], [unit for unit, _ in behind]
     names: list[str] = []
     sensor = ""
-    for first, count in _runs(labels):
+    for first, count in _number_runs(labels):
         label, unit = _without_unit(labels[first])
         sensor = sensor if label == labels[first] else ""
         axes, sensor = _axes(label, count, sensor)
@@ -174,13 +176,15 @@ def names_of(gaps: tuple[str, ...]) -> tuple[str, ...]:
         for place in range(count):
             units[first + place] = units[first + place] or stated
         names += axes
-    return tuple(f"{name} ({unit})" if unit else name for name, unit in zip(names, _shared(names, units), strict=True))
+    return tuple(
+        f"{name} ({unit})" if unit else name for name, unit in zip(names, _share_units(names, units), strict=True)
+    )
 
 
 def pattern_of(line: str) -> str:
-    """Write a line as the ``--pattern`` of lines like it, ``<{x}/{y}/{z}/{n4}>``; empty where no three may be x, y, z.
+    """The ``--pattern`` of a line, such as ``<{x}/{y}/{z}/{n4}>``; empty if no three numbers may be x, y, z.
 
-    Numbers of a date, a check sum, a speed or an angle are none of these.
+    Numbers of a date, a check sum, a speed or an angle are excluded.
 
     >>> pattern_of("12:30:00 <1/2/3/4>"), pattern_of("$VTG,5 kn,1,2,3*3A"), pattern_of("12:30:00 5 km/h 1 2")
     ('<{x}/{y}/{z}/{n4}>', '$VTG,{n1} kn,{x},{y},{z}', '')
@@ -191,7 +195,7 @@ def pattern_of(line: str) -> str:
 
 
 def _as_pattern(text: str) -> str:
-    """Put names for the numbers of a text without dates."""
+    """Replace the numbers of a text without dates by names."""
     pieces = re.split(rf"((?!(?<=[A-Za-z]{{3}} )\d{{1,2}}\s*:(?!\d)){NUMBER})", text)
     axes = iter("xyz")
     for place in range(1, len(pieces), 2):
@@ -202,7 +206,7 @@ def _as_pattern(text: str) -> str:
 
 @lru_cache(1024)
 def label_of(gaps: tuple[str, ...]) -> str:
-    """All words before and between the numbers of a line, which are the same in all lines of one sensor.
+    """All words before and between the numbers of a line, which identify the lines of one sensor.
 
     >>> label_of(("Foo: X=", "Y=", "Z=", "uT")), label_of(("[INFO] Foo X:", "Y:", "Z:", ""))
     ('fooxyz', 'fooxyz')
@@ -211,19 +215,19 @@ def label_of(gaps: tuple[str, ...]) -> str:
 
 
 def is_labelled(gaps: Sequence[str]) -> bool:
-    """Tell whether signs of a label stand between the numbers, as ``X:``, ``x=`` or ``mag [``, and not commas only."""
+    """Tell whether numbers are separated by labels, such as ``X:``, ``x=`` or ``mag [``, and not only by commas."""
     return any(gap[-1] in "xyzXYZ" or any(map(_LABEL.search, re.split("[,;]", gap))) for gap in gaps[:-1] if gap)
 
 
 def _unit_and_label(gap: str) -> tuple[str, str]:
-    """Cut what stands between two numbers into the unit of the first and the label of the second."""
+    """Split the text between two numbers into the unit of the first and the label of the second."""
     text = gap.lstrip(_BEHIND)
     unit = _UNIT_AHEAD.match(text)
     return (unit[1], _label(text[unit.end() :])) if unit else ("", _label(text))
 
 
 def _label(text: str) -> str:
-    """The words of a label, without the signs around them; brackets around a unit at its end stay."""
+    """The words of a label, without the characters around them; brackets around a unit at its end stay."""
     text = _SENSOR_AND_UNIT.sub(r" \1 (\2)", _REMARK.sub("", _LEVEL.sub("", text).rstrip(_BEFORE)))
     inside = _UNIT_INSIDE.search(text)
     text = text if inside else _BRACKET.sub(_remark, text)
@@ -232,12 +236,12 @@ def _label(text: str) -> str:
 
 
 def _without_numbers(remark: re.Match[str]) -> str:
-    """A remark with a sign in the place of its numbers."""
+    """A remark with ``#`` in place of its numbers."""
     return _DIGITS.sub("#", remark[0])
 
 
 def _remark(bracket: re.Match[str]) -> str:
-    """What a remark behind a label adds to it: words that tell readings apart, as ``raw`` and ``left`` do."""
+    """Words of a remark after a label that distinguish readings, such as ``raw`` and ``left``."""
     return "".join(f" {word}" for word in re.findall(r"\w+", bracket[1]) if tells_readings_apart(word.casefold()))
 
 
@@ -248,34 +252,34 @@ def _without_unit(label: str) -> tuple[str, str]:
     return (label[: inside.start()].rstrip(), inside[1]) if inside else (label, "")
 
 
-def _runs(labels: Sequence[str]) -> Iterator[tuple[int, int]]:
-    """Yield where each label stands and how many numbers follow it without one of their own."""
+def _number_runs(labels: Sequence[str]) -> Iterator[tuple[int, int]]:
+    """Yield the place of each label and the count of its numbers, up to the next label."""
     starts = [place for place, label in enumerate(labels) if label or place == 0]
     for start, end in zip(starts, [*starts[1:], len(labels)], strict=True):
         yield start, end - start
 
 
 def _axes(label: str, count: int, sensor: str) -> tuple[list[str], str]:
-    """Name the numbers behind one label, and tell which sensor a label of an axis alone belongs to from here on."""
+    """Name the numbers after one label; also return the sensor for following labels that are only an axis."""
     bare = _XYZ.sub("", label).strip(_EDGE)
     if count == 3 and (label or sensor):
-        named = bare if QUANTITY.search(bare) else _known(bare, " x") if bare else ""
+        named = bare if QUANTITY.search(bare) else _meaningful_words(bare, " x") if bare else ""
         return [f"{named} {axis}".lstrip() for axis in "xyz"], named
     if count > 1:
         return [f"{label} {number} of {count}" if label else "" for number in range(1, count + 1)], ""
     if (ahead := _AXIS_AHEAD.fullmatch(label)) and (ahead[2] or not ahead[3]):
         label = " ".join((*_FILLING.sub(" ", f"{ahead[2] or ''} {ahead[3]}").split(), ahead[1]))
-        if str(ahead[2]).casefold() == "norm":  # no reading of a sensor, whatever was named before it
+        if str(ahead[2]).casefold() == "norm":  # no reading of a sensor, whatever its label
             return [label], sensor
     if axis := _AXIS.search(label):
         own = label[: axis.start()].strip(_EDGE)
-        words = own if QUANTITY.search(own) else _known(own, f" {axis[1]}", otherwise="") or sensor
+        words = own if QUANTITY.search(own) else _meaningful_words(own, f" {axis[1]}", otherwise="") or sensor
         return [f"{words} {axis[1]}".lstrip()], words
-    return [_known(label) if label else ""], ""
+    return [_meaningful_words(label) if label else ""], ""
 
 
-def _known(label: str, ending: str = "", otherwise: str | None = None) -> str:
-    """The last words of a label that mean something to `meaning`, all of them first; else what `otherwise` says."""
+def _meaningful_words(label: str, ending: str = "", otherwise: str | None = None) -> str:
+    """The last words of a label with a meaning, preferably all of them; else `otherwise`, or the last word."""
     words = label.split()
     for count in (len(words), *range(min(_WORDS, len(words) - 1), 0, -1)):
         some = " ".join(words[len(words) - count :])
@@ -284,8 +288,8 @@ def _known(label: str, ending: str = "", otherwise: str | None = None) -> str:
     return (words[-1] if words else "") if otherwise is None else otherwise
 
 
-def _shared(names: Sequence[str], units: Sequence[str]) -> list[str]:
-    """Give the one unit of three axes in a row to all of them."""
+def _share_units(names: Sequence[str], units: Sequence[str]) -> list[str]:
+    """Copy the only stated unit of three consecutive axes to all three."""
     known = list(units)
     axes = [name[-1:].casefold() for name in names]
     for place in range(len(names) - 2):

@@ -1,7 +1,7 @@
-r"""Arrays on the disk, NumPy's ``.npy`` and ``.npz``, and ZIP archives of phone loggers.
+r"""Arrays on disk, NumPy's ``.npy`` and ``.npz``, and ZIP archives of phone loggers.
 
-Named arrays are columns: ``t``, ``mag`` with three columns, ``acc``. Arrays of another length than most are left out.
-Nothing that would have to be executed is read: an array of Python objects is refused.
+Named arrays are columns: ``t``, ``mag`` with three columns, ``acc``. Arrays with an uncommon length are left out.
+Nothing is read that would be executed: an array of Python objects is refused.
 
 >>> import tempfile
 >>> from pathlib import Path
@@ -15,9 +15,9 @@ tumble.npz: columns mag_uT.x, mag_uT.y, mag_uT.z in uT, time in t; NumPy
 >>> next(recording.blocks()).field[2]
 array([0., 0., 1.])
 
-Of an archive of phyphox, Sensor Logger or AndroSensor the member with the magnetometer is read; of several the
-uncalibrated one: what the phone calls calibrated has had hard iron removed by its own rules, which change while it
-records.
+In an archive of phyphox, Sensor Logger or AndroSensor the member with the magnetometer is read; of several, the
+uncalibrated one, as phones remove hard iron from the calibrated one by undocumented rules that change during a
+recording.
 
 >>> import zipfile
 >>> path = path.with_name("walk.zip")
@@ -57,21 +57,21 @@ if TYPE_CHECKING:
     from flinders.readers._source import File
     from flinders.readers.text import TextRecording
 
-TEXT: Final = (".csv", ".txt", ".tsv", ".dat", ".log", ".json", ".jsonl")
-RANKED: Final = (
+TEXT_SUFFIXES: Final = (".csv", ".txt", ".tsv", ".dat", ".log", ".json", ".jsonl")
+MEMBER_WORDS: Final = (
     ("mag", "uncal"), ("mag", "raw"), ("magnet",), ("mag",), ("compass",), ("raw data",), ("data",),
 )  # fmt: skip
 """Words in the name of a member, the best first."""
-ASIDE: Final = ("meta", "metadata", "annotation", "__macosx", "device", "readme")
-"""Words in the path of what is no recording."""
+OTHER_WORDS: Final = ("meta", "metadata", "annotation", "__macosx", "device", "readme")
+"""Words in the path of a member that is no recording."""
 SHEETS: Final = {"[Content_Types].xml": "an Office document", "mimetype": "an OpenDocument file"}
 ZIP: Final = b"PK\x03\x04"
 MOST_MEMBERS: Final = 10_000
-CHUNK: Final = 1 << 18
+CHUNK_BYTES: Final = 1 << 18
 
 
 def members(file: File) -> list[zipfile.ZipInfo]:
-    """List the files in an archive; a broken one, or one of more than `MOST_MEMBERS`, raises `UnreadableInput`."""
+    """List the files of an archive; `UnreadableInput` if it is broken or has more than `MOST_MEMBERS`."""
     with reading(file.name, "a ZIP archive"), zipfile.ZipFile(file.path) as archive:
         listed = [member for member in archive.infolist() if not member.is_dir()]
     if len(listed) > MOST_MEMBERS:
@@ -80,73 +80,77 @@ def members(file: File) -> list[zipfile.ZipInfo]:
 
 
 def member_chunks(file: File, member: zipfile.ZipInfo, *, ratio: bool = True) -> Iterator[bytes]:
-    """Unpack a member, a piece at a time; `ratio` as `metered` has it.
+    """Unpack a member piece by piece; `ratio` as in `metered`.
 
-    One that is locked, broken, or unpacks to too much raises `UnreadableInput`.
+    Raises `UnreadableInput` for a member that is encrypted, broken, or unpacks to too much.
     """
     if member.flag_bits & 1:
-        raise UnreadableInput(f"{member.filename} in {file.name} is locked with a password: unpack it first")
+        raise UnreadableInput(f"{member.filename} in {file.name} is protected by a password: unpack it first")
     name = f"{member.filename} in {file.name}"
     with reading(file.name, "a ZIP archive"), zipfile.ZipFile(file.path) as archive, archive.open(member) as stream:
-        chunks = iter(partial(stream.read, CHUNK), b"")
+        chunks = iter(partial(stream.read, CHUNK_BYTES), b"")
         yield from metered(name, chunks, lambda: member.compress_size, most=MOST_MEMBER, ratio=ratio)
 
 
 def open_zip(file: File, *, topic: str | None = None, **options: Any) -> TextRecording:
-    """Open the member of an archive that holds the magnetometer.
+    """Open the member of an archive that contains the magnetometer.
 
-    `topic`: the member's name, or a part of it that no other has; by default the one that a phone logger would have
-    written the raw magnetometer to; `**options`: as `flinders.readers.text.open_text`. Raises `NoMagnetometer` or
-    `UsageError` where it is not clear which member it is, or there is none of that name; `UnreadableInput` for a
-    spreadsheet, an archive that is broken or locked, and one that unpacks to too much.
+    `topic`: the member's name, or a part of it that is unique; the default is the member to which phone loggers write
+    the raw magnetometer; `**options`: as in `flinders.readers.text.open_text`. Raises `NoMagnetometer` or
+    `UsageError` if the member is not clear, or none has that name; `UnreadableInput` for a spreadsheet, for an
+    archive that is broken or encrypted, and for one that unpacks to too much.
     """
     there = members(file)
     for name, kind in SHEETS.items():
         if any(member.filename == name for member in there):
             raise UnreadableInput(f"{file.name} is {kind}: export the sheet as CSV")
-    member = _asked(file.name, there, topic) if topic is not None else _likely(file.name, there)
+    member = _find_member(file.name, there, topic) if topic is not None else _likely_member(file.name, there)
     unpacked = spooled(f"{file.name}/{shown(member.filename)}", member_chunks(file, member))
     return open_text(unpacked, **options)
 
 
-def _asked(name: str, there: list[zipfile.ZipInfo], topic: str) -> zipfile.ZipInfo:
+def _find_member(name: str, there: list[zipfile.ZipInfo], topic: str) -> zipfile.ZipInfo:
     exact = [member for member in there if member.filename.casefold() == topic.strip().casefold()]
     named = exact or [member for member in there if topic.strip().casefold() in member.filename.casefold()]
     if len(named) != 1:
         how = "several members" if named else "no member"
-        raise UsageError(f"{name} has {how} called {topic!r}: there are {_listed(named or there)}")
+        raise UsageError(f"{name} has {how} called {topic!r}: it contains {_list_members(named or there)}")
     return named[0]
 
 
-def _likely(name: str, there: list[zipfile.ZipInfo]) -> zipfile.ZipInfo:
-    """Pick the member that is named like a magnetometer, or the only one that may be a recording."""
-    texts = [member for member in there if _bare(member).endswith(TEXT) and not _is_aside(member.filename)]
-    for words in RANKED:
-        named = [member for member in texts if all(word in _bare(member) for word in words)]
+def _likely_member(name: str, there: list[zipfile.ZipInfo]) -> zipfile.ZipInfo:
+    """Select the member with a magnetometer's name, or the only one that may be a recording."""
+    texts = [
+        member
+        for member in there
+        if _file_name(member).endswith(TEXT_SUFFIXES) and not _is_no_recording(member.filename)
+    ]
+    for words in MEMBER_WORDS:
+        named = [member for member in texts if all(word in _file_name(member) for word in words)]
         if named:
             return named[0]
     if len(texts) == 1:
         return texts[0]
     if not texts:
         raise NoMagnetometer(
-            f"{name} has no text recording in it: it holds {_listed(there)}; unpack it, and give a recording from it"
+            f"{name} contains no text recording: it has {_list_members(there)}; unpack it, and give a recording from it"
         )
     raise NoMagnetometer(
-        f"{name} has {len(texts)} recordings, and none is named like a magnetometer: {_listed(texts)}; say which",
+        f"{name} contains {len(texts)} recordings, none named like a magnetometer: {_list_members(texts)}; say which",
         hint={"topic": None},
     )
 
 
-def _bare(member: zipfile.ZipInfo) -> str:
+def _file_name(member: zipfile.ZipInfo) -> str:
     return PurePosixPath(member.filename).name.casefold()
 
 
-def _is_aside(path: str) -> bool:
+def _is_no_recording(path: str) -> bool:
     parts = [PurePosixPath(part).stem for part in path.casefold().split("/")]
-    return any(part in ASIDE or part.startswith(".") for part in parts)
+    return any(part in OTHER_WORDS or part.startswith(".") for part in parts)
 
 
-def _listed(members: list[zipfile.ZipInfo]) -> str:
+def _list_members(members: list[zipfile.ZipInfo]) -> str:
     names = [shown(member.filename) for member in members]
     return ", ".join(names[:8]) + (f" and {len(names) - 8} more" if len(names) > 8 else "") or "nothing"
 
@@ -162,17 +166,17 @@ def _begins_with_array(head: bytes) -> bool:
 def open_npy(file: File, **options: Any) -> TableRecording:
     """Open one array: (N, 3), (N, 4) with the time first, or a structured one with named columns.
 
-    Options are those of `open_table`. Python objects, or a broken file, raise `UnreadableInput`; columns that are not
-    clear `NoMagnetometer`.
+    Options are those of `open_table`. Python objects and broken files raise `UnreadableInput`; unclear columns raise
+    `NoMagnetometer`.
     """
-    array, behind = _mapped(file, file.name)
+    array, behind = _map_array(file, file.name)
     if array is None:
         raise UnreadableInput(
-            f"{file.name} holds Python objects, which are not read from files of others: save an array of numbers"
+            f"{file.name} contains Python objects, which could run code and are not read: save an array of numbers"
         )
     recording = open_table(file, Table.of_arrays(file.name, "NumPy", {"": array}), **options)
     if behind:
-        words = f"{behind:,} bytes behind the {len(array):,} readings of its header"
+        words = f"{behind:,} bytes after the {len(array):,} readings stated in its header"
         recording.columns = replace(recording.columns, left_out=(*recording.columns.left_out, words))
     return recording
 
@@ -180,15 +184,15 @@ def open_npy(file: File, **options: Any) -> TableRecording:
 def open_npz(file: File, **options: Any) -> TableRecording:
     """Open an archive of named arrays; parameters and errors as `open_npy`.
 
-    Members are unpacked to a temporary folder, and mapped from there.
+    Members are unpacked to temporary files, and mapped from there.
     """
     arrays: dict[str, NDArray[Any]] = {}
-    unpacked_files = []  # the temporary files go when these do
+    unpacked_files = []  # keeps the temporary files
     for member in members(file):
         if member.filename.endswith(".npy"):
             unpacked = spooled(file.name, member_chunks(file, member, ratio=False))
             unpacked_files.append(unpacked)
-            array, _ = _mapped(unpacked, f"{member.filename} in {file.name}")
+            array, _ = _map_array(unpacked, f"{member.filename} in {file.name}")
             if array is not None:
                 arrays[member.filename.removesuffix(".npy")] = array
     unnamed = len(arrays) == 1 and next(iter(arrays)) == "arr_0"
@@ -198,18 +202,18 @@ def open_npz(file: File, **options: Any) -> TableRecording:
     return recording
 
 
-def _mapped(file: File, name: str) -> tuple[NDArray[Any] | None, int]:
-    """Map an array into memory, once its header is known to tell the truth about its size.
+def _map_array(file: File, name: str) -> tuple[NDArray[Any] | None, int]:
+    """Map an array into memory after checking the size in its header.
 
     Returns
     -------
     array or None
-        None for one of Python objects, which could be made to run anything.
+        None for an array of Python objects, which could run code.
     int
-        Bytes behind it.
+        Number of bytes after the array.
     """
     with reading(name, "a NumPy array"), warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # of headers that Python 2 wrote, which nobody can do anything about
+        warnings.simplefilter("ignore")  # about headers of Python 2, which a user cannot change
         with file.path.open("rb") as stream:
             version = np.lib.format.read_magic(stream)
             header = np.lib.format.read_array_header_1_0 if version == (1, 0) else np.lib.format.read_array_header_2_0
@@ -220,8 +224,7 @@ def _mapped(file: File, name: str) -> tuple[NDArray[Any] | None, int]:
         bytes_told = math.prod(shape) * dtype.itemsize
         if bytes_told > bytes_there:
             raise UnreadableInput(
-                f"{name} is cut short: its header tells of {bytes_told:,} bytes and {bytes_there:,} are there; copy it "
-                "again"
+                f"{name} is cut short: its header states {bytes_told:,} bytes and {bytes_there:,} exist; copy it again"
             )
         if not bytes_told:
             return np.zeros(shape, dtype), bytes_there

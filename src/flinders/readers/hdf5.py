@@ -1,7 +1,7 @@
-r"""HDF5 files, MATLAB's ``.mat`` of version 7.3 among them: datasets are columns, and groups are parts of their names.
+r"""HDF5 files, including MATLAB's ``.mat`` of version 7.3: datasets are columns, groups are parts of their names.
 
-A file of HDF5 can point to other files, and hold a terabyte of zeros in a kilobyte. Only what lies in the file itself,
-is reached without soft links, and unpacks to a plausible size is read; the rest is left out, and named with the reason.
+An HDF5 file can point to other files, and store a terabyte of zeros in a kilobyte. Only data in the file itself,
+reached without soft links and of plausible size, are read; others are left out, and named with the reason.
 
 >>> import tempfile
 >>> from pathlib import Path
@@ -55,43 +55,43 @@ if TYPE_CHECKING:
 
 HDF5: Final = b"\x89HDF\r\n\x1a\n"
 MATLAB_7_3: Final = b"MATLAB 7.3 MAT-file"
-"""HDF5 behind 512 bytes of its own; others may have put a block of 512, 1024, ... bytes there too."""
+"""First bytes of a MATLAB file, in a block of 512 bytes before HDF5; other programs use blocks of 512·2ⁿ bytes."""
 USER_BLOCKS: Final = b"|".join(b".{%d}" % size for size in (0, *(512 << power for power in range(7))))
 STARTS: Final = re.compile(rb"(?s)\A(?:%b|(?:%b)%b)" % (re.escape(MATLAB_7_3), USER_BLOCKS, re.escape(HDF5)))
 
-MOST_OBJECTS: Final = 10_000
-"""Links in a file; one with more is refused."""
-DEEPEST: Final = 8
-"""Groups within groups that are looked into."""
-MOST_CHUNK: Final = 32 << 20
-"""Bytes of a chunk, unpacked: all of it is in memory while a part of it is read."""
-MOST_REASONS: Final = 4
-"""Datasets left out that are named with the reason."""
+MAX_OBJECTS: Final = 10_000
+"""Largest number of links in a file."""
+MAX_DEPTH: Final = 8
+"""Largest depth of nested groups that are read."""
+MAX_CHUNK_BYTES: Final = 32 << 20
+"""Largest unpacked size of a chunk in bytes; it is in memory as a whole while a part of it is read."""
+MAX_REASONS: Final = 4
+"""Largest number of left-out datasets that are named with the reason."""
 SHUFFLE, FLETCHER, DEFLATE = 2, 3, 1
 FILTERS: Final = frozenset((SHUFFLE, FLETCHER, DEFLATE))
-"""Filters that are undone; HDF5 loads others from the disk by the number that the file names, which is not trusted."""
-LARGEST_RATIO: Final = 1032
-"""Bytes that a packed one makes at most with deflate."""
-SAFE_UNPACKED: Final = 256 << 20
-"""Bytes up to which a chunk may unpack without having been weighed before."""
+"""Filters that are decoded; HDF5 would load others as plug-ins by the number in the file, which is not trusted."""
+MAX_DEFLATE_RATIO: Final = 1032
+"""Largest compression ratio of deflate."""
+MAX_UNCHECKED_BYTES: Final = 256 << 20
+"""Largest size in bytes to which a chunk may unpack without a check of its size."""
 MATLAB_CLASSES: Final = frozenset((
     "double", "single", "int8", "uint8", "int16", "uint16", "int32", "uint32", "int64", "uint64", "logical",
 ))  # fmt: skip
-"""Classes of the variables of MATLAB that are numbers; the codes of characters are none."""
+"""Numeric classes of MATLAB variables; character codes are excluded."""
 UNITS: Final = (b"units", b"unit", b"Units", b"Unit")
 """Attributes that state a unit."""
-LONGEST_UNIT: Final = 64
-MOST_TEXT: Final = 1 << 20
-"""Bytes of a text of any length in an attribute that is read."""
+MAX_UNIT_LETTERS: Final = 64
+MAX_TEXT_BYTES: Final = 1 << 20
+"""Largest size in bytes of a text of variable length in an attribute."""
 HEAP: Final = b"GCOL\x01"
-"""First bytes of a global heap, which holds texts of any length."""
+"""First bytes of a global heap, which contains texts of variable length."""
 
 
 def open_hdf5(file: File, **options: Any) -> TableRecording:
-    """Open the datasets of an HDF5 file; those of the length that the magnetometer has make the table.
+    """Open the datasets of an HDF5 file; the table consists of those with the magnetometer's length.
 
-    Options are those of `open_table`. Without h5py it raises `MissingExtra`; a file that is broken, cut short, or holds
-    more than `MOST_OBJECTS` `UnreadableInput`; columns that are not clear `NoMagnetometer`.
+    Options are those of `open_table`. Without h5py it raises `MissingExtra`; a file that is broken, cut short, or has
+    more than `MAX_OBJECTS` objects raises `UnreadableInput`; unclear columns raise `NoMagnetometer`.
     """
     with file.path.open("rb") as stream:
         is_matlab = stream.read(len(MATLAB_7_3)) == MATLAB_7_3
@@ -109,44 +109,44 @@ def open_hdf5(file: File, **options: Any) -> TableRecording:
             if catalogue.objects:
                 raise unread_objects(file.name, catalogue.objects) from None
             raise
-        recording.columns = _with_left_out(recording.columns, left_out)
-        closing.pop_all()  # open for as long as the recording is there
+        recording.columns = _add_left_out(recording.columns, left_out)
+        closing.pop_all()  # keeps the file open as long as the recording exists
     return recording
 
 
 class _Array(NamedTuple):
-    """Numbers of one dataset, or of one field of it: (N,), (N, K) or (K, N) as they are stored."""
+    """Numbers of a dataset, or of one of its fields: (N,), (N, K) or (K, N) as stored."""
 
     path: bytes
     name: str
     fields: tuple[str, ...]
     length: int
     width: int
-    axis: int  # of the dataset along which readings follow one another
+    axis: int  # axis of the dataset along which readings are stored
 
 
 @dataclass(slots=True, eq=False)
 class _Catalogue:
-    """What an open file holds."""
+    """Arrays of an open file."""
 
     h5py: Any
-    opened: Any  # open for as long as the recording is there
+    opened: Any  # open as long as the recording exists
     file: File
-    is_matlab: bool  # arrays are stored with their axes in reverse
+    is_matlab: bool  # axes of arrays are stored in reverse order
     arrays: list[_Array] = field(default_factory=list)
     left_out: list[str] = field(default_factory=list)  # datasets that are not read, each with the reason
-    objects: list[tuple[str, str]] = field(default_factory=list)  # names and classes of those of MATLAB
+    objects: list[tuple[str, str]] = field(default_factory=list)  # names and classes of MATLAB objects
     _addresses: set[int] = field(default_factory=set)
-    _weighed: set[bytes] = field(default_factory=set)
+    _checked: set[bytes] = field(default_factory=set)
     _links: int = 0
     _has_sound_heaps: bool = False
 
     def collect(self, group: Any, path: tuple[bytes, ...]) -> None:  # noqa: ANN401
-        """List the arrays of a group and of those in it, each object once; refuse more than `MOST_OBJECTS`."""
+        """List the arrays of a group and its subgroups, each object once; raise an error above `MAX_OBJECTS`."""
         self._links += group.get_num_objs()
-        if self._links > MOST_OBJECTS:
+        if self._links > MAX_OBJECTS:
             raise UnreadableInput(
-                f"{self.file.name} holds more than {MOST_OBJECTS:,} objects: copy the group of the magnetometer to a "
+                f"{self.file.name} contains more than {MAX_OBJECTS:,} objects: copy the group of the magnetometer to a "
                 "file of its own, with h5copy"
             )
         for name in sorted(group):
@@ -159,18 +159,18 @@ class _Catalogue:
                 self._collect_object(group, name, inside)
 
     def _collect_object(self, group: Any, name: bytes, path: tuple[bytes, ...]) -> None:  # noqa: ANN401
-        """List what a hard link leads to; what MATLAB keeps for itself is passed over."""
+        """List the object of a hard link; internal groups of MATLAB are skipped."""
         if self.is_matlab and name.startswith(b"#"):
             return
         member = self.h5py.h5o.open(group, name)
         if isinstance(member, self.h5py.h5g.GroupID):
-            if len(path) < DEEPEST and not self.h5py.h5a.exists(member, b"MATLAB_sparse"):
+            if len(path) < MAX_DEPTH and not self.h5py.h5a.exists(member, b"MATLAB_sparse"):
                 self.collect(member, path)
         elif isinstance(member, self.h5py.h5d.DatasetID):
             self._collect_dataset(member, path)
 
     def _collect_dataset(self, dataset: Any, path: tuple[bytes, ...]) -> None:  # noqa: ANN401
-        """List the numbers of a dataset, unless it lies elsewhere, or unpacks to what no recording does."""
+        """List the numbers of a dataset, unless they are in another file, or unpack to an implausible size."""
         storage = dataset.get_create_plist()
         if storage.get_layout() == self.h5py.h5d.VIRTUAL or storage.get_external_count():
             self._leave_out(path, "in another file")
@@ -184,7 +184,7 @@ class _Catalogue:
             return
         try:
             dtype = dataset.dtype
-        except (TypeError, ValueError):  # a number that NumPy has no type for
+        except (TypeError, ValueError):  # NumPy has no type for the number
             return
         arrays = list(self._arrays_of(dataset, dtype, path))
         if arrays and (reason := self._reason_against(dataset, storage, dtype)):
@@ -193,7 +193,7 @@ class _Catalogue:
             self.arrays += arrays
 
     def _is_numbers_of_matlab(self, dataset: Any) -> bool:  # noqa: ANN401
-        """Tell whether a dataset is an array of numbers to MATLAB too, and no text, cell or empty one."""
+        """Tell whether MATLAB too stores the dataset as a non-empty array of numbers, not as text or cells."""
         if not self.is_matlab:
             return True
         return self._text(dataset, b"MATLAB_class") in MATLAB_CLASSES and not self.h5py.h5a.exists(
@@ -201,22 +201,22 @@ class _Catalogue:
         )
 
     def _reason_against(self, dataset: Any, storage: Any, dtype: np.dtype[Any]) -> str:  # noqa: ANN401
-        """Say why a dataset cannot be read in bounded memory; nothing where it can."""
+        """Reason why a dataset cannot be read in bounded memory; empty if it can."""
         numbers = [storage.get_filter(place)[0] for place in range(storage.get_nfilters())]
         if foreign := [number for number in numbers if number not in FILTERS]:
-            return f"packed with filter {foreign[0]}: write it with gzip"
+            return f"compressed with filter {foreign[0]}: write it with gzip"
         if len(set(numbers)) < len(numbers):
-            return "packed twice"
+            return "compressed twice"
         is_chunked = storage.get_layout() == self.h5py.h5d.CHUNKED
-        if is_chunked and math.prod(storage.get_chunk()) * dtype.itemsize > MOST_CHUNK:
-            return f"in chunks of more than {MOST_CHUNK >> 20} MB: write smaller ones"
+        if is_chunked and math.prod(storage.get_chunk()) * dtype.itemsize > MAX_CHUNK_BYTES:
+            return f"in chunks of more than {MAX_CHUNK_BYTES >> 20} MB: write smaller ones"
         stored = min(dataset.get_storage_size(), self.file.size)
         if is_bomb(math.prod(dataset.shape) * dtype.itemsize, stored):
-            return f"said to be {math.prod(dataset.shape) * dtype.itemsize >> 20:,} MB in {stored:,} bytes"
+            return f"stated as {math.prod(dataset.shape) * dtype.itemsize >> 20:,} MB in {stored:,} bytes"
         return ""
 
     def _arrays_of(self, dataset: Any, dtype: np.dtype[Any], path: tuple[bytes, ...]) -> Iterator[_Array]:  # noqa: ANN401
-        """Cut a dataset into arrays of numbers; nothing where it is no list of readings."""
+        """Split a dataset into arrays of numbers; none if it is no list of readings."""
         shape = dataset.shape or ()
         if len(shape) not in {1, 2} or math.prod(shape) <= 1:
             return
@@ -231,12 +231,12 @@ class _Catalogue:
                 yield _Array(where, ".".join((own, *fields)), fields, max(shape), width, int(np.argmax(shape)))
 
     def _unit(self, dataset: Any) -> str:  # noqa: ANN401
-        """Read which unit an attribute states; nothing where it is none that can stand in a name."""
+        """Unit in an attribute; empty without one that may be part of a name."""
         texts = (self._text(dataset, name).partition(" since ")[0].strip() for name in UNITS)
         return next((text for text in texts if re.fullmatch(r"[^()\[\]\s,]{1,24}", text) and text.isprintable()), "")
 
     def _text(self, dataset: Any, attribute: bytes) -> str:  # noqa: ANN401
-        """Read a short text of an attribute; nothing where there is none."""
+        """Short text in an attribute; empty without one."""
         h5a = self.h5py.h5a
         if not h5a.exists(dataset, attribute):
             return ""
@@ -246,26 +246,26 @@ class _Catalogue:
             return ""
         if kind.is_variable_str():
             self._check_heaps()
-        elif kind.get_size() > LONGEST_UNIT:
+        elif kind.get_size() > MAX_UNIT_LETTERS:
             return ""
         value = np.asarray(self.h5py.Dataset(dataset).attrs[attribute.decode()]).ravel()[0]
         text = value.decode("utf-8", "replace") if isinstance(value, bytes) else str(value)
-        return text.strip("\x00 ") if len(text) <= LONGEST_UNIT else ""
+        return text.strip("\x00 ") if len(text) <= MAX_UNIT_LETTERS else ""
 
     def _check_heaps(self) -> None:
-        """Look once whether texts of any length can be read: of a broken heap HDF5 2.0 goes in circles.
+        """Check once whether texts of variable length can be read: on a broken heap HDF5 2.0 does not terminate.
 
-        It also takes as much memory as a text is said to be long before it looks whether it is.
+        It also allocates the stated length of a text before it checks that length.
         """
         if self._has_sound_heaps:
             return
         with self.file.mapped() as content:
             is_sound = self.opened.id.get_create_plist().get_sizes() == (8, 8)
-            is_sound &= all(_is_sound_heap(content, place) for place in _places_of(HEAP, content))
+            is_sound &= all(_is_sound_heap(content, place) for place in _positions_of(HEAP, content))
             is_sound &= all(
-                _length_of_text(content, place, len(name) + 1) <= MOST_TEXT
+                _length_of_text(content, place, len(name) + 1) <= MAX_TEXT_BYTES
                 for name in (*UNITS, b"MATLAB_class")
-                for place in _places_of(name + b"\x00", content)
+                for place in _positions_of(name + b"\x00", content)
             )
             if not is_sound:
                 raise UnreadableInput(f"{self.file.name} has a broken heap of texts: copy it again")
@@ -275,22 +275,24 @@ class _Catalogue:
         self.left_out.append(f"{shown(_name_of(path))} ({reason})")
 
     def dataset(self, path: bytes) -> Any:  # noqa: ANN401
-        """Open a dataset; the first time, refuse one of which a chunk unpacks to more than it should."""
+        """Open a dataset; the first time, raise an error if a chunk unpacks to more than its stated size."""
         dataset = self.h5py.h5d.open(self.opened.id, path)
-        if path not in self._weighed and dataset.get_create_plist().get_layout() == self.h5py.h5d.CHUNKED:
-            self._weigh(dataset, path)
-        self._weighed.add(path)
+        if path not in self._checked and dataset.get_create_plist().get_layout() == self.h5py.h5d.CHUNKED:
+            self._check_chunks(dataset, path)
+        self._checked.add(path)
         return self.h5py.Dataset(dataset)
 
-    def _weigh(self, dataset: Any, path: bytes) -> None:  # noqa: ANN401
-        """Unpack each chunk that may be too large, as far as it should go."""
+    def _check_chunks(self, dataset: Any, path: bytes) -> None:  # noqa: ANN401
+        """Unpack each suspicious chunk, up to its stated size."""
         storage = dataset.get_create_plist()
         unpacked = int(math.prod(storage.get_chunk()) * dataset.dtype.itemsize)
         numbers = [storage.get_filter(place)[0] for place in range(storage.get_nfilters())]
         large: list[Any] = []
 
-        def note(chunk: Any) -> None:  # noqa: ANN401 - called for each chunk; anything but None would end it
-            if chunk.size > 2 * unpacked + BLOCK or (DEFLATE in numbers and chunk.size * LARGEST_RATIO > SAFE_UNPACKED):
+        def note(chunk: Any) -> None:  # noqa: ANN401 - called for each chunk; any other result would end the iteration
+            if chunk.size > 2 * unpacked + BLOCK or (
+                DEFLATE in numbers and chunk.size * MAX_DEFLATE_RATIO > MAX_UNCHECKED_BYTES
+            ):
                 large.append(chunk)
 
         dataset.chunk_iter(note)
@@ -303,12 +305,12 @@ class _Catalogue:
 
 
 def _table_of(catalogue: _Catalogue, kind: str) -> tuple[Table, list[str]]:
-    """Lay the columns of one length side by side, and say which magnetometers and datasets are left out."""
+    """Combine the columns of one length to a table, and list the magnetometers and datasets that are left out."""
     arrays = catalogue.arrays
     if not arrays:
         reasons = f": {', '.join(catalogue.left_out[:MOST_NAMED])}" if catalogue.left_out else ""
         raise NoMagnetometer(
-            f"{catalogue.file.name} holds no columns of numbers that can be read{reasons}; need a dataset of N "
+            f"{catalogue.file.name} contains no readable columns of numbers{reasons}; need a dataset of N "
             "readings by 3, or datasets of equal length by name"
         )
     length = _length_of(arrays)
@@ -327,7 +329,7 @@ def _table_of(catalogue: _Catalogue, kind: str) -> tuple[Table, list[str]]:
                 yield np.stack([blocks[array][:, place] for array, place in wanted], axis=1)
 
     others = [
-        f"{shown(array.name)} ({array.length:,} readings, of {length:,} here: give it alone)"
+        f"{shown(array.name)} ({array.length:,} readings instead of {length:,}: give it alone)"
         for array in arrays
         if array.length != length and names_magnetometer(_names_of(array))
     ]
@@ -347,8 +349,8 @@ def _block(dataset: Any, array: _Array, span: slice) -> Floats:  # noqa: ANN401
     return block.reshape(len(block), array.width).astype(float)
 
 
-def _places_of(start: bytes, content: mmap.mmap) -> Iterator[int]:
-    """Yield where these bytes are."""
+def _positions_of(start: bytes, content: mmap.mmap) -> Iterator[int]:
+    """Yield the positions of these bytes."""
     place = content.find(start)
     while place >= 0:
         yield place
@@ -356,10 +358,10 @@ def _places_of(start: bytes, content: mmap.mmap) -> Iterator[int]:
 
 
 def _is_sound_heap(content: mmap.mmap, place: int) -> bool:
-    """Tell whether the objects of a global heap follow one another up to its end.
+    """Tell whether the objects of a global heap are contiguous up to its end.
 
     Source: HDF5 File Format Specification 3.0, III.E: signature, version, size; objects of index, count, size, content,
-    in multiples of 8 bytes; index 0 is the free space, whose size counts its own header.
+    in multiples of 8 bytes; index 0 is the free space, whose size includes its own header.
     """
     end = place + int.from_bytes(content[place + 8 : place + 16], "little")
     place += 16
@@ -376,10 +378,10 @@ def _is_sound_heap(content: mmap.mmap, place: int) -> bool:
 
 
 def _length_of_text(content: mmap.mmap, place: int, size: int) -> int:
-    """Tell how long the text of an attribute is said to be whose name of so many bytes is here; 0 where none is.
+    """Stated length of an attribute's text, if its name of `size` bytes is at this place; else 0.
 
     Source: HDF5 File Format Specification 3.0, IV.A.2.m: version, flags, sizes of name, type and space, in version 3
-    the encoding; then those three, in version 1 in multiples of 8 bytes; then the length of the text and where it is.
+    the encoding; then these three, in version 1 in multiples of 8 bytes; then the length and position of the text.
     """
     for header in (8, 9):
         start = max(place - header, 0)
@@ -393,7 +395,7 @@ def _length_of_text(content: mmap.mmap, place: int, size: int) -> int:
 
 
 def _layout_of(shape: tuple[int, ...], *, is_reversed: bool) -> tuple[int, int, int]:
-    """Tell how many readings an array has, of how many numbers, and along which stored axis they follow one another.
+    """Number of readings of an array, numbers per reading, and the stored axis of the readings.
 
     >>> _layout_of((3, 100), is_reversed=False), _layout_of((2, 3), is_reversed=True)
     ((100, 3, 1), (3, 2, 1))
@@ -403,24 +405,24 @@ def _layout_of(shape: tuple[int, ...], *, is_reversed: bool) -> tuple[int, int, 
     rows, width = shape[::-1] if is_reversed else shape
     axis = 1 if is_reversed else 0
     if rows <= 4 < width:
-        rows, width, axis = width, rows, 1 - axis  # a column a reading
+        rows, width, axis = width, rows, 1 - axis  # one reading per column
     return rows, width, axis
 
 
 def _numbers_in(dtype: np.dtype[Any], fields: tuple[str, ...] = ()) -> Iterator[tuple[tuple[str, ...], int]]:
-    """Yield the fields of records that are numbers, with those of records in them, and how many numbers each has."""
+    """Yield the numeric fields of records, also of nested ones, with their count of numbers."""
     for name in dtype.names or ():
         inner = dtype[name]
         base, shape = inner.subdtype or (inner, ())
         if inner.names:
-            if not inner.hasobject and len(fields) < DEEPEST:
+            if not inner.hasobject and len(fields) < MAX_DEPTH:
                 yield from _numbers_in(inner, (*fields, name))
         elif base.kind in "iufb" and len(shape) <= 1 and math.prod(shape) <= WIDEST:
             yield (*fields, name), math.prod(shape)
 
 
 def _length_of(arrays: Sequence[_Array]) -> int:
-    """Choose how many readings the table has: as many as the magnetometer with most columns, else as most columns."""
+    """Number of readings of the table: that of the magnetometer with most columns, else that of most columns."""
     columns: Counter[int] = Counter()
     for array in arrays:
         columns[array.length] += array.width
@@ -432,7 +434,7 @@ def _length_of(arrays: Sequence[_Array]) -> int:
 
 
 def _magnetometer_first(arrays: Sequence[_Array]) -> list[_Array]:
-    """Put the group of the first magnetometer first, so that of several equal times its own is read."""
+    """Sort the group of the first magnetometer first, so that its own time is read."""
     groups: dict[str, list[str]] = {}
     for array in arrays:
         groups.setdefault(_group_of(array), []).extend(_names_of(array))
@@ -449,7 +451,7 @@ def _names_of(array: _Array) -> list[str]:
 
 
 def _without_common_group(arrays: list[_Array]) -> list[_Array]:
-    """Take off the name of a group that has everything in it."""
+    """Remove the name of a group that contains all arrays."""
     while arrays and all("." in array.name.partition(" (")[0] for array in arrays):
         heads = {array.name.partition(".")[0] for array in arrays}
         if len(heads) > 1:
@@ -458,11 +460,11 @@ def _without_common_group(arrays: list[_Array]) -> list[_Array]:
     return arrays
 
 
-def _with_left_out(columns: Columns, reasons: Sequence[str]) -> Columns:
-    """Have the first line name what is left out, of each of several magnetometers."""
-    more = [f"{len(reasons) - MOST_REASONS} more"] * (len(reasons) > MOST_REASONS)
-    each = tuple(_with_left_out(own, reasons) for own in columns.magnetometers)
-    return replace(columns, left_out=(*columns.left_out, *reasons[:MOST_REASONS], *more), magnetometers=each)
+def _add_left_out(columns: Columns, reasons: Sequence[str]) -> Columns:
+    """Add the left-out datasets to the columns, also to those of each of several magnetometers."""
+    more = [f"{len(reasons) - MAX_REASONS} more"] * (len(reasons) > MAX_REASONS)
+    each = tuple(_add_left_out(own, reasons) for own in columns.magnetometers)
+    return replace(columns, left_out=(*columns.left_out, *reasons[:MAX_REASONS], *more), magnetometers=each)
 
 
 def _name_of(path: Sequence[bytes]) -> str:

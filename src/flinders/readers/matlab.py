@@ -1,8 +1,8 @@
 r"""MATLAB's ``.mat`` of versions 5 to 7: variables, and fields of structures, as columns.
 
-Only arrays of numbers and structures of one element are looked into; the rest is passed over. Objects, such as a
-timeseries, are in a form that MathWorks does not document, and are named where nothing else is there. Nothing of the
-file is trusted: a length that leads beyond its array, or a shape that is not that of its numbers, refuses the file.
+Only arrays of numbers and structures of one element are read; others are skipped. Objects, such as a timeseries, have
+an undocumented format, and are named if the file contains nothing else. The file is not trusted: a length beyond its
+array, or a shape that does not fit its numbers, is an error.
 
 Source: MathWorks, *MAT-File Format*, level 5: behind a header of 128 bytes, elements of type, length and content, in
 multiples of 8 bytes; an array is an element of elements: flags, shape, name and numbers, or the fields of a structure.
@@ -45,28 +45,28 @@ if TYPE_CHECKING:
 
 MAT: Final = b"MATLAB 5.0 MAT-file"
 HEADER: Final = 128
-"""Bytes before the first element; the last two say in which order bytes are."""
+"""Bytes before the first element; the last two state the byte order."""
 MATRIX, COMPRESSED = 14, 15
-"""Types of elements: an array, and one that is packed."""
+"""Types of elements: an array, and a compressed element."""
 NUMBERS: Final = {
     1: "i1", 2: "u1", 3: "i2", 4: "u2", 5: "i4", 6: "u4", 7: "f4", 9: "f8", 12: "i8", 13: "u8",
 }  # fmt: skip
-"""Types of elements that hold numbers, as NumPy calls them."""
+"""NumPy types of the elements that hold numbers."""
 STRUCTURE: Final = 2
 OBJECT, OPAQUE = 3, 17
-"""Classes of arrays: objects of old, and those of ``classdef``, such as a timeseries or a timetable."""
+"""Classes of arrays: old objects, and objects of a ``classdef``, such as a timeseries or a timetable."""
 NUMERIC: Final = range(6, 16)
-"""Classes of arrays: a structure, and from double to uint64 those of numbers."""
+"""Classes of numeric arrays, from double to uint64."""
 COMPLEX: Final = 0x0800
-DEEPEST: Final = 3
-"""Structures within structures that are looked into."""
+MAX_DEPTH: Final = 3
+"""Largest depth of nested structures that are read."""
 
 
 def open_mat(file: File, **options: Any) -> TableRecording:
     """Open the variables of a MATLAB file, and the fields of its structures; options are those of `open_table`.
 
-    They are unpacked to a temporary file, and mapped from there. A broken file, and one that unpacks to more than
-    `MOST_MEMBER` bytes, raises `UnreadableInput`; columns that are not clear `NoMagnetometer`.
+    They are unpacked to a temporary file, and mapped from there. A file that is broken, or unpacks to more than
+    `MOST_MEMBER` bytes, raises `UnreadableInput`; unclear columns raise `NoMagnetometer`.
     """
     with file.path.open("rb") as stream:
         chunks = metered(file.name, inflated(stream), lambda: file.size, most=MOST_MEMBER, ratio=False)
@@ -91,13 +91,13 @@ def open_mat(file: File, **options: Any) -> TableRecording:
 
 
 def _order(stream: IO[bytes]) -> str:
-    """Order of the bytes of numbers, by the end of the header."""
+    """Byte order of numbers, from the end of the header."""
     stream.seek(HEADER - 2)
     return ">" if stream.read(2) == b"MI" else "<"
 
 
 def inflated(stream: IO[bytes]) -> Iterator[bytes]:
-    """Yield the elements of a file without their packing."""
+    """Yield the elements of a file without compression."""
     order = _order(stream)
     while tag := stream.read(8):
         kind, length = struct.unpack(f"{order}II", tag)
@@ -109,12 +109,12 @@ def inflated(stream: IO[bytes]) -> Iterator[bytes]:
             if not piece:
                 raise ValueError("an element goes on beyond the end of the file")
             length -= len(piece)
-            yield from _inflated(unpacker, piece) if kind == COMPRESSED else (piece,)
+            yield from _inflate_piece(unpacker, piece) if kind == COMPRESSED else (piece,)
         if kind == COMPRESSED and not unpacker.eof:
             raise ValueError("a packed element has no end")
 
 
-def _inflated(unpacker: Any, packed: bytes) -> Iterator[bytes]:  # noqa: ANN401 - zlib does not name its type
+def _inflate_piece(unpacker: Any, packed: bytes) -> Iterator[bytes]:  # noqa: ANN401 - zlib does not name its type
     """Unpack a piece, `CHUNK` bytes at a time."""
     while packed and not unpacker.eof:
         yield unpacker.decompress(packed, CHUNK)
@@ -122,7 +122,7 @@ def _inflated(unpacker: Any, packed: bytes) -> Iterator[bytes]:  # noqa: ANN401 
 
 
 def _elements(content: memoryview, order: str) -> Iterator[tuple[int, memoryview]]:
-    """Yield type and content of each element; up to four bytes may stand in the place of the length."""
+    """Yield type and content of each element; content of up to four bytes may be in place of the length."""
     place = 0
     while place < len(content):
         kind, length = struct.unpack_from(f"{order}II", content, place)
@@ -141,7 +141,7 @@ def _arrays(matrix: memoryview, order: str, name: str = "", depth: int = 0) -> I
     (_, flags), shape, (_, own) = islice(parts, 3)
     (bits,) = struct.unpack_from(f"{order}I", flags)
     name, dimensions = name or bytes(own).decode("latin-1"), _numbers(*shape, order)
-    if bits & 0xFF == STRUCTURE and depth < DEEPEST and np.all(dimensions == 1):
+    if bits & 0xFF == STRUCTURE and depth < MAX_DEPTH and np.all(dimensions == 1):
         (_, width), (_, fields) = islice(parts, 2)
         (step,) = struct.unpack_from(f"{order}I", width)
         labels = [bytes(fields[at : at + step]).partition(b"\0")[0].decode("latin-1")
@@ -164,10 +164,10 @@ def _object(matrix: memoryview, order: str) -> tuple[str, str] | None:
 
 
 def unread_objects(source: str, objects: Sequence[tuple[str, str]]) -> NoMagnetometer:
-    """Say which objects of MATLAB a file holds in place of numbers, and how numbers are made of them.
+    """Error for a file with MATLAB objects in place of numbers, with the commands that convert them.
 
     >>> print(unread_objects("walk.mat", [("mag", "timeseries")]))
-    walk.mat holds its readings as objects of MATLAB (mag: timeseries), which it alone reads: save numbers there, with
+    walk.mat holds its readings as objects of MATLAB (mag: timeseries), which only MATLAB reads: save numbers, with
         t = mag.Time; xyz = mag.Data; save('numbers.mat', 't', 'xyz')
     """
     first, of_class = objects[0]
@@ -176,7 +176,7 @@ def unread_objects(source: str, objects: Sequence[tuple[str, str]]) -> NoMagneto
         parts = f"t = seconds({first}.Time - {first}.Time(1)); xyz = {first}.Variables"
     listed = ", ".join(f"{name}: {kind}" for name, kind in objects[:MOST_NAMED])
     return NoMagnetometer(
-        f"{source} holds its readings as objects of MATLAB ({listed}), which it alone reads: save numbers there, with "
+        f"{source} holds its readings as objects of MATLAB ({listed}), which only MATLAB reads: save numbers, with "
         f"{parts}; save('numbers.mat', 't', 'xyz')"
     )
 
@@ -187,7 +187,7 @@ def _numbers(kind: int, content: memoryview, order: str) -> NDArray[Any]:
 
 
 def _without_common_structure(arrays: Mapping[str, NDArray[Any]]) -> Mapping[str, NDArray[Any]]:
-    """Take off the name of a structure that has everything in it."""
+    """Remove the name of a structure that contains all arrays."""
     heads = {name.partition(".")[0] for name in arrays}
     if len(heads) == 1 and all("." in name for name in arrays):
         return {name.partition(".")[2]: array for name, array in arrays.items()}

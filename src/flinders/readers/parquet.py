@@ -1,11 +1,11 @@
 r"""Parquet tables and Arrow files (IPC, Feather version 2), column by column and a row group at a time.
 
-Columns are recognised by the same names as those of text; a column of three, ``mag`` of fixed lists, is three columns.
-A column of text that is named like a time is read where its cells are dates of ISO 8601, ``2026-11-21T12:30:05.25Z``.
+Columns are recognised by the same names as in text; ``mag`` as a column of fixed lists of three is three columns. A
+text column with the name of a time is read if its cells are ISO 8601 dates, ``2026-11-21T12:30:05.25Z``.
 
-pyarrow ends the program on a footer whose sizes or statistics contradict its schema, so `group_extents` itself reads
-the least and the greatest value of a column in each row group. What is broken, or in a form that writers do not use, is
-not known.
+pyarrow terminates the program if sizes or statistics in a footer contradict its schema. Therefore `group_extents`
+parses the minimum and maximum of a column in each row group itself. They are unknown if the footer is broken, or in a
+form that writers do not use.
 
 >>> import tempfile
 >>> import pyarrow
@@ -53,28 +53,28 @@ ISO: Final = (
     r"^\d{4}-(0[1-9]|1[0-2])-(0[1-9]|[12]\d|3[01])[T ]([01]\d|2[0-3]):[0-5]\d(:[0-5]\d(\.\d{1,9})?)?"
     r"(Z|[+-]([01]\d|2[0-3])(:?[0-5]\d)?)?$"
 )
-"""Dates that are read of texts."""
+"""Pattern of dates that are read from text."""
 BYTES_OF_READING: Final = 24
-MOST_UNPACKED: Final = 128 << 20
-"""Bytes that a column of a row group, or a record batch, unpacks to: all of it may have to be in memory."""
+MAX_UNPACKED_BYTES: Final = 128 << 20
+"""Largest unpacked size in bytes of a column of a row group, or of a record batch, which may have to be in memory."""
 
 
 def open_parquet(file: File, **options: Any) -> TableRecording:
     """Open a Parquet table; options are those of `open_table`.
 
-    Without pyarrow it raises `MissingExtra`; a file that is broken, cut short or packed beyond belief
-    `UnreadableInput`; columns that are not clear `NoMagnetometer`.
+    Without pyarrow it raises `MissingExtra`; a file that is broken, cut short or implausibly compressed raises
+    `UnreadableInput`; unclear columns raise `NoMagnetometer`.
     """
     parquet = needs("pyarrow.parquet", "parquet", "a Parquet table")
 
-    def opened() -> Any:  # noqa: ANN401 - pyarrow ships no types
+    def open_table_file() -> Any:  # noqa: ANN401 - pyarrow ships no types
         return parquet.ParquetFile(file.path, memory_map=True, page_checksum_verification=True)
 
     def batches(names: list[str]) -> Iterator[Any]:
-        is_long = metadata.num_rows > BLOCK  # threads cost a short table a quarter more
-        yield from opened().iter_batches(BLOCK, columns=names, use_threads=is_long)
+        is_long = metadata.num_rows > BLOCK  # threads slow a short table down by a quarter
+        yield from open_table_file().iter_batches(BLOCK, columns=names, use_threads=is_long)
 
-    whole = opened()
+    whole = open_table_file()
     metadata, schema = whole.metadata, whole.schema_arrow
     refuse_packed_groups(metadata, file.name, file.size)
     return open_table(file, table_of("Parquet", schema, metadata.num_rows, batches, file.name), **options)
@@ -93,14 +93,14 @@ def open_arrow(file: File, **options: Any) -> TableRecording:
             chosen.validate(full=True)
             yield from (chosen.slice(start, BLOCK) for start in range(0, chosen.num_rows, BLOCK))
 
-    schema = ipc.open_file(source).schema  # refuses a file without an end
+    schema = ipc.open_file(source).schema  # raises an error for a file without an end
     return open_table(file, table_of("Arrow", schema, length, batches, file.name), **options)
 
 
 def refuse_packed_groups(metadata: Any, name: str, size: int) -> None:  # noqa: ANN401 - pyarrow ships no types
-    """Refuse a Parquet table of which a row group, or the whole, unpacks to too much.
+    """Raise an error for a Parquet table if a row group, or the whole, unpacks to too much.
 
-    Columns are not asked: on broken sizes of levels pyarrow 26 ends the program there.
+    Sizes of columns are not read: on broken sizes of levels pyarrow 26 terminates the program.
     """
     groups = [metadata.row_group(number) for number in range(metadata.num_row_groups)]
     for group in groups:
@@ -109,17 +109,17 @@ def refuse_packed_groups(metadata: Any, name: str, size: int) -> None:  # noqa: 
 
 
 def _refuse_large(name: str, what: str, unpacked: int) -> None:
-    if unpacked > MOST_UNPACKED:
+    if unpacked > MAX_UNPACKED_BYTES:
         raise UnreadableInput(
             f"{name} has a {what} of {unpacked >> 20:,} MB, too large to unpack: write it in smaller ones"
         )
 
 
 def rows_of_batches(source: Any, name: str, size: int) -> list[int]:  # noqa: ANN401 - pyarrow ships no types
-    """Rows of each record batch of an Arrow file, by what stands before it; refuse what unpacks to too much.
+    """Rows of each record batch of an Arrow file, from its messages; raises an error if it unpacks to too much.
 
-    Source: Arrow's *Format*, ``Message.fbs``: a batch has its length, its nodes, its buffers and how they are packed; a
-    packed buffer begins with its length unpacked, or −1 where it is not.
+    Source: Arrow's *Format*, ``Message.fbs``: a batch has its length, its nodes, its buffers and their compression; a
+    compressed buffer starts with its unpacked length, or −1 if it is not compressed.
     """
     source.seek(len(ARROW))
     rows, total = [], 0
@@ -138,7 +138,7 @@ def rows_of_batches(source: Any, name: str, size: int) -> list[int]:  # noqa: AN
 
 
 class _Flat:
-    """A table in a flatbuffer: where each field is, by its number; 0 where there is none."""
+    """A table in a flatbuffer; fields are read by number, and are 0 if missing."""
 
     def __init__(self, content: bytes, at: int | None = None) -> None:
         self._content = content
@@ -154,17 +154,17 @@ class _Flat:
         return self._at + offset if offset else 0
 
     def number(self, field: int) -> int:
-        """A whole number of 64 bits."""
+        """A 64-bit integer field."""
         place = self._place(field)
         return self._read("<q", place) if place else 0
 
     def table(self, field: int) -> _Flat:
-        """A table within."""
+        """A nested table."""
         place = self._place(field)
         return _Flat(self._content, place + self._read("<I", place))
 
     def packed_lengths(self, body: Any) -> Iterator[int]:  # noqa: ANN401 - a buffer of pyarrow
-        """Bytes of each packed buffer of a record batch, unpacked."""
+        """Unpacked bytes of each compressed buffer of a record batch."""
         place = self._place(2)
         start = place + self._read("<I", place)
         for number in range(self._read("<I", start) if self._place(3) else 0):
@@ -209,29 +209,29 @@ def table_of(
 
 
 def _words_in(schema: Any) -> list[str]:  # noqa: ANN401
-    """Names of the columns of words, of which only one is called so."""
+    """Unique names of the columns of words."""
     of_words = (field for field in schema if str(field.type) in TEXTS or str(field.type).startswith("dictionary"))
     return [field.name for field in of_words if schema.get_field_index(field.name) >= 0]
 
 
 def _is_of_words(field: Any, name: str) -> bool:  # noqa: ANN401
-    """Whether a field holds words that may tell devices or sensors apart."""
+    """Whether a field holds words that may distinguish devices or sensors."""
     text = str(field.type)
     return (text in TEXTS or text.startswith("dictionary")) and tells_rows_apart(name)
 
 
 def places_of(schema: Any) -> list[tuple[str, int | None, str]]:  # noqa: ANN401
-    """The columns of numbers or times that there are: of which field, which part of it, and what it is called."""
+    """Columns of numbers or times: field, part of a fixed list, and column name."""
     return [
         (field.name, part, name)
         for field in schema
         for part, name in _parts(field)
-        if schema.get_field_index(field.name) >= 0  # two of one name cannot be asked for
+        if schema.get_field_index(field.name) >= 0  # duplicate names cannot be selected
     ][:WIDEST]
 
 
 def _parts(field: Any) -> list[tuple[int | None, str]]:  # noqa: ANN401
-    """The columns that a field makes: itself, three of a fixed list of three, none where it holds no numbers."""
+    """Columns of a field: itself, three for a fixed list of three, none if it holds no numbers."""
     kind = field.type
     text = str(kind)
     if text.startswith("fixed_size_list<") and text.endswith("[3]"):
@@ -242,9 +242,9 @@ def _parts(field: Any) -> list[tuple[int | None, str]]:  # noqa: ANN401
 
 
 def values_of(column: Any, part: int | None) -> NDArray[np.floating]:  # noqa: ANN401
-    """One column in its own precision, NaN where it is null; a time in nanoseconds since 1970."""
+    """One column in its own precision, NaN for null; a time in nanoseconds since 1970."""
     if part is not None:
-        column = column.flatten().take(_every_third(part, len(column)))
+        column = column.flatten().take(_indices_of_part(part, len(column)))
     if str(column.type) in TEXTS:
         column = _dates(column)
     if str(column.type).startswith("timestamp"):
@@ -255,7 +255,7 @@ def values_of(column: Any, part: int | None) -> NDArray[np.floating]:  # noqa: A
 
 
 def _dates(column: Any) -> Any:  # noqa: ANN401
-    """Times in UTC of texts of ISO 8601, null for what is none; one that states no zone is taken to be in UTC.
+    """UTC times of ISO 8601 texts, null for other texts; a text without zone is taken as UTC.
 
     >>> import pyarrow
     >>> texts = ["1970-01-01T00:00:01.5Z", "1970-01-01 01:00:02+01:00", "1970-01-01T00:00:03", "noon"]
@@ -274,7 +274,7 @@ def _dates(column: Any) -> Any:  # noqa: ANN401
 
 
 def _is_day(text: str) -> bool:
-    """Tell whether the calendar has a day, and nanoseconds since 1970 do.
+    """Tell whether a date exists, and can be stored as nanoseconds since 1970.
 
     >>> _is_day("2028-02-29"), _is_day("1970-02-30"), _is_day("9999-01-01")
     (True, False, False)
@@ -285,7 +285,7 @@ def _is_day(text: str) -> bool:
         return False
 
 
-def _every_third(part: int, length: int) -> Any:  # noqa: ANN401
+def _indices_of_part(part: int, length: int) -> Any:  # noqa: ANN401
     arrow = needs("pyarrow", "parquet", "a table")
     return arrow.array(np.arange(part, 3 * length, 3))
 
@@ -294,20 +294,20 @@ def _every_third(part: int, length: int) -> Any:  # noqa: ANN401
 
 Extent: TypeAlias = tuple[bytes, bytes]
 Fields: TypeAlias = dict[int, Any]
-"""Values of a struct by the numbers of their fields."""
+"""Values of a struct, by field number."""
 
 STATISTICS: Final = 12
-"""Field of ``ColumnMetaData``; the others are of ``Statistics``."""
+"""Field of ``ColumnMetaData``; the others are fields of ``Statistics``."""
 NULL_COUNT, MAX_VALUE, MIN_VALUE, IS_MAX_VALUE_EXACT, IS_MIN_VALUE_EXACT = 3, 5, 6, 7, 8
 PATH: Final = 3
 """Field of ``ColumnMetaData``."""
 PATH_OF_ONE: Final = b"\x19\x18"
-"""Before the name of a column at the top: the next field is a list, of one text."""
-LONGEST_VARINT: Final = 10
+"""Bytes before the name of a top-level column: the next field is a list of one text."""
+MAX_VARINT_BYTES: Final = 10
 
 
 def group_extents(metadata: Any, column: str) -> list[Extent | None]:  # noqa: ANN401 - pyarrow ships no types
-    """Least and greatest value of a column at the top in each row group, as bytes; None where they are not known."""
+    """Minimum and maximum of a top-level column in each row group, as bytes; None if unknown."""
     unknown = [None] * metadata.num_row_groups
     footer = io.BytesIO()
     metadata.write_metadata_file(footer)
@@ -322,7 +322,7 @@ def group_extents(metadata: Any, column: str) -> list[Extent | None]:  # noqa: A
 
 
 def _extent(chunk: Fields) -> Extent | None:
-    """Least and greatest value of a chunk of a column without nulls."""
+    """Minimum and maximum of a column chunk without nulls."""
     stated = chunk.get(STATISTICS)
     if not isinstance(stated, dict) or stated.get(NULL_COUNT):
         return None
@@ -332,7 +332,7 @@ def _extent(chunk: Fields) -> Extent | None:
 
 
 def _varint(value: int) -> bytes:
-    r"""A length as it is written.
+    r"""A length encoded as a varint.
 
     >>> _varint(4), _varint(300)
     (b'\x04', b'\xac\x02')
@@ -341,13 +341,13 @@ def _varint(value: int) -> bytes:
 
 
 class _Compact:
-    """Values of Thrift's compact protocol, from a place on; LookupError or ValueError where there are none."""
+    """Values in Thrift's compact protocol from a position on; LookupError or ValueError if they are invalid."""
 
     def __init__(self, content: bytes, at: int) -> None:
         self._content, self._at = content, at
 
     def fields(self, number: int = 0) -> Fields:
-        """Rest of a struct, after the field with a number."""
+        """The remaining fields of a struct, after the field with a number."""
         fields: Fields = {}
         while head := self._byte():
             number = number + (head >> 4) if head >> 4 else self._integer()
@@ -355,7 +355,7 @@ class _Compact:
         return fields
 
     def _value(self, kind: int) -> Any:  # noqa: ANN401
-        """A value of a field; that of a truth is its kind."""
+        """A value of a field; the kind itself is the value of a boolean."""
         return kind == 1 if kind in (1, 2) else COMPACT_VALUES[kind](self)
 
     def _byte(self) -> int:
@@ -367,9 +367,9 @@ class _Compact:
         return self._content[self._at - count : self._at]
 
     def _length(self) -> int:
-        """A number of seven bits a byte, the lowest first; of the last byte the eighth is 0."""
+        """A varint: seven bits per byte, the lowest first; the eighth bit is 0 in the last byte."""
         value = 0
-        for place in range(LONGEST_VARINT):
+        for place in range(MAX_VARINT_BYTES):
             byte = self._byte()
             value |= (byte & 127) << 7 * place
             if byte < 1 << 7:
@@ -401,7 +401,7 @@ COMPACT_VALUES: Final[dict[int, Callable[[_Compact], Any]]] = {
     **dict.fromkeys((9, 10), _Compact._list),
     12: _Compact.fields,
 }
-"""What reads a value of a kind; in a list a truth is a byte."""
+"""Functions that read a value of each kind; in a list a boolean is a byte."""
 
 READERS: Final = (
     Reader(

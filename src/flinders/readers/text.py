@@ -1,4 +1,4 @@
-r"""Recordings as text: tables with any delimiter, decimal sign and header, JSON, and what boards print for people.
+r"""Recordings as text: tables with any delimiter, decimal sign and header, JSON, and printed lines of boards.
 
 >>> import tempfile
 >>> from pathlib import Path
@@ -63,40 +63,40 @@ _CALIBRATION: Final = re.compile(
     r'([-+\d]+(?:[,;\s]+[-+\d]+)*)"?\s*$',
     re.IGNORECASE,
 )
-"""A header of Betaflight or INAV with a calibration (`compassUpdate` in `sensors/compass.c`), as tools may write it."""
-_NO_GAIN: Final = 1024  # INAV's ``maggain`` that changes nothing
+"""A header of Betaflight or INAV with a calibration (`compassUpdate` in `sensors/compass.c`), as tools write it."""
+_NO_GAIN: Final = 1024  # neutral ``maggain`` of INAV
 
 
 @dataclass(slots=True, eq=False)
 class TextRecording(ColumnsRecording):
-    """Text that yields its readings in bounded memory: a file again and again, a `Stream` once."""
+    """Text that yields its readings in bounded memory: a file any number of times, a stream once."""
 
-    file: Source  # where its lines are
-    layout: TextLayout  # delimiter, decimal sign, header, which column is what
+    file: Source  # source of its lines
+    layout: TextLayout  # delimiter, decimal sign, header, columns
     unit: Unit  # of the magnetometer's columns
-    axes: Axes = field(default_factory=Axes)  # how the recorded axes are turned
-    frame: str = "sensor"  # what they are: ``sensor`` or ``vehicle``
+    axes: Axes = field(default_factory=Axes)  # mapping of the recorded axes
+    frame: str = "sensor"  # recorded axes: ``sensor`` or ``vehicle``
     progress: Progress | None = None
-    span: TimeSpan = field(default_factory=TimeSpan)  # which part of it is read
-    transcription: Transcription | None = None  # of a recording in a dialect, what made the table that `file` is
-    original: Source | None = None  # the recording itself, where `file` is a table that was made of it
+    span: TimeSpan = field(default_factory=TimeSpan)  # the part of the recording that is read
+    transcription: Transcription | None = None  # for a recording in a dialect, its conversion to the table in `file`
+    original: Source | None = None  # the recording itself, if `file` is a converted table
     source: str = field(init=False)
-    is_unit_given: bool = field(default=False, init=False)  # by whoever opened it
-    skipped: tuple[Skipped, ...] = field(default=(), init=False)  # what the last pass has left out so far
-    held: _Held | None = field(default=None, init=False)  # of a short one, what was read when it was opened
-    words: tuple[tuple[str, int], ...] = ()  # columns of words that are asked for: names and places
+    is_unit_given: bool = field(default=False, init=False)  # whether the user gave the unit
+    skipped: tuple[Skipped, ...] = field(default=(), init=False)  # lines that the last pass has skipped so far
+    held: _Held | None = field(default=None, init=False)  # lines of a short recording that were read when it was opened
+    words: tuple[tuple[str, int], ...] = ()  # requested columns of words: names and places
 
     def __post_init__(self) -> None:
-        """Take the name of the file."""
+        """Set the source to the name of the file."""
         self.source = self.file.name
 
     @property
     def columns(self) -> Columns:
-        """Which column is what."""
+        """Columns that are read."""
         return self.layout.columns
 
     def with_columns(self, columns: Columns, unit: str | None, scale: float | None) -> TextRecording:
-        """Read these columns, in the unit that their names or the user say."""
+        """The recording of these columns, in the unit of their names or of the user."""
         own = unit_of(columns, self.source, unit, scale)
         grid = replace(self.layout.grid, cells=columns.cells, needed=columns.needed, clock=columns.clock)
         layout = replace(self.layout, columns=columns.in_given(unit, scale).with_strength_in(own), grid=grid)
@@ -106,18 +106,18 @@ class TextRecording(ColumnsRecording):
     def blocks(self) -> Iterator[Samples]:
         """Yield the readings from the first on, about 8192 at a time.
 
-        Raises `UnreadableInput` where the file cannot be read to its end; at its end, where more than half of the lines
-        that should be readings are not, or no reading is left.
+        Raises `UnreadableInput` if the file cannot be read to its end, and at its end, if more than half of the
+        expected readings are unreadable or none is left.
         """
         for _, samples in self.numbered_blocks():
             yield samples
 
     @sound
     def numbered_blocks(self) -> Iterator[tuple[Floats, Samples]]:
-        """Yield the blocks of `blocks`, and with each the (N,) numbers of the lines that its readings stand in."""
+        """Yield the blocks of `blocks`, each with the (N,) line numbers of its readings."""
         pending: tuple[Skipped, ...] = ()
         clock = self.span.clock(self.source)
-        for block in self._pass(self.layout.columns):
+        for block in self._read_once(self.layout.columns):
             pending = added(pending, block.left_out)
             for lines, samples in self._samples(block):
                 within = clock.within(samples)
@@ -127,42 +127,42 @@ class TextRecording(ColumnsRecording):
         clock.judge()
 
     def hold(self) -> None:
-        """Read a short recording, for passes to come; raises as `blocks`."""
+        """Read a short recording into memory for later passes; raises as `blocks`."""
         self.held = _Held(self.columns, list(self._read(self.layout.grid, self.columns)))
         for _ in self.blocks():
             pass
 
     def name_acceleration(self, columns: str) -> None:
-        """Say which columns are the accelerometer's; UsageError for those that are missing or the magnetometer's."""
+        """Select the accelerometer's columns; UsageError if they are missing or are the magnetometer's."""
         layout = self.layout
         known = wanted_acceleration(columns, layout.header, layout.columns, layout.grid.width)
         self.layout = replace(layout, columns=known)
 
     def name_strength(self, column: str) -> None:
-        """Say which column is the strength of the field, as a scalar magnetometer reads it; UsageError as above."""
+        """Select the column of the field strength of a scalar magnetometer; UsageError as `name_acceleration`."""
         layout = self.layout
         known = wanted_strength(column, layout.header, layout.columns, layout.grid.width)
         self.layout = replace(layout, columns=known.with_strength_in(self.unit))
 
     def with_auxiliary(self, names: Sequence[str], *, are_needed: bool = True) -> TextRecording:
-        """Read columns of these names as well, numbers or words.
+        """The recording with further columns, of numbers or words.
 
-        Raises `InputError` for one that is not there, where they are needed; else it is left out.
+        Raises `InputError` for a missing name if `are_needed`; else the name is left out.
         """
         places = places_in(self.source, self.layout.header, names, are_needed=are_needed)
         texts = self._first_cells(list(places.values()))
         words = {name: place for name, place in places.items() if texts[place]}
         numbers = {name: place for name, place in places.items() if name not in words}
         layout = replace(self.layout, columns=self.layout.columns.with_auxiliary(numbers, numbers.values()))
-        return replace(self, layout=layout, words=tuple(words.items()))._as(self)
+        return replace(self, layout=layout, words=tuple(words.items()))._with_state_of(self)
 
-    def _as(self, other: TextRecording) -> TextRecording:
-        """The same with what is known of another that was opened."""
+    def _with_state_of(self, other: TextRecording) -> TextRecording:
+        """Copy the state of another recording that was opened, and return this one."""
         self.is_unit_given, self.held = other.is_unit_given, other.held
         return self
 
     def _first_cells(self, places: Sequence[int]) -> dict[int, bool]:
-        """Whether cells in the first rows at these places are words."""
+        """Whether the first cells at each place are words."""
         opening, _ = self.file.opening(self.layout.encoding)
         texts = (text for text in opening[self.layout.start - 1 :] if self.layout.is_reading(text))
         rows = [split(text, self.layout.grid.delimiter) for text in texts]
@@ -171,7 +171,7 @@ class TextRecording(ColumnsRecording):
         return {place: any(number(cell, decimal) is None for cell in each) for place, each in cells.items()}
 
     def _words_of(self, block: _Block, rows: NDArray[np.intp]) -> dict[str, NDArray[np.str_]]:
-        """(N,) words in the columns that are asked for, at rows of a block."""
+        """(N,) words of the requested columns at rows of a block."""
         if not self.words:
             return {}
         texts, first = block.lines.texts, block.lines.first
@@ -189,29 +189,29 @@ class TextRecording(ColumnsRecording):
     def corrected_blocks(
         self, correct: Callable[..., Floats], *, add: bool = False, with_disturbances: bool = False
     ) -> Iterator[list[str]]:
-        """Yield the lines of the file with corrected readings, those that were read, or arrived, together at a time.
+        """Yield the lines of the file with corrected readings, grouped as they were read or arrived.
 
-        All else stays: other columns, delimiter, decimal sign, header, comments, quotes, line ends. Lines that
-        cannot be read are left out and counted in `skipped`; a reading that is not finite becomes ``nan``. JSON
-        and what boards print with labels become comma-separated tables. Lines carry their ends: write them with
-        ``newline=""`` and, for the same characters, `layout.encoding`.
+        All else is unchanged: other columns, delimiter, decimal sign, header, comments, quotes, line ends. Unreadable
+        lines are left out and counted in `skipped`; a reading that is not finite becomes ``nan``. JSON and labelled
+        lines become comma-separated tables. Lines include their ends: write them with ``newline=""`` and, for the same
+        characters, with `layout.encoding`.
 
         Raises `UnreadableInput` as `blocks`.
 
         Parameters
         ----------
         correct : (N, 3) to (N, 3)
-            Takes and gives readings as in `Samples.field`: in `unit.inside` and in `axes`.
+            Takes and returns readings as in `Samples.field`: in `unit.inside` and in `axes`.
         add : bool
-            Add three columns, named with ``_cal`` where there is a header, and keep the recorded ones.
+            Add three columns, named with ``_cal`` if there is a header, and keep the recorded ones.
         with_disturbances : bool
-            Give `correct` `Samples` in place of the readings: with time, temperature, current and throttle.
+            Pass `Samples` to `correct` instead of the readings: with time, temperature, current and throttle.
         """
         rewriter = Rewriter(self.layout, add=add)
         yield list(rewriter.opening())
         kinds = (TIME, CURRENT, THROTTLE, TEMPERATURE, CURRENTS, THROTTLES, AUXILIARY) if with_disturbances else ()
         columns = self.layout.columns.only(*kinds)
-        for block in self._pass(columns):  # a reading without time is corrected all the same
+        for block in self._read_once(columns):  # a reading without time is corrected too
             lines, rows, usable, _ = block
             corrected = np.full((len(usable), 3), np.nan)
             if usable.any():
@@ -222,12 +222,12 @@ class TextRecording(ColumnsRecording):
             yield list(rewriter.lines(lines, rows, corrected))
 
     def written(self) -> str:
-        """How it is written."""
+        """Description of the format."""
         return str(self.layout)
 
     @sound
-    def _pass(self, columns: Columns) -> Iterator[_Block]:
-        """Go over these columns of the file once, noting what is left out, and judge it at the end."""
+    def _read_once(self, columns: Columns) -> Iterator[_Block]:
+        """Read these columns of the file once, account for skipped lines, and check the total at the end."""
         tally, shapes = Tally(), LineShapes()
         others: tuple[Skipped, ...] = ()
         self.skipped = ()
@@ -245,7 +245,7 @@ class TextRecording(ColumnsRecording):
         tally.judge(self.source, self.skipped)
 
     def _read(self, grid: Grid, columns: Columns) -> Iterator[tuple[Lines, NumberRows, NDArray[np.bool_]]]:
-        """Read blocks of lines, and several at once where pyarrow reads all of their lines and all can be used."""
+        """Read blocks of lines; several at once if pyarrow can parse all of their lines and all are usable."""
         if self.held and self.held.columns == columns:
             yield from self.held.blocks
             return
@@ -254,21 +254,21 @@ class TextRecording(ColumnsRecording):
         if isinstance(file, File) and file.size >= LEAST_FOR_ARROW and (parse := parser_of(grid)):
             segments = file.lines(encoding, blocks=BLOCKS_AT_ONCE)
         for segment in segments:
-            if (whole := self._parsed(segment, parse)) and (usable := self._usable(whole, columns)).all():
+            if (whole := self._parse_block(segment, parse)) and (usable := self._usable(whole, columns)).all():
                 yield segment, whole.past(midnights, grid), usable
                 continue
             for lines in segment.blocks():
-                rows = self._parsed(lines, parse) or self._rows(lines, grid)
+                rows = self._parse_block(lines, parse) or self._rows(lines, grid)
                 yield lines, rows.past(midnights, grid), self._usable(rows, columns)
 
-    def _parsed(self, lines: Lines, parse: Parse | None) -> NumberRows | None:
-        """Read a block by pyarrow, where it is used and there is nothing but readings."""
+    def _parse_block(self, lines: Lines, parse: Parse | None) -> NumberRows | None:
+        """Parse a block with pyarrow, if it is in use and the block contains only readings."""
         is_table = lines.first >= self.layout.start and self._is_all_readings(lines.text)
         values = parse(lines) if parse and is_table else None
         return None if values is None else NumberRows(values, lines.numbers, [])
 
     def _rows(self, lines: Lines, grid: Grid) -> NumberRows:
-        """Read the lines of a block that should be readings."""
+        """Read the lines of a block that are expected to be readings."""
         above = max(self.layout.start - lines.first, 0)
         texts, first = lines.texts[above:], lines.first + above
         text = "\n".join(texts) if above else lines.text
@@ -278,23 +278,23 @@ class TextRecording(ColumnsRecording):
         return rows_of([texts[place] for place in places], [first + place for place in places], grid)
 
     def _is_all_readings(self, text: str) -> bool:
-        """Tell whether lines below the header hold neither that nor a comment; blank lines they may hold."""
+        """Tell whether lines below the header contain neither a header nor a comment; blank lines are allowed."""
         if self.layout.columns.device is not None:
             return False
         header_text = self.layout.header_text
         others = (*COMMENTS, header_text) if header_text else COMMENTS
-        # one character is found in a tenth of the time that two take
+        # finding one character takes a tenth of the time of finding two
         return not any(other[0] in text and other in text for other in others)
 
     def _usable(self, rows: NumberRows, columns: Columns) -> NDArray[np.bool_]:
-        """Tell which rows are a sensor's answer, finite also in `unit.inside`; a time may be missing."""
+        """Mask of the rows with a sensor's answer that is finite, also in `unit.inside`; a time may be missing."""
         with np.errstate(over="ignore", invalid="ignore"):
             read = columns.readings(rows.values.T)
             usable = np.isfinite(read * self.unit.scale).all(axis=1)
         return np.asarray(usable & ~silent(read), dtype=np.bool_)
 
     def _samples(self, block: _Block) -> Iterator[tuple[Floats, Samples]]:
-        """Make samples of the rows that can be used, with the numbers of their lines, `BLOCK` at a time."""
+        """Make samples of the usable rows, with their line numbers, `BLOCK` at a time."""
         values = block.rows.values if block.usable.all() else block.rows.values[block.usable]
         lines, places = block.rows.numbers[block.usable], np.flatnonzero(block.usable)
         for start in range(0, len(lines), BLOCK):
@@ -309,7 +309,7 @@ class TextRecording(ColumnsRecording):
 
 
 class Transcription:
-    """A recording in a dialect as a `table` without a header, each row in the place of its line, and what is no row."""
+    """Conversion of a recording in a dialect to a `table` without header, with each row at its line's number."""
 
     def __init__(self, source: Source, dialect: Dialect, encoding: str) -> None:
         self._dialect, self._encoding, self.frame = dialect, encoding, dialect.frame
@@ -317,7 +317,7 @@ class Transcription:
         self.table = derived(source, self._rows(source))
 
     def others(self, before: Sequence[Skipped] = ()) -> tuple[Skipped, ...]:
-        """Account for the lines that are none of the dialect, less those that are accounted for already."""
+        """Account for lines that do not belong to the dialect, minus those in `before`."""
         known = {entry.reason: entry.rows for entry in before}
         new = (entry for entry in self._others if entry.rows > known.get(entry.reason, 0))
         return tuple(
@@ -328,7 +328,7 @@ class Transcription:
         )
 
     def _rows(self, source: Source) -> Iterator[bytes]:
-        """Yield the rows of each block of lines; a blank one where a line is none, so that these keep their numbers."""
+        """Yield the rows of each block of lines; other lines become blank, so that line numbers stay the same."""
         row, shapes = self._dialect.row, LineShapes()
         for lines in source.lines(self._encoding):
             texts, others = lines.texts, list[int]()
@@ -343,14 +343,14 @@ class Transcription:
 
 
 class _Held(NamedTuple):
-    """Blocks of lines that are held in memory, and the columns that were read of them."""
+    """Blocks of lines in memory, and the columns that were read from them."""
 
     columns: Columns
     blocks: list[tuple[Lines, NumberRows, NDArray[np.bool_]]]
 
 
 class _Block(NamedTuple):
-    """Some lines, what was read from them, which of the rows can be used, and what is left out."""
+    """Some lines, their rows, a mask of usable rows, and an account of skipped lines."""
 
     lines: Lines
     rows: NumberRows
@@ -375,7 +375,7 @@ def open_text(
     head = file.head()
     refuse_foreign(file.name, head)
     sniffed = partial(sniff, file.name, columns=columns, flat=flat, choice=choice)
-    laid_out = _laid_out(file, head, sniffed, pattern, flat)
+    laid_out = _lay_out(file, head, sniffed, pattern, flat)
     table, layout, transcription = laid_out.table, laid_out.layout, laid_out.transcription
     frame = transcription.frame if transcription else "sensor"
     recording = TextRecording(
@@ -384,25 +384,25 @@ def open_text(
     if layout.in_force and columns is None:
         raise _not_raw(file.name, layout)
     if laid_out.is_all and not layout.columns.magnetometers:  # one of several may be dead
-        recording.hold()  # what is wrong surfaces here, where that costs no more than a block
+        recording.hold()  # errors surface here, at the cost of one block
     recording.progress = progress
     recording.skipped = ()
     return recording
 
 
 class _LaidOut(NamedTuple):
-    """A table, which a file is or which was made of it, and how it is laid out."""
+    """A table, original or converted, with its layout."""
 
     table: Source
     layout: TextLayout
-    is_all: bool  # its first lines are all there are
-    transcription: Transcription | None = None  # of a file in a dialect
+    is_all: bool  # its first lines are all lines
+    transcription: Transcription | None = None  # for a file in a dialect
 
 
-def _laid_out(
+def _lay_out(
     file: Source, head: bytes, lay_out: Callable[..., TextLayout], pattern: str | None, flat: str | None
 ) -> _LaidOut:
-    """Find how the lines of a file are written; what is no table becomes one."""
+    """Recognise the format of the lines of a file; other text is converted to a table."""
     encoding = encoding_of(head)
     beginning = head.decode(encoding, "replace").removeprefix("\ufeff")
     may_be_glued = beginning.lstrip().startswith(("[", "{")) or "*" in beginning
@@ -416,7 +416,9 @@ def _laid_out(
         return _LaidOut(transcription.table, layout, is_all, transcription)
     clock = layout.columns.clock
     if clock and not (clock.is_settled or is_all) and isinstance(file, File):
-        layout = lay_out([*opening, *file.last_lines(encoding)], every=every)  # which may tell the day from the month
+        layout = lay_out(
+            [*opening, *file.last_lines(encoding)], every=every
+        )  # more lines may settle the order of day and month
     if layout.is_blackbox:
         layout = replace(layout, in_force=calibration_in_force(opening[: layout.start - 1]))
     end = re.search("\r\n|\n|\r", beginning)
@@ -430,7 +432,7 @@ def _lines(file: File, encoding: str) -> Iterator[str]:
 
 
 def calibration_in_force(above: Sequence[str]) -> str:
-    """Find the calibration of a board in the headers of its blackbox; nothing where it changes nothing.
+    """The board's calibration in the headers of its blackbox; empty if it is neutral.
 
     >>> calibration_in_force(['"Firmware revision","INAV 7.0.0"', '"magzero","12,13,14"', '"maggain","1024,1024,1024"'])
     'magzero 12,13,14'
@@ -445,11 +447,11 @@ def calibration_in_force(above: Sequence[str]) -> str:
 
 
 def _not_raw(name: str, layout: TextLayout) -> UnreadableInput:
-    """Say that a blackbox was recorded with a calibration in force, and how other readings, or these, are had."""
+    """Error for a blackbox that was recorded with a calibration in force, with ways to get raw readings."""
     return UnreadableInput(
-        f"{name} was recorded with {layout.in_force} in force, and magADC is after it: what is found from it would "
-        "come on top of that, and boards put it in its place. Set offsets to 0 (maggain to 1024) and record again; to "
-        "use what was logged all the same, name its columns",
+        f"{name} was recorded with {layout.in_force} in force, and magADC includes it: a calibration found from it "
+        "adds to that one, but boards would replace it. Set offsets to 0 (maggain to 1024) and record again; to use "
+        "the logged readings all the same, name their columns",
         hint={"columns": ",".join(layout.columns.field.names)},
     )
 

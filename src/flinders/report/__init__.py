@@ -1,1 +1,1 @@
-"""Renderings of the same `Fit`; they compute nothing."""
+"""Renderings of a `Fit`; they compute no results."""

@@ -1,4 +1,4 @@
-"""The calibration of an accelerometer, as a page for the terminal."""
+"""The calibration of an accelerometer as a page for the terminal."""
 
 from __future__ import annotations
 
@@ -18,31 +18,31 @@ if TYPE_CHECKING:
     from flinders.workflows.accelerometer import AccelerometerFit
 
 DIP_DEG = 60.0
-"""Of the field for which the heading error is stated."""
+"""Dip of the field, in degrees, for which the heading error is stated."""
 UNITS = {"m/s2": "m/s²"}
-"""What people write."""
+"""Units as shown to users."""
 
 
 def of_accelerometer(fit: AccelerometerFit) -> RenderableType:
-    """Lay out the numbers, the claim, and what limits it."""
+    """Lay out the numbers, the claim, and its limits."""
     error, triad = fit.tilt_error, fit.inertial.accelerometer
     what = counted(fit.poses, "still pose" if fit.is_still else "reading")
     claim = (
-        f"vertical good to {figures(error.rms)}° (1 σ, all attitudes; 95 % within {figures(error.bound_95)}°)",
+        f"vertical accurate to {figures(error.rms)}° (1 σ, all attitudes; 95 % within {figures(error.bound_95)}°)",
         (
             f"headings with it to {figures(error.heading_error_deg(DIP_DEG))}° (1 σ, dip {DIP_DEG:.0f}°), "
-            f"beside the error of the compass; {what}"
+            f"in addition to the error of the compass; {what}"
         ),
     )
     rows = [] if triad is None else list(_rows("offset", triad, fit.inertial.gravity))
     gyro = fit.inertial.gyro
     if gyro is not None and gyro.offset_sigma is not None:
         rows.append(("gyro offset", _pairs(gyro.offset, gyro.offset_sigma), "rad/s"))
-    return page(verdict("CALIBRATED", "good", *claim), lines(rows), notes(list(_limits(fit))))
+    return page(verdict("CALIBRATED", "good", *claim), lines(rows), notes(list(_limit_notes(fit))))
 
 
 def _rows(name: str, triad: Triad, gravity: float) -> Iterator[tuple[str, str, str]]:
-    """Offsets, gains and the misalignment with 1 σ of each."""
+    """Offsets, gains and misalignment, each with 1 σ."""
     unit = UNITS.get(triad.unit, triad.unit)
     size = float(np.trace(triad.matrix)) / 3.0
     matrix, sigma, offset_sigma = triad.matrix / size, triad.matrix_sigma, triad.offset_sigma
@@ -56,7 +56,7 @@ def _rows(name: str, triad: Triad, gravity: float) -> Iterator[tuple[str, str, s
 
 
 def _pairs(values: np.ndarray, sigmas: np.ndarray) -> str:
-    """Numbers with their uncertainty, to its second digit."""
+    """Numbers with their uncertainties, to the second digit of the latter."""
     places = [max(1 - int(np.floor(np.log10(sigma))), 0) if sigma > 0 else 6 for sigma in sigmas]
     return "   ".join(
         f"{value + 0.0:.{place}f} ± {sigma:.{place}f}"
@@ -64,14 +64,14 @@ def _pairs(values: np.ndarray, sigmas: np.ndarray) -> str:
     )
 
 
-def _limits(fit: AccelerometerFit) -> Iterator[tuple[str, ...]]:
-    """What the claim rests on."""
+def _limit_notes(fit: AccelerometerFit) -> Iterator[tuple[str, ...]]:
+    """Limits of the claim."""
     if not fit.sees_misalignment:
         yield (
             "limits",
             (
-                "the poses do not tell how square the axes are: the claim takes each pair as off 90° by 1.1° (1 σ); "
-                "six more poses, each on another edge, tell it"
+                "the poses do not determine how square the axes are: the claim assumes 1.1° (1 σ) of deviation from "
+                "90° for each pair; six more poses, each on another edge, determine it"
             ),
         )
     if fit.excess > 1.0:
@@ -79,9 +79,9 @@ def _limits(fit: AccelerometerFit) -> Iterator[tuple[str, ...]]:
             "limits",
             (
                 f"lengths of the poses differ {figures(fit.excess)} times as much as their noise explains: "
-                "uncertainties are that much wider"
+                "uncertainties are widened by that factor"
             ),
         )
     if not fit.is_still:
-        yield "note", "no still pose: each reading counts as one, and its movement as noise"
-    yield "note", "how the accelerometer sits in the device is not seen: it is a tilt of its own"
+        yield "note", "no still pose: each reading counts as one, and motion counts as noise"
+    yield "note", "not included: the accelerometer's mounting in the device, which adds a tilt of its own"

@@ -1,11 +1,10 @@
-"""What all charts are drawn with: panels with axes, numbers, lines, areas, dots, bars and words, as SVG.
+"""Elements of all charts: panels with axes, numbers, lines, areas, dots, bars and words, in SVG.
 
-A `Panel` is what is drawn over two axes on any canvas: a `Plot`, which puts numbers in their places and gives SVG, or
-axes of matplotlib (`flinders.report.matplotlib`). Round charts and maps use the shapes alone.
+A `Panel` is drawn over two axes on any canvas: on a `Plot`, which converts numbers to positions and gives SVG, or on
+axes of matplotlib (`flinders.report.matplotlib`). Round charts and maps use shapes only.
 
-A chart is text: shapes with classes, which ``static/figure.css`` gives a colour in light, in dark and on paper. Inside
-a page it takes the colours of the page; a drawing that is a file of its own carries those rules that it uses, for both
-themes.
+A chart is text: shapes with classes, whose colours in light, in dark and on paper are in ``static/figure.css``. Inside
+a page a chart takes the colours of the page; as a separate file it includes the rules that it uses, for both themes.
 
 >>> plot = Plot(40, 10, 200, 100, Axis(0, 10), Axis(1, 100, np.log10))
 >>> plot.places([0, 5], [1, 10]).tolist()
@@ -42,8 +41,8 @@ if TYPE_CHECKING:
     """Numbers of an axis and what stands at each."""
 
 MOST_DOTS: Final = 3_000
-"""Dots of one kind in a plot; more would be a smear, and a large file."""
-MOST_CROSSES: Final = 500
+"""Largest number of dots of one kind in a plot; more would merge, and enlarge the file."""
+MAX_CROSSES: Final = 500
 COMPASS_POINTS: Final = ("N", "NE", "E", "SE", "S", "SW", "W", "NW", "N")
 
 FONT: Final = ".figure { max-width: 100%; height: auto; font-family: system-ui, sans-serif }"
@@ -57,14 +56,14 @@ FILE_STYLE: Final = f"""\
 
 @dataclass(frozen=True, slots=True)
 class Axis:
-    """The ends of an axis, and what its numbers go through before they are placed, such as a logarithm."""
+    """The ends of an axis, and the function that its numbers are scaled by, such as a logarithm."""
 
     low: float
     high: float
     scale: Callable[[ArrayLike], Floats] = np.asarray
 
     def share(self, values: ArrayLike) -> Floats:
-        """How far along the axis numbers lie, from 0 to 1."""
+        """Positions of numbers along the axis, from 0 to 1."""
         low, high = (float(self.scale(end)) for end in (self.low, self.high))
         share: Floats = (np.asarray(self.scale(values), float) - low) / (high - low)
         return share
@@ -72,7 +71,7 @@ class Axis:
 
 @dataclass(frozen=True, slots=True)
 class Plot:
-    """A rectangle of a chart with an axis to the right and one that points up."""
+    """A rectangle of a chart with an axis to the right and one upwards."""
 
     left: float
     top: float
@@ -83,61 +82,61 @@ class Plot:
 
     @property
     def right(self) -> float:
-        """Of the drawing, where the rectangle ends."""
+        """Right edge of the rectangle in the drawing."""
         return self.left + self.width
 
     @property
     def bottom(self) -> float:
-        """Of the drawing, where the rectangle ends."""
+        """Bottom edge of the rectangle in the drawing."""
         return self.top + self.height
 
     @property
     def middle(self) -> float:
-        """Of the drawing, between left and right."""
+        """Horizontal centre of the rectangle in the drawing."""
         return self.left + self.width / 2.0
 
     def x(self, value: float) -> float:
-        """Place of a number along the first axis."""
+        """Horizontal position of a number."""
         return self.left + self.width * float(self.across.share(value))
 
     def y(self, value: float) -> float:
-        """Place of a number along the second axis."""
+        """Vertical position of a number."""
         return self.bottom - self.height * float(self.up.share(value))
 
     def places(self, x: ArrayLike, y: ArrayLike) -> Floats:
-        """(n, 2) places of numbers."""
+        """(n, 2) positions of numbers."""
         return np.stack(
             [self.left + self.width * self.across.share(x), self.bottom - self.height * self.up.share(y)], axis=1
         )
 
     def inside(self, x: ArrayLike, y: ArrayLike) -> Floats:
-        """(m, 2) places of those numbers that lie in the rectangle."""
+        """(m, 2) positions of the numbers inside the rectangle."""
         places = self.places(x, y)
         near, far = np.array([self.left, self.top]) - 1e-6, np.array([self.right, self.bottom]) + 1e-6
         inside: Floats = places[((places >= near) & (places <= far)).all(axis=1)]
         return inside
 
     def line(self, kind: str, x: ArrayLike, y: ArrayLike, *, is_closed: bool = False) -> str:
-        """A line through numbers."""
+        """A line through points."""
         return shape(kind, self.places(x, y), is_closed=is_closed)
 
     def area(self, kind: str, x: ArrayLike, low: ArrayLike, high: ArrayLike) -> str:
-        """What lies between two lines."""
+        """The area between two lines."""
         there, back = self.places(x, high), self.places(x, low)[::-1]
         return shape(kind, np.concatenate([there, back]), is_closed=True)
 
     def dots(self, kind: str, x: ArrayLike, y: ArrayLike, *, most: int = MOST_DOTS) -> str:
-        """Dots, of many every k-th; what lies outside is left out."""
+        """Dots inside the rectangle, thinned to every k-th."""
         return dots(kind, thinned(self.inside(x, y), most))
 
     def crosses(self, x: ArrayLike, y: ArrayLike) -> str:
-        """Crosses, of many every k-th; what lies outside is left out."""
-        places = thinned(self.inside(x, y), MOST_CROSSES).tolist()
+        """Crosses inside the rectangle, thinned to every k-th."""
+        places = thinned(self.inside(x, y), MAX_CROSSES).tolist()
         marks = "".join(f"M{x - 3:.1f} {y - 3:.1f}l6 6m0-6l-6 6" for x, y in places)
         return f'<path class="reject" d="{marks}"/>' if marks else ""
 
     def tiles(self, kind: str, rings: Sequence[Floats]) -> str:
-        """Polygons of one class as one path."""
+        """Polygons of one class as a single path."""
         outlines = (outline_of(self.places(*ring.T), is_closed=True) for ring in rings)
         return f'<path class="tile {kind}" d="{"".join(outlines)}"/>'
 
@@ -147,7 +146,7 @@ class Plot:
         return segment("iron", self.x(0.0), self.y(0.0), *end) + circle("iron-end", *end, 3)
 
     def bars(self, kind: str, edges: ArrayLike, counts: Iterable[float], *, least: float = 0.0) -> str:
-        """A bar for each class that holds anything, none lower than `least`."""
+        """A bar for each class with a count, at least `least` high."""
         sides, zero = self.places(edges, np.zeros(np.size(edges)))[:, 0].tolist(), f"{self.bottom:.1f}"
         parts = [
             f"M{first:.1f} {zero}V{min(self.y(count), self.bottom - least):.1f}H{last - 0.7:.1f}V{zero}Z"
@@ -157,15 +156,15 @@ class Plot:
         return f'<path class="{kind}" d="{"".join(parts)}"/>' if parts else ""
 
     def level(self, value: float, kind: str) -> str:
-        """A line across at a number of the second axis."""
+        """A horizontal line at a number of the second axis."""
         return segment(kind, self.left, self.y(value), self.right, self.y(value))
 
     def upright(self, value: float, kind: str) -> str:
-        """A line up and down at a number of the first axis."""
+        """A vertical line at a number of the first axis."""
         return segment(kind, self.x(value), self.top, self.x(value), self.bottom)
 
     def columns(self, numbers: Ticks, *, gap: float = 14.0) -> str:
-        """Lines up and down with their numbers below; zero stands out where it is not at an end."""
+        """Vertical lines with their numbers below; zero is highlighted unless it is at an end."""
         return "".join(
             self.upright(value, "zero" if value == 0.0 and self.across.share(value) > 0.02 else "grid")
             + text(self.x(value), self.bottom + gap, shown, kind=_between(place, numbers))
@@ -173,7 +172,7 @@ class Plot:
         )
 
     def rows(self, numbers: Ticks, *, gap: float = 14.0) -> str:
-        """Lines across with their numbers to the left; zero stands out."""
+        """Horizontal lines with their numbers to the left; zero is highlighted."""
         return "".join(
             self.level(value, "grid" if value else "zero")
             + text(self.left - gap / 2.0, self.y(value) + 4, shown, "end", _between(place, numbers))
@@ -181,16 +180,16 @@ class Plot:
         )
 
     def outline(self, kind: str) -> str:
-        """The rectangle itself."""
+        """Outline of the rectangle."""
         return rectangle(kind, self.left, self.top, self.width, self.height)
 
     def clipped(self, name: str, *parts: str) -> str:
-        """Shapes that end at the edge of the rectangle."""
+        """Shapes clipped at the edge of the rectangle."""
         return clipped(name, self.outline(""), *parts)
 
 
 class Canvas(Protocol):
-    """What marks are drawn on: a `Plot` in SVG, or axes of matplotlib, where they give no text."""
+    """Canvas for marks: a `Plot` in SVG, or axes of matplotlib, whose methods return no text."""
 
     def line(self, kind: str, x: ArrayLike, y: ArrayLike, *, is_closed: bool = False) -> str: ...  # noqa: D102
     def area(self, kind: str, x: ArrayLike, low: ArrayLike, high: ArrayLike) -> str: ...  # noqa: D102
@@ -204,29 +203,29 @@ class Canvas(Protocol):
 
 @dataclass(frozen=True, slots=True)
 class Panel:
-    """What is drawn over two axes, for SVG and for matplotlib."""
+    """Marks over two axes, for SVG and for matplotlib."""
 
     x: Axis
     y: Axis
     draw: Callable[[Canvas], Iterable[str]]
-    x_words: str = ""  # what the numbers are
+    x_words: str = ""  # label of the axis
     y_words: str = ""
-    title: str = ""  # stands above
+    title: str = ""  # shown above the panel
     kind: str = ""  # class of its colour
-    x_ticks: Ticks = ()  # numbers with what stands at each; by default round ones
+    x_ticks: Ticks = ()  # numbers with their labels; round ones by default
     y_ticks: Ticks = ()
 
     def at(self, left: float, top: float, width: float, height: float) -> Plot:
-        """The plot that it is in a drawing."""
+        """The plot of the panel in a drawing."""
         return Plot(left, top, width, height, self.x, self.y)
 
     def grid(self, plot: Plot, *, is_last: bool = True, gap: float = 14.0) -> str:
-        """A frame, lines and numbers; those across only of the last of the panels that share the axis."""
+        """Frame, lines and numbers; the numbers below only for the last of several panels with a common axis."""
         across = self.x_ticks or round_ticks(self.x, 8 if plot.width > 2.0 * plot.height else 5)
         columns = plot.columns(across if is_last else [(value, "") for value, _ in across], gap=gap)
         return columns + plot.rows(self.y_ticks or round_ticks(self.y, 5), gap=gap) + plot.outline("frame")
 
-    def framed(self, plot: Plot, *, is_last: bool = True) -> str:
+    def frame_panel(self, plot: Plot, *, is_last: bool = True) -> str:
         """The panel in its plot: grid, marks and words."""
         return "".join(
             [
@@ -240,18 +239,18 @@ class Panel:
 
 
 def stacked(title: str, panels: Sequence[Panel], *, wide: float, high: float, left: float = 58.0) -> str:
-    """A chart for a page: panels below each other, each so high, that share the axis across."""
+    """A chart of panels below each other with a common horizontal axis, each `high` high."""
     top, parts = 10.0, []
     for panel in panels:
         top += 16.0 if panel.title else 0.0
         plot = panel.at(left, top, wide - left - 30.0, high)
-        parts.append(panel.framed(plot, is_last=panel is panels[-1]))
+        parts.append(panel.frame_panel(plot, is_last=panel is panels[-1]))
         top = plot.bottom + 16.0
     return chart(wide, plot.bottom + 42.0, title, *parts)
 
 
 def _between(place: int, numbers: Ticks) -> str:
-    """The class of every second number, counted from the middle: where there is no room it may be left out."""
+    """Class of every second number, counted from the middle, which is hidden in narrow charts."""
     return "between" if (place - len(numbers) // 2) % 2 else ""
 
 
@@ -265,18 +264,18 @@ def round_ticks(axis: Axis, most: int, unit: str = "") -> list[tuple[float, str]
     return labelled(ticks(axis.low, axis.high, most), unit=unit)
 
 
-ROUNDING: Final = 1e-11
-"""Width below which an axis shows nothing but errors of rounding."""
+MIN_WIDTH: Final = 1e-11
+"""Width below which an axis only shows rounding errors."""
 
 
 def ticks(low: float, high: float, most: int) -> list[float]:
-    """Round numbers from `low` to `high`, about `most` of them or fewer; one where they are the same but for rounding.
+    """Round numbers from `low` to `high`, at most about `most`; a single one if the ends are equal up to rounding.
 
     >>> ticks(-1.0, 1.0, 5), ticks(-2e-13, 2e-13, 5)
     ([-1.0, -0.5, 0.0, 0.5, 1.0], [0.0])
     """
     width = high - low
-    if not (width > ROUNDING and math.isfinite(width)):
+    if not (width > MIN_WIDTH and math.isfinite(width)):
         return [round(low, 9) + 0.0]
     step = round_up(width / most, (1.0, 2.0, 5.0, 10.0))
     first = math.ceil(low / step - 1e-9)
@@ -284,7 +283,7 @@ def ticks(low: float, high: float, most: int) -> list[float]:
 
 
 def round_up(value: float, steps: Sequence[float] = (1.0, 1.25, 1.5, 2.0, 2.5, 3.0, 4.0, 5.0, 6.0, 8.0, 10.0)) -> float:
-    """The next of a series of round numbers, which goes on in each decade.
+    """The next larger of a series of round numbers, which repeats in each decade.
 
     >>> round_up(0.13), round_up(340.0, (1.0, 2.0, 5.0, 10.0))
     (0.15, 500.0)
@@ -304,7 +303,7 @@ def nearest_round(value: float) -> float:
 
 
 def labelled(values: Sequence[float], unit: str = "") -> list[tuple[float, str]]:
-    """Numbers with as many decimals as each needs to differ from the next one; thousands are parted from 10,000 on.
+    """Numbers with as many decimals as they need to differ; thousands are separated from 10,000 on.
 
     >>> labelled([-0.5, 0.0, 0.5])
     [(-0.5, '−0.5'), (0.0, '0.0'), (0.5, '0.5')]
@@ -319,32 +318,32 @@ def labelled(values: Sequence[float], unit: str = "") -> list[tuple[float, str]]
 
 
 def outline_of(places: Floats, *, is_closed: bool = False) -> str:
-    """The `d` of a path through (n, 2) places."""
+    """The `d` of a path through (n, 2) positions."""
     return "M" + "L".join(f"{x:.1f} {y:.1f}" for x, y in places.tolist()) + "Z" * is_closed
 
 
 def shape(kind: str, places: Floats, *, is_closed: bool = False) -> str:
-    """A line through (n, 2) places; nothing where there are none."""
+    """A line through (n, 2) positions; empty without any."""
     return f'<path class="{kind}" d="{outline_of(places, is_closed=is_closed)}"/>' if len(places) else ""
 
 
 def segment(kind: str, x1: float, y1: float, x2: float, y2: float) -> str:
-    """A line between two places."""
+    """A line between two positions."""
     return f'<path class="{kind}" d="M{x1:.1f} {y1:.1f}L{x2:.1f} {y2:.1f}"/>'
 
 
 def circle(kind: str, x: float, y: float, radius: float) -> str:
-    """A circle; one without a class is that of a clip."""
+    """A circle; without a class it is a clip path."""
     return f'<circle{_class(kind)} cx="{x:.1f}" cy="{y:.1f}" r="{radius:g}"/>'
 
 
 def rectangle(kind: str, left: float, top: float, width: float, height: float, more: str = "") -> str:
-    """A rectangle; one without a class is that of a clip."""
+    """A rectangle; without a class it is a clip path."""
     return f'<rect{_class(kind)} x="{left:g}" y="{top:g}" width="{width:g}" height="{height:g}"{more}/>'
 
 
 def text(x: float, y: float, words: str, anchor: str = "middle", kind: str = "", *, is_turned: bool = False) -> str:
-    """Words, escaped; none of nothing."""
+    """Escaped words; empty without any."""
     if not words:
         return ""
     turn = f' transform="rotate(-90 {x:.1f} {y:.1f})"' if is_turned else ""
@@ -352,13 +351,13 @@ def text(x: float, y: float, words: str, anchor: str = "middle", kind: str = "",
 
 
 def key(x: float, y: float, *entries: tuple[str, str]) -> str:
-    """Words, each in the colour of what it names, that end at a place."""
+    """Words, each in the colour of the named mark, aligned at their right end."""
     words = "\N{EM SPACE}".join(f'<tspan class="name {kind}">{escape(name)}</tspan>' for kind, name in entries)
     return f'<text x="{x:.1f}" y="{y:.1f}" text-anchor="end">{words}</text>'
 
 
 def dot_path(places: ArrayLike) -> str:
-    """Points as the `d` of a path in half units, each place once: a few letters for each."""
+    """Points as the `d` of a path in half units, without duplicates, a few characters each."""
     cells = np.unique(np.rint(2.0 * np.asarray(places, float).reshape(-1, 2)).astype(int)[:, ::-1], axis=0)
     steps = np.diff(cells, axis=0, prepend=0)
     return "".join(f"m{x}{'' if y < 0 else ' '}{y}h0" for y, x in steps.tolist())
@@ -370,13 +369,13 @@ def dots(kind: str, places: Floats) -> str:
 
 
 def thinned(rows: Floats, most: int) -> Floats:
-    """Every k-th of more rows than `most`."""
+    """Every k-th row, so that at most `most` are left."""
     few: Floats = rows[:: max(1, -(-len(rows) // most))]
     return few
 
 
 def clipped(name: str, outline: str, *parts: str) -> str:
-    """Shapes that end at an outline; its name may stand once in a page."""
+    """Shapes clipped at an outline; the name must be unique in a page."""
     return f'<clipPath id="{name}">{outline}</clipPath><g clip-path="url(#{name})">{"".join(parts)}</g>'
 
 
@@ -388,7 +387,7 @@ def _class(kind: str) -> str:
 
 
 def chart(width: float, height: float, title: str, *parts: str, more: str = "") -> str:
-    """A chart inside a page, which has the colours."""
+    """A chart for a page, which provides the colours."""
     return (
         f'<svg class="figure"{more} viewBox="0 0 {width:g} {height:g}" width="{width:g}" height="{height:g}" '
         f'role="img" aria-label="{escape(title)}">{"".join(parts)}</svg>'
@@ -403,7 +402,7 @@ def beside(
     top: float = 0.0,
     foot: float = 0.0,
 ) -> str:
-    """A row of charts, each with its width and height, between `parts` that stand at the `top` and at the `foot`."""
+    """A row of charts, each with its width and height, with `parts` at the `top` and at the `foot`."""
     high, left, placed = max(height for _, _, height in charts), 0.0, list(parts)
     for each, width, height in charts:
         placed.append(each.replace("<svg ", f'<svg x="{left:g}" y="{top + (high - height) / 2.0:g}" ', 1))
@@ -412,7 +411,7 @@ def beside(
 
 
 def as_file(chart: str, style: str = "") -> str:
-    """A chart of a page as a file of its own, light or dark as the reader's screen is.
+    """A chart of a page as a separate file, light or dark like the reader's screen.
 
     >>> as_file(chart(20, 10, "a box", rectangle("frame", 0, 0, 20, 10)))[:55]
     '<svg xmlns="http://www.w3.org/2000/svg" class="figure" '
@@ -424,7 +423,7 @@ def as_file(chart: str, style: str = "") -> str:
 
 
 def drawing(width: float, height: float, title: str, *parts: str, style: str = "") -> str:
-    """A chart as a file of its own, light or dark as the reader's screen is; a shape in each line."""
+    """A chart as a separate file, light or dark like the reader's screen, with one shape per line."""
     shapes = [rectangle("ground", 0, 0, width, height), *parts]
     rules = f"<style>\n{rules_for(''.join(shapes))}\n{FILE_STYLE}\n{style}</style>"
     whole = chart(width, height, title, rules, *shapes, more=' xmlns="http://www.w3.org/2000/svg"')
@@ -432,15 +431,15 @@ def drawing(width: float, height: float, title: str, *parts: str, style: str = "
 
 
 def rules_for(shapes: str) -> str:
-    """The rules of ``figure.css`` that shapes use, with the colours of the light theme, then those of the dark one.
+    """The rules of ``figure.css`` for these shapes, with the colours of the light theme, then of the dark one.
 
-    Colours are written out, since not every program that shows SVG knows variables.
+    Colours are literal, as not every SVG program supports variables.
     """
     kinds = {kind for kinds in re.findall(r'class="([^"]*)"', shapes) for kind in kinds.split()}
     sheet = asset("static/figure.css").splitlines()
     rules = [line for line in sheet if line.startswith(".figure") and _is_used(line, kinds)]
-    dark = "\n".join(_coloured(rule, "dark") for rule in rules if "var(" in rule)
-    light = "\n".join(_coloured(rule, "light") for rule in rules)
+    dark = "\n".join(_with_colours(rule, "dark") for rule in rules if "var(" in rule)
+    light = "\n".join(_with_colours(rule, "light") for rule in rules)
     return f"{light}\n@media (prefers-color-scheme: dark) {{\n{dark}\n}}"
 
 
@@ -450,5 +449,5 @@ def _is_used(rule: str, kinds: set[str]) -> bool:
     return any(set(re.findall(r"\.([\w-]+)", one)) - {"figure"} <= kinds for one in selectors)
 
 
-def _coloured(rule: str, theme: Theme) -> str:
+def _with_colours(rule: str, theme: Theme) -> str:
     return re.sub(r"var\(--([\w-]+)\)", lambda match: colour_of(match[1], theme), rule)

@@ -1,4 +1,4 @@
-"""The check of a calibration on another recording, as a page for the terminal."""
+"""The check of a calibration on another recording as a page for the terminal."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
 
 def of_check(checked: Check, spell: Spelling = in_python) -> RenderableType:
-    """Lay out a check: the comparison; of a recording that cannot be fitted, what it tells all the same."""
+    """Lay out a check: the comparison, or for a recording without a usable fit its partial evidence."""
     if checked.comparison is None or checked.fresh_strength is None:
         return of_untold(checked.known, checked.fresh, checked.strength, spell)
     strengths = checked.strength, checked.fresh_strength
@@ -31,7 +31,7 @@ def of_check(checked: Check, spell: Spelling = in_python) -> RenderableType:
 
 
 def of_aged(aged: Aged) -> RenderableType:
-    """Lay out how far a calibration has aged."""
+    """Lay out the ageing of a calibration."""
     until, ends = aged.until, " to ".join(map(degrees, aged.claim_range_deg))
     walk = "by the walk of this unit" if until.by == "history" else "by the usual walk of an offset"
     known = [

@@ -1,4 +1,4 @@
-"""Comparisons as pages for the terminal: calibrations, the truth; and what to choose from.
+"""Comparisons as pages for the terminal: calibrations, the truth, and lists of options.
 
 >>> chance_words(0.43), chance_words(1e-9)
 ('no more than chance explains (p = 0.43)', 'more than chance explains (p < 0.0001)')
@@ -49,16 +49,22 @@ if TYPE_CHECKING:
 TITLES: Final = {
     "holds": ("AGREE", "HOLDS"), "fails": ("CONTRADICT", "FAILS"), "cannot-tell": ("CANNOT TELL", "CANNOT TELL"),
 }  # fmt: skip
-"""Titles of two calibrations, and of one on another recording."""
+"""Titles for two calibrations, and for one on another recording."""
 
-UNCHECKED: Final = "a calibration fits its own readings, however the sensor has changed: this proves nothing"
-
-TURNED: Final = (
-    "their rotations into the body differ by more than chance explains: the sensor was turned in its mounting, or an "
-    "instrument beside it"
+UNCHECKED_WORDS: Final = (
+    "a calibration always fits its own readings, even if the sensor has changed: this proves nothing"
 )
 
-EVALUATED: Final = {"as claimed": "AS CLAIMED", "worse than claimed": "WORSE THAN CLAIMED", "unclaimed": "NO CLAIM"}
+TURNED_WORDS: Final = (
+    "their rotations into the body differ by more than chance explains: the sensor, or an aiding instrument, was "
+    "rotated in its mounting"
+)
+
+EVALUATION_TITLES: Final = {
+    "as claimed": "AS CLAIMED",
+    "worse than claimed": "WORSE THAN CLAIMED",
+    "unclaimed": "NO CLAIM",
+}
 
 
 WIDTH: Final = 78
@@ -73,11 +79,11 @@ def of_comparison(
     own: Sequence[str] = (),
     name: str = "the calibration",
 ) -> RenderableType:
-    """Lay out two calibrations side by side: the difference, what chance explains, the verdict.
+    """Lay out two calibrations side by side: the difference, the share of chance, the verdict.
 
-    Where one is checked on a recording, `fresh` is a fit of that, whose limits are said below, and `strengths` are the
-    recording's under both, the first of them called `name`. `own` names the recordings, if any, that went into the
-    calibration: agreement with those proves nothing.
+    In a check on a recording, `fresh` is the fit of that recording, whose limits are listed below, and `strengths` are
+    its strengths under both calibrations; `name` stands for the first one. `own` names recordings that the calibration
+    was made from: agreement with these proves nothing.
     """
     found = () if fresh is None else said_once(each for each in fresh.findings if each.severity == "limits")
     limits = [advice(finding, spell) for finding in found]
@@ -86,7 +92,7 @@ def of_comparison(
     if own:
         limits.insert(0, f"{' and '.join(own)} went into this calibration: check it on a recording made since")
     if comparison.is_turned:
-        limits.insert(0, TURNED)
+        limits.insert(0, TURNED_WORDS)
     blocks = (
         _differences(comparison),
         _parameters(comparison),
@@ -96,7 +102,7 @@ def of_comparison(
 
 
 def of_untold(known: Fit, fit: Fit, strength: Strength, spell: Spelling = in_python) -> RenderableType:
-    """Lay out what a recording, of which no fit can be used, tells of a known calibration, and why it is not more."""
+    """Lay out the evidence of a recording without a usable fit about a known calibration, with the reasons."""
     basis = f"{counted(fit.evidence.samples, 'reading')}; {fit.evidence.method}"
     made = known.evidence.noise / known.calibration.ellipsoid.radius
     when_made = "" if math.isnan(made) else f" ({made:.1%} where {known.provenance.name} was made)"
@@ -110,7 +116,7 @@ def of_untold(known: Fit, fit: Fit, strength: Strength, spell: Spelling = in_pyt
 
 
 def of_evaluation(evaluation: Evaluation) -> RenderableType:
-    """Lay out a calibration against the truth: true errors, claimed ones, their ratio, the verdict."""
+    """Lay out a calibration against the truth: true errors, claimed errors, their ratio, the verdict."""
     return page(_true_errors(evaluation), _true_parameters(evaluation), _evaluation_verdict(evaluation))
 
 
@@ -118,9 +124,9 @@ def of_evaluation(evaluation: Evaluation) -> RenderableType:
 
 
 def chance_words(value: float | None) -> str:
-    """Say whether chance explains a difference."""
+    """State whether chance explains a difference."""
     if value is None:
-        return "no uncertainty is stated, so nothing is left to chance"
+        return "no uncertainty is stated, so chance cannot be assessed"
     return f"{'no more' if value >= CHANCE else 'more'} than chance explains ({p_value(value)})"
 
 
@@ -140,7 +146,7 @@ def _differences(comparison: Comparison) -> Table:
 
 
 def _offset_cells(offset: Floats, sigma: Floats | None) -> str:
-    """Offset along x, y and z, with its uncertainty where one is known."""
+    """Offset along x, y and z, with its uncertainty if known."""
     sigmas = np.zeros(3) if sigma is None else sigma
     return "   ".join(with_uncertainty(*pair) for pair in zip(offset + 0.0, sigmas, strict=True))
 
@@ -161,7 +167,7 @@ def _strengths(name: str, known: Strength, fresh: Strength) -> Table:
 def _comparison_verdict(
     comparison: Comparison, fresh: Fit | None, limits: Sequence[str], *, is_unchecked: bool
 ) -> Table:
-    """The answer, and what it rests on."""
+    """The answer, and its basis."""
     basis = _square_basis(comparison.heading_difference_deg, comparison.chi_square, comparison.freedom)
     if comparison.omitted_rotation_deg is not None:
         omitted = degrees(comparison.omitted_rotation_deg)
@@ -172,12 +178,12 @@ def _comparison_verdict(
     answer = "cannot-tell" if is_unchecked else comparison.answer
     is_firm = not limits and not comparison.is_turned
     colour = {"holds": "good" if is_firm else "limited", "fails": "refused", "cannot-tell": "limited"}[answer]
-    words = UNCHECKED if is_unchecked else _words(comparison, fresh, is_limited=bool(limits))
+    words = UNCHECKED_WORDS if is_unchecked else _words(comparison, fresh, is_limited=bool(limits))
     return verdict(TITLES[answer][fresh is not None], colour, words, basis)
 
 
 def _square_basis(error: HeadingError, square: float | None, freedom: int) -> str:
-    """For which dip a heading error holds, and χ² where there is one."""
+    """Dip for which a heading error holds, and χ² if there is one."""
     level = f"level vehicle, dip {error.dip_deg:.3g}°"
     if square is None:
         return level
@@ -186,7 +192,7 @@ def _square_basis(error: HeadingError, square: float | None, freedom: int) -> st
 
 
 def _words(comparison: Comparison, fresh: Fit | None, *, is_limited: bool) -> str:
-    """The answer in words: the difference, its bound, the target and chance; then what to do."""
+    """The answer in words: difference, bound, target and chance, then the remedy."""
     target = f"target of {comparison.target_deg:g}°"
     if comparison.is_nothing:
         return "the same calibration twice"
@@ -213,20 +219,20 @@ def _words(comparison: Comparison, fresh: Fit | None, *, is_limited: bool) -> st
 
 
 def _remedy(comparison: Comparison, *, is_checked: bool, is_limited: bool) -> str:
-    """What would tell, where the claims are too wide."""
+    """Remedy if the claims are too wide for an answer."""
     claim = at_most(max(comparison.own_bounds_deg or (0.0,)))
     if not is_checked:
         whose, what = f"that of {(comparison.wider_claim or '').upper()}", "calibrate again, from a longer recording"
     elif comparison.wider_claim == "a":
         whose, what = "the calibration's", "calibrate again, from a longer recording"
     else:
-        whose, what = "the recording's", "mend its first limit:" if is_limited else "record for longer"
+        whose, what = "the recording's", "resolve its first limit:" if is_limited else "record for longer"
     needed = angle(comparison.telling_bound_deg or 0.0)
-    return f"Claims of {needed} together would tell, the wider is {whose} with {claim}: {what}"
+    return f"Claims of {needed} together would suffice; the wider one is {whose} with {claim}: {what}"
 
 
 def at_most(angle_deg: float) -> str:
-    """Write the largest that an angle can be.
+    """Format the upper limit of an angle.
 
     >>> at_most(0.66), at_most(170.0)
     ('0.66°', 'any angle')
@@ -235,7 +241,7 @@ def at_most(angle_deg: float) -> str:
 
 
 def up_to(angle_deg: float) -> str:
-    """Write the worst of many angles; beyond a right angle there is no worst.
+    """Format the largest of several angles; above a right angle, any angle is possible.
 
     >>> up_to(0.31), up_to(170.0)
     ('up to 0.31°', 'any angle')
@@ -244,7 +250,7 @@ def up_to(angle_deg: float) -> str:
 
 
 def _percent(share: float) -> str:
-    """Write a fraction as a percentage.
+    """Format a fraction as a percentage.
 
     >>> _percent(0.00126), _percent(-0.00001), _percent(0.2), _percent(float("inf"))
     ('0.13%', '0.00%', '20%', '> 1000%')
@@ -277,7 +283,7 @@ def _true_errors(evaluation: Evaluation) -> Table:
 def _true_cells(
     true: HeadingError | DirectionError, claimed: HeadingError | DirectionError | None, ratio: float | None
 ) -> list[str]:
-    """An error, its claim, and their ratio; nothing where nothing is claimed."""
+    """An error, its claim, and their ratio; empty cells without a claim."""
     claims = ("", "") if claimed is None else (angle(claimed.rms), angle(claimed.worst))
     return [angle(true.rms), angle(true.worst), *claims, "" if ratio is None else figures(ratio)]
 
@@ -299,7 +305,7 @@ def _true_parameters(evaluation: Evaluation) -> Text:
 
 
 def _true_rotation(rotation: RotationDifference) -> tuple[str, str]:
-    """How far the rotation into the body is off, and what is claimed of it."""
+    """Error of the rotation into the body, and its claim."""
     if rotation.covariance is None:
         return angle(rotation.angle_deg), "into the body, not claimed: taken off above"
     sigma = rotation.angle_sigma_deg
@@ -318,11 +324,11 @@ def _evaluation_verdict(evaluation: Evaluation) -> Table:
     worst, side = up_to(off.worst), "within" if is_on_target else "beyond"
     words = f"headings are off by {worst}, {side} the target of {evaluation.target_deg:g}°; {reason}"
     basis = _square_basis(evaluation.heading_error_deg, evaluation.chi_square, evaluation.freedom)
-    return verdict(EVALUATED[evaluation.verdict], colour, words, basis)
+    return verdict(EVALUATION_TITLES[evaluation.verdict], colour, words, basis)
 
 
 def _digits(share: float) -> str:
-    """Write a fraction as a percentage to two digits.
+    """Format a fraction as a percentage with two digits.
 
     >>> _digits(0.00126), _digits(0.2), _digits(-0.0312), _digits(1e-12), _digits(12.0)
     ('0.13%', '20%', '-3.1%', '0%', '> 1000%')
@@ -336,7 +342,7 @@ def _digits(share: float) -> str:
 
 
 def of_methods(methods: Mapping[str, Method], options: Mapping[str, Mapping[str, tuple[str, ...]]]) -> RenderableType:
-    """Lay out the methods: how many parameters each finds, how many readings it needs, and its options with values."""
+    """Lay out the methods: parameters, smallest number of readings, and options with their values."""
     headings = (Column("method", style="bold"), "parameters\nfound", "readings,\nat least", Column("when to use it"))
     rows = []
     for name, row in methods.items():
@@ -346,8 +352,8 @@ def of_methods(methods: Mapping[str, Method], options: Mapping[str, Mapping[str,
 
 
 def of_targets(targets: Collection[Target]) -> RenderableType:
-    """Lay out the targets, and below them what nobody could verify of those with a star."""
-    headings = [Column("target", style="bold"), *map(Column, ("what is written", "holds", "unit", "import"))]
+    """Lay out the targets, and below them the unverified properties of those with a star."""
+    headings = [Column("target", style="bold"), *map(Column, ("written form", "holds", "unit", "import"))]
     rows = [
         (
             f"{row.name}{' *' if row.unverified else ''}",

@@ -1,4 +1,4 @@
-"""How an estimate settles while readings come in, as a drawing (SVG) and as a table (CSV).
+"""Convergence of an estimate with the number of readings, as a drawing (SVG) and as a table (CSV).
 
 >>> from flinders.estimators import Convergence, Estimate
 >>> from flinders.geometry.ellipsoid import Ellipsoid
@@ -48,26 +48,26 @@ PARAMETERS: Final = (
     "offset_x", "offset_y", "offset_z",
     "shape_xx", "shape_yy", "shape_zz", "shape_xy", "shape_xz", "shape_yz",
 )  # fmt: skip
-"""What each parameter is called, in their order."""
+"""Names of the parameters, in order."""
 
-BEGINNING: Final = 2
-"""The scale of a plot is that of all but one step in so many, the first ones: they are far off, and run out of it."""
+EARLY_DIVISOR: Final = 2
+"""Divisor of the steps whose first part is ignored for the scale of a plot: early estimates run out of it."""
 
-NEAR_END: Final = 0.75
-"""Share of all readings from which on a number would run into the last one."""
+MAX_TICK_SHARE: Final = 0.75
+"""Share of all readings above which an axis number would overlap the last one."""
 
-LEAST_DEG, MOST_DEG = 0.01, 100.0
-"""Ends of the axis of headings, in degrees; a decade is left out where nothing is in it."""
+MIN_AXIS_DEG, MAX_AXIS_DEG = 0.01, 100.0
+"""Ends of the axis of headings in degrees; a decade without values is omitted."""
 
 
 @dataclass(frozen=True, eq=False)
 class Trace:
-    """A convergence with what is needed to show it.
+    """A convergence with the data to show it.
 
-    The last value is that of the last step with an ellipsoid: a method that loses its way has none at the end.
+    The last value is that of the last step with an ellipsoid: a method that diverges has none at the end.
     """
 
-    steps: Convergence  # with an ellipsoid at one step at the least
+    steps: Convergence  # with an ellipsoid at least at one step
     method: str
     unit: str  # "uT" or "counts"
     dip_deg: float = 60.0
@@ -77,7 +77,7 @@ class Trace:
     def of(
         cls, recording: Recording, method: Estimator, *, dip_deg: float = 60.0, target_deg: float = 1.0
     ) -> Self | None:
-        """Watch a method on a recording; None where it gives nothing."""
+        """Trace a method over a recording; None if it gives no result."""
         try:
             steps = cast("Watched", method).converge(within_range(Readings.of(recording)))
         except FitError:
@@ -88,18 +88,18 @@ class Trace:
 
     @cached_property
     def off(self) -> Floats:
-        """(K, 9) how far each parameter is off its last value."""
+        """(K, 9) differences between each parameter and its last value."""
         off: Floats = self.steps.parameters - self.steps.parameters[self.last]
         return off
 
     @cached_property
     def last(self) -> int:
-        """The last step that has an ellipsoid; of none, the last of all."""
+        """The last step with an ellipsoid; the last step of all if there is none."""
         return len(self.steps) - 1 if self.steps.last is None else self.steps.last
 
     @cached_property
     def heading_off_deg(self) -> Floats:
-        """(K,) how far the worst level heading is off the last one, to first order; at most 180."""
+        """(K,) differences of the worst level heading from the last one, in degrees, to first order; at most 180."""
         known = self.steps.is_known
         gradients = level_gradients(self.steps.ellipsoid(self.last), dip_deg=self.dip_deg)
         errors: Floats = np.full(len(self.steps), np.nan)
@@ -108,9 +108,9 @@ class Trace:
 
 
 def convergence_table(trace: Trace) -> str:
-    """A line for each step: readings seen, how far the heading is off the last, parameters and their 1 σ.
+    """A line for each step: count of readings, heading difference, parameters and their 1 σ.
 
-    What is not known yet is left empty.
+    Unknown values are left empty.
     """
     steps = trace.steps
     columns = [f"{name}_{trace.unit}" for name in PARAMETERS]
@@ -124,7 +124,7 @@ def convergence_table(trace: Trace) -> str:
 
 
 def convergence_drawing(trace: Trace) -> str:
-    """Draw offset, shape and heading over the readings seen, below each other."""
+    """Draw offset, shape and heading over the count of readings, below each other."""
     panels = [_parameters(trace, "offset", range(3)), _parameters(trace, "shape", range(3, 9)), _headings(trace)]
     legends = [_legend(trace, range(3)), _legend(trace, range(3, 9)), []]
     parts, top = [text(58, 20, _title(trace), "start", "title")], 58.0
@@ -153,15 +153,15 @@ def _title(trace: Trace) -> str:
 
 
 def _over_readings(trace: Trace) -> tuple[Axis, list[tuple[float, str]]]:
-    """An axis over the root of the readings seen, since most happens at the beginning, and its numbers."""
+    """A square-root axis of the count of readings, as most changes are early, and its numbers."""
     whole = int(trace.steps.counts[-1])
     return Axis(0.0, float(whole), np.sqrt), [(count, f"{count:,}") for count in (0, *root_ticks(whole), whole)]
 
 
 def _parameters(trace: Trace, name: str, which: range) -> Panel:
-    """Some parameters off their last values: bands of 1 σ first, then the lines, so that none is hidden."""
+    """Differences of some parameters from their last values: bands of 1 σ first, then the lines on top."""
     counts, sizes = trace.steps.counts, (np.abs(trace.off[:, which]) + trace.steps.sigmas[:, which])[: trace.last + 1]
-    later = sizes[len(sizes) // BEGINNING :]
+    later = sizes[len(sizes) // EARLY_DIVISOR :]
     largest = float(later[np.isfinite(later)].max(initial=0.0))
     end = round_up(largest, (1.0, 2.0, 4.0, 10.0)) if largest > 0.0 else 1.0
 
@@ -182,7 +182,7 @@ def _parameters(trace: Trace, name: str, which: range) -> Panel:
 
 
 def _kind(place: int) -> str:
-    """Class of the line of one of six parameters: the first three are whole, the others dashed."""
+    """Class of the line of one of six parameters: the first three are solid, the others dashed."""
     return f"line c{place}{' dashed' * (place > 2)}"
 
 
@@ -196,17 +196,17 @@ def _legend(trace: Trace, which: range) -> list[str]:
 
 
 def _entry(top: float, place: int, words: str) -> str:
-    """One line of a legend, three of them beside each other."""
+    """One entry of a legend, three side by side."""
     x, y = 58 + 478 / 3 * (place % 3), top + 13 + 18 * (place // 3)
     return segment(_kind(place), x, y - 4, x + 18, y - 4) + text(x + 24, y, words, "start", "small")
 
 
 def _headings(trace: Trace) -> Panel:
-    """How far the worst level heading is off the last, by decades, with the target."""
+    """Difference of the worst level heading from the last one, by decades, with the target."""
     known = trace.heading_off_deg[trace.heading_off_deg > 0.0]
     least, most = (float(known.min()), float(known.max())) if len(known) else (0.1, 1.0)
-    low = 10.0 ** math.floor(math.log10(min(max(least, LEAST_DEG), MOST_DEG / 10.0)))
-    high = min(max(10.0 ** math.ceil(math.log10(most)), 10.0 * low), MOST_DEG)
+    low = 10.0 ** math.floor(math.log10(min(max(least, MIN_AXIS_DEG), MAX_AXIS_DEG / 10.0)))
+    high = min(max(10.0 ** math.ceil(math.log10(most)), 10.0 * low), MAX_AXIS_DEG)
     off = trace.heading_off_deg.clip(low / 10.0, 10.0 * high)
 
     def draw(canvas: Canvas) -> list[str]:
@@ -221,10 +221,10 @@ def _headings(trace: Trace) -> Panel:
 
 
 def root_ticks(whole: int) -> list[int]:
-    """Round numbers about a quarter, half and three quarters along an axis of roots from 0 to `whole`.
+    """Round numbers at about a quarter, half and three quarters of a square-root axis from 0 to `whole`.
 
     >>> root_ticks(1000), root_ticks(2400), root_ticks(5)
     ([50, 200, 500], [200, 500, 1000], [1, 2])
     """
     counts = (nearest_round(whole * (place / 4) ** 2) for place in (1, 2, 3))
-    return [int(count) for count in counts if 1.0 <= count <= NEAR_END * whole]
+    return [int(count) for count in counts if 1.0 <= count <= MAX_TICK_SHARE * whole]

@@ -1,4 +1,4 @@
-"""What figures are made of: a fit as a `View`, and some of the readings that it came from.
+"""Data of figures: a fit as a `View`, and some of the readings that it was made from.
 
 >>> from flinders import simulate
 >>> from flinders.fitting import calibrate
@@ -34,50 +34,49 @@ if TYPE_CHECKING:
     from flinders.geometry.plane import Plane
     from flinders.report.view import Shown, View
 
-MOST: Final = 10_000
-"""Readings that are drawn; of a longer recording every k-th."""
+MAX_READINGS: Final = 10_000
+"""Largest number of readings that are drawn; a longer recording is thinned to every k-th."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class FigureData:
     """A fit and readings, ready to be drawn; fields are in `unit`."""
 
-    view: View | None  # None where there is no fit at all
-    whole: Samples  # all readings, without what the calibration follows
+    view: View | None  # None without a fit
+    whole: Samples  # all readings, without modelled disturbances
     raw: Floats  # (n, 3), every `stride`-th of them
-    recorded: Floats  # (n, 3), the same as they were recorded
-    driving: dict[str, Floats]  # (n,) what drives the offset, by name, where the calibration follows anything
-    when: Floats  # (n,) seconds since the first, or numbers of readings, as `clock` says
-    clock: str  # "s" where the recording is one and its time ascends, else "reading"
-    is_used: NDArray[np.bool_]  # (n,) those that the fit did not leave out
-    total: int  # readings of the whole recording
+    recorded: Floats  # (n, 3), the same as recorded
+    driving: dict[str, Floats]  # (n,) values of the modelled disturbances, by name
+    when: Floats  # (n,) seconds since the first reading, or numbers of readings, by `clock`
+    clock: str  # "s" for a single recording with ascending times, else "reading"
+    is_used: NDArray[np.bool_]  # (n,) readings that the fit did not leave out
+    total: int  # number of readings in the whole recording
     stride: int
     unit: str  # "µT" or "counts"
-    plane: Plane | None = None  # that of a fit to readings of one plane
+    plane: Plane | None = None  # plane of a fit to readings of one plane
 
     @classmethod
-    def of(cls, fit: Fit | None, recording: Recording, *, most: int = MOST) -> Self:
-        """Go through a recording once.
+    def of(cls, fit: Fit | None, recording: Recording, *, most: int = MAX_READINGS) -> Self:
+        """Collect the data in one pass over a recording.
 
         Parameters
         ----------
         fit : Fit or None
-            Good, limited or refused; None where the recording gave none.
+            Good, limited or refused; None if the recording gave none.
         recording : Recording
-            The readings that were fitted, as they were recorded; `InputError` where they cannot be read, or lack what
-            the calibration follows.
+            The fitted readings, as recorded; `InputError` if they cannot be read, or lack a modelled disturbance.
         most : int
-            Readings that are drawn, at most; the `View` counts them all.
+            Largest number of readings that are drawn; the `View` counts all of them.
         """
         recorded = in_memory(recording)
         followed = {} if fit is None else {one.name: one for one in fit.calibration.disturbances}
         samples = recorded if fit is None else in_memory(compensated(recording, fit.calibration))
-        seen = None if fit is None else _seen(fit, samples)
+        seen = None if fit is None else _view_with_guidance(fit, samples)
         is_used = np.ones(len(samples), bool)
         for first, last in () if seen is None else seen.rejected:
             is_used[first : last + 1] = False
         stride = max(1, -(-len(samples) // most))
-        when, clock = _when(samples, is_one=len(list(singles(recording))) == 1)
+        when, clock = _time_axis(samples, is_one=len(list(singles(recording))) == 1)
         return cls(
             seen,
             samples,
@@ -99,23 +98,25 @@ class FigureData:
 
     @property
     def shown(self) -> Shown | None:
-        """The correction that readings are drawn under; None where there is none."""
+        """The correction for the drawn readings; None without one."""
         return None if self.view is None else self.view.shown
 
     @property
     def corrected(self) -> Floats:
-        """(n, 3) readings under that correction; empty where there is none."""
-        return np.empty((0, 3)) if self.shown is None else _under(self.shown, self.raw)
+        """(n, 3) corrected readings; empty without a correction."""
+        return np.empty((0, 3)) if self.shown is None else _apply_correction(self.shown, self.raw)
 
     def strengths(self, *, is_compensated: bool) -> Floats:
-        """(n,) lengths of the corrected readings: with what drives the offset removed, and not."""
+        """(n,) lengths of the corrected readings, with or without the modelled disturbances removed."""
         if self.shown is None:
             return np.empty(0)
-        strengths: Floats = np.linalg.norm(_under(self.shown, self.raw if is_compensated else self.recorded), axis=1)
+        strengths: Floats = np.linalg.norm(
+            _apply_correction(self.shown, self.raw if is_compensated else self.recorded), axis=1
+        )
         return strengths
 
     def walk(self, fit: Fit) -> RandomWalk | None:
-        """How the offset moved over the seconds of one recording; None without times, or for few readings."""
+        """Random walk of the offset over one recording; None without times, or for few readings."""
         time = self.whole.time
         if time is None or self.clock != "s" or self.total < FEWEST or not time[-1] > time[0]:
             return None
@@ -125,7 +126,7 @@ class FigureData:
 
     @property
     def shape(self) -> Floats | None:
-        """(3, 3) S of the ellipsoid raw = offset + S u that the correction makes a sphere; None where there is none."""
+        """(3, 3) S of the ellipsoid raw = offset + S u that the correction maps to a sphere; None without one."""
         if self.shown is None:
             return None
         shape: Floats = self.shown.strength * np.linalg.inv(self.shown.matrix)
@@ -133,24 +134,24 @@ class FigureData:
 
     @property
     def residuals(self) -> Floats:
-        """(n,) how much longer each corrected reading is than the field; empty where there is no correction."""
+        """(n,) excess length of each corrected reading over the field; empty without a correction."""
         return np.empty(0) if self.shown is None else lengths_off(self.corrected, self.shown.strength, self.plane)
 
 
-def _under(shown: Shown, field: Floats) -> Floats:
-    """(n, 3) readings under a correction."""
+def _apply_correction(shown: Shown, field: Floats) -> Floats:
+    """(n, 3) readings after a correction."""
     corrected: Floats = (field - shown.offset) @ np.transpose(shown.matrix)
     return corrected
 
 
-def _seen(fit: Fit, samples: Samples) -> View:
-    """The view, with advice for what is still to be reached: headings, then all attitudes, then nothing."""
+def _view_with_guidance(fit: Fit, samples: Samples) -> View:
+    """The view, with guidance for the next unmet goal: headings, then all attitudes; none for a good fit."""
     seen = view(fit, samples, goal="heading" if fit.heading_error_deg.worst > fit.claim.target_deg else "attitude")
     return msgspec.structs.replace(seen, guidance=None) if fit.verdict == "good" else seen
 
 
-def _when(samples: Samples, *, is_one: bool) -> tuple[Floats, str]:
-    """Where readings stand along an axis of time, and what its numbers are."""
+def _time_axis(samples: Samples, *, is_one: bool) -> tuple[Floats, str]:
+    """Positions of readings along an axis of time, and the unit of its numbers."""
     time = samples.time
     if time is not None and is_one and len(time) and np.isfinite(time).all() and (np.diff(time) >= 0.0).all():
         return time - time[0], "s"

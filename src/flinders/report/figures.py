@@ -1,6 +1,6 @@
 """Figures of a calibration's report: readings before and after, the sphere, residuals, deviation.
 
-Numbers and words of our own are all that is in them: no name of a file or sensor.
+They contain only numbers and fixed words: no name of a file or sensor.
 
 >>> from flinders import simulate
 >>> from flinders.fitting import calibrate
@@ -56,24 +56,24 @@ if TYPE_CHECKING:
 
 AXES: Final = "xyz"
 PLANES: Final = ((0, 1), (0, 2), (1, 2))
-"""What is to the right and what is up in each projection."""
+"""Axes to the right and upwards in each projection."""
 
 SIDE, EDGE = 260, 34
-"""Of a square figure, and its margin below and, unless numbers are long, to the left."""
-DIGIT: Final = 7.0
-"""Width of a digit beside an axis."""
+"""Side of a square figure, and its margin below and, for short numbers, to the left."""
+DIGIT_WIDTH: Final = 7.0
+"""Width of a digit next to an axis."""
 WIDE: Final = 820
-FARTHEST: Final = 4.0
-"""The origin is in sight as long as the offset is no longer than so many field strengths."""
+MAX_OFFSET_RATIO: Final = 4.0
+"""The origin is shown if the offset is at most this many field strengths long."""
 
 AZIMUTH, ELEVATION = math.radians(32.0), math.radians(20.0)
-"""Where the eye of the 3-D view stands when it begins (``static/views/camera.js``)."""
+"""Initial viewpoint of the 3-D view (``static/views/camera.js``)."""
 
 PREDICTED: Final = "Predicted error"
 """Title of the sphere of tiles."""
 
-SIGMAS: Final = 4.5
-"""Residuals are shown up to so many standard deviations; what is farther off is drawn at the edge."""
+MAX_SIGMAS: Final = 4.5
+"""Range of residuals in standard deviations; larger ones are drawn at the edge."""
 
 PARAMETERS: Final = ("bx", "by", "bz", "Sxx", "Syy", "Szz", "Sxy", "Sxz", "Syz")
 
@@ -100,8 +100,8 @@ def projections(drawn: FigureData, *, is_corrected: bool) -> list[str]:
 
 
 def _width_of_numbers(panel: Panel) -> float:
-    """Width that the numbers beside a panel take."""
-    return 10.0 + DIGIT * max((len(words) for _, words in round_ticks(panel.y, 5)), default=0)
+    """Width of the numbers next to a panel."""
+    return 10.0 + DIGIT_WIDTH * max((len(words) for _, words in round_ticks(panel.y, 5)), default=0)
 
 
 def projection(drawn: FigureData, plane: tuple[int, int], *, is_corrected: bool) -> Panel:
@@ -121,7 +121,7 @@ def projection(drawn: FigureData, plane: tuple[int, int], *, is_corrected: bool)
 
 
 def extents(drawn: FigureData, *, is_corrected: bool) -> tuple[Floats, Floats, Floats]:
-    """(n, 3) readings, and the two corners (3,) of a cube to show them in, which is the same for all projections."""
+    """(n, 3) readings, and two corners (3,) of a cube around them, which is the same for all projections."""
     if is_corrected:
         strength = 1.0 if drawn.shown is None else drawn.shown.strength
         return drawn.corrected, np.full(3, -1.25 * strength), np.full(3, 1.25 * strength)
@@ -130,7 +130,7 @@ def extents(drawn: FigureData, *, is_corrected: bool) -> tuple[Floats, Floats, F
     if shown is not None and shape is not None:
         offset, reach = np.array(shown.offset), np.linalg.norm(shape, axis=1)
         low, high = np.minimum(low, offset - reach), np.maximum(high, offset + reach)
-        if np.linalg.norm(offset) <= FARTHEST * shown.strength:
+        if np.linalg.norm(offset) <= MAX_OFFSET_RATIO * shown.strength:
             low, high = np.minimum(low, 0.0), np.maximum(high, 0.0)
     half = max(0.54 * float((high - low).max()), 1e-9)
     middle = (low + high) / 2.0
@@ -138,7 +138,7 @@ def extents(drawn: FigureData, *, is_corrected: bool) -> tuple[Floats, Floats, F
 
 
 def _extent(points: Floats) -> tuple[Floats, Floats]:
-    """Corners of what holds nearly all (n, 3) points."""
+    """Corners of a box around nearly all (n, 3) points."""
     if not len(points):
         return np.full(3, -1.0), np.full(3, 1.0)
     low, high = np.quantile(points, [0.002, 0.998], axis=0)
@@ -146,15 +146,15 @@ def _extent(points: Floats) -> tuple[Floats, Floats]:
 
 
 def outline(drawn: FigureData, plane: tuple[int, int], *, is_corrected: bool) -> Floats:
-    """(72, 2) outline of the ellipsoid, or of the sphere that it becomes, seen along the third axis.
+    """(72, 2) outline of the ellipsoid, or of the corrected sphere, seen along the third axis.
 
-    None of it, (0, 2), where there is no surface.
+    Empty, (0, 2), without a surface.
     """
     return _silhouette(drawn, np.eye(3)[list(plane)], is_corrected=is_corrected)
 
 
 def _silhouette(drawn: FigureData, screen: Floats, *, is_corrected: bool) -> Floats:
-    """(72, 2) outline on a screen whose directions to the right and up are rows of (2, 3); (0, 2) without a surface."""
+    """(72, 2) outline on a screen whose right and up directions are the rows of (2, 3); (0, 2) without a surface."""
     shown, shape = drawn.shown, drawn.shape
     if shown is None or shape is None:
         return np.empty((0, 2))
@@ -165,7 +165,7 @@ def _silhouette(drawn: FigureData, screen: Floats, *, is_corrected: bool) -> Flo
 
 
 def _shadow(rows: Floats) -> Floats:
-    """(72, 2) outline of A u over all unit vectors u, for A of (2, 3): the circle under the root of A Aᵀ."""
+    """(72, 2) outline of A u over all unit vectors u, for A of (2, 3): the circle mapped by the root of A Aᵀ."""
     around = np.linspace(0.0, 2.0 * np.pi, 72, endpoint=False)
     values, turns = np.linalg.eigh(rows @ rows.T)
     shadow: Floats = ((turns * np.sqrt(values)) @ np.stack([np.cos(around), np.sin(around)])).T
@@ -176,7 +176,7 @@ def _shadow(rows: Floats) -> Floats:
 
 
 def pictures(drawn: FigureData, target_deg: float) -> list[tuple[str, str]]:
-    """The 3-D view as it begins, for paper: readings before and after, and what is known in each direction.
+    """Still images of the 3-D view for paper: readings before and after, and the predicted errors.
 
     Returns
     -------
@@ -191,13 +191,13 @@ def pictures(drawn: FigureData, target_deg: float) -> list[tuple[str, str]]:
 
 
 def _eye() -> Floats:
-    """(3, 3) rows: to the right, up, towards the eye."""
+    """(3, 3) rows: to the right, up, towards the viewpoint."""
     (ca, sa), (ce, se) = ((math.cos(angle), math.sin(angle)) for angle in (AZIMUTH, ELEVATION))
     return np.array([[-sa, ca, 0.0], [-se * ca, -se * sa, ce], [ce * ca, ce * sa, se]])
 
 
 def _cloud(drawn: FigureData, *, is_corrected: bool) -> str:
-    """Readings from that eye, with the axes of the sensor."""
+    """Readings from the viewpoint, with the axes of the sensor."""
     panel, ends = cloud(drawn, is_corrected=is_corrected), _ends_of_axes(drawn, is_corrected=is_corrected)
     plot = panel.at(10, 10, SIDE - 20, SIDE - 20)
     name = "after" if is_corrected else "before"
@@ -206,7 +206,7 @@ def _cloud(drawn: FigureData, *, is_corrected: bool) -> str:
 
 
 def cloud(drawn: FigureData, *, is_corrected: bool) -> Panel:
-    """Readings from that eye, those behind the middle fainter; with the outline of the ellipsoid or sphere."""
+    """Readings from the viewpoint, fainter behind the centre, with the outline of the ellipsoid or sphere."""
     eye, name, shown = _eye(), "after" if is_corrected else "before", drawn.shown
     readings, low, high = extents(drawn, is_corrected=is_corrected)
     points, out = thinned(readings[drawn.is_used], MOST_DOTS) @ eye.T, readings[~drawn.is_used] @ eye.T
@@ -229,7 +229,7 @@ def cloud(drawn: FigureData, *, is_corrected: bool) -> Panel:
 
 
 def _ends_of_axes(drawn: FigureData, *, is_corrected: bool) -> Floats:
-    """(4, 3) where the axes of the sensor begin, and where x, y and z end; of a zero that is far away at the edge."""
+    """(4, 3) origin of the sensor's axes, and the ends of x, y and z; a distant origin is moved to the edge."""
     _, low, high = extents(drawn, is_corrected=is_corrected)
     origin = np.clip(np.zeros(3), low, high)
     length = float((high - low).max()) * (0.46 if is_corrected else 0.22)
@@ -238,7 +238,7 @@ def _ends_of_axes(drawn: FigureData, *, is_corrected: bool) -> Floats:
 
 
 def _around(points: Floats) -> tuple[Axis, Axis]:
-    """Axes of a square that holds (n, 2) points."""
+    """Axes of a square around (n, 2) points."""
     low, high = points.min(axis=0), points.max(axis=0)
     half = 0.54 * float((high - low).max())
     across, up = (Axis(middle - half, middle + half) for middle in ((low + high) / 2.0).tolist())
@@ -246,7 +246,7 @@ def _around(points: Floats) -> tuple[Axis, Axis]:
 
 
 def _triad(ends: Floats) -> str:
-    """Axes with their names, from the first of four places to the others."""
+    """Axes with their names, from the first of four positions to the others."""
     (x0, y0), *tips = ends.tolist()
     parts = []
     for name, (x1, y1) in zip(AXES, tips, strict=True):
@@ -257,7 +257,7 @@ def _triad(ends: Floats) -> str:
 
 
 def ball(view: View, target_deg: float) -> str:
-    """The sphere of tiles from the same eye."""
+    """The sphere of tiles from the viewpoint."""
     eye, radius, middle = _eye(), (SIDE - 8) / 2.5, SIDE / 2.0
     plot = Plot(middle - radius, middle - radius, 2 * radius, 2 * radius, Axis(-1.0, 1.0), Axis(-1.0, 1.0))
     polygons = tiles().polygons()
@@ -284,15 +284,15 @@ def ball(view: View, target_deg: float) -> str:
 
 
 def residuals(drawn: FigureData) -> str:
-    """How much longer each corrected reading is than the field, over time; those left out as crosses."""
+    """Excess length of each corrected reading over the field, over time; readings left out are crosses."""
     return stacked("Residuals over time", [residuals_over_time(drawn)], wide=WIDE, high=170.0)
 
 
 def residuals_over_time(drawn: FigureData) -> Panel:
-    """Residuals, those left out as crosses, with the band of two standard deviations."""
+    """Residuals with the band of two standard deviations; readings left out are crosses."""
     assert drawn.view is not None
     noise, when, is_used = drawn.view.noise or 0.0, drawn.when, drawn.is_used
-    end = SIGMAS * noise if noise > 0.0 else float(np.abs(drawn.residuals).max(initial=0.0)) or 1.0
+    end = MAX_SIGMAS * noise if noise > 0.0 else float(np.abs(drawn.residuals).max(initial=0.0)) or 1.0
     span, words = _span(drawn)
     off, twice = drawn.residuals.clip(-end, end), min(2.0 * noise, end)
 
@@ -307,13 +307,13 @@ def residuals_over_time(drawn: FigureData) -> Panel:
 
 
 def _span(drawn: FigureData) -> tuple[tuple[float, float], str]:
-    """Where the readings begin and end, and what those numbers are."""
+    """First and last position of the readings, and the unit of these numbers."""
     when, words = drawn.when, "seconds" if drawn.clock == "s" else "number of the reading"
     return ((float(when[0]), float(when[-1])) if len(when) > 1 and when[-1] > when[0] else (0.0, 1.0)), words
 
 
 def strength_over_time(drawn: FigureData, limit: float | None) -> Panel:
-    """Length of each corrected reading, with the field's, and the band beyond which a reading is called disturbed."""
+    """Length of each corrected reading, with that of the field, and a band for undisturbed readings."""
     assert drawn.shown is not None
     field, is_used = drawn.shown.strength, drawn.is_used
     lengths = field + drawn.residuals
@@ -333,12 +333,12 @@ def strength_over_time(drawn: FigureData, limit: float | None) -> Panel:
 
 
 def histogram(view: View, unit: str) -> str:
-    """Residuals counted, with the bell of as many and as much noise."""
-    return stacked("Histogram of the residuals", [residuals_counted(view, unit)], wide=378.0, high=170.0, left=46.0)
+    """Histogram of the residuals, with a normal distribution of the same count and noise."""
+    return stacked("Histogram of the residuals", [residual_histogram(view, unit)], wide=378.0, high=170.0, left=46.0)
 
 
-def residuals_counted(view: View, unit: str) -> Panel:
-    """Residuals counted, with the bell of as many and as much noise."""
+def residual_histogram(view: View, unit: str) -> Panel:
+    """Histogram of the residuals, with a normal distribution of the same count and noise."""
     assert view.residuals is not None
     edges, counts, noise = view.residuals.edges, view.residuals.counts, view.noise or 0.0
     middles = np.linspace(edges[0], edges[-1], 121)
@@ -353,9 +353,9 @@ def residuals_counted(view: View, unit: str) -> Panel:
 
 
 def offset_over_time(walk: RandomWalk, unit: str, plane: Plane | None = None) -> str:
-    """Offset along each axis over time, less that of the fit, with the band of one standard deviation.
+    """Offset along each axis over time, relative to the fit, with the band of one standard deviation.
 
-    Of readings of one plane, the two axes in it.
+    For readings of one plane, only the two axes in it.
     """
     axes = sorted(AXES.index(axis) for axis in plane or AXES)
     half = (walk.time[1] - walk.time[0]) / 2.0 if len(walk.time) > 1 else 0.5
@@ -368,7 +368,7 @@ def offset_over_time(walk: RandomWalk, unit: str, plane: Plane | None = None) ->
 
 
 def _strip(title: str, when: Floats, value: Floats, sigma: Floats, end: float) -> Panel:
-    """What one axis has of a figure of three."""
+    """Panel of one axis."""
 
     def draw(plot: Canvas) -> list[str]:
         return [plot.area("band", when, value - sigma, value + sigma), plot.line("curve corrected thin", when, value)]
@@ -379,7 +379,7 @@ def _strip(title: str, when: Floats, value: Floats, sigma: Floats, end: float) -
 
 
 def compensated(drawn: FigureData, disturbance: Disturbance) -> str:
-    """Strength of the corrected field over what drives the offset: with that left in, and removed."""
+    """Strength of the corrected field over a disturbance: with its effect, and with that removed."""
     assert drawn.shown is not None
     driving = drawn.driving[disturbance.name]
     is_shown = drawn.is_used & np.isfinite(driving)
@@ -401,12 +401,12 @@ def compensated(drawn: FigureData, disturbance: Disturbance) -> str:
 
 
 def deviation(view: View, target_deg: float, *, wide: float = WIDE, high: float = 120.0) -> str:
-    """A level turn: what the raw compass is off over the heading, and 1 σ and 2 σ of the corrected one."""
+    """A level turn: deviation of the raw compass over the heading, and 1 σ and 2 σ of the corrected one."""
     return stacked("Deviation over the heading, before and after", deviations(view, target_deg), wide=wide, high=high)
 
 
 def deviations(view: View, target_deg: float) -> tuple[Panel, Panel]:
-    """Deviation over a level turn: of the raw compass, and what to expect of the corrected one."""
+    """Deviation over a level turn: of the raw compass, and expected for the corrected one."""
     assert view.turn is not None
     heading = np.append(view.turn.heading_deg, 360.0)
     before, sigma = (np.append(row, row[0]) for row in (view.turn.before_deg, view.turn.sigma_deg))
@@ -442,7 +442,7 @@ def _turn(end: float, draw: Callable[[Canvas], list[str]], title: str, kind: str
 
 
 def _runs(angle: Floats) -> list[slice]:
-    """Parts of a series of angles that does not run from −180° to 180° and back."""
+    """Slices of a series of angles, cut at jumps between −180° and 180°."""
     cuts = [0, *(np.flatnonzero(np.abs(np.diff(angle)) > 180.0) + 1).tolist(), len(angle)]
     return [slice(first, last) for first, last in itertools.pairwise(cuts)]
 
@@ -451,7 +451,7 @@ def _runs(angle: Floats) -> list[slice]:
 
 
 def correlation(fit: Fit) -> str:
-    """How the errors of the nine parameters are correlated: a square for each pair, the number in hundredths."""
+    """Correlation of the errors of the nine parameters: a square for each pair, with its number in hundredths."""
     sigma = np.sqrt(np.diag(fit.claim.covariance).clip(min=0.0))
     is_free = sigma > 0.0
     scale = np.where(is_free, sigma, 1.0)
@@ -468,7 +468,7 @@ def correlation(fit: Fit) -> str:
 
 
 def _cell(x: float, y: float, side: float, value: float) -> str:
-    """A square in the colour of a correlation, stronger where it is."""
+    """A square in the colour of a correlation, whose opacity is its size."""
     kind, strength = "positive" if value > 0.0 else "negative", 0.0 if math.isnan(value) else abs(value)
     shown = "–" if math.isnan(value) else minus(f"{100.0 * value:.0f}")
     return (

@@ -1,4 +1,4 @@
-"""`fit.plot()`: a figure of a fit that a notebook shows, without a further package, or the same on axes of matplotlib.
+"""`fit.plot()`: a figure of a fit for a notebook, without a further package, or the same on axes of matplotlib.
 
 >>> import flinders
 >>> fit = flinders.fit(flinders.simulate.tumble(seed=1).samples)
@@ -9,7 +9,7 @@ Figure(residuals: a notebook shows it, save("residuals.svg") writes it)
 >>> fit.plot("strength", ax=axes) is axes
 True
 
-The readings are those that the fit was made from (`Provenance.recording`); of a fit that was loaded they are given.
+The readings are those that the fit was made from (`Provenance.recording`); for a loaded fit they must be given.
 """
 
 from __future__ import annotations
@@ -40,11 +40,11 @@ if TYPE_CHECKING:
     from flinders.report.charts import Panel
     from flinders.workflows.recordings import AnyReadings
 
-HIGH: Final = 190.0
+PANEL_HEIGHT: Final = 190.0
 """Height of a panel over time."""
 GAP: Final = 20
-"""Between figures side by side."""
-LETTER: Final = 6.0
+"""Gap between figures side by side."""
+LETTER_WIDTH: Final = 6.0
 """Width of a letter of a legend."""
 
 
@@ -66,7 +66,7 @@ def plot(
 
 
 def _with_readings(fit: Fit, recording: AnyReadings | None) -> FigureData:
-    """The fit and its readings, ready to be drawn; those that are given, else those that it was made from."""
+    """The fit and its readings, ready to be drawn; given readings, or those that it was made from."""
     readings = fit.provenance.recording if recording is None else recording_for(recording, fit)
     if readings is None:
         raise NeedsRecording("the readings")
@@ -76,7 +76,7 @@ def _with_readings(fit: Fit, recording: AnyReadings | None) -> FigureData:
 
 
 def _with_surface(fit: Fit, recording: AnyReadings | None) -> FigureData:
-    """The fit and its readings, which lie about an ellipsoid; raises `UsageError` for others."""
+    """The fit and its readings around an ellipsoid; raises `UsageError` without a correction."""
     drawn = _with_readings(fit, recording)
     if drawn.shown is None:
         raise UsageError("the readings were not corrected: draw the sphere, which shows them as they were recorded")
@@ -84,7 +84,7 @@ def _with_surface(fit: Fit, recording: AnyReadings | None) -> FigureData:
 
 
 def _sphere(fit: Fit, recording: AnyReadings | None) -> str:
-    """Readings before and after, and the error to expect in each direction, side by side."""
+    """Readings before and after, and the predicted error in each direction, side by side."""
     titled = figures.pictures(_with_readings(fit, recording), fit.claim.target_deg)
     wide = len(titled) * (figures.SIDE + GAP) - GAP
     heads = [
@@ -100,22 +100,22 @@ def _sphere(fit: Fit, recording: AnyReadings | None) -> str:
 
 
 def _legend(right: float, y: float, target_deg: float) -> str:
-    """Colours of the predicted error, with what each stands for, in a row that ends at the right."""
+    """Colours of the predicted error with their values, in a row that ends at the right."""
     marks, x, parts = error_legend(target_deg), right, []
     for kind, words in reversed(marks):
-        x -= 30.0 + LETTER * len(words)
+        x -= 30.0 + LETTER_WIDTH * len(words)
         parts.append(rectangle(kind, x, y - 10.0, 12, 12) + text(x + 17.0, y, words, "start"))
     return "".join([*parts, text(x - 12.0, y, "heading error to expect; hatched: no reading", "end")])
 
 
 def _cloud(fit: Fit, recording: AnyReadings | None) -> tuple[Panel, ...]:
-    """The corrected readings from the eye of the sphere."""
+    """The corrected readings from the viewpoint of the sphere."""
     panel = figures.cloud(_with_surface(fit, recording), is_corrected=True)
     return (replace(panel, title="corrected readings"),)
 
 
 def _in_space(axes: Axes, drawn: FigureData) -> Axes:
-    """The corrected readings on axes of three dimensions."""
+    """The corrected readings on three-dimensional axes."""
     x, y, z = thinned(drawn.corrected[drawn.is_used], MOST_DOTS).T
     axes.scatter(x, y, zs=z, s=3, lw=0, color=CORRECTED)
     axes.set(xlabel=f"x, {drawn.unit}", ylabel=f"y, {drawn.unit}", zlabel=f"z, {drawn.unit}", aspect="equal")
@@ -139,17 +139,17 @@ def _strength(fit: Fit, recording: AnyReadings | None) -> tuple[Panel, ...]:
 
 def _deviation(fit: Fit, recording: AnyReadings | None = None) -> tuple[Panel, ...]:
     """Heading error over the heading, before and after."""
-    del recording  # it follows of the claim
+    del recording  # it follows from the claim
     refuse_unfit(fit)
     if not fit.claim.states_uncertainty:
         raise UsageError("the calibration states no uncertainty, of which a deviation follows: fit its recording again")
     return figures.deviations(view_alone(fit), fit.claim.target_deg)
 
 
-def _stacked(
+def _chart_of_panels(
     title: str, high: float, panels: Callable[[Fit, AnyReadings | None], tuple[Panel, ...]]
 ) -> Callable[[Fit, AnyReadings | None], str]:
-    """Panels of a fit below each other."""
+    """Function that draws panels of a fit below each other."""
     return lambda fit, recording: stacked(title, panels(fit, recording), wide=figures.WIDE, high=high)
 
 
@@ -157,13 +157,15 @@ class FigureKind(NamedTuple):
     """A figure of a fit and its readings."""
 
     chart: Callable[[Fit, AnyReadings | None], str]  #: as SVG for a page
-    panels: Callable[[Fit, AnyReadings | None], tuple[Panel, ...]]  #: what it consists of; the last is for one axes
+    panels: Callable[[Fit, AnyReadings | None], tuple[Panel, ...]]  #: its panels; the last one is used for single axes
 
 
 KINDS: Final[Mapping[str, FigureKind]] = {
     "sphere": FigureKind(_sphere, _cloud),
-    "residuals": FigureKind(_stacked("Residuals over time", HIGH, _residuals), _residuals),
-    "deviation": FigureKind(_stacked("Deviation over the heading, before and after", 120.0, _deviation), _deviation),
-    "strength": FigureKind(_stacked("Strength over time", HIGH, _strength), _strength),
+    "residuals": FigureKind(_chart_of_panels("Residuals over time", PANEL_HEIGHT, _residuals), _residuals),
+    "deviation": FigureKind(
+        _chart_of_panels("Deviation over the heading, before and after", 120.0, _deviation), _deviation
+    ),
+    "strength": FigureKind(_chart_of_panels("Strength over time", PANEL_HEIGHT, _strength), _strength),
 }
 """Figures by name."""

@@ -1,4 +1,4 @@
-"""Calibrations as pages for the terminal: of a recording, merged, typed, of several sensors."""
+"""Calibrations as pages for the terminal: of a recording, merged, from typed extremes, of several sensors."""
 
 from __future__ import annotations
 
@@ -51,12 +51,12 @@ if TYPE_CHECKING:
     from flinders.findings import Finding, Verdict
     from flinders.workflows.onboard import OnboardCheck
 
-NOISE_REFUSED: Final = limit_of("noise", "refuses")
+MAX_NOISE_SHARE: Final = limit_of("noise", "refuses")
 
 NO_BETTER: Final = "headings are no better with this calibration than without"
 
-IN_NEARLY_EVERY_FIT: Final = ("scale-unknown", "rotation-unknown")
-"""Notes that hold whatever the recording, unless somebody gave the field and the mounting."""
+COMMON_NOTES: Final = ("scale-unknown", "rotation-unknown")
+"""Notes that apply to any recording, unless the field and the mounting are given."""
 
 
 def of_fit(
@@ -64,12 +64,12 @@ def of_fit(
 ) -> RenderableType:
     """Lay out a fit: plain words, errors without and with it, its numbers and uncertainty, the verdict and its limits.
 
-    Errors with what was `onboard` stand between, with whether a change is worth while.
+    Errors with the on-board calibration are between these, with advice on replacing it.
 
-    What is true of nearly every fit is shown if `is_verbose`. Of a refused one no number of the calibration is shown:
-    none can be trusted, and what stands on a screen is copied into a firmware sooner or later. It says why, how to do
-    better, and what is odd about the recording. Calibrations put together are shown each against the others. Here and
-    below, `spell` writes the arguments that carry out an advice.
+    Notes that apply to nearly every fit are shown only if `is_verbose`. For a refused fit no number of the calibration
+    is shown, as numbers on a screen sooner or later end up in a firmware. The page gives the reasons, the remedy, and
+    unusual facts of the recording. In a merged fit, each calibration is shown against the others. Here and below,
+    `spell` writes the arguments for an advice.
     """
     is_refused = fit.verdict == "refused"
     result = None if is_refused else numbers(fit.calibration, fit.claim.offset_sigma, fit.evidence.noise)
@@ -77,7 +77,7 @@ def of_fit(
     if fit.evidence.method == "merged" and repeats is not None:
         blocks = (_merged_parts(repeats), result, _merged_verdict(fit, repeats))
         return Group(page(*blocks), findings(shown_findings(fit), spell))
-    tops = () if is_refused else (of_recipe(fit), errors_table(fit, onboard), _since(fit))
+    tops = () if is_refused else (page_of_recipe(fit), errors_table(fit, onboard), _change_words(fit))
     shown = list(said_once(_shown(fit, is_verbose=is_verbose), fit))
     is_limited = any(finding.severity == "limits" for finding in shown)
     change = None if onboard is None or is_refused else of_onboard(onboard, is_limited=is_limited)
@@ -86,11 +86,11 @@ def of_fit(
 
 def _shown(fit: Fit, *, is_verbose: bool) -> list[Finding]:
     """Findings that the page of a fit shows."""
-    return [each for each in shown_findings(fit) if is_verbose or each.code not in IN_NEARLY_EVERY_FIT]
+    return [each for each in shown_findings(fit) if is_verbose or each.code not in COMMON_NOTES]
 
 
-def of_recipe(fit: Fit) -> RenderableType | None:
-    """Lay out what a recipe of the extremes publishes: its table; None for any other method."""
+def page_of_recipe(fit: Fit) -> RenderableType | None:
+    """Lay out the table of a min/max recipe; None for any other method."""
     if fit.evidence.method not in MinMax.LABELS.values():
         return None
     centre, half = fit.calibration.ellipsoid.centre, fit.calibration.ellipsoid.shape.diagonal()
@@ -98,15 +98,13 @@ def of_recipe(fit: Fit) -> RenderableType | None:
 
 
 def of_refused_recipe(fit: Fit) -> RenderableType:
-    """Lay out the numbers of a recipe whose fit is refused, which are shown only where somebody insists."""
-    mark = Text(
-        f"REFUSED, not fit for use: what {fit.evidence.method} calculates all the same, to be compared", "bold red"
-    )
-    return page(mark, of_recipe(fit), numbers(fit.calibration, np.full(3, np.nan), fit.evidence.noise))
+    """Lay out the numbers of a recipe whose fit is refused, which are shown only on request."""
+    mark = Text(f"REFUSED, not fit for use: the result of {fit.evidence.method}, for comparison only", "bold red")
+    return page(mark, page_of_recipe(fit), numbers(fit.calibration, np.full(3, np.nan), fit.evidence.noise))
 
 
 def of_file(fit: Fit, spell: Spelling = in_python, *, is_verbose: bool) -> RenderableType:
-    """Lay out a calibration that was loaded: where it comes from, its numbers, and what its file claims of them."""
+    """Lay out a loaded calibration: its origin, its numbers, and its claim."""
     provenance, calibration = fit.provenance.record, fit.calibration
     files = [
         f"{file.name}, {counted(file.rows, 'reading')}" if file.rows else file.name for file in fit.provenance.files
@@ -119,7 +117,11 @@ def of_file(fit: Fit, spell: Spelling = in_python, *, is_verbose: bool) -> Rende
     ]
     sigma = fit.claim.offset_sigma if fit.claim.states_uncertainty else np.full(3, np.nan)
     basis = f"{counted(fit.evidence.samples, 'reading')}; {fit.evidence.method}"
-    said = _judged(fit, basis, *_more(fit)) if fit.claim.states_uncertainty else "Its uncertainty is not stated."
+    said = (
+        _verdict_of_fit(fit, basis, *_further_lines(fit))
+        if fit.claim.states_uncertainty
+        else "Its uncertainty is not stated."
+    )
     known = facts([(name, words) for name, words in origin if words])
     return Group(
         page(known, numbers(calibration, sigma, fit.evidence.noise), said),
@@ -128,8 +130,8 @@ def of_file(fit: Fit, spell: Spelling = in_python, *, is_verbose: bool) -> Rende
 
 
 def of_extremes(extremes: Extremes, spell: Spelling = in_python) -> RenderableType:
-    """Lay out what six typed numbers give, of which nothing is claimed."""
-    said = graded(extremes.verdict, "accuracy not known, with limits:", "six typed numbers; minmax")
+    """Lay out the calibration from six typed numbers, which has no claim."""
+    said = graded(extremes.verdict, "accuracy unknown, with limits:", "six typed numbers; minmax")
     result = numbers(extremes.calibration, np.full(3, np.nan), math.nan)
     return Group(page(extremes_table(extremes), result, said), findings(extremes.findings, spell))
 
@@ -139,9 +141,9 @@ def of_sensors(
     target_deg: float,
     onboard: Mapping[str, OnboardCheck] | None = None,
 ) -> RenderableType:
-    """Lay out each magnetometer of a log that was calibrated by itself: a row each, and why some were refused.
+    """Lay out separately calibrated magnetometers of a log: a row each, and the reasons for refusals.
 
-    Beside the new calibration stands what was `onboard`, by the name of the sensor, where the log tells that of any.
+    The last column is for the on-board calibrations by sensor name, if the log contains any.
     """
     name, quality = Column("magnetometer", overflow="fold"), Column("verdict")
     known = onboard or {}
@@ -158,7 +160,7 @@ def of_sensors(
 
 
 def of_several(together: Together, target_deg: float, spell: Spelling = in_python) -> RenderableType:
-    """Lay out magnetometers that were calibrated together: a row each, and how the others agree with it."""
+    """Lay out jointly calibrated magnetometers: a row each, and their agreement."""
     numbered = ("heading\nalone", "\ntogether", f"axes of\n{together.reference}", "\nbut for", "\noff by")
     headings = (
         Column("\n"),
@@ -168,13 +170,13 @@ def of_several(together: Together, target_deg: float, spell: Spelling = in_pytho
     )
     rows = [
         (str(number), member.name, _error(member.alone), _error(member.fit), *_axes_cells(together, member),
-         _coloured(verdict_of(member.fit)))
+         _verdict_cell(verdict_of(member.fit)))
         for number, member in enumerate(together.members, 1)
     ]  # fmt: skip
     members = enumerate(together.members, 1)
     reasons = [pair for number, member in members for pair in _member_notes(number, member, spell)]
     basis = f"heading: the worst error, 1 σ, level vehicle; the target is {target_deg:g}°"
-    said = Group(notes(reasons), Text(f"{_agreed(together)}\n{basis}", "dim"))
+    said = Group(notes(reasons), Text(f"{_agreement_words(together)}\n{basis}", "dim"))
     return page(table(headings, rows), said)
 
 
@@ -182,7 +184,7 @@ def of_several(together: Together, target_deg: float, spell: Spelling = in_pytho
 
 
 def numbers(calibration: Calibration, offset_sigma: Floats, noise: float) -> Text:
-    """Offset above matrix, in columns x, y and z, each on its decimal points."""
+    """Offset above matrix, in columns x, y and z, aligned at decimal points."""
     unit = label(calibration.unit)
     offset, curve = offset_entries(calibration, offset_sigma), curve_entries(calibration)
     shown = ["   ".join(row) for row in aligned(offset, *matrix_entries(calibration.matrix), *curve.values())]
@@ -194,23 +196,23 @@ def numbers(calibration: Calibration, offset_sigma: Floats, noise: float) -> Tex
 
 
 def findings(findings: Iterable[Finding], spell: Spelling) -> RenderableType:
-    """One line for each finding: what it limits, what to do, and its code."""
+    """One line for each finding: its limit, the advice, and its code."""
     return notes((finding.severity, advice(finding, spell), finding.code) for finding in findings)
 
 
 def lead(fit: Fit) -> Text:
-    """The first sentence of the verdict, with the code of the finding that it is about."""
+    """The first sentence of the verdict, with the code of its finding."""
     words, code = headline_of(fit)
     return Text(words).append(f" [{code}]" if code else "", "dim")
 
 
 def graded(quality: Verdict, words: str | Text, *more: str) -> Table:
-    """The verdict of a calibration, with what it means and what that rests on."""
+    """The verdict of a calibration, with its meaning and its basis."""
     return verdict(quality.upper(), quality, words, *more)
 
 
-def _since(fit: Fit) -> Text | None:
-    """What changed since the calibration whose soft iron it has; None of any other fit."""
+def _change_words(fit: Fit) -> Text | None:
+    """Change since the calibration whose soft iron is used; None for any other fit."""
     known = fit.evidence.diagnosis.refreshed
     if known is None:
         return None
@@ -221,22 +223,24 @@ def _since(fit: Fit) -> Text | None:
     )
 
 
-def _judged(fit: Fit, basis: str, *more: str) -> Table:
-    """The verdict of a calibration: its first sentence, what it rests on, and more."""
+def _verdict_of_fit(fit: Fit, basis: str, *more: str) -> Table:
+    """The verdict of a calibration: its first sentence, its basis, and further lines."""
     if fit.verdict != "refused" and fit.claim.states_uncertainty:
         basis += f"; level, {dip_words(fit.claim)}"
     return graded(fit.verdict, lead(fit), basis, *more)
 
 
 def _fit_verdict(fit: Fit) -> Table:
-    is_noisy = fit.evidence.noise > NOISE_REFUSED * fit.calibration.ellipsoid.radius
+    is_noisy = fit.evidence.noise > MAX_NOISE_SHARE * fit.calibration.ellipsoid.radius
     is_surface = not (fit.judgement.is_flat or fit.claim.plane or is_noisy)
     seen = f", {fit.evidence.coverage.fraction:.0%} of the sphere covered" if is_surface else ""
-    return _judged(fit, f"{counted(fit.evidence.samples, 'reading')}{seen}; {fit.evidence.method}", *_more(fit))
+    return _verdict_of_fit(
+        fit, f"{counted(fit.evidence.samples, 'reading')}{seen}; {fit.evidence.method}", *_further_lines(fit)
+    )
 
 
-def _more(fit: Fit) -> Iterator[str]:
-    """What else a verdict says: what the mounting adds, when it holds and how long, and whether it is needed."""
+def _further_lines(fit: Fit) -> Iterator[str]:
+    """Further lines of a verdict: mounting, conditions, ageing, and whether the calibration is needed."""
     if fit.verdict == "refused":
         return iter(("no calibration was written",))
     return filter(None, (mounting(fit), condition(fit), aging(fit), "" if improves(fit) else NO_BETTER))
@@ -260,11 +264,11 @@ def _merged_verdict(fit: Fit, repeats: Repeats) -> Table:
     readings = f" of {counted(fit.evidence.samples, 'reading')}" if fit.evidence.samples else ""
     chance = f"; chance scatters them as far with {p_value(repeats.p_value)}"
     basis = f"{counted(len(repeats.parts), 'calibration')}{readings}{chance}"
-    return _judged(fit, basis, *(["nothing was written"] if fit.verdict == "refused" else []))
+    return _verdict_of_fit(fit, basis, *(["nothing was written"] if fit.verdict == "refused" else []))
 
 
 def extremes_table(extremes: Extremes) -> Table:
-    """Six numbers with the offset and the scale of each axis, as a board shows them.
+    """Six numbers with the offset and the scale of each axis, as shown by a board.
 
     >>> from rich.console import Console
     >>> from flinders.fitting.axis_extremes import from_extremes
@@ -288,7 +292,7 @@ def extremes_table(extremes: Extremes) -> Table:
 
 
 def _decimals(extremes: Extremes) -> int:
-    """Decimals that all six numbers need, up to six digits in all."""
+    """Decimals for all six numbers, at most six digits in total."""
     written = [f"{value:.6g}" for value in [*extremes.low.tolist(), *extremes.high.tolist()]]
     return 3 if any("e" in text for text in written) else max(len(text.partition(".")[2]) for text in written)
 
@@ -297,11 +301,11 @@ def _decimals(extremes: Extremes) -> int:
 
 
 def verdict_of(outcome: Fit | FlindersError) -> Verdict:
-    """That of a fit; ``refused`` where there is none."""
+    """The verdict of a fit; ``refused`` without one."""
     return outcome.verdict if isinstance(outcome, Fit) else "refused"
 
 
-def _coloured(verdict: Verdict) -> Text:
+def _verdict_cell(verdict: Verdict) -> Text:
     return Text(verdict, COLOURS[verdict])
 
 
@@ -310,18 +314,18 @@ def _sensor_row(name: str, outcome: Fit | FitError) -> tuple[RenderableType, ...
     fit, quality = fit_of(outcome), verdict_of(outcome)
     error = "" if fit is None or quality == "refused" else degrees(fit.heading_error_deg.worst)
     cells = ("", "") if fit is None else (f"{fit.evidence.samples:,}", f"{fit.evidence.coverage.fraction:.0%}")
-    return name, *cells, error, _coloured(quality)
+    return name, *cells, error, _verdict_cell(quality)
 
 
 def _onboard_cell(onboard: OnboardCheck | None) -> str:
-    """By how much what was on board is off, at the worst heading, and what is to be done with it."""
+    """Worst heading error of the on-board calibration, and the advice on it."""
     if onboard is None:
         return ""
     return f"{degrees(onboard.comparison.worst_deg)}: {TITLES[onboard.answer].lower()}"
 
 
 def _why_refused(outcome: Fit | FitError) -> str:
-    """Why a fit was refused, in a line."""
+    """Reason for a refused fit, in a line."""
     if isinstance(outcome, Fit):
         return ""
     fit = fit_of(outcome)
@@ -332,13 +336,13 @@ def _why_refused(outcome: Fit | FitError) -> str:
 
 
 def _error(outcome: Fit | FlindersError) -> str:
-    """Worst heading error, of what is refused too, since it says how far it is from being of use."""
+    """Worst heading error, also of a refused fit, as a measure of its distance from being usable."""
     fit = fit_of(outcome)
     return "–" if fit is None else degrees(fit.heading_error_deg.worst)
 
 
 def _axes_cells(together: Together, member: Member) -> tuple[str, str, str]:
-    """Which axes it has, how far it is off them, and what its readings are usually off."""
+    """Axes of a member, its misalignment, and the typical scatter of its readings."""
     if member.rotation is None:
         return "", "", ""
     off = "" if member.name == together.reference else f"{member.misalignment_deg:.1f}°"
@@ -348,7 +352,7 @@ def _axes_cells(together: Together, member: Member) -> tuple[str, str, str]:
 
 
 def _member_notes(number: int, member: Member, spell: Spelling) -> Iterator[tuple[str, str]]:
-    """What limits a member: what the others show of it first, then the gravest of its own."""
+    """Limits of a member: findings by the other members first, then its own most severe one."""
     if (fit := fit_of(member.fit)) is None:
         yield "refuses", f"{number} {cast('FlindersError', member.fit).message}"
         return
@@ -357,8 +361,8 @@ def _member_notes(number: int, member: Member, spell: Spelling) -> Iterator[tupl
         yield finding.severity, f"{number}: {advice(finding, spell)}"
 
 
-def _agreed(together: Together) -> str:
-    """Over how long they were compared with each other."""
+def _agreement_words(together: Together) -> str:
+    """Extent of the comparison between the members."""
     over = f"{counted(together.agreement.instants, 'moment')} common to two or more"
     seconds = f", over {written_time(together.agreement.seconds)}" if together.agreement.seconds else ""
     axes = "of gyro and accelerometer" if together.in_body else f"of {together.reference}"

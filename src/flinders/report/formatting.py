@@ -1,10 +1,10 @@
-"""Numbers and words as every report writes them: angles, values with their uncertainty, matrices, and what a fit says.
+"""Formats of numbers and words in every report: angles, values with uncertainty, matrices, and facts of a fit.
 
 >>> import flinders
 >>> from flinders import simulate
 >>> swayed = simulate.tumble(seed=1, motion="swayed", n=1500).samples
 >>> mounting(flinders.fit(swayed, aiding=("rate", "dip")))
-'how the axes sit in the body, as the gyro and accelerometer tell it, adds 0.39° (1 σ)'
+'the rotation of the axes in the body, from the gyro and accelerometer, adds 0.39° (1 σ)'
 """
 
 from __future__ import annotations
@@ -34,21 +34,21 @@ if TYPE_CHECKING:
     from flinders.fitting.result import Fit
 
 FINEST: Final = 2e-4
-"""Of the field: an offset that is rounded to this moves no heading by more than a fiftieth of a degree."""
+"""Resolution of an offset relative to the field; rounding to it moves headings by at most a fiftieth of a degree."""
 SOURCES: Final = {name: term.instrument for name, term in TERMS.items()}
-"""What each aiding sensor is called."""
-SMALL: Final = 1e-3
-"""Below it a number of more decimals than `DECIMALS` is written with an exponent, as in tesla."""
+"""Names of the aiding sensors' instruments."""
+MIN_WITHOUT_EXPONENT: Final = 1e-3
+"""Numbers below this with more decimals than `DECIMALS` are written with an exponent, as in tesla."""
 MAX_DIGITS: Final = 9
-"""Behind the point of such a number."""
+"""Largest number of digits after the point of such a number."""
 DECIMALS: Final = 6
-"""Most decimals of a number that is shown with its uncertainty, and those of a matrix with entries about one."""
+"""Largest number of decimals of a number with its uncertainty; also decimals of a matrix with entries around one."""
 
 
 def with_uncertainty(value: float, sigma: float, *, finest: float = math.inf) -> str:
-    """Write a number to the second digit of its standard deviation, and to a multiple of `finest` at the least.
+    """Format a number to the second digit of its standard deviation, and at least to a multiple of `finest`.
 
-    Where errors of several numbers cancel, each matters to more digits than its own uncertainty says.
+    If errors of several numbers cancel, more digits matter than the individual uncertainties suggest.
 
     >>> with_uncertainty(-17.0318, 15.3, finest=0.01), with_uncertainty(1.2004e-05, 3.9e-08)
     ('-17.03 ± 15', '1.2004e-05 ± 3.9e-08')
@@ -58,7 +58,7 @@ def with_uncertainty(value: float, sigma: float, *, finest: float = math.inf) ->
     if max(abs(value), sigma) >= 1e9:
         return f"{value:.6g} ± {sigma:.2g}"
     digits = max(0, 1 - math.floor(math.log10(sigma)))
-    if digits > DECIMALS and max(abs(value), sigma) < SMALL:
+    if digits > DECIMALS and max(abs(value), sigma) < MIN_WITHOUT_EXPONENT:
         return _with_exponent(value, sigma, finest)
     if digits > DECIMALS:
         return f"{value:.{DECIMALS}f} ± {sigma:.1g}"
@@ -68,7 +68,7 @@ def with_uncertainty(value: float, sigma: float, *, finest: float = math.inf) ->
 
 
 def _with_exponent(value: float, sigma: float, finest: float) -> str:
-    """Write a small number to as many digits as `with_uncertainty`."""
+    """Format a small number with as many digits as `with_uncertainty`."""
     last = min(math.floor(math.log10(sigma)) - 1, math.floor(math.log10(finest)) if 0.0 < finest < math.inf else 0)
     size = max(abs(value), 10.0 ** (last + 1))
     digits = min(max(math.floor(math.log10(size)) - last, 1), MAX_DIGITS)
@@ -76,7 +76,7 @@ def _with_exponent(value: float, sigma: float, finest: float) -> str:
 
 
 def degrees(angle: float) -> str:
-    """Write an angle of error: two digits, and no more than anyone could mean.
+    """Format an error angle with two digits, limited to 100°.
 
     >>> degrees(0.0664), degrees(12.3), degrees(float("nan"))
     ('0.066°', '12°', '> 100°')
@@ -85,7 +85,7 @@ def degrees(angle: float) -> str:
 
 
 def angle(degrees_off: float) -> str:
-    """Write a difference of angles, without the digits of rounding errors.
+    """Format a difference of angles; rounding errors become zero.
 
     >>> angle(0.0321), angle(-1.234), angle(1e-9)
     ('0.032°', '-1.2°', '0°')
@@ -96,7 +96,7 @@ def angle(degrees_off: float) -> str:
 
 
 def p_value(value: float) -> str:
-    """Write how often chance does as much.
+    """Format a p-value.
 
     >>> p_value(0.4312), p_value(1e-9)
     ('p = 0.43', 'p < 0.0001')
@@ -105,7 +105,7 @@ def p_value(value: float) -> str:
 
 
 def written_time(seconds: float) -> str:
-    """Write a length of time for people.
+    """Format a duration for users.
 
     >>> written_time(0.5), written_time(75.0), written_time(7325.0)
     ('0.50 s', '1 min 15 s', '2 h 2 min 5 s')
@@ -118,7 +118,7 @@ def written_time(seconds: float) -> str:
 
 
 def date_of(when: datetime) -> str:
-    """Write a date and time for people.
+    """Format a date and time for users.
 
     >>> from datetime import UTC, datetime
     >>> date_of(datetime(2026, 5, 1, 12, 30, tzinfo=UTC))
@@ -128,12 +128,12 @@ def date_of(when: datetime) -> str:
 
 
 def minus(shown: str) -> str:
-    """Numbers with the sign that is as wide as a plus."""
+    """Replace hyphens by minus signs, which are as wide as a plus."""
     return shown.replace("-", "−")
 
 
 def length(value: float, unit: str) -> str:
-    """A field with its unit.
+    """Format a field with its unit.
 
     >>> length(49.3021, "µT")
     '49.30 µT'
@@ -142,7 +142,7 @@ def length(value: float, unit: str) -> str:
 
 
 def on_the_point(numbers: Sequence[str]) -> list[str]:
-    """Pad numbers so that they stand below each other at their decimal points."""
+    """Pad numbers so that their decimal points are aligned."""
     cut = [(number, _point(number)) for number in numbers]
     before = max(point for _, point in cut)
     after = max(len(number) - point for number, point in cut)
@@ -150,19 +150,19 @@ def on_the_point(numbers: Sequence[str]) -> list[str]:
 
 
 def _point(number: str) -> int:
-    """Where the decimal point of a number stands, or would stand."""
+    """Position of the decimal point of a number, explicit or implied."""
     value = number.partition(" ")[0]
     return value.find(".") if "." in value else len(value)
 
 
 def offset_entries(calibration: Calibration, sigma: Floats) -> list[str]:
-    """Write an offset, each axis with its uncertainty where one is known."""
+    """Format an offset, each axis with its uncertainty if known."""
     finest = FINEST * calibration.field_strength
     return [with_uncertainty(*pair, finest=finest) for pair in zip(calibration.offset.tolist(), sigma, strict=True)]
 
 
 def matrix_entries(matrix: Floats, sigma: Floats | None = None) -> list[list[str]]:
-    """Write a matrix with its uncertainties; without, as many decimals everywhere, seven digits of the largest."""
+    """Format a matrix with its uncertainties, or without them to seven digits of the largest entry."""
     if sigma is not None:
         pairs = np.stack([matrix, sigma], axis=2).tolist()
         return [[with_uncertainty(*pair, finest=FINEST) for pair in row] for row in pairs]
@@ -174,7 +174,7 @@ def matrix_entries(matrix: Floats, sigma: Floats | None = None) -> list[list[str
 
 
 def curve_entries(calibration: Calibration) -> dict[str, list[str]]:
-    """Quadratic and cubic terms of each axis in percent of the field, at its radius from the offset; none of others.
+    """Quadratic and cubic terms of each axis in percent of the field, at its radius; empty without linearization.
 
     >>> from flinders import Calibration
     >>> from flinders.core.linearization import Linearization
@@ -191,7 +191,7 @@ def curve_entries(calibration: Calibration) -> dict[str, list[str]]:
 
 
 def aligned(*rows: Sequence[str]) -> list[list[str]]:
-    """Rows of numbers, each column padded to stand on its decimal points."""
+    """Rows of numbers whose columns are aligned at decimal points."""
     columns = (on_the_point(column) for column in zip(*rows, strict=True))
     return [list(row) for row in zip(*columns, strict=True)]
 
@@ -200,13 +200,13 @@ def aligned(*rows: Sequence[str]) -> list[list[str]]:
 
 
 def uncorrected(fit: Fit) -> str:
-    """How far headings are off without the calibration."""
+    """Heading error without the calibration, in words."""
     worst = fit.claim.uncorrected_heading_error_deg.worst
     return "any angle: the compass does not work" if worst > 100 else f"up to {degrees(worst)}"
 
 
 def shown_findings(fit: Fit) -> list[Finding]:
-    """Findings that a page shows, first causes; of a refused fit no notes but those on the recording."""
+    """Findings that a page shows: first causes; for a refused fit, notes only on the recording."""
     causes = first_causes(fit.findings)
     if fit.verdict != "refused":
         return list(causes)
@@ -214,7 +214,7 @@ def shown_findings(fit: Fit) -> list[Finding]:
 
 
 def said_once(findings: Iterable[Finding], fit: Fit | None = None) -> Iterator[Finding]:
-    """Findings that point to the headline of their fit, where that is shown, or to one above, for how to move on."""
+    """Findings whose repeated next steps refer to the headline, if it is shown, or to an earlier finding."""
     headline = () if fit is None else first_causes(fit.findings)[:1]
     above = {step for finding in headline for step in _steps(finding).values()}
     for finding in findings:
@@ -225,35 +225,35 @@ def said_once(findings: Iterable[Finding], fit: Fit | None = None) -> Iterator[F
 
 
 def _steps(finding: Finding) -> dict[str, Any]:
-    """What a finding says to do next, by the names of its values."""
+    """Next steps of a finding, by the names of its values."""
     return {name: finding.values[name] for name in ("next_step", "next_movement") if name in finding.values}
 
 
 def mounting(fit: Fit) -> str:
-    """What the mounting of the sensor adds to the heading error; empty where that is not known.
+    """Contribution of the mounting to the heading error, in words; empty if unknown.
 
-    An estimated rotation is observed by an aiding sensor; one that was stated is observed by nothing.
+    An estimated rotation is observed by an aiding sensor; a stated one is not observed.
     """
     error = fit.claim.alignment_error_deg
     if error is None:
         return ""
     if fit.calibration.rotation != "estimated":
-        return f"the mounting adds {degrees(error)} (1 σ), which no magnetometer can see"
+        return f"the mounting adds {degrees(error)} (1 σ), which a magnetometer cannot observe"
     who = sources(fit)
     if not error < ANY_ANGLE_DEG:
-        return f"how the axes sit in the body is not told by {who}: no heading of the body is known"
-    return f"how the axes sit in the body, as {who} tell{'' if ' and ' in who else 's'} it, adds {degrees(error)} (1 σ)"
+        return f"the rotation of the axes in the body is not determined by {who}: no heading of the body is known"
+    return f"the rotation of the axes in the body, from {who}, adds {degrees(error)} (1 σ)"
 
 
 def sources(fit: Fit) -> str:
-    """The aiding sensors that are in the fit."""
+    """The aiding sensors that the fit uses."""
     each = () if fit.evidence.aiding is None else fit.evidence.aiding.sensors
     names = [SOURCES[aid.name] for aid in each if aid.is_used and aid.name in SOURCES]
     return f"the {' and '.join(names)}" if names else "what was recorded beside"
 
 
 def with_unit(disturbance: Disturbance) -> str:
-    """A disturbance with its unit, as an axis says it.
+    """A disturbance with its unit, as an axis label.
 
     >>> from flinders.core.disturbance import Disturbance
     >>> with_unit(Disturbance("current", [0, 0, 0])), with_unit(Disturbance("throttle", [0, 0, 0]))
@@ -263,13 +263,13 @@ def with_unit(disturbance: Disturbance) -> str:
 
 
 def aging(fit: Fit) -> str:
-    """How long a fit is good; nothing where it claims nothing."""
+    """Time for which a fit is good; empty without a claim."""
     until = good_until(fit)
     return "" if until is None else until.brief
 
 
 def condition(fit: Fit) -> str:
-    """What a verdict rests on, with what would show it; nothing where other evidence shows it.
+    """Assumptions of a verdict with a way to verify them; empty if other evidence covers them.
 
     >>> from flinders import simulate
     >>> from flinders.fitting.calibrate import fit

@@ -1,4 +1,4 @@
-"""Heading over a log by what was on board and by the new calibration, and the difference of both.
+"""Heading over a log with the on-board and the new calibration, and their difference.
 
 >>> import numpy as np
 >>> from flinders.workflows.log_headings import HeadingHistory
@@ -27,44 +27,46 @@ if TYPE_CHECKING:
     from flinders.report.charts import Canvas
     from flinders.workflows.log_headings import HeadingHistory
 
-MOST_POINTS: Final = 1500
-"""Of a line; a longer log is drawn by every k-th reading."""
+MAX_POINTS: Final = 1500
+"""Largest number of points in a line; a longer log is thinned to every k-th reading."""
 GAP_STEPS: Final = 10.0
-"""Usual steps of the clock that make a gap in a line."""
+"""Gap that breaks a line, in median steps of the clock."""
 STEP_DEG: Final = 15.0
 SECTORS: Final = 24
-"""The axis of headings begins and ends at a step; so many make a turn."""
+"""Step in degrees for the ends of the heading axis, and number of steps in a turn."""
 QUARTERS: Final = {0.0: "N", 90.0: "E", 180.0: "S", 270.0: "W"}
-LEVELLED: Final = {
-    "attitude": "tilt is removed by roll and pitch of the attitude that was logged",
-    "acceleration": "tilt is removed by the accelerometer, which a vehicle that speeds up or turns deceives",
-    "nothing": "no attitude and no acceleration was logged, and the vehicle is taken to be level",
+TILT_WORDS: Final = {
+    "attitude": "tilt is removed with roll and pitch of the logged attitude",
+    "acceleration": "tilt is removed with the accelerometer, which is wrong while a vehicle accelerates or turns",
+    "nothing": "neither attitude nor acceleration was logged, and the vehicle is assumed to be level",
 }
-YAW: Final = "The yaw is the autopilot's own estimate, and may come from this very compass."
+YAW: Final = "The yaw is the autopilot's own estimate, and may depend on this compass."
 
 
 def headings_over_time(history: HeadingHistory, target_deg: float) -> str:
-    """Headings above each other over time: by both calibrations and the attitude, and their difference below."""
+    """Headings over time, with both calibrations and the attitude, and their difference below."""
     title = "Heading over time by what was on board and by the new calibration, and their difference"
     return stacked(title, [_headings(history), _difference(history, target_deg)], wide=WIDE, high=150.0)
 
 
 def history_words(history: HeadingHistory) -> str:
-    """What is drawn, in sentences: whose heading, from which north, and how tilt was removed."""
+    """Caption of the figure: heading, north reference, and removal of tilt."""
     whose = "Heading of the vehicle" if history.is_vehicle else "Heading of the compass's x axis"
     north = history.declination_deg
     from_north = "from magnetic north" if north is None else minus(f"from true north (declination {north:.1f}°)")
-    how = LEVELLED[history.levelled_by]
+    how = TILT_WORDS[history.levelled_by]
     stride = stride_of(history)
     thinned = f" One of {stride} readings is drawn." if stride > 1 else ""
-    apart = " It is true, and apart by the declination, which the log does not tell." * (north is None)
+    apart = " It refers to true north, and differs by the declination, which the log does not contain." * (
+        north is None
+    )
     yaw = "" if history.yaw_deg is None else f" {YAW}{apart}"
     return f"{whose} over the log, {from_north}; {how}.{yaw}{thinned}"
 
 
 def stride_of(history: HeadingHistory) -> int:
-    """Every which reading is drawn."""
-    return max(1, -(-len(history.seconds) // MOST_POINTS))
+    """Stride of the drawn readings."""
+    return max(1, -(-len(history.seconds) // MAX_POINTS))
 
 
 def _across(history: HeadingHistory) -> Axis:
@@ -72,11 +74,11 @@ def _across(history: HeadingHistory) -> Axis:
 
 
 def _headings(history: HeadingHistory) -> Panel:
-    """Headings by both calibrations, and the yaw of the attitude, from the direction in which the log points least."""
+    """Headings with both calibrations, and the yaw of the attitude; the axis starts at the rarest direction."""
     lines = [("curve raw thin", history.old_deg), ("curve corrected thin", history.new_deg)]
     if history.yaw_deg is not None:
         lines.append(("curve yaw thin", history.yaw_deg))
-    first = _least_seen(np.concatenate([degrees for _, degrees in lines]))
+    first = _rarest_direction(np.concatenate([degrees for _, degrees in lines]))
     shown = [(kind, first + np.mod(degrees - first, 360.0)) for kind, degrees in lines]
     everything = np.concatenate([degrees for _, degrees in shown])
     low = STEP_DEG * math.floor(float(np.nanmin(everything, initial=first + 360.0)) / STEP_DEG)
@@ -90,22 +92,22 @@ def _headings(history: HeadingHistory) -> Panel:
     return Panel(_across(history), up, draw, "seconds", title=title, y_ticks=_compass(up))
 
 
-def _least_seen(degrees: Floats) -> float:
-    """Of the directions each `STEP_DEG`, the one that is farthest from where most of the angles are."""
+def _rarest_direction(degrees: Floats) -> float:
+    """Direction, in steps of `STEP_DEG`, that is farthest from most of the angles."""
     counts = np.bincount(np.mod(degrees[np.isfinite(degrees)] // STEP_DEG, SECTORS).astype(int), minlength=SECTORS)
     around = sum(np.roll(counts, shift) for shift in range(SECTORS // 4)) + np.roll(counts, -1)
     return float(STEP_DEG * np.argmin(around))
 
 
 def _compass(up: Axis) -> list[tuple[float, str]]:
-    """Headings at an axis, with the names of the four quarters."""
+    """Headings for an axis, with the names of the four quarters."""
     step = 90.0 if up.high - up.low > 180.0 else 45.0 if up.high - up.low > 60.0 else STEP_DEG
     values = np.arange(math.ceil(up.low / step) * step, up.high + 1.0, step).tolist()
     return [(value, f"{QUARTERS.get(value % 360.0, '')} {value % 360.0:03.0f}°".strip()) for value in values]
 
 
 def _difference(history: HeadingHistory, target_deg: float) -> Panel:
-    """Heading by the calibration on board minus that by the new one, between lines at ± the target."""
+    """Heading with the on-board calibration minus heading with the new one, between lines at ± the target."""
     difference = history.difference_deg
     largest = float(np.nanmax(np.abs(difference), initial=0.0))
     end = min(round_up(1.1 * max(largest, target_deg)), 180.0)
@@ -119,7 +121,7 @@ def _difference(history: HeadingHistory, target_deg: float) -> Panel:
 
 
 def _line(plot: Canvas, kind: str, history: HeadingHistory, degrees: Floats) -> list[str]:
-    """A line of thinned angles, cut where they go round, where there is none, and in gaps of the log."""
+    """Line of thinned angles, broken at wraps, at missing values, and in gaps of the log."""
     stride = stride_of(history)
     seconds, angles = history.seconds[::stride], degrees[::stride]
     known = np.isfinite(angles)

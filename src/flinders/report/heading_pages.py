@@ -1,4 +1,4 @@
-"""Headings as a page for the terminal: how good they are, and where north is."""
+"""Headings as a page for the terminal: their accuracy, and the direction of north."""
 
 from __future__ import annotations
 
@@ -24,12 +24,12 @@ if TYPE_CHECKING:
 
 
 def of_headings(summary: HeadingSummary, spell: Spelling = in_python) -> RenderableType:
-    """Lay out a run of headings, what limits them first."""
+    """Lay out a run of headings, with its limits first."""
     voyage, compass, site = summary.voyage, summary.compass, summary.site
     how = "from x and y alone, level" if compass.formula == LEVEL else f"tilt-compensated ({compass.formula})"
     known = [
         ("heading", f"of the x axis, {how}; {counted(voyage.readings, 'reading')}"),
-        ("good to", _unclaimed(summary) or _heading_error(summary.claim)),
+        ("good to", _reason_of_no_claim(summary) or _heading_error(summary.claim)),
     ]
     if compass.declination_deg is not None:
         known.append(("north", _north(site, compass.declination_deg)))
@@ -42,8 +42,8 @@ def of_headings(summary: HeadingSummary, spell: Spelling = in_python) -> Rendera
     return Group(notes(limits), facts(known), notes(note for note in said if note[0] != "limits"))
 
 
-def _unclaimed(summary: HeadingSummary) -> str:
-    """Why nothing is claimed of headings, whatever their calibration claims; empty where something is."""
+def _reason_of_no_claim(summary: HeadingSummary) -> str:
+    """Reason for a run without an accuracy, whatever the calibration claims; empty otherwise."""
     voyage = summary.voyage
     if voyage.has_none:
         return "nothing: no reading has a heading"
@@ -63,7 +63,7 @@ def _heading_error(claim: HeadingClaim) -> str:
     if tilted is not None:
         words += f"; {degrees(tilted.worst)} at {tilted.tilt_deg:.0f}° of tilt"
     if mounting is not None:
-        words += f"; how the axes sit in the body adds {degrees(mounting)} (1 σ)"
+        words += f"; the rotation of the axes in the body adds {degrees(mounting)} (1 σ)"
     if claim.tilt_error_deg is not None:
         whole = math.hypot(level.worst, claim.tilt_error_deg, mounting or 0.0)
         words = f"{degrees(whole)} a reading (1 σ), tilt and noise included; the calibration to {words}"
@@ -87,7 +87,7 @@ def _north(site: SiteField | None, declination_deg: float) -> str:
 
 
 def grid_words(site: SiteField) -> str:
-    """Where grid north is, and magnetic north from it."""
+    """Direction of grid north, and of magnetic north relative to it."""
     side = "E" if site.grid_declination_deg >= 0.0 else "W"
     return f"{site.grid}; magnetic north {abs(site.grid_declination_deg):.2f}° {side} of grid north"
 

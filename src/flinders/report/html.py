@@ -1,8 +1,8 @@
-"""A fit as one HTML file: the result in words and degrees first, then all that it rests on.
+"""A fit as one HTML file: the result in words and degrees first, then the evidence.
 
-The file needs nothing else: no server, no network, and no script but for the 3-D view, of which it holds a still
-picture for paper. What comes from files, such as names and comments, is escaped; a Content-Security-Policy in the file
-lets nothing run but its own script, and nothing be fetched. Of a refused fit no number is shown that could be copied.
+The file is self-contained: no server, no network, and only the script of the 3-D view, for which it has still images on
+paper. Text from files, such as names and comments, is escaped; a Content-Security-Policy in the file permits its own
+script only, and no requests. For a refused fit no number is shown that could be copied.
 
 >>> from flinders import simulate
 >>> from flinders.fitting import calibrate
@@ -88,21 +88,21 @@ if TYPE_CHECKING:
     from flinders.workflows.log_headings import HeadingHistory
     from flinders.workflows.onboard import OnboardCheck
 
-ASTRAY, NOISY = 0.05, 3.0
-"""Of the field, and times the noise of the fit: readings that are farther off (rms) do not go with a calibration."""
+MAX_RESIDUAL_SHARE, MAX_RESIDUAL_NOISES = 0.05, 3.0
+"""Largest rms residual, in fields and in noises of the fit, of readings that belong to a calibration."""
 
 OPEN_TARGET: Final = "c"
-"""Target whose listing stands first, open."""
+"""Target whose listing is first and open."""
 
 
 @dataclass(frozen=True, slots=True)
 class Listing:
-    """Text to copy from a report: a calibration as a program or board takes it."""
+    """Text to copy from a report: a calibration for a program or board."""
 
     title: str
     filename: str
     text: str
-    notes: tuple[str, ...] = ()  # what to see to before it is used
+    notes: tuple[str, ...] = ()  # warnings before its use
 
 
 def page(
@@ -115,7 +115,7 @@ def page(
     notes: Sequence[str] = (),
     onboard: OnboardCheck | None = None,
 ) -> str:
-    """Write a fit, or why there is none, as one HTML file.
+    """Write a fit, or the reason why there is none, as one HTML file.
 
     Raises `InputError` for a recording that cannot be read.
 
@@ -124,23 +124,22 @@ def page(
     outcome : Fit or FitError
         The result, or the refusal.
     recording : Recording, optional
-        The readings that were fitted, as they were recorded; they are all in memory meanwhile. Without them there
-        are no figures.
+        The fitted readings, as recorded; they are all read into memory. Without them there are no figures.
     provenance : ProvenanceRecord, optional
-        Release, date and files; by default this release, now, and none.
+        Release, date and files; by default the current release, the current time, and no files.
     asked : mapping of str to str, optional
-        Options that the fit was made with, by name.
+        Options of the fit, by name.
     listings : sequence of Listing
-        The calibration for programs and boards, as targets take it; left out of a refusal.
+        The calibration for programs and boards, in the form of targets; omitted for a refused fit.
     notes : sequence of str
-        What else to know, in sentences.
+        Further remarks, in sentences.
     onboard : OnboardCheck, optional
-        What was on board when the log was made: headings by it and by the fit are drawn over the log.
+        On-board calibration of the log: headings with it and with the fit are drawn over the log.
     """
     fit = fit_of(outcome)
     usable = None if fit is None or fit.verdict == "refused" else fit
     drawn = None if recording is None else FigureData.of(fit, recording)
-    walk = None if drawn is None or fit is None or not goes_with(fit, drawn) else drawn.walk(fit)
+    walk = None if drawn is None or fit is None or not belongs_to(fit, drawn) else drawn.walk(fit)
     view = None if drawn is None else drawn.view
     script, has_scene = _script(has_view=view is not None)
     history = _history(recording, fit, onboard)
@@ -175,7 +174,7 @@ def page(
 
 
 def _history(recording: Recording | None, fit: Fit | None, onboard: OnboardCheck | None) -> HeadingHistory | None:
-    """Headings over the log by what was on board and by the fit; None without either."""
+    """Headings over the log with the on-board calibration and with the fit; None without both."""
     if recording is None or fit is None or onboard is None:
         return None
     return heading_history(recording, onboard.calibration, fit.calibration)
@@ -189,7 +188,7 @@ def _over_time(history: HeadingHistory | None, fit: Fit | None) -> dict[str, str
 
 
 def listings_of(fit: Fit) -> list[Listing]:
-    """The calibration for each target that can hold it and whose file is text, code first; no mountings."""
+    """The calibration for each target that can hold it and has a text file, code first; no mountings."""
     if fit.verdict == "refused":
         return []
     listings = []
@@ -205,13 +204,15 @@ def listings_of(fit: Fit) -> list[Listing]:
     return listings
 
 
-def goes_with(fit: Fit, drawn: FigureData) -> bool:
-    """Whether readings are as long as a calibration has them; where they are of another sensor, nothing moved."""
+def belongs_to(fit: Fit, drawn: FigureData) -> bool:
+    """Whether the lengths of the readings match the calibration; otherwise they may be of another sensor."""
     if not len(drawn.residuals) or not drawn.is_used.any():
         return False
     off = drawn.residuals[drawn.is_used]
     noise = fit.evidence.noise if fit.claim.states_uncertainty else 0.0
-    return math.sqrt(float(np.mean(off**2))) <= max(ASTRAY * fit.calibration.field_strength, NOISY * noise)
+    return math.sqrt(float(np.mean(off**2))) <= max(
+        MAX_RESIDUAL_SHARE * fit.calibration.field_strength, MAX_RESIDUAL_NOISES * noise
+    )
 
 
 def _as_python(calibration: Calibration) -> Listing:
@@ -219,7 +220,7 @@ def _as_python(calibration: Calibration) -> Listing:
 
 
 def python_of(calibration: Calibration) -> str:
-    """The correction as Python that needs NumPy alone: `raw`, as recorded, becomes `corrected`."""
+    """The correction as Python code with NumPy only: `raw`, as recorded, becomes `corrected`."""
     axes = calibration.axes.apply(np.eye(3)).T.astype(int).tolist()
     given = {"calibration": calibration, "axes": axes, "unit": label(calibration.unit)}
     return filled("correction.py.j2", given, {"with_unit": with_unit}) + "\n"
@@ -229,7 +230,7 @@ def python_of(calibration: Calibration) -> str:
 
 
 def _outcome(outcome: Fit | FitError, fit: Fit | None) -> dict[str, str]:
-    """Verdict, its title, and what it is in a sentence."""
+    """Verdict, its title, and its sentence."""
     if fit is None:
         why = as_sentence(cast("FitError", outcome).message)
         return {"verdict": "refused", "title": "No calibration", "sentence": why}
@@ -239,7 +240,7 @@ def _outcome(outcome: Fit | FitError, fit: Fit | None) -> dict[str, str]:
 
 
 def _findings(fit: Fit) -> list[tuple[Finding, str]]:
-    """Findings with their sentences, the most severe first; what to do stands once, beside the cause."""
+    """Findings with their sentences, the most severe first; the advice is given once, with the cause."""
     said = [
         (finding, finding.fault if finding.follows_from else finding.advice) for finding in said_once(fit.findings, fit)
     ]
@@ -247,7 +248,7 @@ def _findings(fit: Fit) -> list[tuple[Finding, str]]:
 
 
 def _walk_words(walk: RandomWalk, fit: Fit) -> str:
-    """Whether the offset stayed, in words; for how long that is good enough, where anything is claimed at all."""
+    """Stability of the offset in words; with a claim, also the time for which that is good enough."""
     is_claimed = fit.verdict != "refused" and fit.claim.states_uncertainty
     say, dip = walk.words if is_claimed else walk.story, abs(fit.heading_error_deg.dip_deg)
     return as_sentence(say(label(fit.calibration.unit), level_deg=fit.claim.target_deg, dip_deg=dip))
@@ -268,7 +269,7 @@ def _split(number: str) -> tuple[str, str]:
 
 
 def disturbance_rows(fit: Fit) -> list[tuple[str, str, list[tuple[str, str]], str]]:
-    """Each disturbance that the offset depends on: name, unit, offset in x, y and z for one of it, and words."""
+    """Each disturbance of the offset: name, unit, offset in x, y and z per unit, and words."""
     dip = fit.heading_error_deg.dip_deg
     estimates = fit.evidence.disturbances.estimates
     known = {estimate.name: estimate for estimate in estimates if estimate.disturbance is not None}
@@ -286,7 +287,7 @@ def disturbance_rows(fit: Fit) -> list[tuple[str, str, list[tuple[str, str]], st
 
 
 def _disturbance_offsets(fit: Fit, disturbance: Disturbance, place: int) -> list[tuple[str, str]]:
-    """Value and uncertainty of each axis; no uncertainty where none is known."""
+    """Value and uncertainty of each axis; no uncertainty if unknown."""
     values = disturbance.per_unit.tolist()
     covariance = fit.evidence.disturbances.covariance
     if covariance is None:
@@ -299,11 +300,11 @@ def _disturbance_offsets(fit: Fit, disturbance: Disturbance, place: int) -> list
 def _disturbance_words(
     disturbance: Disturbance, removed_deg: float, estimate: DisturbanceEstimate | None, *, has_others: bool
 ) -> str:
-    """In which range it was recorded, what it does to a heading, and what is left of that; reference, lag and gain."""
+    """Recorded range of a disturbance, its effect on a heading, and the corrected rest; reference, lag and gain."""
     amount, left = disturbance.amount, ""
     if estimate is not None:
         running = " and the other motors run along as they did then" if has_others else ""
-        left = f", of which {degrees(estimate.remaining_deg)} (1 σ) is left when it is followed{running}"
+        left = f", of which {degrees(estimate.remaining_deg)} (1 σ) is left after correction{running}"
     states, low, end = disturbance.states, disturbance.lowest, disturbance.farthest
     recorded = " and ".join(states) if states else f"from {low:.3g} to {amount(disturbance.highest)}"
     where = f"{'while' if states else 'at'} {amount(end)}"
@@ -312,7 +313,7 @@ def _disturbance_words(
         share = uncertain(100.0 * estimate.explained_share, 100.0 * estimate.explained_share_sigma)
         parts.append(f"it explains {share} % of the scatter that readings have without it")
     if disturbance.reference:
-        parts.append(f"the offset of the table below is that at {amount(disturbance.reference)}")
+        parts.append(f"the offset in the table below holds at {amount(disturbance.reference)}")
     if disturbance.lag_s:
         side = "later" if disturbance.lag_s > 0 else "earlier"
         parts.append(f"readings follow {abs(disturbance.lag_s):.2g} s {side}")
@@ -346,7 +347,7 @@ def _pairs(value: ArrayLike, sigma: ArrayLike | None, factor: float) -> list[tup
 
 
 def _figures(drawn: FigureData | None, fit: Fit | None, walk: RandomWalk | None) -> defaultdict[str, Any]:
-    """Figures by name, numbers and words of our own; None of those that nothing is known for."""
+    """Figures by name, with numbers and fixed words only; None for figures without data."""
     drawings: defaultdict[str, Any] = defaultdict(lambda: None)
     if drawn is None or not len(drawn.raw):
         return drawings
@@ -373,7 +374,7 @@ def _figures(drawn: FigureData | None, fit: Fit | None, walk: RandomWalk | None)
 
 
 def _data(drawn: FigureData, view: View, fit: Fit | None) -> str:
-    """What the 3-D view draws, as JSON that may stand in a page: no ``<`` is left in it."""
+    """Data of the 3-D view as JSON for a page, without any ``<``."""
     content = msgspec.structs.asdict(view) | {
         "tiles": tiles_view(),
         "field": base64.b64encode(drawn.raw.astype("<f4").tobytes()).decode(),
@@ -384,7 +385,7 @@ def _data(drawn: FigureData, view: View, fit: Fit | None) -> str:
 
 
 def _script(*, has_view: bool) -> tuple[str, bool]:
-    """The script, and whether it has the 3-D view."""
+    """The script, and whether it includes the 3-D view."""
     if has_view:
         try:
             return f"\n{joined()}\n", True
@@ -404,4 +405,4 @@ FILTERS: Final = {
     "label": label, "strength": length, "date": date_of, "minus": minus, "sources": sources,
     "dip_words": dip_words, "duration": duration,
 }  # fmt: skip
-"""How the page writes numbers."""
+"""Formats of numbers in the page."""

@@ -1,6 +1,6 @@
-r"""A report as one HTML file: template, style sheet and script in one, with a policy that lets nothing else run.
+r"""A report as one HTML file: template, style sheet and script, with a policy that permits nothing else.
 
-What comes from files, such as names and comments, is escaped; of a script the policy of the page names the hash.
+Text from files, such as names and comments, is escaped; the policy of the page contains the hash of its script.
 
 >>> style_of().strip()[:25]
 ':root { --paper: #f4f6f8;'
@@ -28,23 +28,23 @@ SHEETS: Final = ("static/figure.css", "static/report.css")
 def html_file(template: str, given: Mapping[str, Any], *, style: str, script: str, filters: Mapping[str, Any]) -> str:
     """Fill in a template that is a page.
 
-    `style` and `script` are what the page may use, and nothing else; `filters` say how it writes numbers.
+    `style` and `script` are the only ones that the page may use; `filters` format its numbers.
     """
     hashes = {"style_hash": _hash(style), "script_hash": _hash(script)}
     return filled(template, {**given, "style": style, "script": script, **hashes}, filters) + "\n"
 
 
 def filled(template: str, given: Mapping[str, Any], filters: Mapping[str, Callable[..., Any]]) -> str:
-    """Fill in a template; what stands in HTML is escaped.
+    """Fill in a template; text in HTML is escaped.
 
-    It is one of `flinders.report`, or is given by its path in `flinders`, as ``apps/fleet/fleet.html.j2``.
+    The template is one of `flinders.report`, or a path in `flinders` such as ``apps/fleet/fleet.html.j2``.
     """
-    return _compiled(template, *filters.items()).render(**given)
+    return _compile_template(template, *filters.items()).render(**given)
 
 
 @cache
-def _compiled(template: str, *filters: tuple[str, Callable[..., Any]]) -> jinja2.Template:
-    """A template with its filters, which takes longer to compile than to fill in."""
+def _compile_template(template: str, *filters: tuple[str, Callable[..., Any]]) -> jinja2.Template:
+    """A template with its filters, cached as compiling takes longer than filling in."""
     import jinja2
 
     environment = jinja2.Environment(
@@ -61,7 +61,7 @@ def _compiled(template: str, *filters: tuple[str, Callable[..., Any]]) -> jinja2
 def style_of(*sheets: str) -> str:
     """Style sheets after those of every report, with the colours of both themes; paper is always light.
 
-    They are named by their paths in `flinders`.
+    Sheets are named by their paths in `flinders`.
     """
     light, dark = variables("light"), variables("dark")
     rules = "\n".join(asset(sheet) for sheet in (*SHEETS, *sheets))
@@ -78,5 +78,5 @@ def script_of() -> str:
 
 
 def _hash(text: str) -> str:
-    """As a Content-Security-Policy names what may run."""
+    """Hash in the format of a Content-Security-Policy."""
     return f"sha256-{base64.b64encode(hashlib.sha256(text.encode()).digest()).decode()}"

@@ -24,15 +24,15 @@ if TYPE_CHECKING:
 
 
 def hatch_pattern(name: str) -> str:
-    """Lines over what was not recorded."""
+    """Hatching for directions without readings."""
     return (
         f'<defs><pattern id="{name}" width="6" height="6" patternUnits="userSpaceOnUse" '
         'patternTransform="rotate(45)"><path class="hatch" d="M0 0V6"/></pattern></defs>'
     )
 
 
-def tiled(plot: Canvas, classes: Sequence[str], rings: Mapping[int, Floats]) -> list[str]:
-    """Tiles of one class as one path each."""
+def tile_paths(plot: Canvas, classes: Sequence[str], rings: Mapping[int, Floats]) -> list[str]:
+    """Tiles as one path per class."""
     sorted_rings: dict[str, list[Floats]] = {}
     for tile, ring in rings.items():
         sorted_rings.setdefault(classes[tile], []).append(ring)
@@ -40,23 +40,23 @@ def tiled(plot: Canvas, classes: Sequence[str], rings: Mapping[int, Floats]) -> 
 
 
 def error_tiles(plot: Plot, view: View, target_deg: float, rings: Mapping[int, Floats], hatch: str) -> list[str]:
-    """Tiles in the colours of their errors; those without a reading are hatched besides."""
+    """Tiles in the colours of their errors; those without a reading are also hatched."""
     unseen = "".join(
         outline_of(plot.places(*ring.T), is_closed=True) for tile, ring in rings.items() if not view.tiles_seen[tile]
     )
     hatched = [f'<path fill="url(#{hatch})" d="{unseen}"/>'] if unseen else []
-    return [*tiled(plot, error_classes(view, target_deg), rings), *hatched]
+    return [*tile_paths(plot, error_classes(view, target_deg), rings), *hatched]
 
 
 DISC, MAP_WIDE, MAP_HIGH = 114.0, 552, 282
 MIDDLES: Final = (136.0, 416.0)
 MIDDLE: Final = MAP_HIGH / 2.0 + 4.0
-ROUND: Final = Axis(-math.sqrt(2.0), math.sqrt(2.0))
+HEMISPHERE_AXIS: Final = Axis(-math.sqrt(2.0), math.sqrt(2.0))
 """Ends of both axes of a hemisphere in Lambert's azimuthal projection, which keeps areas."""
 
 
 def error_map(view: View, target_deg: float) -> str:
-    """Predicted error of all directions: two hemispheres, those without a reading hatched."""
+    """Predicted error of all directions: two hemispheres, hatched without a reading."""
     insides = [error_tiles(plot, view, target_deg, hemisphere(up), "hatch-map") for plot, up in _discs()]
     parts = [hatch_pattern("hatch-map"), *_framed_discs("error", insides)]
     if view.guidance is not None and view.guidance.direction is not None:
@@ -69,7 +69,7 @@ def error_map(view: View, target_deg: float) -> str:
 
 def coverage_map(view: View) -> str:
     """Readings in each direction, on the same map."""
-    insides = [tiled(plot, seen_classes(view), hemisphere(up)) for plot, up in _discs()]
+    insides = [tile_paths(plot, seen_classes(view), hemisphere(up)) for plot, up in _discs()]
     title = "Map of the readings over all directions of the field"
     return chart(MAP_WIDE, MAP_HIGH, title, *_framed_discs("seen", insides))
 
@@ -86,14 +86,14 @@ def seen_classes(view: View) -> list[str]:
 
 
 def _discs() -> list[tuple[Plot, float]]:
-    """Where both hemispheres lie on the map, and where z points in each."""
+    """Plots of both hemispheres on the map, with the sign of z in each."""
     size = 2.0 * DISC
-    plots = [Plot(middle - DISC, MIDDLE - DISC, size, size, ROUND, ROUND) for middle in MIDDLES]
+    plots = [Plot(middle - DISC, MIDDLE - DISC, size, size, HEMISPHERE_AXIS, HEMISPHERE_AXIS) for middle in MIDDLES]
     return list(zip(plots, (1.0, -1.0), strict=True))
 
 
 def _framed_discs(name: str, insides: Sequence[Sequence[str]]) -> list[str]:
-    """Both hemispheres, each with its edge, where x and y point, and which one it is."""
+    """Both hemispheres, each with its edge, the directions of x and y, and its pole."""
     parts = []
     for place, (x, sides, inside) in enumerate(zip(MIDDLES, ("+z +y −y", "−z −y +y"), insides, strict=True)):
         pole, above, below = sides.split()
@@ -112,7 +112,7 @@ def _framed_discs(name: str, insides: Sequence[Sequence[str]]) -> list[str]:
 
 
 def hemisphere(up: float) -> dict[int, Floats]:
-    """Corners of the tiles of a hemisphere, and of those that reach into it, on a disc of radius √2, by tile."""
+    """Corners of the tiles in or partly in a hemisphere, on a disc of radius √2, by tile."""
     polygons = tiles().polygons()
     return {tile: _lambert(polygons[tile], up) for tile in np.flatnonzero(up * tiles().centres[:, 2] > -0.12).tolist()}
 
@@ -125,7 +125,7 @@ def _lambert(directions: Floats, up: float) -> Floats:
 
 
 def tile_rules() -> str:
-    """Colours of the classes of errors, light and dark, for a drawing that is a file of its own."""
+    """Colours of the error classes, light and dark, for a drawing as a separate file."""
     light, dark = map(_tile_colours, get_args(Theme))
     return f"{light} @media (prefers-color-scheme: dark) {{ {dark} }}"
 

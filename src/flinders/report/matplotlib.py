@@ -7,7 +7,7 @@
 >>> len(axes.lines), axes.get_xlabel()
 (1, 'seconds')
 
-Nothing global of matplotlib is touched: no pyplot, no style, no window.
+No global state of matplotlib is changed: no pyplot, no style, no window.
 """
 
 from __future__ import annotations
@@ -38,23 +38,23 @@ STYLES: Final[dict[str, dict[str, Any]]] = {
     "line": {"color": INK, "lw": 1.1},
     "aim": {"color": INK, "lw": 1.1, "ls": ":"},
 }
-"""How lines are drawn, by their class in the style sheet of the report."""
+"""Line styles by their class in the style sheet of the report."""
 
 
 @dataclass(frozen=True, slots=True)
 class AxesCanvas:
-    """Axes of matplotlib that marks are drawn on as on a `flinders.report.charts.Plot`; none of them is text."""
+    """Axes of matplotlib with the methods of a `flinders.report.charts.Plot`, which return no text."""
 
     axes: Axes
 
     def line(self, kind: str, x: ArrayLike, y: ArrayLike, *, is_closed: bool = False) -> str:
-        """A line through numbers."""
+        """A line through points."""
         places = np.stack([x, y], axis=1)
         self.axes.plot(*np.append(places, places[:is_closed], axis=0).T, **STYLES[kind])
         return ""
 
     def area(self, kind: str, x: ArrayLike, low: ArrayLike, high: ArrayLike) -> str:  # noqa: ARG002 - all alike
-        """What lies between two lines."""
+        """The area between two lines."""
         self.axes.fill_between(x, low, high, color=CORRECTED, alpha=0.2, lw=0)
         return ""
 
@@ -88,7 +88,7 @@ class AxesCanvas:
         return ""
 
     def level(self, value: float, kind: str) -> str:
-        """A line across."""
+        """A horizontal line."""
         self.axes.axhline(value, **STYLES[kind])
         return ""
 

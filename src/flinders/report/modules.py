@@ -1,12 +1,12 @@
-r"""Modules of the page as one script, which a file can hold: no server, no second file, no request.
+r"""Modules of the page as one script for a self-contained file: no server, no second file, no request.
 
 A page that is opened from a disk cannot import modules, so they are joined when a report is written: each becomes a
-function that is called once and returns what it exports. Our modules use the two plainest forms of import and export,
-and `joined` refuses any other. The pages have a bundle in its place, a third as large, which esbuild makes when
-Flinders is installed (``hatch_build.py``); while modules are edited they are joined, too.
+function that is called once and returns its exports. Our modules use the two plainest forms of import and export, and
+`joined` refuses any other. Pages use a bundle instead, a third as large, which esbuild makes when Flinders is installed
+(``hatch_build.py``); while modules are being edited they are joined as well.
 
-Files are named by their paths in `flinders`: ``static/report.js`` is of the library, ``apps/live/static/live.js`` of a
-package for one trade.
+Files are named by their paths in `flinders`: ``static/report.js`` belongs to the library, ``apps/live/static/live.js``
+to a package for one trade.
 
 >>> bundle_of("apps/live/static/standalone/main.js")
 'apps/live/static/bundled/main.js'
@@ -33,11 +33,11 @@ from typing import Final
 
 PACKAGE: Final = Path(__file__).resolve().parent.parent
 BUNDLED: Final = "bundled"
-"""Folder of a ``static`` with the bundles."""
+"""Folder for bundles in a ``static`` folder."""
 
 
 def headline(package: Path = PACKAGE) -> str:
-    """The first line of a bundle: what names the modules that it was made of."""
+    """The first line of a bundle: a hash of the modules that it was made from."""
     digest = hashlib.sha256()
     for path in sorted([*package.glob("static/**/*.js"), *package.glob("apps/*/static/**/*.js")]):
         if path.parent.name != BUNDLED:
@@ -49,14 +49,14 @@ _headline = cache(headline)
 
 
 def bundle_of(entry: str) -> str:
-    """Where the bundle of a module is: in the static folder that has the module."""
+    """Path of the bundle of a module: in the module's static folder."""
     folder, static, module = entry.rpartition("static/")
     return f"{folder}{static}{BUNDLED}/{posixpath.basename(module)}"
 
 
 @cache
 def script(entry: str, *, exported: tuple[str, ...] = ()) -> str:
-    """A module with all that it imports, as one script: its bundle where that is of these modules; else joined."""
+    """A module with all its imports as one script: its bundle if that is current; else joined."""
     with contextlib.suppress(FileNotFoundError):
         text = asset(bundle_of(entry))
         if text.startswith(_headline()):
@@ -67,26 +67,26 @@ def script(entry: str, *, exported: tuple[str, ...] = ()) -> str:
 IMPORT: Final = re.compile(r'^import\s*\{([^}]*)\}\s*from\s*"([^"]+)";', re.MULTILINE)
 EXPORT: Final = re.compile(r"^export (?=(?:async )?(?:function\*?|class|const) (\w+))", re.MULTILINE)
 LIST: Final = re.compile(r"\bexport\s*\{([^{}]*)\};?\s*\Z")
-"""The list at the end of a bundle of esbuild."""
-LEFT: Final = re.compile(r"^(?:import|export)\b|^\s*export\s*(?:\{|default\b)", re.MULTILINE)
-AWAIT: Final = re.compile(r"^(?:if \(.*\) )?await ", re.MULTILINE)
-"""A module that waits for something before those that import it go on."""
-UNSAFE: Final = re.compile(r"</script|<!--", re.IGNORECASE)
-"""What would end, or change the meaning of, a script inside a page."""
+"""The list of exports at the end of a bundle of esbuild."""
+OTHER_FORM: Final = re.compile(r"^(?:import|export)\b|^\s*export\s*(?:\{|default\b)", re.MULTILINE)
+WAITS: Final = re.compile(r"^(?:if \(.*\) )?await ", re.MULTILINE)
+"""A module that waits at its top level."""
+UNSAFE_TEXT: Final = re.compile(r"</script|<!--", re.IGNORECASE)
+"""Text that would end, or change the meaning of, a script inside a page."""
 
 
 class NotJoined(Exception):
-    """A module is written in a form that cannot be joined; that is a mistake of ours, which a test finds."""
+    """A module has a form that cannot be joined; this is a mistake in Flinders, which a test finds."""
 
 
 @cache
 def joined(entry: str = "static/report.js", *, exported: tuple[str, ...] = ()) -> str:
-    """Join a module and all that it imports into the text of one module script, once in a process.
+    """Join a module and all its imports into the text of one module script, once per process.
 
-    The script exports what is named in `exported` of what the module does; a page imports that by name.
+    The script exports the names in `exported`, so that a page can import them.
 
-    Raises `FileNotFoundError` where a module is missing, as ``vendor/three.js`` is where Flinders was installed without
-    the 3-D view; `NotJoined` for a module that imports or exports in another form.
+    Raises `FileNotFoundError` for a missing module, such as ``vendor/three.js`` if Flinders was installed without the
+    3-D view; `NotJoined` for a module with another form of import or export.
     """
     names: dict[str, str] = {}
     parts: list[str] = []
@@ -105,9 +105,9 @@ def asset(path: str) -> str:
 
 
 def _join(path: str, names: dict[str, str], parts: list[str]) -> None:
-    """Add a module, after those that it imports."""
+    """Append a module, after its imports."""
     text = asset(path)
-    if UNSAFE.search(text):
+    if UNSAFE_TEXT.search(text):
         raise NotJoined(f"{path} holds the end of a script")
     inside = {}
     for match in IMPORT.finditer(text):
@@ -132,8 +132,8 @@ def _wrapped(name: str, text: str, inside: dict[str, str]) -> str:
         pairs = (pair.split(" as ") for pair in listed[1].split(","))
         exported += [f"{pair[-1].strip()}: {pair[0].strip()}" for pair in pairs]
         body = body[: listed.start()]
-    left = LEFT.search(body)
+    left = OTHER_FORM.search(body)
     if left:
         raise NotJoined(f"{name}: {body[left.start() :][:60]!r} is a form that is not joined")
-    opening = "await (async () => {" if AWAIT.search(body) else "(() => {"
+    opening = "await (async () => {" if WAITS.search(body) else "(() => {"
     return f"const {name} = {opening}\n{body.strip()}\nreturn {{ {', '.join(exported)} }};\n}})();"

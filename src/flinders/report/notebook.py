@@ -1,4 +1,4 @@
-"""A fit as a notebook shows it: its words and numbers, the predicted error over the sphere, and the deviation.
+"""A fit in a notebook: its words and numbers, the predicted error over the sphere, and the deviation.
 
 >>> from flinders import simulate
 >>> from flinders.fitting import calibrate
@@ -27,12 +27,12 @@ from flinders.report.view import view_alone
 if TYPE_CHECKING:
     from flinders.fitting.result import Fit
 
-WIDE, TURN_HIGH = 500.0, 292.0
-"""Width and height of the deviation beside the sphere."""
+TURN_WIDTH, TURN_HEIGHT = 500.0, 292.0
+"""Width and height of the deviation next to the sphere."""
 
 
 def html_of(fit: Fit) -> str:
-    """What a notebook shows of a fit; of a refused one no number of the calibration."""
+    """HTML of a fit for a notebook; for a refused fit without numbers of the calibration."""
     is_described = fit.evidence.is_described
     title = f"{SIGNS[fit.verdict]} {fit.verdict}: "
     title += (
@@ -57,10 +57,10 @@ def html_of(fit: Fit) -> str:
 
 
 def _pictures(fit: Fit) -> str:
-    """Sphere and deviation of a fit that states its uncertainty, as an image, whose styles stay in it."""
+    """Sphere and deviation of a fit with a stated uncertainty, as an image that includes its styles."""
     view, target = view_alone(fit), fit.claim.target_deg
-    sphere, turn = figures.ball(view, target), figures.deviation(view, target, wide=WIDE, high=96.0)
-    both = ((sphere, figures.SIDE, figures.SIDE), (turn, WIDE, TURN_HIGH))
+    sphere, turn = figures.ball(view, target), figures.deviation(view, target, wide=TURN_WIDTH, high=96.0)
+    both = ((sphere, figures.SIDE, figures.SIDE), (turn, TURN_WIDTH, TURN_HEIGHT))
     title = "Predicted heading error in each direction, and deviation over the heading"
     content = base64.b64encode(as_file(beside(title, both), maps.tile_rules()).encode()).decode()
     least, *_, most, _ = (words for _, words in maps.error_legend(target))

@@ -1,4 +1,4 @@
-"""The errors of a compass uncorrected, with what is on board and with a new calibration; and whether to change it.
+"""Heading errors of a compass uncorrected, with the on-board and with a new calibration; and advice on replacing it.
 
 >>> from dataclasses import replace
 >>> from rich.console import Console
@@ -45,14 +45,14 @@ if TYPE_CHECKING:
 
 TITLES: Final = {"holds": "KEEP", "fails": "CHANGE", "cannot-tell": "CANNOT TELL"}
 COLOURS: Final = {"holds": "good", "fails": "refused", "cannot-tell": "limited"}
-"""What is to be done with what is on board, and the colour of that."""
+"""Titles of the advice on the on-board calibration, and their colours."""
 
 
 def errors_table(fit: Fit, onboard: OnboardCheck | None = None) -> Table:
-    """Strength and heading errors uncorrected, corrected on board where that is known, and corrected with the fit.
+    """Strength and heading errors: uncorrected, with the on-board calibration if known, and with the fit.
 
-    The heading errors of the first two are those that the fit finds, that of the new one is what the fit claims, 1 σ.
-    Beside what is on board, there is what all stay within with a probability of 95 %.
+    The first two heading errors are found by the fit, that of the new calibration is its claim, 1 σ. With an on-board
+    calibration there is also a column of 95 % bounds.
     """
     ellipsoid, claim = fit.calibration.ellipsoid, fit.claim
     strength, spread = fit.evidence.coverage.raw_strength(ellipsoid)
@@ -81,18 +81,18 @@ def _cells(
 
 
 def of_onboard(onboard: OnboardCheck, *, is_limited: bool) -> RenderableType:
-    """Say whether a change of what is on board is worth while, and what that is.
+    """State whether the on-board calibration should be replaced, and name it.
 
-    `is_limited`: the fit has limits, which are said below.
+    `is_limited`: the fit has limits, which are listed below.
     """
     words = onboard_words(onboard, is_limited=is_limited)
-    basis = f"on board: {onboard.words}" if onboard.words else "on board: as the recording tells"
+    basis = f"on board: {onboard.words}" if onboard.words else "on board: from the recording"
     said = verdict(TITLES[onboard.answer], COLOURS[onboard.answer], words, basis)
     return Group(said, notes(("note", each) for each in _remarks(onboard)))
 
 
 def onboard_words(onboard: OnboardCheck, *, is_limited: bool = True) -> str:
-    """Whether a change is worth while, in words; `is_limited` as for `of_onboard`."""
+    """Advice on replacing the on-board calibration, in words; `is_limited` as for `of_onboard`."""
     comparison = onboard.comparison
     worst, target = up_to(comparison.worst_deg), f"{comparison.target_deg:g}°"
     if onboard.answer == "holds":
@@ -107,7 +107,7 @@ def onboard_words(onboard: OnboardCheck, *, is_limited: bool = True) -> str:
             f"a change is worth while: with what is on board headings are off by {worst}, more than the target of "
             f"{target} and {chance_words(comparison.p_value)}"
         )
-    remedy = "mend the first limit of this log, below" if is_limited else "record for longer"
+    remedy = "resolve the first limit of this log, below" if is_limited else "record for longer"
     return (
         f"whether a change is worth while: with what is on board headings are off by {worst}, give or take "
         f"{at_most(comparison.claimed_bound_deg or 0.0)} (95 %), which may be within or beyond the target of {target}: "
@@ -116,9 +116,9 @@ def onboard_words(onboard: OnboardCheck, *, is_limited: bool = True) -> str:
 
 
 def _remarks(onboard: OnboardCheck) -> Iterator[str]:
-    """What else to know of what was on board."""
+    """Further remarks on the on-board calibration."""
     if onboard.changes:
-        yield f"it changed {counted(onboard.changes, 'time')} in the log: what is judged is the last"
+        yield f"it changed {counted(onboard.changes, 'time')} in the log: the last one is judged"
     if onboard.mounting is not None and any(onboard.mounting) and onboard.calibration.frame == "sensor":
         roll, pitch, yaw = onboard.mounting
         yield (

@@ -1,4 +1,4 @@
-"""A page of HTML as PDF, printed by a browser that is installed."""
+"""A page of HTML as PDF, printed by an installed browser."""
 
 from __future__ import annotations
 
@@ -16,16 +16,16 @@ BROWSERS: Final = (
     "chromium", "chromium-browser", "google-chrome", "google-chrome-stable", "chrome", "microsoft-edge",
     "microsoft-edge-stable", "msedge", "brave-browser",
 )  # fmt: skip
-"""Programs that print a page without a window."""
+"""Programs that can print a page without a window."""
 
-PATIENCE_S: Final = 120.0
-BY_HAND: Final = "Open the HTML report in a browser and print it"
+TIMEOUT_S: Final = 120.0
+MANUAL_ADVICE: Final = "Open the HTML report in a browser and print it"
 
 
 def browser() -> str:
-    """Find a browser that prints without a window.
+    """Find a browser that can print without a window.
 
-    Raises `OutputError` where there is none.
+    Raises `OutputError` if there is none.
     """
     program = next(filter(None, map(shutil.which, BROWSERS)), None)
     if program is None:
@@ -37,9 +37,9 @@ def browser() -> str:
 
 
 def printed(page: str, program: str) -> bytes:
-    """The pages that a browser prints of a report, as PDF.
+    """A report as PDF, printed by a browser.
 
-    Raises `OutputError` where the browser does not get it done.
+    Raises `OutputError` if the browser fails.
     """
     with tempfile.TemporaryDirectory(prefix="flinders-report-") as folder:
         source, target = Path(folder, "report.html"), Path(folder, "report.pdf")
@@ -52,17 +52,17 @@ def printed(page: str, program: str) -> bytes:
         ]  # fmt: skip
         try:
             done = subprocess.run(
-                command, check=False, stdin=subprocess.DEVNULL, capture_output=True, timeout=PATIENCE_S
+                command, check=False, stdin=subprocess.DEVNULL, capture_output=True, timeout=TIMEOUT_S
             )
         except (OSError, subprocess.TimeoutExpired) as error:
-            raise OutputError(f"{program} did not print the report: {error}. {BY_HAND}") from None
+            raise OutputError(f"{program} did not print the report: {error}. {MANUAL_ADVICE}") from None
         if not target.is_file():
             last = done.stderr.decode(errors="replace").strip().splitlines()[-1:]
-            raise OutputError(f"{program} did not print the report: {''.join(last) or 'it said nothing'}. {BY_HAND}")
+            raise OutputError(f"{program} did not print the report: {''.join(last) or 'no message'}. {MANUAL_ADVICE}")
         return target.read_bytes()
 
 
 def _without_sandbox() -> list[str]:
-    """Root has no sandbox in these browsers, and they refuse to start with one; the page is ours, and runs nothing."""
+    """Options for root, for whom these browsers do not start with a sandbox; the page contains no foreign code."""
     is_root = sys.platform != "win32" and os.geteuid() == 0
     return ["--no-sandbox"] if is_root else []

@@ -1,8 +1,8 @@
-r"""A fit as a page of plain words, for whoever sails, drives or flies with the compass: text that any e-mail carries.
+r"""A fit as a page in plain words for the user of the compass: text for any e-mail.
 
-It says how good the calibration is, how far off the compass was and will be, for which attitudes that holds, what is
-not known and why, what to do next, and the numbers to copy. Of a refusal it says why and how to move, and shows no
-numbers. The words are in ``templates/plain.txt.j2``.
+It states the quality of the calibration, the heading errors before and after, the attitudes for which these hold,
+unknown and faulty parts with reasons, the next steps, and the numbers to copy. For a refusal it states the reasons and
+the movement, and no numbers. The words are in ``templates/plain.txt.j2``.
 
 >>> print(_paragraph("It is\n short."), _item("One."), sep="")
 It is short.
@@ -48,12 +48,12 @@ if TYPE_CHECKING:
 WIDTH: Final = 78
 """Columns: two less than the terminal's 80, so that an e-mail can be quoted."""
 
-RUNS: Final = 8
-"""Runs of outliers that are listed."""
+MAX_RUNS: Final = 8
+"""Largest number of outlier runs in the list."""
 
 
 def page(outcome: Fit | FitError, provenance: ProvenanceRecord) -> str:
-    """Write a fit, or why there is none, in plain words, with release, date and recordings."""
+    """Write a fit, or the reason why there is none, in plain words, with release, date and recordings."""
     fit = fit_of(outcome)
     why, remedies = _of_no_fit(cast("FitError", outcome)) if fit is None else _of_findings(fit)
     given = {
@@ -69,7 +69,7 @@ def page(outcome: Fit | FitError, provenance: ProvenanceRecord) -> str:
 
 
 def _of_fit(fit: Fit) -> dict[str, Any]:
-    """Numbers to copy, and what the words on heading and attitudes need."""
+    """Numbers to copy, and values for the words on heading and attitudes."""
     offsets = on_the_point(offset_entries(fit.calibration, fit.claim.offset_sigma))
     rows = aligned(*matrix_entries(fit.calibration.matrix))
     is_whole = bool(fit.claim.plane) or fit.evidence.coverage.hole_deg <= limit_of("coverage")
@@ -88,20 +88,20 @@ def _of_fit(fit: Fit) -> dict[str, Any]:
 
 
 def _of_findings(fit: Fit) -> tuple[list[str], list[str]]:
-    """What limits a fit, and what to do about each finding, each thing once."""
+    """Limits of a fit, and the remedies without duplicates."""
     said = shown_findings(fit)
     remedies = dict.fromkeys(finding.remedy for finding in said)
     return [finding.plain_words for finding in said], [what for what in remedies if what]
 
 
 def _of_no_fit(error: FitError) -> tuple[list[str], list[str]]:
-    """Why there is no fit, and what to do."""
+    """Reason why there is no fit, and the remedy."""
     words, what = error_words(error)
     return [words], [what] if what else []
 
 
 def error_words(error: FlindersError) -> tuple[str, str]:
-    """Why there is no fit, and what to do, in plain words; its message where there are none, and nothing to do."""
+    """Reason and remedy of an error in plain words; its message and no remedy if there are none."""
     refusal = REFUSALS.get(error.code)
     if refusal is None or not refusal.plain:
         return error.message, ""
@@ -109,25 +109,25 @@ def error_words(error: FlindersError) -> tuple[str, str]:
 
 
 def _read(outcome: Fit | FitError, fit: Fit | None, provenance: ProvenanceRecord) -> list[str]:
-    """The recordings, and what of them was left out."""
+    """The recordings, and the readings that were left out."""
     items = [f"{file.name}: {counted(file.rows, 'reading')}." for file in provenance.files]
     if fit and fit.evidence.outliers:
         runs = [str(outlier) for outlier in fit.evidence.outliers]
-        more = f"; and {counted(len(runs) - RUNS, 'more run')}" if len(runs) > RUNS else ""
-        items.append(f"Left out, as they do not belong to the rest: {'; '.join(runs[:RUNS])}{more}.")
+        more = f"; and {counted(len(runs) - MAX_RUNS, 'more run')}" if len(runs) > MAX_RUNS else ""
+        items.append(f"Left out as outliers: {'; '.join(runs[:MAX_RUNS])}{more}.")
     findings = fit.findings if fit else ()
     items += [as_sentence(finding.advice) for finding in findings if finding.code in ("no-answer", "skipped-rows")]
     return [*items, *(f"Left out: {entry}." for entry in getattr(outcome, "skipped", ()))]
 
 
 def _paragraph(text: str, first: str = "", other: str = "") -> str:
-    """Write text in lines, the first and the others with an indent."""
+    """Break text into lines, with indents for the first and the other lines."""
     wrapper = textwrap.TextWrapper(WIDTH, first, other, break_long_words=False, break_on_hyphens=False)
     return f"{wrapper.fill(' '.join(text.split()))}\n"
 
 
 def _item(text: str) -> str:
-    """Write a sentence of a list, with a dash."""
+    """Format a sentence as an item of a list, with a dash."""
     return _paragraph(text, "- ", "  ")
 
 
@@ -135,4 +135,4 @@ FILTERS: Final[Mapping[str, Callable[..., Any]]] = {
     "paragraph": _paragraph, "item": _item, "sentence": as_sentence, "date": date_of, "label": label,
     "strength": length, "figures": figures, "degrees": degrees,
 }  # fmt: skip
-"""How the page writes words and numbers."""
+"""Formats of words and numbers in the page."""

@@ -1,4 +1,4 @@
-"""What a recording or a log holds, as a page for the terminal, and what to type next."""
+"""Contents of a recording or log as a page for the terminal, with the next commands."""
 
 from __future__ import annotations
 
@@ -27,27 +27,29 @@ if TYPE_CHECKING:
     from flinders.core.geomag import SiteField
     from flinders.workflows.recording_contents import Contents, RecordedSensor
 
-STALE: Final = 0.02
-"""Share of readings that repeat the one before from which on it is worth a word."""
-OFF: Final = 0.25
-"""Of the field there: what a measured strength may differ by, with iron on board, before it is worth a word."""
-TITLES: Final = 11
-NOTHING_FIT: Final = "No magnetometer of it can be calibrated from this recording, for the reasons marked ! above."
+MAX_REPEATED_SHARE: Final = 0.02
+"""Share of repeated readings above which a remark is made."""
+MAX_STRENGTH_DEVIATION: Final = 0.25
+"""Relative deviation of a measured strength from the field there, with iron on board, above which a remark is made."""
+TITLE_WIDTH: Final = 11
+NONE_USABLE_WORDS: Final = (
+    "No magnetometer of it can be calibrated from this recording, for the reasons marked ! above."
+)
 CALIBRATION: Final = Path("calibration.json")
 
 
 def of_contents(contents: Contents, *, grid: bool = False) -> RenderableType:
-    """Lay out what a file holds, and what to type next; with `grid` also where grid north is at its place."""
+    """Lay out the contents of a file, and the next commands; with `grid` also grid north at its place."""
     sensors = [_sensor_block(sensor, contents.site) for sensor in contents.sensors]
-    said = next_commands(contents.commands) if contents.commands else Text(NOTHING_FIT)
+    said = next_commands(contents.commands) if contents.commands else Text(NONE_USABLE_WORDS)
     return Group(_file_block(contents, grid=grid), page(*sensors, said))
 
 
 def commands_for(path: str, sensors: Sequence[RecordedSensor], options: Sequence[str]) -> tuple[str, ...]:
-    """The commands to type next: for the magnetometer that has seen most and, where several are fit for it, for all.
+    """The next commands: for the magnetometer with the best coverage and, if several are usable, for all.
 
-    `options` are those with which the recording was read here. None for what looks like another sensor, or what
-    `flinders calibrate` refuses for few readings or little motion.
+    `options` are the options with which the recording was read. No commands for a sensor that is probably no
+    magnetometer, or that `flinders calibrate` refuses for few readings or little motion.
     """
     usable = [sensor for sensor in sensors if sensor.is_fit_for_use]
     if not usable:
@@ -62,7 +64,7 @@ def commands_for(path: str, sensors: Sequence[RecordedSensor], options: Sequence
 
 
 def calibrate_command(path: str, *options: str) -> str:
-    """The command that calibrates a recording, into a file of a name that is free.
+    """The command that calibrates a recording into a file with an unused name.
 
     >>> calibrate_command("-odd name.csv", "--unit", "mG")
     "flinders calibrate './-odd name.csv' --unit mG -o calibration.json"
@@ -71,16 +73,16 @@ def calibrate_command(path: str, *options: str) -> str:
 
 
 def _calibrate(path: str) -> list[str]:
-    """The first words of it, also where the path looks like an option."""
+    """The first words of the command, also for a path that looks like an option."""
     is_like_an_option = path.startswith("-") and path != "-"
     return ["flinders", "calibrate", f"./{path}" if is_like_an_option else path]
 
 
 def _file_block(contents: Contents, *, grid: bool) -> RenderableType:
-    size = "" if contents.bytes is None else f", {_written_size(contents.bytes)}"
+    size = "" if contents.bytes is None else f", {_size_words(contents.bytes)}"
     rows = []
     if contents.start:
-        rows.append(("begun", f"{contents.start} UTC"))
+        rows.append(("start", f"{contents.start} UTC"))
     if contents.position:
         latitude, longitude, altitude = contents.position
         rows.append(("place", f"{latitude:.5f}, {longitude:.5f}, {altitude:.0f} m"))
@@ -120,8 +122,8 @@ def _sensor_block(sensor: RecordedSensor, site: SiteField | None) -> RenderableT
 def _block(
     title: str, words: str, rows: Sequence[tuple[str, str]], *, doubts: Sequence[str] = (), notes: Sequence[str] = ()
 ) -> RenderableType:
-    """A title in bold, what is known in two columns, and what to know with its mark before it."""
-    shown = [Padding(facts(rows, TITLES), (0, 0, 0, 3))] if rows else []
+    """A title in bold, facts in two columns, and remarks with their marks."""
+    shown = [Padding(facts(rows, TITLE_WIDTH), (0, 0, 0, 3))] if rows else []
     said = marked([*(("limits", doubt) for doubt in doubts), *(("note", note) for note in notes)])
     return Group(Text.assemble((title, "bold"), f"  {words}"), *shown, Padding(said, (0, 0, 0, 1)))
 
@@ -134,7 +136,7 @@ def _readings(sensor: RecordedSensor) -> str:
 
 
 def _doubts(sensor: RecordedSensor, site: SiteField | None) -> list[str]:
-    """What is odd about the readings; of a sensor that was hardly turned nothing that follows from that."""
+    """Remarks on the readings; for a sensor that was hardly turned, none that follow from that."""
     doubts = list(filter(None, (sensor.too_few, sensor.unmoved))) or _of_values(sensor)
     if sensor.ignored_time:
         doubts.append(
@@ -144,19 +146,23 @@ def _doubts(sensor: RecordedSensor, site: SiteField | None) -> list[str]:
     if sensor.backward_steps:
         doubts.append(f"the clock goes back {counted(sensor.backward_steps, 'time')}")
     if sensor.strength is not None and sensor.unit_of_field != COUNTS:
-        low, high = EARTH_WITH_ROOM_UT if site is None else ((1 - OFF) * site.strength, (1 + OFF) * site.strength)
+        low, high = (
+            EARTH_WITH_ROOM_UT
+            if site is None
+            else ((1 - MAX_STRENGTH_DEVIATION) * site.strength, (1 + MAX_STRENGTH_DEVIATION) * site.strength)
+        )
         if not low <= sensor.strength <= high:
-            doubts.append("that is no strength of the earth's field here: check unit, scale and iron nearby")
+            doubts.append("the earth's field here has another strength: check unit, scale and iron nearby")
     return doubts
 
 
 def _of_values(sensor: RecordedSensor) -> list[str]:
-    """What is odd about the values of a sensor that was turned."""
+    """Remarks on the values of a sensor that was turned."""
     doubts = []
     if sensor.resembles:
         columns = shlex.quote(",".join(sensor.columns))
         doubts.append(looks_like(sensor.resembles, f"--columns {columns}"))
-    if sensor.repeats > STALE * sensor.readings:
+    if sensor.repeats > MAX_REPEATED_SHARE * sensor.readings:
         doubts.append(f"{sensor.repeats / sensor.readings:.0%} of the readings repeat the one before: logged too often")
     if sensor.rails:
         doubts.append(f"the sensor was at its limit: {', '.join(sensor.rails)}")
@@ -166,7 +172,7 @@ def _of_values(sensor: RecordedSensor) -> list[str]:
     return doubts
 
 
-def _written_size(size: int) -> str:
+def _size_words(size: int) -> str:
     for unit, least in (("GB", 1e9), ("MB", 1e6), ("kB", 1e3)):
         if size >= least:
             return f"{figures(size / least)} {unit}"

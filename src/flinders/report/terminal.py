@@ -1,6 +1,6 @@
-"""The renderer of terminal pages: tables, facts, lines of numbers, a verdict, notes; and a fit drawn in twelve lines.
+"""Renderer of terminal pages: tables, facts, lines of numbers, a verdict, notes; and a fit drawn in twelve lines.
 
-A page is a few blocks of rows with an empty line before each; what is not known is None and leaves no line.
+A page consists of blocks of rows, each after an empty line; an unknown block is None and leaves no line.
 
 >>> from rich.console import Console
 >>> block = verdict("GOOD", "good", "headings good to 0.12°", "3,000 readings")
@@ -12,7 +12,7 @@ GOOD  headings good to 0.12°
       3,000 readings
   ! few readings
 
-Pictures have eight dots of Braille in a character; a terminal without such letters gets others.
+Pictures use Braille characters of eight dots; other terminals get plain characters.
 
 >>> print(*braille(np.eye(8, dtype=bool)), sep=" / ")
 ⠑⢄⠀⠀ / ⠀⠀⠑⢄
@@ -58,7 +58,7 @@ def page(*blocks: RenderableType | None) -> Group:
 def table(
     headings: Iterable[str | Column], rows: Iterable[Sequence[RenderableType]], *, is_dense: bool = False
 ) -> Table:
-    """A table: its first column to the left, numbers to the right, but for a `Column` that says otherwise."""
+    """A table: first column aligned left, others right, unless a `Column` specifies it."""
     columns = [
         Column(heading, justify="right" if place else "left") if isinstance(heading, str) else heading
         for place, heading in enumerate(headings)
@@ -77,12 +77,12 @@ def whole_columns(names: Iterable[str]) -> list[Column]:
 
 
 def styled(style: str, *cells: str) -> list[Text]:
-    """Cells of a row that stands out."""
+    """Cells of a highlighted row."""
     return [Text(cell, style) for cell in cells]
 
 
 def facts(rows: Iterable[tuple[str, str]], width: int | None = None) -> Table:
-    """Names, dim, and what is known of each, in as many lines as it takes."""
+    """Names, dim, with their values in as many lines as needed."""
     grid = Table.grid(Column(style="dim", no_wrap=True, width=width), Column(), padding=(0, 2))
     for name, text in rows:
         grid.add_row(name, Text(text))
@@ -90,7 +90,7 @@ def facts(rows: Iterable[tuple[str, str]], width: int | None = None) -> Table:
 
 
 def lines(rows: Sequence[tuple[str, str, str]]) -> Text:
-    """Name, numbers and unit in a line each that is never cut, however narrow the page."""
+    """Name, numbers and unit, one line each that is never cut."""
     width = max(len(name) for name, _, _ in rows) + 3
     text = Text(no_wrap=True, overflow="ignore")
     for name, shown, unit in rows:
@@ -100,7 +100,7 @@ def lines(rows: Sequence[tuple[str, str, str]]) -> Text:
 
 
 def verdict(title: str, colour: str, words: str | Text, *more: str) -> Table:
-    """The verdict, what it means in words and, below, what that rests on."""
+    """The verdict, its meaning in words and, below, its basis."""
     grid = Table.grid(Column(no_wrap=True), Column(), padding=(0, 2))
     grid.add_row(Text(title, f"bold {COLOURS[colour]}"), words)
     for text in more:
@@ -109,7 +109,7 @@ def verdict(title: str, colour: str, words: str | Text, *more: str) -> Table:
 
 
 def notes(said: Iterable[tuple[str, ...]]) -> RenderableType:
-    """Severity, words and, where they are of a finding, its code: a line each, with a mark; no line for none."""
+    """Severity, words and, for a finding, its code: one line each, with a mark."""
     grid = Table.grid(padding=(0, 1))
     for severity, words, *codes in said:
         mark, style = MARKS[severity]
@@ -119,33 +119,33 @@ def notes(said: Iterable[tuple[str, ...]]) -> RenderableType:
 
 
 def next_commands(commands: Sequence[str]) -> RenderableType:
-    """What to type next: a line for each command that is never cut."""
+    """The next commands: one line each that is never cut."""
     title = Text("next" if len(commands) == 1 else "next, one of", "bold")
     return Group(title, *(Text(f"   {command}", no_wrap=True, overflow="ignore") for command in commands))
 
 
 # ------------------------------------------------------------------------------------------------- a fit in a few lines
 
-ROWS, COLUMNS, WIDE, GAP = 10, 20, 32, 3
-WIDTH: Final = 2 * (COLUMNS + GAP) + WIDE
-"""Lines; characters of a picture, of the map, between them, and of all."""
+ROWS, COLUMNS, MAP_WIDTH, GAP = 10, 20, 32, 3
+WIDTH: Final = 2 * (COLUMNS + GAP) + MAP_WIDTH
+"""Lines; characters of a picture, of the map, between them, and in total."""
 
 WEIGHTS: Final = np.array([[0x01, 0x08], [0x02, 0x10], [0x04, 0x20], [0x40, 0x80]])
-"""What each dot adds to the first letter of Braille."""
+"""Value of each dot in the code of a Braille character."""
 
 LETTERS: Final = {False: "█░▒·", True: "#+:."}
-"""Within the target and recorded, and not; above it and recorded, and not; the second for any terminal."""
+"""Marks of a direction: within the target with and without readings, above it likewise; ASCII for any terminal."""
 
 DRAWN: Final = f"⣿{LETTERS[False]}"
-"""Letters that a terminal must have for the first."""
+"""Characters that a terminal must have for the first set."""
 
 TINTS: Final = ("green", "green", "yellow", "red")
 
 
 def plot(drawn: FigureData, fit: Fit, *, is_plain: bool = False, width: int = 80) -> Text:
-    """Draw a good or limited fit in twelve lines; on a narrow terminal without the map.
+    """Draw a good or limited fit in twelve lines; without the map on a narrow terminal.
 
-    `is_plain` takes letters that every terminal has.
+    `is_plain` uses ASCII characters only.
     """
     pictures = [
         ("before, x and y", _picture(drawn.raw[drawn.is_used], is_plain=is_plain), "yellow"),
@@ -170,20 +170,20 @@ def plot(drawn: FigureData, fit: Fit, *, is_plain: bool = False, width: int = 80
 
 
 def braille(dots: NDArray[np.bool_]) -> list[str]:
-    """Lines of letters of Braille for (4 r, 2 c) dots."""
+    """Lines of Braille characters for (4 r, 2 c) dots."""
     blocks = dots.reshape(len(dots) // 4, 4, -1, 2)
     codes = 0x2800 + np.einsum("rjck,jk->rc", blocks.astype(int), WEIGHTS)
     return ["".join(map(chr, row)) for row in codes.tolist()]
 
 
 def letters(dots: NDArray[np.bool_]) -> list[str]:
-    """Lines with a dot, a colon or a cross for few, some and many of (4 r, 2 c) dots."""
+    """Lines of dots, colons and hashes for few, some and many of (4 r, 2 c) dots."""
     counts = dots.reshape(len(dots) // 4, 4, -1, 2).sum(axis=(1, 3))
     return ["".join(" .:::####"[count] for count in row) for row in counts.tolist()]
 
 
 def _picture(points: Floats, *, is_plain: bool) -> list[str]:
-    """Readings seen along z, x to the right and y up; a cross marks zero where it is in sight."""
+    """Readings seen along z, x to the right and y up; a cross marks zero if it is in sight."""
     dots = np.zeros((4 * ROWS, 2 * COLUMNS), bool)
     if not len(points):
         return letters(dots)
@@ -204,11 +204,11 @@ def _picture(points: Floats, *, is_plain: bool) -> list[str]:
 
 
 def _map(view: View, fit: Fit) -> Iterator[list[int]]:
-    """Which mark stands for each direction: rows of equal area from +z to −z, x in the middle."""
+    """Mark for each direction: rows of equal area from +z to −z, x in the middle."""
     heights = 1.0 - 2.0 * (np.arange(ROWS) + 0.5) / ROWS
-    around = 2.0 * np.pi * ((np.arange(WIDE) + 0.5) / WIDE - 0.5)
+    around = 2.0 * np.pi * ((np.arange(MAP_WIDTH) + 0.5) / MAP_WIDTH - 0.5)
     for height in heights:
-        directions = around_z(np.full(WIDE, height), around)
+        directions = around_z(np.full(MAP_WIDTH, height), around)
         errors = [view.tiles_deg[tile] for tile in tile_of(directions).tolist()]
         is_seen = fit.evidence.coverage.counts[cells_of(directions)] > 0.0
         yield [
@@ -218,7 +218,7 @@ def _map(view: View, fit: Fit) -> Iterator[list[int]]:
 
 
 def dotted(value: float, end: float, width: int, *, seen: float | None = None) -> str:
-    """One line of a curve, west to the left: ``|`` at zero, ``*`` at the value, ``o`` where it was seen.
+    """One line of a curve, west to the left: ``|`` at zero, ``*`` at the value, ``o`` at an observed value.
 
     >>> dotted(10.5, 25.0, 21, seen=10.0)
     '          |   o      '

@@ -1,8 +1,8 @@
-"""What the live page and the report draw of one fit: the same numbers, once, ready for JSON.
+"""Data of one fit for the live page and the report, ready for JSON.
 
-`view` turns a `Fit`, good, limited or refused, and the readings that it came from, into a `View`. Of a refused fit no
-number is given that somebody could copy; where it has a surface all the same, `shown` says under which correction the
-readings are drawn, so that the picture gets better while the sensor is being turned.
+`view` converts a good, limited or refused `Fit`, and the readings that it was made from, to a `View`. For a refused fit
+no number is given that could be copied. If it has a surface, `shown` is the correction for drawing the readings, so
+that the picture improves while the sensor is being turned.
 
 >>> from flinders import simulate
 >>> from flinders.fitting import calibrate
@@ -55,17 +55,17 @@ if TYPE_CHECKING:
 Triple = tuple[float, float, float]
 Matrix = tuple[Triple, Triple, Triple]
 
-BINS: Final = 40
-WIDEST: Final = 4.0
-"""The histogram goes to so many standard deviations; what is beyond is counted in the outermost bins."""
+BIN_COUNT: Final = 40
+MAX_SIGMAS: Final = 4.0
+"""Range of the histogram in standard deviations; residuals beyond it are counted in the outermost bins."""
 
 
 class HeadingErrorView(Struct, frozen=True):
-    """Heading error to expect, 1 σ, in degrees, and what it is for."""
+    """Expected heading error, 1 σ, in degrees, and the case that it holds for."""
 
     rms: float
     worst: float
-    bound_95: float  # that all headings stay within with a probability of 95 %
+    bound_95: float  # bound of all headings with a probability of 95 %
     dip_deg: float
     dip_assumed: bool
     target_deg: float
@@ -89,7 +89,7 @@ class FindingView(Struct, frozen=True):
 
 
 class Shown(Struct, frozen=True):
-    """The correction that readings are drawn under, for drawing only: ``matrix @ (raw - offset) / strength``."""
+    """The correction of drawn readings, for drawing only: ``matrix @ (raw - offset) / strength``."""
 
     offset: Triple
     matrix: Matrix
@@ -97,7 +97,7 @@ class Shown(Struct, frozen=True):
 
 
 class ResidualHistogram(Struct, frozen=True):
-    """Distances of the readings used from the surface, counted; what lies beyond the ends is in the outermost bins."""
+    """Histogram of the distances of used readings from the surface; larger ones are in the outermost bins."""
 
     edges: tuple[float, ...]  # (n + 1,), in the view's unit
     counts: tuple[int, ...]
@@ -107,30 +107,30 @@ class LevelTurn(Struct, frozen=True):
     """A level turn of a vehicle."""
 
     heading_deg: tuple[float, ...]  # (72,), clockwise from magnetic north
-    before_deg: tuple[float, ...]  # deviation of the raw compass, its mean removed, −180 to 180
-    sigma_deg: tuple[float, ...]  # 1 σ of the corrected one
+    before_deg: tuple[float, ...]  # deviation of the raw compass without its mean, −180 to 180
+    sigma_deg: tuple[float, ...]  # 1 σ of the corrected heading
 
 
 class GuidanceView(Struct, frozen=True):
-    """Which way to turn next."""
+    """The next direction to turn to."""
 
-    direction: Triple | None  # of the field in corrected sensor axes; None where none is better than the others
+    direction: Triple | None  # of the field in corrected sensor axes; None if no direction is better than the others
     words: str
     worst_deg: float  # the error that matters now
-    after_deg: float  # and after some readings there
-    goal: Literal["heading", "attitude"]  # of a level vehicle, or of one at any attitude
-    frame: Literal["vehicle", "sensor"] = "sensor"  # whose axes the direction is in, and whose words are used
-    is_path: bool = False  # it is the first step of a path from the newest reading, which an arrow shows
+    after_deg: float  # the error after some readings there
+    goal: Literal["heading", "attitude"]  # for a level vehicle, or for one at any attitude
+    frame: Literal["vehicle", "sensor"] = "sensor"  # axes of the direction, and of the words
+    is_path: bool = False  # whether it is the first step of a path from the newest reading, which an arrow shows
 
 
 class View(Struct, frozen=True, kw_only=True):
-    """One fit as it is drawn; what cannot be trusted is None."""
+    """Drawn data of one fit; values that cannot be trusted are None."""
 
     verdict: Literal["good", "limited", "refused"]
     sentence: str  # the verdict in plain words
-    condition: str = ""  # what a verdict rests on and nothing shows, in a few words
+    condition: str = ""  # assumptions of a verdict that no finding covers, in a few words
     method: str
-    unit: str  # "µT" or "counts", of all that is a field
+    unit: str  # "µT" or "counts", of all field values
     field_strength: float | None = None
     field_strength_known: bool
     offset: Triple | None = None
@@ -141,27 +141,28 @@ class View(Struct, frozen=True, kw_only=True):
     samples: int  # readings used
     heading_error_deg: HeadingErrorView | None = None  # of a level vehicle
     uncorrected_heading_error_deg: ErrorView | None = None
-    attitude_limit_deg: float | None = None  # tilt up to which the worst heading is within the target; 180 for all
+    # tilt up to which the worst heading is within the target; 180 for all attitudes
+    attitude_limit_deg: float | None = None
     any_attitude_deg: ErrorView | None = None  # over the tiles
     findings: tuple[FindingView, ...]  # most severe first
-    tiles_deg: tuple[float | None, ...] = ()  # (642,), see `tile_errors_deg`; None where nothing is known
-    tiles_seen: tuple[int, ...] = ()  # (642,) readings used, by tile
-    rejected: tuple[tuple[int, int], ...] = ()  # first and last of each run that was left out, counted from 0
+    tiles_deg: tuple[float | None, ...] = ()  # (642,), see `tile_errors_deg`; None if unknown
+    tiles_seen: tuple[int, ...] = ()  # (642,) count of readings used, by tile
+    rejected: tuple[tuple[int, int], ...] = ()  # first and last reading of each run that was left out, counted from 0
     residuals: ResidualHistogram | None = None
     turn: LevelTurn | None = None
     guidance: GuidanceView | None = None
-    shown: Shown | None = None  # also of a refused fit
+    shown: Shown | None = None  # also for a refused fit
 
 
 class TilesView(Struct, frozen=True):
     """The tiles, sent once."""
 
-    centres: tuple[float, ...]  # (1926,): x, y, z of each in turn
-    corners: tuple[tuple[float, ...], ...]  # 642 of 15 or 18 numbers
+    centres: tuple[float, ...]  # (1926,): x, y and z of each tile
+    corners: tuple[tuple[float, ...], ...]  # 642 tuples of 15 or 18 numbers
 
 
 def tiles_view() -> TilesView:
-    """The tiles as they are sent, to 5 decimals: a hundred thousandth of the radius is a thousandth of a degree."""
+    """The tiles to 5 decimals: an error of 1e-5 of the radius is less than a thousandth of a degree."""
     return TilesView(
         tuple(tiles().centres.round(5).ravel().tolist()),
         tuple(tuple(corners.round(5).ravel().tolist()) for corners in tiles().polygons()),
@@ -171,23 +172,23 @@ def tiles_view() -> TilesView:
 def view(
     fit: Fit, samples: Samples, *, numbers: ArrayLike | None = None, goal: Goal = "heading", frame: Frame = "sensor"
 ) -> View:
-    """Put together what is drawn of a fit, also of that of a `Refused`.
+    """Collect the drawn data of a fit, also of a refused one.
 
     Parameters
     ----------
     samples : Samples
-        The readings that were fitted, in the order in which they were.
+        The fitted readings, in their original order.
     numbers : (N,) int, optional
-        Which reading of the whole each of them is, counted from 0; by default they are the whole.
+        Index of each reading in the whole recording, counted from 0; by default these are all readings.
     goal, frame : str
         As in `flinders.heading.guidance`.
     """
-    is_rejected, rejected = _rejected(fit, samples)
+    is_rejected, rejected = _left_out_readings(fit, samples)
     numbered = np.arange(len(samples)) if numbers is None else np.asarray(numbers)
     corrected = np.empty((0, 3)) if fit.judgement.is_flat else fit.calibration.affine.apply(samples.field[~is_rejected])
     is_known = fit.claim.states_uncertainty and not fit.judgement.is_flat
     errors = tile_errors_deg(fit) if is_known else np.full(len(tiles().centres), np.nan)
-    claims = _claimed(fit, errors, goal, frame) if is_known else {}
+    claims = _claim_fields(fit, errors, goal, frame) if is_known else {}
     return View(
         verdict=fit.verdict,
         method=fit.evidence.method,
@@ -198,16 +199,16 @@ def view(
         tiles_deg=_shown_errors(errors),
         tiles_seen=tuple(np.bincount(tile_of(corrected), minlength=len(errors)).tolist()),
         rejected=tuple((int(numbered[first]), int(numbered[last])) for first, last in sorted(rejected)),
-        **({} if fit.verdict == "refused" else _copied(fit)),
+        **({} if fit.verdict == "refused" else _number_fields(fit)),
         sentence=headline_of(fit, claims.get("attitude_limit_deg")).words,
         condition=resting_on(fit.judgement.conditions),
-        **({} if fit.judgement.is_flat else _drawn(fit, corrected)),
+        **({} if fit.judgement.is_flat else _surface_fields(fit, corrected)),
         **claims,
     )
 
 
 def view_of_numbers(fit: Fit) -> View:
-    """The numbers and words of a fit, also of a refused one, without what is drawn of its readings."""
+    """The numbers and words of a fit, also of a refused one, without data from its readings."""
     is_known = fit.claim.states_uncertainty and not fit.judgement.is_flat
     limit_deg = fit.claim.attitude_limit_deg if is_known else None
     return View(
@@ -223,14 +224,14 @@ def view_of_numbers(fit: Fit) -> View:
         heading_error_deg=_heading_error(fit) if is_known else None,
         attitude_limit_deg=limit_deg,
         any_attitude_deg=_any_attitude(tile_errors_deg(fit)) if is_known else None,
-        **({} if fit.verdict == "refused" else _copied(fit)),
+        **({} if fit.verdict == "refused" else _number_fields(fit)),
     )
 
 
 def view_alone(fit: Fit) -> View:
-    """What is drawn of a fit that states its uncertainty, without its readings: sphere and level turn.
+    """Data for the sphere and the level turn of a fit with a stated uncertainty, without its readings.
 
-    A tile counts as seen where its cell of the coverage has a reading; of a loaded fit all do.
+    A tile counts as seen if its cell of the coverage has a reading; for a loaded fit all do.
     """
     by_tile: Floats = np.ones(len(tiles().centres))
     with contextlib.suppress(NeedsRecording):
@@ -251,12 +252,12 @@ def view_alone(fit: Fit) -> View:
 
 
 def _shown_errors(errors_deg: Floats) -> tuple[float | None, ...]:
-    """Errors of tiles as they are sent; None where nothing is known."""
+    """Errors of tiles for the page; None if unknown."""
     return tuple(round(angle, 4) if angle < ANY_ANGLE_DEG else None for angle in errors_deg.tolist())
 
 
-def _copied(fit: Fit) -> dict[str, Any]:
-    """What somebody could copy: not given of a refused fit."""
+def _number_fields(fit: Fit) -> dict[str, Any]:
+    """Numbers that could be copied, which a refused fit does not give."""
     calibration, raw = fit.calibration, fit.claim.uncorrected_heading_error_deg
     sigmas = {"offset_sigma": triple(fit.claim.offset_sigma), "matrix_sigma": _matrix(matrix_sigma(fit))}
     return {
@@ -268,8 +269,8 @@ def _copied(fit: Fit) -> dict[str, Any]:
     }
 
 
-def _drawn(fit: Fit, corrected: Floats) -> dict[str, Any]:
-    """What rests on a surface: not known where all readings lie in one plane."""
+def _surface_fields(fit: Fit, corrected: Floats) -> dict[str, Any]:
+    """Data that need a surface, which readings in one plane do not determine."""
     calibration = fit.calibration
     return {
         "noise": fit.evidence.noise,
@@ -278,8 +279,8 @@ def _drawn(fit: Fit, corrected: Floats) -> dict[str, Any]:
     }
 
 
-def _claimed(fit: Fit, errors_deg: Floats, goal: Goal, frame: Frame) -> dict[str, Any]:
-    """What rests on a covariance as well."""
+def _claim_fields(fit: Fit, errors_deg: Floats, goal: Goal, frame: Frame) -> dict[str, Any]:
+    """Data that also need a covariance."""
     return {
         "heading_error_deg": _heading_error(fit),
         "attitude_limit_deg": fit.claim.attitude_limit_deg,
@@ -290,7 +291,7 @@ def _claimed(fit: Fit, errors_deg: Floats, goal: Goal, frame: Frame) -> dict[str
 
 
 def _heading_error(fit: Fit) -> HeadingErrorView:
-    """Of a level vehicle."""
+    """Heading error of a level vehicle."""
     claim, error = fit.claim, fit.heading_error_deg
     return HeadingErrorView(
         error.rms, error.worst, claim.heading_bound_deg, error.dip_deg, claim.dip_assumed, claim.target_deg
@@ -298,15 +299,15 @@ def _heading_error(fit: Fit) -> HeadingErrorView:
 
 
 def _any_attitude(errors_deg: Floats) -> ErrorView:
-    """Over the tiles."""
+    """Error over all tiles."""
     return ErrorView(float(np.sqrt(np.mean(errors_deg**2))), float(errors_deg.max()))
 
 
-def _rejected(fit: Fit, samples: Samples) -> tuple[NDArray[np.bool_], list[tuple[int, int]]]:
-    """(N,) which readings a fit left out, outliers and what sits at the end of an axis; and the runs of these.
+def _left_out_readings(fit: Fit, samples: Samples) -> tuple[NDArray[np.bool_], list[tuple[int, int]]]:
+    """(N,) mask of readings that a fit left out, as outliers or at the end of an axis, and the runs of these.
 
-    The fit counts outliers among the readings at no rail. Of a run that bridges good ones, those are outliers that are
-    farthest from the ellipsoid.
+    The fit counts outliers among the readings at no rail. In a run with good readings in between, the outliers are
+    those farthest from the ellipsoid.
     """
     is_at_rail = np.zeros(len(samples), bool)
     for rail in DataQuality.of(samples).rails:
@@ -332,13 +333,13 @@ def rotation_of(fit: Fit) -> Floats:
 
 
 def tile_errors_deg(fit: Fit) -> Floats:
-    """(642,) heading error to expect, 1 σ, of a vehicle at attitudes that bring the corrected field into a tile.
+    """(642,) expected heading error, 1 σ in degrees, of a vehicle at attitudes whose corrected field is in a tile.
 
-    A field along u leaves a heading open to where the vehicle's vertical is: it makes 90° − I with u, in any direction
-    around it. An error δu across u costs the heading its part along the horizontal, over cos I. So at the worst of the
-    attitudes which bring the field there the variance is the largest eigenvalue of the transverse covariance of u,
-    (1 − uuᵀ) S⁻¹ J P Jᵀ S⁻ᵀ (1 − uuᵀ), over cos² I, with the dip I of the fit. What belongs to the direction is added,
-    as to all headings; no mean is removed, since no mounting would explain one.
+    A field along u leaves the direction of the vehicle's vertical open: it makes 90° − I with u, in any direction
+    around it. An error δu across u affects the heading by its horizontal part, over cos I. At the worst of these
+    attitudes the variance is therefore the largest eigenvalue of the transverse covariance of u, (1 − uuᵀ) S⁻¹ J P Jᵀ
+    S⁻ᵀ (1 − uuᵀ), over cos² I, with the dip I of the fit. The part that depends on the direction is added, as for all
+    headings; no mean is removed, since no mounting would explain one.
     """
     directions, dip_deg = tiles().centres @ rotation_of(fit), fit.heading_error_deg.dip_deg
     claim = fit.claim
@@ -354,7 +355,7 @@ def _finding(finding: Finding) -> FindingView:
 def matrix_sigma(fit: Fit) -> Floats:
     """(3, 3) standard deviations of the entries of W = F S⁻¹, to first order.
 
-    δW = (δF/F) W − W δS S⁻¹, with δF = F tr(S⁻¹ δS)/3 where F is the radius that results, and 0 where it is known.
+    δW = (δF/F) W − W δS S⁻¹, with δF = F tr(S⁻¹ δS)/3 if F is the resulting radius, and 0 if F is known.
     """
     is_known = fit.calibration.field_strength_known
     claim = fit.claim
@@ -362,7 +363,7 @@ def matrix_sigma(fit: Fit) -> Floats:
 
 
 def turn(fit: Fit) -> LevelTurn:
-    """What a compass does over a level turn, before and after."""
+    """Heading errors over a level turn, before and after."""
     dip, down = fit.heading_error_deg.dip_deg, down_of(fit.claim.plane)
     ellipsoid, covariance = fit.calibration.ellipsoid, fit.claim.claimed_covariance
     columns = engine().level_turn(ellipsoid.centre, ellipsoid.shape, covariance, dip_deg=dip, down=down)
@@ -370,16 +371,16 @@ def turn(fit: Fit) -> LevelTurn:
 
 
 def residuals(fit: Fit, corrected: Floats) -> ResidualHistogram:
-    """Count how far (N, 3) corrected readings are from the sphere; of one plane alone, from the circle in it."""
-    widest = max(WIDEST * fit.evidence.noise, np.finfo(float).tiny)
-    edges = np.linspace(-widest, widest, BINS + 1)
+    """Histogram of the distances of (N, 3) corrected readings from the sphere; in one plane, from the circle in it."""
+    widest = max(MAX_SIGMAS * fit.evidence.noise, np.finfo(float).tiny)
+    edges = np.linspace(-widest, widest, BIN_COUNT + 1)
     lengths = lengths_off(corrected, fit.calibration.field_strength, fit.claim.plane)
     counts, _ = np.histogram(lengths.clip(-widest, widest), edges)
     return ResidualHistogram(tuple(edges.tolist()), tuple(counts.tolist()))
 
 
 def lengths_off(corrected: Floats, strength: float, plane: Plane | None) -> Floats:
-    """(N,) how much longer (N, 3) corrected readings are than the field; of one plane, than their mean in it."""
+    """(N,) excess length of (N, 3) corrected readings over the field; in one plane, over their mean in it."""
     if plane is None:
         lengths: Floats = np.linalg.norm(corrected, axis=1)
         return lengths - strength
@@ -388,9 +389,9 @@ def lengths_off(corrected: Floats, strength: float, plane: Plane | None) -> Floa
 
 
 def guidance(fit: Fit, goal: Goal, frame: Frame) -> GuidanceView:
-    """Which way to turn next, for one of the goals.
+    """The next direction to turn to, for one of the goals.
 
-    A turn in one plane, and a fit that no direction would help more than the others, get words without a direction.
+    A turn in one plane, and a fit for which no direction is better than the others, get words without a direction.
     """
     next_turn = guided(fit, goal)
     direction, words = None, "turn it slowly through all directions, away from iron and from currents"

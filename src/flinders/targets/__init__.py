@@ -1,4 +1,4 @@
-"""Targets: a calibration in, a file for another tool out, and back where that can be. The caller writes the file.
+"""Targets: calibrations as files for other tools, and back if possible. The caller writes the file.
 
 >>> from flinders.core.calibration import Calibration
 >>> from flinders.core.units import Unit
@@ -6,9 +6,9 @@
 >>> export.text.splitlines()[0][:9]
 '# ESPHome'
 
-Each module is a target or a family of them: formula, writer and reader, and at its end a row for each in ``TARGETS``,
-by which `registry` finds it. A new target is a new module and nothing else. Other packages add targets through the
-entry points ``flinders.targets``.
+Each module is a target or a family of them: formula, writer and reader, with a row for each target in ``TARGETS`` at
+its end, by which `registry` finds it. A new target is a new module and nothing else. Other packages add targets through
+the entry points ``flinders.targets``.
 """
 
 from __future__ import annotations
@@ -44,24 +44,24 @@ __all__ = [
     "taking",
 ]
 
-FIRST: Final = (
+LISTED_FIRST: Final = (
     "ardupilot", "px4", "motioncal", "adafruit", "fusion", "rtimulib", "betaflight", "betaflight_model", "inav",
     "paparazzi", "vectornav", "adis16480", "ros", "esphome", "zscilib", "matlab", "code", "plain", "system_mounting",
     "ros_mounting",
 )  # fmt: skip
-"""Modules in the order in which their targets are listed; all others come after them, by name."""
+"""Modules in the order in which their targets are listed; all others follow, sorted by name."""
 
-HEAD: Final = 65536
-"""Bytes of a file that are looked at to tell what it is."""
+HEAD_BYTES: Final = 65536
+"""Number of first bytes by which the target of a file is recognised."""
 
 
 @cache
 def registry() -> Mapping[str, Target]:
-    """All targets by name, in the order they are listed; the first call imports their modules.
+    """All targets by name, in the order of the list; the first call imports their modules.
 
-    Raises `PluginError` for a package whose targets cannot be loaded, or have the name of another.
+    Raises `PluginError` for a package whose targets cannot be loaded, or whose names already exist.
     """
-    modules = map(import_module, modules_of(sys.modules[__name__], "TARGETS", first=FIRST).values())
+    modules = map(import_module, modules_of(sys.modules[__name__], "TARGETS", first=LISTED_FIRST).values())
     targets = {row.name: row for module in modules for row in module.TARGETS}
     for row in plugin_rows("flinders.targets", Target):
         if row.name in targets:
@@ -71,9 +71,9 @@ def registry() -> Mapping[str, Target]:
 
 
 def find(name: str) -> Target:
-    """Look up a target.
+    """Find a target by name.
 
-    Raises `UsageError` for one that there is not; names those there are.
+    Raises `UsageError` with the existing names if there is none.
     """
     known = registry().get(name.strip().casefold())
     if known is None:
@@ -83,37 +83,38 @@ def find(name: str) -> Target:
 
 
 def mounting_table(target: Target) -> MountingTable:
-    """The mountings that a target can be given; `UsageError` for one that takes none."""
+    """Mountings of a target; `UsageError` for a target without a mounting setting."""
     if target.mountings is None:
         takes = ", ".join(each.name for each in registry().values() if each.mountings)
         raise UsageError(
-            f"a mounting goes with {takes}: {target.name} has no setting of it, leave it out", hint={"mounting": None}
+            f"{target.name} has no setting for a mounting: leave it out; targets that have one: {takes}",
+            hint={"mounting": None},
         )
     return target.mountings
 
 
 def taking(name: str, *, compass: int | None = None, code_name: str | None = None, noise: bool = False) -> Target:
-    """Look up a target as `find`, and refuse what it does not take: `UsageError`.
+    """Find a target as `find`, and raise `UsageError` for an option that it does not accept.
 
-    That may be the number of a compass, a name for code, or the noise for an estimator.
+    The options are the number of a compass, a name in generated code, and the noise for an estimator.
     """
     target = find(name)
     if compass is not None and not target.compasses:
         takes = ", ".join(each.name for each in registry().values() if each.compasses)
         raise UsageError(
-            f"the number of a compass goes with {takes}: {target.name} holds one compass only, leave it out",
+            f"{target.name} has one compass only: leave the number out; targets with several: {takes}",
             hint={"compass": None},
         )
     if code_name is not None and not target.named:
         takes = ", ".join(each.name for each in registry().values() if each.named)
         raise UsageError(
-            f"a name goes with {takes}: {target.name} has no names to choose, leave it out", hint={"name": None}
+            f"{target.name} has no names to choose: leave the name out; targets that have: {takes}", hint={"name": None}
         )
     if noise and not target.estimator:
         takes = ", ".join(each.name for each in registry().values() if each.estimator)
         raise UsageError(
-            f"the noise for an estimator is asked for with {takes}: {target.name} gets what it has room for without "
-            "asking, leave it out",
+            f"{target.name} includes the noise by itself if it can: leave it out; targets with an option for it: "
+            f"{takes}",
             hint={"noise": None},
         )
     return target
@@ -122,26 +123,26 @@ def taking(name: str, *, compass: int | None = None, code_name: str | None = Non
 def read_back(
     content: bytes, source: str, *, target: str | None = None, strength: float | None = None, compass: int | None = None
 ) -> tuple[str, Calibration]:
-    """Read the calibration that a target's file stands for, in the unit and axes of the target.
+    """Read the calibration in a target's file, in the unit and axes of the target.
 
-    Raises `UsageError` for a target whose files cannot be read back, or a compass where there is one only;
-    `DocumentError` for a file that is none of theirs, or damaged.
+    Raises `UsageError` for a target whose files cannot be read back, or for a compass number if the target has only
+    one; `DocumentError` for a file that is of no target, or damaged.
 
     Parameters
     ----------
     source : str
-        For messages.
+        Name of the file, for messages.
     target : str, optional
-        Whose file it is; found by its content where it is not given.
+        Target of the file; recognised by content if not given.
     strength : float, optional, µT
-        Length of corrected readings, where the target does not hold it; in counts for files in counts.
+        Length of corrected readings, if the file does not contain it; in counts for files in counts.
     compass : int, optional
-        Which of several.
+        Number of the compass, if there are several.
 
     Returns
     -------
     name : str
-        Of the target.
+        Name of the target.
     calibration : Calibration
 
     Examples
@@ -153,20 +154,20 @@ def read_back(
     """
     readable = {name: row.reader for name, row in registry().items() if row.reader is not None}
     if target is None:
-        name = next((name for name, reader in readable.items() if reader.sniff(content[:HEAD])), None)
+        name = next((name for name, reader in readable.items() if reader.sniff(content[:HEAD_BYTES])), None)
         if name is None:
             raise DocumentError(
-                f"{source}: is no file of {', '.join(readable)}: name the target, if it is", hint={"target": None}
+                f"{source}: is no file of {', '.join(readable)}: if it is, name the target", hint={"target": None}
             )
     else:
         name = find(target).name
         if name not in readable:
-            raise UsageError(f"files of {name} cannot be read back: those of {', '.join(readable)} can")
+            raise UsageError(f"files of {name} cannot be read back: only those of {', '.join(readable)} can")
     reader = readable[name]
     if compass is not None and reader.which is None:
         several = dict.fromkeys(row.family for row in registry().values() if row.compasses)
         raise UsageError(
-            f"the number of a compass goes with {' and '.join(several)}: {name} holds one compass only, leave it out",
+            f"{name} has one compass only: leave the number out; targets with several: {' and '.join(several)}",
             hint={"compass": None},
         )
     more = {"compass": compass} if reader.which is not None else {}

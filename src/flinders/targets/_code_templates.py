@@ -1,4 +1,4 @@
-"""Texts of generated code: functions in C, a sketch and MicroPython, with places for the numbers of a calibration.
+"""Templates of generated code: functions in C, for a sketch and for MicroPython, with placeholders for the numbers.
 
 >>> print(GROWN.format(gain="0.01f", key="current", reference="5.0f"))
     for (axis = 0; axis < 3; axis++) {
@@ -29,7 +29,7 @@ static inline void {name}_correct(const float raw[3], float corrected[3])
     }}
 }}"""
 DRIVEN: Final = """
-/* The same where {known} are known; {name}_correct() takes them at their references. */
+/* {name}_correct() for other values of {known} than their references. */
 static inline void {name}_correct_at(const float raw[3], {arguments}, float corrected[3])
 {{
     float settled[3];
@@ -43,7 +43,7 @@ GROWN: Final = """\
         corrected[axis] /= (1.0f + {gain} * ({key} - {reference}));
     }}"""
 SKETCH_DRIVEN: Final = """
-// The same for values of {known}; {function}Magnetometer() takes them at their references.
+// {function}Magnetometer() for other values of {known} than their references.
 void {function}MagnetometerAt(float &x, float &y, float &z, {arguments}) {{
 {terms}
   {function}Magnetometer(x, y, z);{grown}
@@ -56,7 +56,7 @@ SKETCH_GROWN: Final = """
 MODULE_DRIVEN: Final = """
 
 def correct_at(raw, {arguments}):
-    \"""The same for values of {known}; correct() takes them at their references.\"""
+    \"""correct() for other values of {known} than their references.\"""
     x, y, z = (raw[axis]{terms} for axis in range(3))
     return {result}"""
 SKETCH: Final = """\
@@ -87,9 +87,9 @@ def correct(raw):
 C_CURVE: Final = """
 static const float {name}_quadratic[3] = {{{quadratic}}}; /* one over {given} */
 static const float {name}_cubic[3] = {{{cubic}}}; /* one over the square of it */
-static const float {name}_limit[3] = {{{limit}}}; /* {given}: the correction beyond is that at it */
+static const float {name}_limit[3] = {{{limit}}}; /* {given}: beyond it the correction is constant */
 
-/* What a linear axis would read, where this one reads so much from its offset. */
+/* Reading of a linear axis, from this axis's reading; both relative to the offset. */
 static inline float {name}_linear(int axis, float read)
 {{
     const float limit = {name}_limit[axis];
@@ -100,9 +100,9 @@ static inline float {name}_linear(int axis, float read)
 SKETCH_CURVE: Final = """\
 const float {constant}_QUADRATIC[3] = {{{quadratic}}}; // one over {given}
 const float {constant}_CUBIC[3] = {{{cubic}}}; // one over the square of it
-const float {constant}_LIMIT[3] = {{{limit}}}; // {given}: the correction beyond is that at it
+const float {constant}_LIMIT[3] = {{{limit}}}; // {given}: beyond it the correction is constant
 
-// What a linear axis would read, where this one reads so much from its offset.
+// Reading of a linear axis, from this axis's reading; both relative to the offset.
 float {prefix}linearField(int axis, float read) {{
   const float limit = {constant}_LIMIT[axis], held = read > limit ? limit : read < -limit ? -limit : read;
   return read - ({constant}_QUADRATIC[axis] + {constant}_CUBIC[axis] * held) * held * held;
@@ -111,18 +111,18 @@ float {prefix}linearField(int axis, float read) {{
 MODULE_CURVE: Final = """\
 QUADRATIC = ({quadratic})  # one over {given}
 CUBIC = ({cubic})  # one over the square of it
-LIMIT = ({limit})  # {given}: the correction beyond is that at it
+LIMIT = ({limit})  # {given}: beyond it the correction is constant
 
 
 def linear(axis, read):
-    \"""What a linear axis would read, where this one reads so much from its offset.\"""
+    \"""Reading of a linear axis, from this axis's reading; both relative to the offset.\"""
     held = max(-LIMIT[axis], min(LIMIT[axis], read))
     return read - (QUADRATIC[axis] + CUBIC[axis] * held) * held * held
 """
 C_STRENGTH: Final = """
 #define {constant}_STRENGTH_LIMIT {limit} /* {result} */
 
-/* Whether something disturbs a corrected reading, by its strength. */
+/* Whether the strength of a corrected reading indicates a disturbance. */
 static inline int {name}_strength_is_off(const float corrected[3])
 {{
     const float lowest = {constant}_FIELD_STRENGTH - {constant}_STRENGTH_LIMIT;
@@ -131,11 +131,11 @@ static inline int {name}_strength_is_off(const float corrected[3])
     return !(square >= lowest * lowest && square <= highest * highest);
 }}"""
 C_DIP: Final = """
-/* sin |sin| of the least and the greatest dip. */
+/* sin |sin| of the smallest and the largest dip. */
 static const float {name}_dip_limits[2] = {{{low}, {high}}};
 
-/* Whether something disturbs a corrected reading, by its dip: acceleration is what an accelerometer in the same axes
- * reads at rest, in any unit (with z down, it is negative when level). */
+/* Whether the dip of a corrected reading indicates a disturbance. `acceleration` is the reading of an accelerometer in
+ * the same axes at rest, in any unit (with z down, its z is negative when level). */
 static inline int {name}_dip_is_off(const float corrected[3], const float acceleration[3])
 {{
     float down = 0.0f, reading = 0.0f, weight = 0.0f, square;
@@ -151,7 +151,7 @@ static inline int {name}_dip_is_off(const float corrected[3], const float accele
 SKETCH_STRENGTH: Final = """
 const float {constant}_STRENGTH = {strength}, {constant}_STRENGTH_LIMIT = {limit}; // {result}
 
-// Whether something disturbs a corrected reading, by its strength.
+// Whether the strength of a corrected reading indicates a disturbance.
 bool {prefix}strengthIsOff(float x, float y, float z) {{
   const float lowest = {constant}_STRENGTH - {constant}_STRENGTH_LIMIT;
   const float highest = {constant}_STRENGTH + {constant}_STRENGTH_LIMIT;
@@ -159,8 +159,8 @@ bool {prefix}strengthIsOff(float x, float y, float z) {{
   return !(square >= lowest * lowest && square <= highest * highest);
 }}"""
 SKETCH_DIP: Final = """
-// Whether something disturbs a corrected reading, by its dip: ax, ay, az is what an accelerometer in the same axes
-// reads at rest, in any unit (with z down, az is negative when level).
+// Whether the dip of a corrected reading indicates a disturbance. ax, ay, az is the reading of an accelerometer in the
+// same axes at rest, in any unit (with z down, az is negative when level).
 bool {prefix}dipIsOff(float x, float y, float z, float ax, float ay, float az) {{
   const float down = -(x * ax + y * ay + z * az);
   const float both = (x * x + y * y + z * z) * (ax * ax + ay * ay + az * az);
@@ -172,14 +172,15 @@ STRENGTH_LIMIT = {limit}  # {result}
 
 
 def strength_is_off(corrected):
-    \"""Whether something disturbs a corrected reading, by its strength.\"""
+    \"""Whether the strength of a corrected reading indicates a disturbance.\"""
     x, y, z = corrected
     square = x * x + y * y + z * z
     return not (FIELD_STRENGTH - STRENGTH_LIMIT) ** 2 <= square <= (FIELD_STRENGTH + STRENGTH_LIMIT) ** 2"""
 MODULE_DIP: Final = """
 
 def dip_is_off(corrected, acceleration):
-    \"""By its dip; an accelerometer in the same axes, at rest, in any unit (with z down, negative when level).\"""
+    \"""Whether its dip does; acceleration at rest, in the same axes and any unit (with z down, negative when
+    level).\"""
     x, y, z = corrected
     ax, ay, az = acceleration
     down = -(x * ax + y * ay + z * az)
@@ -200,7 +201,7 @@ static inline int64_t {name}_held(int64_t value)
     return value > {largest} ? {largest} : value < -{largest} - 1 ? -{largest} - 1 : value;
 }}
 
-/* The largest whole number that is not above value / 2^places. */
+/* The largest integer not above value / 2^places. */
 static inline int64_t {name}_shifted(int64_t value, int places)
 {{
     return value >= 0 ? value >> places : -((-value + ((int64_t)1 << places) - 1) >> places);

@@ -18,12 +18,12 @@ from flinders.errors import UsageError
 if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence
 
-LONGEST: Final = 31
-"""Letters of a name that all compilers tell apart."""
+MAX_NAME_LETTERS: Final = 31
+"""Largest length of a name in letters that all compilers distinguish."""
 
 
 def digits(value: float, suffix: str = "") -> str:
-    """Write a number of single precision so that it is read back the same, with a point.
+    """Write a number so that it is read back as the same float32, with a point.
 
     >>> digits(0.1), digits(-3.0, "f"), digits(1e-12)
     ('0.100000001', '-3.0f', '9.99999996e-13')
@@ -33,7 +33,7 @@ def digits(value: float, suffix: str = "") -> str:
 
 
 def float32s(values: Iterable[float], suffix: str = "") -> str:
-    """Write numbers of single precision, with commas between them.
+    """Write float32 numbers, separated by commas.
 
     >>> float32s([0.1, -3.0], "f")
     '0.100000001f, -3.0f'
@@ -42,9 +42,9 @@ def float32s(values: Iterable[float], suffix: str = "") -> str:
 
 
 def begun(usual: str, name: str | None) -> str:
-    """What names in generated code begin with: `usual`, or letters and digits of the `name` that was asked for.
+    """Prefix of names in generated code: `usual`, or letters and digits of the requested `name`.
 
-    What is between them becomes ``_``. A name of which nothing is left, or too much, raises `UsageError`.
+    Other characters become ``_``. A name that is empty or too long after that raises `UsageError`.
 
     >>> begun("flinders", None), begun("flinders", "Mast, top"), begun("flinders", "2nd compass")
     ('flinders', 'Mast_top', 'mag_2nd_compass')
@@ -54,10 +54,10 @@ def begun(usual: str, name: str | None) -> str:
     plain = unicodedata.normalize("NFKD", name).encode("ascii", "ignore").decode()
     word = re.sub(r"[^0-9A-Za-z]+", "_", plain).strip("_")
     word = f"mag_{word}" if word[:1].isdigit() else word
-    if not 0 < len(word) <= LONGEST:
+    if not 0 < len(word) <= MAX_NAME_LETTERS:
         raise UsageError(
-            f"{name[:LONGEST]!r} leaves {len(word)} letters and digits of ASCII to begin names in code with: "
-            f"need 1 to {LONGEST}",
+            f"{name[:MAX_NAME_LETTERS]!r} has {len(word)} ASCII letters and digits as prefix of names in code: "
+            f"need 1 to {MAX_NAME_LETTERS}",
             hint={"name": "mast"},
         )
     return word
@@ -66,8 +66,8 @@ def begun(usual: str, name: str | None) -> str:
 def guarded(word: str, body: Sequence[str]) -> list[str]:
     """Put an include guard around a header.
 
-    The guard holds a checksum of the lines: the same header may be included again, and another one of the same names
-    is an error, where an empty guard would give the second sensor the numbers of the first without a word.
+    The guard contains a checksum of the lines: the same header may be included again, while another one with the same
+    names is an error. With an empty guard the second sensor would silently get the numbers of the first.
 
     >>> print(*guarded("mast", ["int x;"]), sep=chr(10))
     #ifndef MAST_CALIBRATION_H

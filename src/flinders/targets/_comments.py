@@ -1,4 +1,4 @@
-"""Comments in the languages of targets, in ASCII and without what would end them.
+"""Comments in the languages of targets: in ASCII, without text that would end the comment.
 
 >>> print(*HASH.lines(["48 µT"]))
 # 48 uT
@@ -16,9 +16,9 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True)
 class Comment:
-    """How a language marks comments: what their lines begin with, the lines around, and what must not stand in one.
+    """Comment syntax of a language: start of each line, lines around, and text that must not occur.
 
-    What a recording or a person named goes into comments only, in ASCII and without what would end the comment.
+    Names from recordings and users appear in comments only, in ASCII and without text that would end the comment.
 
     >>> print(*BLOCK.lines(["from */ system(1); /* x.json", "2 µT"]), sep=chr(10))
     /*
@@ -33,7 +33,7 @@ class Comment:
     ends: tuple[tuple[str, str], ...] = ()
 
     def lines(self, remarks: Iterable[str]) -> list[str]:
-        """Break remarks into lines of comment."""
+        """Break remarks into comment lines."""
         wrapped: list[str] = []
         for remark in remarks:
             wrapped += textwrap.wrap(
@@ -46,7 +46,7 @@ class Comment:
         return [*filter(None, [self.opening]), *wrapped, *filter(None, [self.closing])]
 
     def plain(self, remark: str) -> str:
-        """A remark in ASCII, without what would end the comment."""
+        """A remark in ASCII, without text that would end the comment."""
         text = plain_ascii(remark)
         for unsafe, written in self.ends:
             while unsafe in text:
@@ -65,7 +65,7 @@ ASCII: Final = str.maketrans({
 
 
 def plain_ascii(text: str) -> str:
-    r"""Write text in printable ASCII, other characters by their code.
+    r"""Write text in printable ASCII, with escape codes for other characters.
 
     >>> plain_ascii("48 µT, café\x07\u2028"), plain_ascii("0.2° at 20 °C")
     ('48 uT, caf\\xe9\\x07\\u2028', '0.2 deg at 20 degC')

@@ -1,4 +1,4 @@
-"""Difference between a calibration and what a target does with it, as corrected fields and headings.
+"""Difference between a calibration and a target's correction, in corrected fields and headings.
 
 >>> from flinders.core.calibration import Calibration
 >>> calibration = Calibration(np.eye(3), [20.0, 0.0, 0.0], 50.0)
@@ -28,26 +28,26 @@ if TYPE_CHECKING:
     from flinders.targets._mounting import MountingTable
 
 DIRECTIONS: Final = fibonacci(400)
-"""(N, 3) of the test fields; enough that the worst error of a correction is missed by less than a hundredth of it."""
+"""(N, 3) directions of the test fields; with 400, the largest error of a correction is found to within 1 %."""
 LOSS_DEG: Final = 0.5
-"""Nothing is left out unasked that costs more heading."""
+"""Largest heading error in degrees, due to omitted parts, that is accepted without `lossy`."""
 COARSEST_DEG: Final = 1.0
-"""Nothing is written whose numbers are so coarse that readings are off by the sine of it."""
+"""Angle in degrees whose sine is the largest relative error of readings by rounding."""
 DIP_DEG: Final = 60.0
-"""Inclination of the field that heading errors are told for."""
+"""Inclination of the field, in degrees, for which heading errors are stated."""
 
 
 @dataclass(frozen=True, slots=True)
 class Difference:
-    """How far a target's own formula, with the numbers that are written for it, is off the calibration."""
+    """Largest error of a target's formula, with its own numbers, against the calibration."""
 
-    # largest length of the difference, in the calibration's unit; scaled before where the target's lengths are its own
+    # largest difference of corrected vectors, in the calibration's unit; scaled first if the target has its own lengths
     worst: float
-    worst_deg: float  # degrees: largest angle between both
+    worst_deg: float  # largest angle between the vectors, in degrees
 
     @classmethod
     def of(cls, calibration: Calibration, corrected: Floats) -> Self:
-        """What `corrected_by` gives of `DIRECTIONS` held against the calibration."""
+        """Compare the result of `corrected_by` for `DIRECTIONS` with the calibration."""
         with np.errstate(all="ignore"):
             across = np.linalg.norm(np.cross(corrected, DIRECTIONS), axis=1)
             angle = float(np.rad2deg(np.arctan2(across, np.sum(corrected * DIRECTIONS, axis=1))).max())
@@ -55,32 +55,32 @@ class Difference:
         return cls(worst, angle)
 
     def worse(self, other: Difference) -> Difference:
-        """The worse of two trials."""
+        """The larger errors of two trials."""
         return Difference(max(self.worst, other.worst), max(self.worst_deg, other.worst_deg))
 
     @property
     def heading_deg(self) -> float:
-        """Largest heading error at any attitude where the field dips by 60°: atan(tan a / cos 60°) of the angle a."""
+        """Largest heading error at any attitude if the field dips by 60°: atan(tan a / cos 60°) for the angle a."""
         return heading_deg(self.worst_deg)
 
     def refuse_lost(
         self, lacks: str, *, lossy: bool, mountings: MountingTable | None = None, fitting: str = ""
     ) -> None:
-        """Raise `NotExportable` for a heading error of what the target lacks, unless any is accepted.
+        """Raise `NotExportable` for a large heading error due to omitted parts, unless `lossy`.
 
-        `mountings`: of a target that could be given a mounting with the rotation in it. `fitting`: the command that
-        makes a fit of what the target holds, if there is one.
+        `mountings`: mountings of a target that could include the rotation. `fitting`: the command for a fit within the
+        target's limits, if there is one.
         """
         if math.isfinite(self.worst) and (lossy or self.heading_deg <= LOSS_DEG):
             return
         off = f"{figures(self.heading_deg)}°" if math.isfinite(self.heading_deg) else "any angle"
         turned = mountings and (
-            f"Say how the sensor was mounted when it was recorded (its {mountings.setting}), and its rotation is "
+            f"State how the sensor was mounted during the recording (its {mountings.setting}), so that its rotation is "
             "written with the numbers. "
         )
-        fitted = f"Make a fit of what it holds, which says how good that is: {fitting}. Or " if fitting else ""
+        fitted = f"Make a fit within these limits, which states its own accuracy: {fitting}. Or " if fitting else ""
         raise NotExportable(
-            f"{lacks}: what is left out costs up to {off} of heading (at any attitude, dip {DIP_DEG:.0f}°). "
+            f"{lacks}: the omitted parts cause a heading error of up to {off} (at any attitude, dip {DIP_DEG:.0f}°). "
             f"{turned or ''}{fitted}{'use' if fitted else 'Use'} a target that holds the whole matrix (flinders "
             "targets), correct the readings in your own code, or write it all the same",
             hint={"mounting": None, "lossy": True} if mountings else {"lossy": True},
@@ -89,7 +89,7 @@ class Difference:
         )
 
     def refuse_coarse(self, calibration: Calibration, *, lossy: bool) -> None:
-        """Raise `NotExportable` for rounding that costs a degree; if `lossy`, that is off by the whole length."""
+        """Raise `NotExportable` for a relative rounding error above sin 1°; with `lossy`, only from 1 on."""
         strength = calibration.field_strength
         share = self.worst / strength
         if share <= math.sin(math.radians(COARSEST_DEG)) or (lossy and share < 1):
@@ -114,10 +114,10 @@ def corrected_by(
     acts: Acts = "recorded",
     relative: bool = False,
 ) -> Floats:
-    """(N, 3) fields over their strength, as a target corrects what the sensor reads in fields of (N, 3) directions.
+    """(N, 3) fields relative to their strength, as a target corrects the sensor's readings in (N, 3) directions.
 
-    `target` takes (N, 3) readings to (N, 3) corrected ones, both in the calibration's unit, in the axes that `acts`
-    names. If `relative`, lengths are its own, and scaled to the calibration's field. Fields are in the axes of the
+    `target` maps (N, 3) readings to (N, 3) corrected ones, both in the calibration's unit, in the axes named by `acts`.
+    If `relative`, its lengths are arbitrary, and scaled to the calibration's field. Fields are in the axes of the
     calibration's corrected readings.
     """
     back, strength = unmapped(calibration), calibration.field_strength
@@ -132,7 +132,7 @@ def corrected_by(
 
 
 def heading_deg(angle_deg: float) -> float:
-    """Largest heading error, at any attitude, of a field that is off by an angle where it dips by 60°.
+    """Largest heading error, at any attitude, of a field that is off by an angle, if it dips by 60°.
 
     >>> round(heading_deg(0.1), 3), heading_deg(90.0)
     (0.2, 180.0)

@@ -1,6 +1,6 @@
-"""A second function in generated code, for a calibration that follows disturbances: the first holds at references.
+"""A second function in generated code for a calibration with disturbances; the first one holds at their references.
 
-Names of columns become identifiers; a state is 0 or 1, and one matrix has two offsets.
+Names of columns become identifiers; a state is 0 or 1; both functions share one matrix.
 
 >>> from flinders.core.calibration import Calibration
 >>> charger = Disturbance("/charger.state", [4.0, 0.0, -1.5], highest=1.0, states=("idle", "charging"))
@@ -13,7 +13,7 @@ CHARGER_STATE = (4.0, 0.0, -1.5)  # counts per unit of charger_state
 <BLANKLINE>
 <BLANKLINE>
 def correct_at(raw, charger_state):
-    \"\"\"The same for values of charger_state; correct() takes them at their references.\"\"\"
+    \"\"\"correct() for other values of charger_state than their references.\"\"\"
     x, y, z = (raw[axis] - CHARGER_STATE[axis] * (charger_state - 0.0) for axis in range(3))
     return correct((x, y, z))
 """
@@ -39,9 +39,9 @@ if TYPE_CHECKING:
     from flinders.core.calibration import Calibration
 
 MAX_LETTERS: Final = 24
-"""Letters of an identifier that is made of the name of a column."""
+"""Largest length in letters of an identifier made from a column's name."""
 
-TAKEN: Final = frozenset(
+RESERVED_WORDS: Final = frozenset(
     [
         "auto",
         "break",
@@ -110,22 +110,22 @@ TAKEN: Final = frozenset(
         "dip_limits",
     ]
 )
-"""Words of the languages, and names that generated code has already."""
+"""Keywords of the languages, and names that occur in generated code."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Term:
-    """One disturbance as generated code has it."""
+    """One disturbance in generated code."""
 
     key: str  # identifier of its value
     disturbance: Disturbance
-    per_unit: Floats  # (3,) in the recorded unit and axes, in single precision
-    unit: str  # recorded
+    per_unit: Floats  # (3,) in the recorded unit and axes, as float32
+    unit: str  # recorded unit
     zero: float  # its reference
 
     @classmethod
     def each(cls, calibration: Calibration) -> list[Self]:
-        """Of all disturbances of a calibration."""
+        """Terms for all disturbances of a calibration."""
         keys: list[str] = []
         for one in calibration.disturbances:
             keys.append(identifier(one.name, keys) if is_column(one.name) else one.kind.key)
@@ -141,14 +141,14 @@ class Term:
         ]
 
     def remarks(self) -> list[str]:
-        """What it is, in words."""
+        """Description of the disturbance and its states."""
         states = self.disturbance.states
         meant = [f"{self.key}: 0 is {states[0]}, 1 is {states[1]}"] if states else []
         return [*meant, str(self.disturbance)]
 
 
 def identifier(name: str, taken: list[str]) -> str:
-    """Letters and digits of the name of a column, as none of those that are taken.
+    """Identifier from letters and digits of a column's name, different from those in `taken`.
 
     >>> identifier("BAT[1].Curr", []), identifier("for", []), identifier("2nd servo", []), identifier("a.b", ["a_b"])
     ('BAT_1_Curr', 'for_value', 'column_2nd_servo', 'a_b_2')
@@ -156,14 +156,14 @@ def identifier(name: str, taken: list[str]) -> str:
     plain = unicodedata.normalize("NFKD", name).encode("ascii", "ignore").decode()
     word = re.sub(r"[^0-9A-Za-z]+", "_", plain).strip("_")[:MAX_LETTERS].rstrip("_") or "column"
     word = f"column_{word}" if word[0].isdigit() else word
-    word = f"{word}_value" if word.casefold() in TAKEN or keyword.iskeyword(word) else word
+    word = f"{word}_value" if word.casefold() in RESERVED_WORDS or keyword.iskeyword(word) else word
     folded = {each.casefold() for each in taken}
     numbered = (word if count == 1 else f"{word}_{count}" for count in range(1, len(taken) + 2))
     return next(each for each in numbered if each.casefold() not in folded)
 
 
 def in_c(calibration: Calibration, name: str) -> Iterator[str]:
-    """Yield lines of a header; none where nothing is followed."""
+    """Yield lines of a header; none without disturbances."""
     terms = Term.each(calibration)
     if not terms:
         return
@@ -186,7 +186,7 @@ def in_c(calibration: Calibration, name: str) -> Iterator[str]:
 
 
 def in_sketch(calibration: Calibration, constant: str, function: str) -> Iterator[str]:
-    """Yield lines of a sketch; none where nothing is followed."""
+    """Yield lines of a sketch; none without disturbances."""
     terms = Term.each(calibration)
     if not terms:
         return
@@ -212,7 +212,7 @@ def in_sketch(calibration: Calibration, constant: str, function: str) -> Iterato
 
 
 def in_module(calibration: Calibration) -> Iterator[str]:
-    """Yield lines of a module of Python; none where nothing is followed."""
+    """Yield lines of a Python module; none without disturbances."""
     terms = Term.each(calibration)
     if not terms:
         return

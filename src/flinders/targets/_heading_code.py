@@ -1,6 +1,6 @@
-"""Code that gives a heading with its standard deviation: constants, and functions in C, for a sketch and in Python.
+"""Generated code for a heading with its standard deviation: constants, and functions in C, for a sketch and in Python.
 
-The texts have places for the numbers of a `HeadingModel` and of a `MeasurementNoise`; the functions compute
+The texts have placeholders for the numbers of a `HeadingModel` and of a `MeasurementNoise`; the functions compute
 gᵀ C g + σ² |v|² of `flinders.targets._heading_model`, in degrees.
 """
 
@@ -23,23 +23,23 @@ if TYPE_CHECKING:
     from flinders.targets._measurement_noise import MeasurementNoise
     from flinders.targets._target import ExportOptions, Written
 
-STEEPEST_DEG: Final = 89.0
-"""Dip beyond which a field has no heading."""
+MAX_DIP_DEG: Final = 89.0
+"""Largest dip in degrees for which headings are computed."""
 
 
 @dataclass(frozen=True, slots=True)
 class HeadingCode:
-    """The texts of one language."""
+    """The texts for one language."""
 
     imports: str  #: before all code
     constants: str  #: standard deviations of field and heading, and numbers of the functions
-    function: str  #: of a heading at any attitude
-    level: str  #: of a level heading, from the field alone
-    row: str  #: of numbers
-    suffix: str  #: of a number in single precision
+    function: str  #: function of a heading at any attitude
+    level: str  #: function of a level heading, from the field alone
+    row: str  #: format of a row of numbers
+    suffix: str  #: suffix of a float32 number
 
     def added(self, code: Written, unit: str, asked: ExportOptions, **names: str) -> Written:
-        """The code with them, where the fit knows its noise; `unit` is that of corrected readings."""
+        """Append the constants and functions if the noise of the fit is known; `unit` is that of corrected readings."""
         noise, model = asked.noise, asked.heading
         if noise is None or model is None:
             return code
@@ -57,24 +57,24 @@ class HeadingCode:
         level, down = model.level_field
         return {
             "shape": "\n".join(self.row.format(float32s(row, self.suffix)) for row in model.matrix),
-            "mean": self._wrapped(np.rad2deg(model.mean)),
-            "factor": self._wrapped(model.factor[np.triu_indices(9)]),
+            "mean": self._wrap_lines(np.rad2deg(model.mean)),
+            "factor": self._wrap_lines(model.factor[np.triu_indices(9)]),
             "variance": digits(model.noise**2, self.suffix),
             "alignment": digits(model.alignment_deg**2, self.suffix),
-            "steepest": digits(math.cos(math.radians(STEEPEST_DEG)) ** 2, self.suffix),
+            "steepest": digits(math.cos(math.radians(MAX_DIP_DEG)) ** 2, self.suffix),
             "per_level": digits(math.degrees(1.0 / level), self.suffix),
             "opposite": "<" if down < 0.0 else ">",
             "level_field": digits(level, self.suffix),
             "down_field": digits(down, self.suffix),
         }
 
-    def _wrapped(self, numbers: Iterable[float]) -> str:
-        """Numbers in lines."""
+    def _wrap_lines(self, numbers: Iterable[float]) -> str:
+        """Numbers, broken into lines."""
         return textwrap.fill(float32s(numbers, self.suffix), 110, initial_indent="    ", subsequent_indent="    ")
 
 
 def sigmas_of(noise: MeasurementNoise) -> dict[str, float]:
-    """The standard deviations by which a filter weighs readings."""
+    """Standard deviations that a filter needs to weigh readings."""
     return {
         "field_sigma_reading": noise.reading,
         "field_sigma_calibration": noise.calibration,
@@ -84,7 +84,7 @@ def sigmas_of(noise: MeasurementNoise) -> dict[str, float]:
 
 
 def _axes(model: HeadingModel) -> dict[str, Any]:
-    """Places and names of the axes of a level vehicle, the first one of the plane forward and the third one down."""
+    """Indices and names of the axes of a level vehicle: forward and right in the plane, and down."""
     places = order_of(model.plane or "xy")
     names = dict(zip(("first", "second", "third"), ("xyz"[place] for place in places), strict=True))
     return {**dict(zip(("forward", "right", "down"), places, strict=True)), **names}
@@ -93,16 +93,16 @@ def _axes(model: HeadingModel) -> dict[str, Any]:
 IN_C: Final = HeadingCode(
     imports="#include <math.h>\n\n",
     constants="""
-/* 1 sigma of corrected readings and of level headings, in two parts. That of a READING is white noise, new in each
- * reading: averaging makes it smaller. That of the CALIBRATION is the same in all readings of an attitude: no filter
- * may average it away, and what it gives is never better than this. */
+/* 1 sigma of corrected readings and of level headings, in two parts. The READING part is white noise, independent in
+ * each reading: averaging reduces it. The CALIBRATION part is the same in all readings of an attitude: averaging does
+ * not reduce it, and no filter's heading is better than it. */
 #define {constant}_FIELD_SIGMA_READING {field_sigma_reading} /* {result}, of a horizontal axis: white */
 #define {constant}_FIELD_SIGMA_CALIBRATION {field_sigma_calibration} /* {result}, of a horizontal axis: not white */
 #define {constant}_HEADING_SIGMA_READING {heading_sigma_reading_deg} /* degrees: white */
 #define {constant}_HEADING_SIGMA_CALIBRATION {heading_sigma_calibration_deg} /* degrees: not white */
 
-/* For sigma: triangular factor of the covariance of the calibration, row by row; mean gradient of level headings by the
- * calibration, which all share and is no error of one; and the matrix in its symmetric form. */
+/* For sigma: triangular factor of the calibration's covariance, row by row; mean gradient of level headings by the
+ * calibration, an error common to all headings that is removed; and the matrix in its symmetric form. */
 static const float {name}_heading_factor[45] = {{
 {factor}
 }};
@@ -113,8 +113,8 @@ static const float {name}_heading_matrix[3][3] = {{
 {shape}
 }};
 
-/* 1 sigma of a heading, in degrees: of a corrected field, and of the gradient of the heading by it, which is the
- * horizontal unit vector across the field, in degrees, over the length of the horizontal field. */
+/* 1 sigma of a heading, in degrees, from a corrected field and the gradient of the heading by it: the horizontal unit
+ * vector across the field, in degrees, divided by the length of the horizontal field. */
 static inline float {name}_heading_sigma(const float field[3], const float across[3])
 {{
     const float *entry = {name}_heading_factor;
@@ -140,9 +140,9 @@ static inline float {name}_heading_sigma(const float field[3], const float acros
     return sqrtf(variance);
 }}""",
     function="""
-/* Degrees clockwise from magnetic north, of the x axis, with 1 sigma of both parts at this attitude. Acceleration is
- * what an accelerometer in the same axes reads at rest, in any unit (with z down, it is negative when level); its own
- * error is not in sigma. Both are NaN where the field is within a degree of the vertical. */
+/* Heading of the x axis in degrees clockwise from magnetic north, with 1 sigma of both parts at this attitude.
+ * `acceleration` is the reading of an accelerometer in the same axes at rest, in any unit (with z down, its z is
+ * negative when level); its own error is not in sigma. Both are NaN if the field is within a degree of the vertical. */
 static inline float {name}_heading(const float corrected[3], const float acceleration[3], float *sigma)
 {{
     const float *m = corrected, *a = acceleration;
@@ -163,7 +163,7 @@ static inline float {name}_heading(const float corrected[3], const float acceler
     return heading < 0.0f ? heading + 360.0f : heading;
 }}""",
     level="""
-/* The same of the {first} axis of a level vehicle, with {third} down: from {first} and {second} alone. */
+/* Heading of the {first} axis of a level vehicle, with {third} down: from {first} and {second} alone. */
 static inline float {name}_level_heading(const float corrected[3], float *sigma)
 {{
     const float x = corrected[{forward}], y = corrected[{right}], level = sqrtf(x * x + y * y);
@@ -185,16 +185,16 @@ static inline float {name}_level_heading(const float corrected[3], float *sigma)
 IN_SKETCH: Final = HeadingCode(
     imports="",
     constants="""
-// 1 sigma of corrected readings and of level headings, in two parts. That of a READING is white noise, new in each
-// reading: averaging makes it smaller. That of the CALIBRATION is the same in all readings of an attitude: no filter
-// may average it away, and what it gives is never better than this.
+// 1 sigma of corrected readings and of level headings, in two parts. The READING part is white noise, independent in
+// each reading: averaging reduces it. The CALIBRATION part is the same in all readings of an attitude: averaging does
+// not reduce it, and no filter's heading is better than it.
 const float {constant}_FIELD_SIGMA_READING = {field_sigma_reading}; // {result}, of a horizontal axis: white
 const float {constant}_FIELD_SIGMA_CALIBRATION = {field_sigma_calibration}; // {result}, of a horizontal axis: not white
 const float {constant}_HEADING_SIGMA_READING = {heading_sigma_reading_deg}; // degrees: white
 const float {constant}_HEADING_SIGMA_CALIBRATION = {heading_sigma_calibration_deg}; // degrees: not white
 
-// For sigma: triangular factor of the covariance of the calibration, row by row; mean gradient of level headings by the
-// calibration, which all share and is no error of one; and the matrix in its symmetric form.
+// For sigma: triangular factor of the calibration's covariance, row by row; mean gradient of level headings by the
+// calibration, an error common to all headings that is removed; and the matrix in its symmetric form.
 const float {constant}_HEADING_FACTOR[45] = {{
 {factor}
 }};
@@ -205,8 +205,8 @@ const float {constant}_HEADING_MATRIX[3][3] = {{
 {shape}
 }};
 
-// 1 sigma of a heading, in degrees: of a corrected field, and of the gradient of the heading by it, which is the
-// horizontal unit vector across the field, in degrees, over the length of the horizontal field.
+// 1 sigma of a heading, in degrees, from a corrected field and the gradient of the heading by it: the horizontal unit
+// vector across the field, in degrees, divided by the length of the horizontal field.
 float {prefix}headingSigma(const float m[3], const float across[3]) {{
   const float *entry = {constant}_HEADING_FACTOR;
   float v[3], variance = {alignment};
@@ -229,9 +229,9 @@ float {prefix}headingSigma(const float m[3], const float across[3]) {{
   return sqrtf(variance);
 }}""",
     function="""
-// Degrees clockwise from magnetic north, of the x axis, with 1 sigma of both parts at this attitude. ax, ay, az is what
-// an accelerometer in the same axes reads at rest, in any unit (with z down, az is negative when level); its own error
-// is not in sigma. Both are NaN where the field is within a degree of the vertical.
+// Heading of the x axis in degrees clockwise from magnetic north, with 1 sigma of both parts at this attitude. ax, ay,
+// az is the reading of an accelerometer in the same axes at rest, in any unit (with z down, az is negative when
+// level); its own error is not in sigma. Both are NaN if the field is within a degree of the vertical.
 float {prefix}magneticHeading(float x, float y, float z, float ax, float ay, float az, float &sigma) {{
   const float east[3] = {{y * az - z * ay, z * ax - x * az, x * ay - y * ax}}, m[3] = {{x, y, z}};
   const float level = east[0] * east[0] + east[1] * east[1] + east[2] * east[2];
@@ -249,7 +249,7 @@ float {prefix}magneticHeading(float x, float y, float z, float ax, float ay, flo
   return angle < 0.0f ? angle + 360.0f : angle;
 }}""",
     level="""
-// The same of the {first} axis of a level vehicle, with {third} down: from {first} and {second}; {third} is not used.
+// Heading of the {first} axis of a level vehicle, with {third} down: from {first} and {second}; {third} is not used.
 float {prefix}levelHeading(float x, float y, float z, float &sigma) {{
   const float read[3] = {{x, y, z}}, ahead = read[{forward}], right = read[{right}];
   const float level = sqrtf(ahead * ahead + right * right);
@@ -271,16 +271,16 @@ IN_PYTHON: Final = HeadingCode(
     imports="from math import atan2, degrees, sqrt\n\n",
     constants="""
 
-# 1 sigma of corrected readings and of level headings, in two parts. That of a READING is white noise, new in each
-# reading: averaging makes it smaller. That of the CALIBRATION is the same in all readings of an attitude: no filter may
-# average it away, and what it gives is never better than this.
+# 1 sigma of corrected readings and of level headings, in two parts. The READING part is white noise, independent in
+# each reading: averaging reduces it. The CALIBRATION part is the same in all readings of an attitude: averaging does
+# not reduce it, and no filter's heading is better than it.
 FIELD_SIGMA_READING = {field_sigma_reading}  # {result}, of a horizontal axis: white
 FIELD_SIGMA_CALIBRATION = {field_sigma_calibration}  # {result}, of a horizontal axis: not white
 HEADING_SIGMA_READING = {heading_sigma_reading_deg}  # degrees: white
 HEADING_SIGMA_CALIBRATION = {heading_sigma_calibration_deg}  # degrees: not white
 
-# For sigma: triangular factor of the covariance of the calibration, row by row; mean gradient of level headings by the
-# calibration, which all share and is no error of one; and the matrix in its symmetric form.
+# For sigma: triangular factor of the calibration's covariance, row by row; mean gradient of level headings by the
+# calibration, an error common to all headings that is removed; and the matrix in its symmetric form.
 HEADING_FACTOR = (
 {factor},
 )
@@ -293,7 +293,7 @@ HEADING_MATRIX = (
 
 
 def heading_sigma(field, across):
-    \"""1 sigma of a heading, in degrees, of a corrected field and of the gradient of the heading by it, in degrees.\"""
+    \"""1 sigma of a heading, in degrees, from a corrected field and the gradient of the heading by it, in degrees.\"""
     x, y, z = field
     u, v, w = (a * across[0] + b * across[1] + c * across[2] for a, b, c in HEADING_MATRIX)
     gradient = (u, v, w, u * x, v * y, w * z, u * y + v * x, u * z + w * x, v * z + w * y)
@@ -309,10 +309,10 @@ def heading_sigma(field, across):
     function="""
 
 def heading(corrected, acceleration):
-    \"""Degrees clockwise from magnetic north, of the x axis, and 1 sigma of both parts at this attitude.
+    \"""Heading of the x axis in degrees clockwise from magnetic north, and 1 sigma of both parts at this attitude.
 
-    Acceleration is what an accelerometer in the same axes reads at rest, in any unit (with z down, it is negative when
-    level); its own error is not in sigma. Both are NaN where the field is within a degree of the vertical.
+    Acceleration is the reading of an accelerometer in the same axes at rest, in any unit (with z down, its z is
+    negative when level); its own error is not in sigma. Both are NaN if the field is within a degree of the vertical.
     \"""
     x, y, z = corrected
     ax, ay, az = acceleration
@@ -322,14 +322,14 @@ def heading(corrected, acceleration):
         return float("nan"), float("nan")
     length = sqrt(weight)
     scale = degrees(length / level)
-    if x * ax + y * ay + z * az {opposite} 0.0:  # it points up where the claim has it point down, or down for up
+    if x * ax + y * ay + z * az {opposite} 0.0:  # the vertical part of the field is opposite to that of the claim
         scale = -scale
     sigma = heading_sigma(corrected, [scale * e for e in east])
     return degrees(atan2(east[0] * length, ay * east[2] - az * east[1])) % 360.0, sigma""",
     level="""
 
 def level_heading(corrected):
-    \"""The same of the {first} axis of a level vehicle, with {third} down: from {first} and {second} alone.\"""
+    \"""Heading of the {first} axis of a level vehicle, with {third} down: from {first} and {second} alone.\"""
     x, y = corrected[{forward}], corrected[{right}]
     level = sqrt(x * x + y * y)
     field, across = [{down_field}] * 3, [0.0] * 3

@@ -1,7 +1,7 @@
-"""Calibrations of accelerometers and gyros for targets that hold them: the same numbers in each target's own form.
+"""Calibrations of accelerometers and gyros for targets that hold them, in each target's own form.
 
-Ours is ``corrected = matrix (raw − offset)``. Each form says which part of the matrix it has room for; the numbers that
-are written are run through the target's own formula on gravity in all directions, and the tilt that it costs is stated.
+Ours is ``corrected = matrix (raw − offset)``. Each form states which part of the matrix it can hold. The target's own
+formula is tried with the numbers as written on gravity in all directions, and the resulting tilt is stated.
 
 >>> sensor = Inertial(Triad(np.diag([0.995, 1.005, 1.0]), [0.2, -0.1, 0.3], "m/s2"))
 >>> def halves(triad, asked):
@@ -31,20 +31,20 @@ if TYPE_CHECKING:
     from flinders.core.inertial_record import InertialUnit
 
 Holds: TypeAlias = Literal["all", "gains", "offset"]
-"""What a form has room for: offset and matrix, offset and three gains, or an offset alone."""
+"""Capacity of a form: offset and matrix, offset and three gains, or an offset alone."""
 
 ATTITUDES: Final = fibonacci(400)
-"""(400, 3) ways in which gravity points."""
-LOSS_DEG: Final = 0.5
-"""Tilt that a form may cost without being asked."""
-LITTLE_DEG, LITTLE_SHARE = 1e-4, 1e-5
+"""(400, 3) directions of gravity."""
+MAX_TILT_DEG: Final = 0.5
+"""Largest tilt in degrees that a form may cause without `lossy`."""
+NEGLIGIBLE_DEG, NEGLIGIBLE_SHARE = 1e-4, 1e-5
 
 
 class Asked(NamedTuple):
-    """What is asked for besides the numbers."""
+    """Options besides the numbers."""
 
-    imu: int | None = None  # which one, as the target counts; its first where it is not given
-    name: str | None = None  # what names in generated code begin with
+    imu: int | None = None  # number of the IMU in the target; None is its first
+    name: str | None = None  # prefix of names in generated code
 
 
 FIRST: Final = Asked()
@@ -54,58 +54,58 @@ FIRST: Final = Asked()
 class Numbers:
     """A correction in the numbers of a target."""
 
-    apply: Callable[[Floats], Floats]  # the target's formula with the numbers as it holds them
-    values: Mapping[str, Any]  # by the names of the target
-    body: Sequence[str] = ()  # lines; of a form in JSON there are none
+    apply: Callable[[Floats], Floats]  # the target's formula with the numbers as stored
+    values: Mapping[str, Any]  # by their names in the target
+    body: Sequence[str] = ()  # lines of the file; none for a form in JSON
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class InertialForm:
-    """How a target holds an accelerometer and a gyro."""
+    """Form in which a target holds an accelerometer and a gyro."""
 
-    formula: str  # by which it uses the numbers
-    source: str  # where that stands
+    formula: str  # formula that uses the numbers
+    source: str  # source of the formula
     accelerometer: Callable[[Triad, Asked], Numbers] | None = None
     gyro: Callable[[Triad, Asked], Numbers] | None = None
-    unit: InertialUnit | None = "m/s2"  # of accelerations that go in; None for any
-    gives: float | None = 1.0  # m/s² in one unit of what comes out; None where its length says nothing
-    holds: Holds = "all"  # of the accelerometer
-    holds_rates: Holds = "all"  # of the gyro
-    is_json: bool = False  # names and values are members of the one object in the file
+    unit: InertialUnit | None = "m/s2"  # unit of input accelerations; None for any
+    gives: float | None = 1.0  # m/s² in one unit of the output; None if its length has no meaning
+    holds: Holds = "all"  # capacity for the accelerometer
+    holds_rates: Holds = "all"  # capacity for the gyro
+    is_json: bool = False  # names and values are members of the only object in the file
     is_alone: bool = True  # they make a file without a magnetometer's calibration
     notes: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True, slots=True)
 class InertialWritten:
-    """What is written of an accelerometer and a gyro."""
+    """Written form of an accelerometer and a gyro."""
 
     body: tuple[str, ...]
     values: dict[str, Any]
     notes: tuple[str, ...]
-    checked: str  # how far its formula is off, in words; empty without an accelerometer
-    figures: dict[str, float]  # the same for programs
+    checked: str  # errors of the formula, in words; empty without an accelerometer
+    figures: dict[str, float]  # the same errors as numbers
     warnings: tuple[str, ...]
 
 
 def written(
     form: InertialForm, inertial: Inertial, *, who: str, asked: Asked = FIRST, lossy: bool = False
 ) -> InertialWritten:
-    """Put an accelerometer and a gyro in the numbers of a target, and try its own formula on them.
+    """Express an accelerometer and a gyro in the numbers of a target, and check them with its own formula.
 
     Parameters
     ----------
     who : str
         The target, for messages.
     asked : Asked
-        Which IMU of several, and what names in code begin with.
+        The IMU of several, and the prefix of names in code.
 
     Raises
     ------
     UnitError
-        Where counts would have to become a unit, or the other way round.
+        If counts would have to be converted to a unit, or vice versa.
     NotExportable
-        For numbers that the target cannot hold, and for what costs more than 0.5° of tilt, unless `lossy`.
+        For numbers that the target cannot hold, and for a tilt above 0.5° unless `lossy`.
     """
     body: list[str] = []
     values: dict[str, Any] = {}
@@ -130,12 +130,12 @@ def written(
 
 
 def _in_unit(triad: Triad, form: InertialForm, who: str) -> Triad:
-    """The accelerometer for readings in the unit of the target."""
+    """The accelerometer's correction for readings in the unit of the target."""
     return triad if form.unit is None else triad.in_unit(form.unit, who=who)
 
 
 def _deviation(triad: Triad, apply: Callable[[Floats], Floats], gives: float | None) -> dict[str, float]:
-    """Largest tilt, in degrees, and largest share of the length, that a formula is off at rest."""
+    """Largest tilt in degrees, and largest relative error of the length, of a formula at rest."""
     length = np.linalg.norm(apply(_at_rest(triad)), axis=1)
     share = 0.0 if gives is None else float(np.abs(length * gives / STANDARD_GRAVITY - 1.0).max())
     return {"attitudes": float(len(ATTITUDES)), "tilt_deg": float(_tilts(triad, apply).max()), "length_share": share}
@@ -148,7 +148,7 @@ def _at_rest(triad: Triad) -> Floats:
 
 
 def _tilts(triad: Triad, apply: Callable[[Floats], Floats]) -> Floats:
-    """(N,) degrees that a formula turns the vertical by, at rest in all attitudes."""
+    """(N,) degrees by which a formula tilts the vertical, at rest in all attitudes."""
     corrected = apply(_at_rest(triad))
     sine = np.linalg.norm(np.cross(corrected, ATTITUDES), axis=1) / np.linalg.norm(corrected, axis=1)
     tilts: Floats = np.rad2deg(np.arcsin(np.clip(sine, 0.0, 1.0)))
@@ -156,20 +156,20 @@ def _tilts(triad: Triad, apply: Callable[[Floats], Floats]) -> Floats:
 
 
 def _words(deviation: Mapping[str, float]) -> str:
-    """How far a formula is off."""
+    """The errors of a formula, in words."""
     tilt, share = deviation["tilt_deg"], deviation["length_share"]
-    is_small = tilt < LITTLE_DEG and share < LITTLE_SHARE
+    is_small = tilt < NEGLIGIBLE_DEG and share < NEGLIGIBLE_SHARE
     how = "less than" if is_small else "at most"
-    off = f"{how} {figures(max(tilt, LITTLE_DEG))}° of tilt and {figures(100.0 * max(share, LITTLE_SHARE))} %"
+    off = f"{how} {figures(max(tilt, NEGLIGIBLE_DEG))}° of tilt and {figures(100.0 * max(share, NEGLIGIBLE_SHARE))} %"
     return f"checked: its own formula at rest in {len(ATTITUDES)} attitudes, {off} of length off"
 
 
 def _refuse_lost(tilt_deg: float, form: InertialForm, who: str, *, lossy: bool) -> None:
-    """Raise `NotExportable` for what costs too much."""
+    """Raise `NotExportable` if the tilt is too large."""
     room = {"all": "an offset and a matrix", "gains": "an offset and three gains", "offset": "an offset alone"}
-    if tilt_deg > LOSS_DEG and not lossy:
+    if tilt_deg > MAX_TILT_DEG and not lossy:
         raise NotExportable(
-            f"{who} holds {room[form.holds]} of an accelerometer: what is left out tilts the vertical by up to "
+            f"{who} holds {room[form.holds]} of an accelerometer: the omitted parts tilt the vertical by up to "
             f"{figures(tilt_deg)}°",
             beyond=("accelerometer",),
             hint={"lossy": True},
@@ -178,22 +178,22 @@ def _refuse_lost(tilt_deg: float, form: InertialForm, who: str, *, lossy: bool) 
 
 
 def _claims(inertial: Inertial, tilts: Floats) -> Iterator[str]:
-    """What the vertical is good to with what is written: its own error, and `tilts` that the target's form leaves."""
+    """Accuracy of the vertical with the written numbers: its own error, plus the `tilts` of the target's form."""
     if inertial.tilt_error is not None:
         error, bound = inertial.tilt_error, inertial.tilt_error.bound_95 + float(tilts.max())
         sigma = math.hypot(error.rms, float(np.sqrt(np.mean(tilts**2))))
-        yield f"the vertical at rest is good to {figures(sigma)}° (1 σ; 95 % within {figures(bound)}°)"
+        yield f"the vertical at rest is accurate to {figures(sigma)}° (1 σ; 95 % within {figures(bound)}°)"
 
 
 def _rates(gyro: Triad, form: InertialForm) -> Iterator[str]:
-    """What is left out of a gyro."""
-    left = np.abs(gyro.matrix - _kept(gyro.matrix, form.holds_rates)).max()
+    """Parts of a gyro's calibration that are omitted."""
+    left = np.abs(gyro.matrix - _kept_part(gyro.matrix, form.holds_rates)).max()
     if left > 1e-6:
-        yield f"gains or misalignment of the gyro are left out, up to {figures(100.0 * float(left))} % of a rate"
+        yield f"omitted: gains or misalignment of the gyro, up to {figures(100.0 * float(left))} % of a rate"
 
 
-def _kept(matrix: Floats, holds: Holds) -> Floats:
-    """(3, 3) the part of a matrix that a form has room for."""
+def _kept_part(matrix: Floats, holds: Holds) -> Floats:
+    """(3, 3) the part of a matrix that a form can hold."""
     if holds == "all":
         return matrix
     kept: Floats = np.diag(np.diag(matrix)) if holds == "gains" else np.eye(3)
@@ -201,5 +201,5 @@ def _kept(matrix: Floats, holds: Holds) -> Floats:
 
 
 def offset_and_gains(triad: Triad) -> tuple[Floats, Floats]:
-    """(3,) offset and (3,) gains of an accelerometer for forms without misalignment, in single precision."""
+    """(3,) offset and (3,) gains of an accelerometer for forms without misalignment, as float32."""
     return single(triad.offset), single(np.diag(triad.matrix))

@@ -1,4 +1,4 @@
-"""How Fusion, SensorLab, generated code and plain files hold an accelerometer and a gyro.
+"""Forms in which Fusion, SensorLab, generated code and plain files hold an accelerometer and a gyro.
 
 >>> from flinders.core.inertial import Inertial
 >>> from flinders.targets._inertial import written
@@ -63,12 +63,12 @@ def _python(_sensor: str, name: str, value: Floats) -> Iterator[str]:
 
 
 def _singles(values: Floats, suffix: str = "") -> str:
-    """Numbers of single precision, with a point."""
+    """Float32 numbers, with a point."""
     shown = (f"{value + 0.0:.9g}" for value in values)
     return ", ".join(f"{text if '.' in text or 'e' in text else f'{text}.0'}{suffix}" for text in shown)
 
 
-DEG: Final = float(np.deg2rad(1.0))
+RAD_PER_DEG: Final = float(np.deg2rad(1.0))
 
 
 def _fusion_form(write: Callable[[str, str, Any], Iterable[str]]) -> InertialForm:
@@ -76,7 +76,7 @@ def _fusion_form(write: Callable[[str, str, Any], Iterable[str]]) -> InertialFor
         formula="c = misalignment (sensitivity (u - offset)); accelerations in g, rates in degrees/s",
         source="FusionModel.h, FusionModelInertial",
         accelerometer=partial(_fusion, sensor="accelerometer", out=STANDARD_GRAVITY, write=write),
-        gyro=partial(_fusion, sensor="gyroscope", out=DEG, write=write),
+        gyro=partial(_fusion, sensor="gyroscope", out=RAD_PER_DEG, write=write),
         unit=None,
         gives=STANDARD_GRAVITY,
     )
@@ -141,7 +141,7 @@ PLAIN_YAML: Final = InertialForm(
 )
 
 
-# generated code: a function beside that of the magnetometer
+# generated code: a function next to that of the magnetometer
 
 C_TEXT: Final = """\
 /* {title}: {given} as recorded to {result}; both may be the same array. */
@@ -187,7 +187,7 @@ def {function}(raw):
 
 
 def _code(triad: Triad, asked: Asked, *, sensor: str, language: str) -> Numbers:
-    """A function with its numbers, in single precision."""
+    """A function with its numbers, as float32."""
     matrix, offset = single(triad.matrix), single(triad.offset)
     what = {"accelerometer": "acceleration", "gyro": "rate"}[sensor]
     suffix = "" if language == "python" else "f"

@@ -1,9 +1,9 @@
-"""What a filter has to assume of a corrected reading: noise that is white, and an error that is not.
+"""Noise of corrected readings for a filter: a white part, and an error that is constant.
 
-Noise differs from reading to reading. The error that a calibration leaves is the same in every reading of an attitude:
-no filter averages it away, and a vehicle that holds its heading keeps it. A filter has one number for both, the
-measurement noise R, which it takes for white. With R as large as both together it is sure of itself where it is wrong;
-`YawFilter` finds the R at which its own variance is that of its error. Below, the calibration errs by 1°, the gyro by
+Noise differs from reading to reading. The error of a calibration is the same in every reading of an attitude: no filter
+averages it, and it stays as long as a vehicle holds its heading. A filter has one number for both, the measurement
+noise R, and treats it as white. If R is just the sum of both, the filter is too confident. `YawFilter` finds the R for
+which the filter's own variance is that of its actual error. In the example the calibration errs by 1°, the gyro by
 0.6°, and the filter states both.
 
 >>> compass_and_gyro = YawFilter(rate_hz=15.0, drift=2.25e-6, bias_drift=1e-8)
@@ -27,31 +27,31 @@ if TYPE_CHECKING:
     from flinders.arrays import Floats
 
 MIN_SIGMA, MAX_SIGMA = 1e-6, 1e3
-"""rad: a measurement noise is looked for between these."""
+"""Range in rad in which a measurement noise is searched."""
 BISECTIONS: Final = 20
-"""Steps in which the measurement noise is found, to 2e-5 of it."""
-DOUBLINGS: Final = 60
-"""Doublings of the time over which a variance settles, at most."""
+"""Number of bisections, after which the measurement noise is accurate to 2e-5 of its value."""
+MAX_DOUBLINGS: Final = 60
+"""Largest number of doublings of the time over which a variance settles."""
 
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
 class MeasurementNoise(ShortRepr):
-    """Standard deviations of a corrected reading, apart: of its noise, and of what the calibration leaves."""
+    """Standard deviations of a corrected reading: of its noise, and of the calibration's error."""
 
-    reading: float  #: of one horizontal axis of one reading, in the calibration's unit: white
-    #: the same of what the calibration leaves: alike in every reading of an attitude; mean over a level turn
+    reading: float  #: of one horizontal axis of one reading, in the calibration's unit; white
+    #: the same of the calibration's error, constant in all readings of an attitude; mean over a level turn
     calibration: float
-    heading_reading_deg: float  #: of the heading of one reading of a level vehicle: white
-    #: of a level heading, mean over a turn (the claim's rms): the same in every reading of a heading
+    heading_reading_deg: float  #: of the heading of one reading of a level vehicle; white
+    #: of a level heading, mean over a turn (the claim's rms); constant in all readings of a heading
     heading_calibration_deg: float
     horizontal: float  #: horizontal part of the field, in the calibration's unit
     dip_deg: float  #: dip of the field for which the headings hold
-    dip_assumed: bool  #: nobody said where the readings were taken
+    dip_assumed: bool  #: the location of the readings is unknown
     #: (3, 3): of a corrected reading in the calibration's unit, both parts, mean over a level turn
     field_covariance: Floats
 
     def with_error(self, heading_deg: float) -> MeasurementNoise:
-        """The same with a further error of each level heading, 1 σ, which no reading shows."""
+        """Add an error of each level heading, 1 σ in degrees, that the readings do not show."""
         off = self.horizontal * math.radians(heading_deg)
         return replace(
             self,
@@ -65,66 +65,66 @@ class MeasurementNoise(ShortRepr):
         return {
             "unit": unit,  # of the field
             "reading": self.reading,  # of one horizontal axis of one reading, 1 σ: white
-            "calibration": self.calibration,  # of one horizontal axis, 1 σ: alike in every reading of an attitude
+            "calibration": self.calibration,  # of one horizontal axis, 1 σ: constant in all readings of an attitude
             "heading_reading_deg": self.heading_reading_deg,  # of a level heading of one reading, 1 σ: white
-            "heading_calibration_deg": self.heading_calibration_deg,  # 1 σ: alike in every reading of a heading
-            "dip_deg": self.dip_deg,  # for which headings hold
+            "heading_calibration_deg": self.heading_calibration_deg,  # 1 σ: constant in all readings of a heading
+            "dip_deg": self.dip_deg,  # dip for which headings hold
             "field_covariance": self.field_covariance.tolist(),  # (3, 3): of a corrected reading, both parts
         }
 
     @property
     def axis(self) -> float:
-        """Of one horizontal axis of a corrected reading, both parts."""
+        """Standard deviation of one horizontal axis of a corrected reading, both parts."""
         return math.hypot(self.reading, self.calibration)
 
     @property
     def across(self) -> float:
-        """Of a corrected reading across the horizontal field, which turns the heading: both parts."""
+        """Standard deviation of a corrected reading across the horizontal field, which turns the heading; both."""
         return math.hypot(self.reading, self.horizontal * math.radians(self.heading_calibration_deg))
 
     @property
     def heading_deg(self) -> float:
-        """Of the heading of one reading of a level vehicle, both parts."""
+        """Standard deviation of the heading of one reading of a level vehicle, both parts."""
         return math.hypot(self.heading_reading_deg, self.heading_calibration_deg)
 
 
 @dataclass(frozen=True, slots=True)
 class YawFilter:
-    """A Kalman filter of yaw, and of the gyro's bias where it has that state, fed by a gyro and a compass."""
+    """A Kalman filter of yaw, and optionally of the gyro's bias, fed by a gyro and a compass."""
 
-    rate_hz: float  #: headings that it takes each second
-    drift: float  #: rad²/s: growth of its yaw variance by the noise that it assumes of the gyro
-    bias_drift: float = 0.0  #: rad²/s³: growth of the variance of the gyro's bias; without one it has no such state
-    #: `drift` is noise that the gyro has; otherwise a precaution, and the yaw has no such error
+    rate_hz: float  #: headings used per second
+    drift: float  #: rad²/s: growth of its yaw variance by the assumed gyro noise
+    bias_drift: float = 0.0  #: rad²/s³: growth of the gyro bias variance; 0 without a bias state
+    #: `drift` is actual gyro noise; otherwise it is a margin, and the yaw has no such error
     is_of_gyro: bool = True
 
     def stated_deg(self, sigma: float) -> float:
-        """What the settled filter states of its yaw with a measurement noise of `sigma` rad, 1 σ in degrees."""
-        return _stated_deg(self._settled(sigma))
+        """Standard deviation of the yaw in degrees, as stated by the settled filter, with noise of `sigma` rad."""
+        return _stated_deg(self._settle(sigma))
 
     def error_deg(self, sigma: float, reading_deg: float) -> float:
-        """What noise leaves in its yaw, 1 σ in degrees, where headings have `reading_deg` and `sigma` is assumed.
+        """Standard deviation of its yaw due to noise, in degrees, for `reading_deg` of noise with `sigma` rad assumed.
 
-        The gyro is as noisy as the filter assumes, where that is what `drift` is.
+        If `is_of_gyro`, the gyro noise is included.
         """
-        return self._error_deg(self._settled(sigma), reading_deg)
+        return self._error_deg(self._settle(sigma), reading_deg)
 
     def measurement_sigma(self, calibration_deg: float, reading_deg: float) -> float:
-        """Measurement noise, 1 σ in rad, with which the filter states the error that its yaw has.
+        """Measurement noise, 1 σ in rad, with which the filter states the actual error of its yaw.
 
-        That is the error of the calibration, on a heading that is held, and what noise leaves. Where the calibration is
-        exact it is the noise of a reading.
+        The actual error is that of the calibration, on a constant heading, plus the effect of noise. For an exact
+        calibration the result is the noise of a reading.
         """
         low, high = math.log(max(math.radians(reading_deg), MIN_SIGMA)), math.log(MAX_SIGMA)
         for _ in range(BISECTIONS):
             middle = (low + high) / 2.0
-            settled = self._settled(math.exp(middle))
+            settled = self._settle(math.exp(middle))
             is_too_sure = _stated_deg(settled) < math.hypot(calibration_deg, self._error_deg(settled, reading_deg))
             low, high = (middle, high) if is_too_sure else (low, middle)
         return math.exp(low)
 
     def _error_deg(self, settled: tuple[Floats, Floats], reading_deg: float) -> float:
-        """The same of a settled filter: the variance of errors that its gain passes on, from heading to heading."""
+        """Yaw error of a settled filter due to noise, in degrees: the variance that its gain sums over headings."""
         transition, process = self._model()
         gain, _ = settled
         remaining = np.eye(len(gain))
@@ -136,8 +136,8 @@ class YawFilter:
         variance = np.linalg.solve(np.eye(carried.size) - np.kron(carried, carried), added.ravel())
         return math.degrees(math.sqrt(variance[0]))
 
-    def _settled(self, sigma: float) -> tuple[Floats, Floats]:
-        """Gain of a heading and variance before it, where the filter has settled.
+    def _settle(self, sigma: float) -> tuple[Floats, Floats]:
+        """Kalman gain of a heading, and variance before it, in the settled filter.
 
         The variance solves the algebraic Riccati equation, by the doubling algorithm of E. K.-W. Chu, H.-Y. Fan and
         W.-W. Lin, Linear Algebra and its Applications 396 (2005) 55.
@@ -145,15 +145,15 @@ class YawFilter:
         transition, process = self._model()
         measured = np.zeros_like(process)
         measured[0, 0] = sigma**-2
-        prior = _riccati(transition.T, measured, process)
+        prior = _solve_riccati(transition.T, measured, process)
         return prior[:, 0] / (prior[0, 0] + sigma**2), prior
 
     def words(self, name: str, sigma: float, noise: MeasurementNoise, *, who: str) -> str:
-        """What a measurement noise of `sigma`, in rad, does in the filter of a program, and what is wrong there."""
+        """Describe the effect of `sigma` rad of measurement noise in the filter of a program, and the actual error."""
         return (
             f"{name} is {sigma:.3g} rad, {figures(math.degrees(sigma))}°: with it {who} states "
-            f"{figures(self.stated_deg(sigma))}° of yaw (1 σ) on a heading that is held. The calibration errs there by "
-            f"{figures(noise.heading_calibration_deg)}°, and that stays; a reading has "
+            f"{figures(self.stated_deg(sigma))}° of yaw (1 σ) on a constant heading. The calibration's error there is "
+            f"{figures(noise.heading_calibration_deg)}°, and constant; a reading has "
             f"{figures(noise.heading_reading_deg)}° of noise, which averages away"
         )
 
@@ -168,15 +168,15 @@ class YawFilter:
 
 
 def _stated_deg(settled: tuple[Floats, Floats]) -> float:
-    """Standard deviation of the yaw of a settled filter, after a heading, in degrees."""
+    """Standard deviation of the yaw of a settled filter after a heading, in degrees."""
     gain, prior = settled
     return math.degrees(math.sqrt((1.0 - gain[0]) * prior[0, 0]))
 
 
-def _riccati(transition: Floats, measured: Floats, process: Floats) -> Floats:
-    """(n, n) settled variance before a measurement of information `measured`; `transition` is transposed."""
+def _solve_riccati(transition: Floats, measured: Floats, process: Floats) -> Floats:
+    """(n, n) settled variance before a measurement with information `measured`; `transition` is transposed."""
     moved, information, variance = transition, measured, process
-    for _ in range(DOUBLINGS):
+    for _ in range(MAX_DOUBLINGS):
         solved = np.linalg.solve(np.eye(len(variance)) + information @ variance, np.hstack([moved, information]))
         onward, gained = np.hsplit(solved, 2)
         added = moved.T @ variance @ onward

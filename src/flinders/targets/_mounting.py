@@ -1,4 +1,4 @@
-"""How a compass sits on its vehicle, in the numbers, names and angles that firmware knows mountings by.
+"""Mounting of a compass on its vehicle, by the numbers, names and angles of a firmware.
 
 >>> table = MountingTable("a board", "align", (("FLAT", 0.0, 0.0, 0.0), ("OVER", 180.0, 0.0, 0.0)))
 >>> table.mounting(euler(179.99, 0, 0)).number, table.mounting(euler(170, 0, 0)).number
@@ -24,7 +24,7 @@ Angles: TypeAlias = tuple[float, float, float]
 """Roll, pitch and yaw, degrees."""
 
 MOST_TURN_DEG: Final = 0.05
-"""Rotations that are no farther apart are one."""
+"""Largest angle in degrees between rotations that count as equal."""
 
 
 def euler(roll: float, pitch: float, yaw: float) -> Floats:
@@ -43,7 +43,7 @@ def euler(roll: float, pitch: float, yaw: float) -> Floats:
 
 
 def angles(rotation: Floats) -> Angles:
-    """Roll, pitch and yaw of a rotation, which `euler` takes; roll is 0 where pitch is ±90°.
+    """Roll, pitch and yaw of a rotation in degrees, as taken by `euler`; roll is 0 if pitch is ±90°.
 
     >>> [round(angle, 9) for angle in angles(euler(10, -20, 30))], angles(euler(0, 90, 40))[2]
     ([10.0, -20.0, 30.0], 40.0)
@@ -58,7 +58,7 @@ def angles(rotation: Floats) -> Angles:
 
 
 def in_words(rotation: Floats) -> str:
-    """A rotation by its angles.
+    """A rotation in words, by its angles.
 
     >>> in_words(euler(0, -12, 3))
     'roll 0.00°, pitch −12.00°, yaw 3.00°'
@@ -77,7 +77,7 @@ def apart_deg(one: Floats, other: Floats) -> float:
 
 
 def without_turn(matrix: Floats) -> tuple[Floats, float]:
-    """The symmetric P of matrix = Q P with Q a rotation, and the angle of Q in degrees: all a symmetric target loses.
+    """The symmetric P of matrix = Q P with a rotation Q, and the angle of Q in degrees, which a symmetric target omits.
 
     >>> rest, turn_deg = without_turn(euler(0, 0, 5) @ np.diag([1.0, 2.0, 3.0]))
     >>> rest.round(9), round(turn_deg, 9)
@@ -98,7 +98,7 @@ def _is_half_turn(matrix: Floats) -> bool:
 
 
 def turn_of(matrix: Floats) -> Floats | None:
-    """(3, 3) the rotation Q of matrix = Q P that a symmetric target cannot hold; None where it hardly turns."""
+    """(3, 3) the rotation Q of matrix = Q P that a symmetric target cannot hold; None if its angle is negligible."""
     root, angle = without_turn(matrix)
     if angle <= MOST_TURN_DEG:
         return None
@@ -108,11 +108,11 @@ def turn_of(matrix: Floats) -> Floats | None:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Mounting:
-    """A mounting as a firmware holds it."""
+    """A mounting in the form of a firmware."""
 
-    number: int | None  #: of the table; None where the angles are set instead
-    name: str  #: that of the table, or the angles in words
-    angles: Angles  #: as the firmware takes them; all 0 where the number is set
+    number: int | None  #: in the table; None if the angles are set instead
+    name: str  #: in the table, or the angles in words
+    angles: Angles  #: in the firmware's convention; all 0 if the number is set
     rotation: Floats  #: (3, 3) by the firmware's own formula: vehicle = R sensor
 
 
@@ -120,34 +120,34 @@ class Mounting:
 class MountingTable:
     """The mountings of a firmware: numbered ones, and any other by three angles."""
 
-    # the firmware, and its setting that holds the number or name
+    # the firmware, and its setting for the number or name
     who: str
     setting: str
     rows: tuple[tuple[str, float, float, float], ...]  # name, and roll, pitch and yaw of `euler` in degrees
-    sense: int = 1  # -1 where its own angles turn the other way round than those of `euler`
-    step_deg: float = 0.0  # of its own angles; 0 where they are float32
+    sense: int = 1  # -1 if its angles have the opposite sign of those of `euler`
+    step_deg: float = 0.0  # step of its angles; 0 if they are float32
 
     def rotation(self, number: int) -> Floats:
-        """(3, 3) of a row."""
+        """(3, 3) rotation of a row."""
         return euler(*self.rows[number][1:])
 
     def by_angles(self, own: Angles) -> Floats:
-        """(3, 3) of the firmware's own angles."""
+        """(3, 3) rotation of the firmware's own angles."""
         roll, pitch, yaw = (self.sense * angle for angle in own)
         return euler(roll, pitch, yaw)
 
     def mounting(self, rotation: Floats) -> Mounting:
-        """The row that is no farther than `MOST_TURN_DEG`, or angles."""
+        """The row within `MOST_TURN_DEG` of a rotation, else its angles."""
         misses = [apart_deg(rotation, self.rotation(number)) for number in range(len(self.rows))]
         nearest = misses.index(min(misses))
         if misses[nearest] <= MOST_TURN_DEG:
             return Mounting(nearest, self.rows[nearest][0], (0.0, 0.0, 0.0), self.rotation(nearest))
-        roll, pitch, yaw = (self._rounded(self.sense * angle) for angle in angles(rotation))
+        roll, pitch, yaw = (self._round_angle(self.sense * angle) for angle in angles(rotation))
         own = roll, pitch, yaw
         return Mounting(None, in_words(rotation), own, self.by_angles(own))
 
     def read(self, words: str) -> Floats:
-        """(3, 3) of a number, a name, or three angles in degrees with commas, each as the firmware has it.
+        """(3, 3) rotation of a number, a name, or three angles in degrees separated by commas, as in the firmware.
 
         Raises `UsageError` for anything else.
         """
@@ -155,25 +155,25 @@ class MountingTable:
         by_name = {name: number for number, (name, *_) in enumerate(self.rows)}
         if word in by_name or (word.isdecimal() and int(word) < len(self.rows)):
             return self.rotation(by_name[word] if word in by_name else int(word))
-        own = _three(word)
+        own = _parse_angles(word)
         if own is None:
             raise UsageError(
                 f"{words[:40]!r} is no mounting of {self.who}: need its {self.setting}, which is 0 "
-                f"({self.rows[0][0]}) to {len(self.rows) - 1} ({self.rows[-1][0]}), or roll, pitch and yaw in degrees "
-                "as it has them",
+                f"({self.rows[0][0]}) to {len(self.rows) - 1} ({self.rows[-1][0]}), or roll, pitch and yaw in degrees, "
+                "with the signs of the firmware",
                 hint={"mounting": "0,180,90"},
             )
         return self.by_angles(own)
 
-    def _rounded(self, angle: float) -> float:
-        """An angle as the firmware keeps it."""
+    def _round_angle(self, angle: float) -> float:
+        """An angle as stored by the firmware."""
         if self.step_deg:
             return round(angle / self.step_deg) * self.step_deg + 0.0
         return float(np.float32(round(angle, 6))) + 0.0
 
 
-def _three(word: str) -> Angles | None:
-    """Three finite numbers with commas between them."""
+def _parse_angles(word: str) -> Angles | None:
+    """Three finite numbers separated by commas."""
     try:
         roll, pitch, yaw = map(float, word.split(","))
     except ValueError:

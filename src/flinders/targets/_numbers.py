@@ -1,6 +1,6 @@
-r"""Numbers as targets hold them: in their unit and axes, rounded to what fits, and read out of what other tools write.
+r"""Numbers of targets: in their unit and axes, rounded to fit, and parsed from files of other tools.
 
-All that is read is finite, or an error names what is not.
+Parsed numbers are finite; otherwise an error names the value.
 
 >>> keyed("a = 1.5\n# b = 2\nb=x", "settings.ini")
 {'a': '1.5', 'b': 'x'}
@@ -36,20 +36,20 @@ if TYPE_CHECKING:
 
 INT16: Final = (-(2**15), 2**15 - 1)
 SETTING: Final = re.compile(r"\s*set\s+(\w+)\s*=(.*)", re.IGNORECASE)
-"""A line of settings, as the command line of a board prints it."""
+"""A settings line in the format of a board's command line."""
 
 Acts: TypeAlias = Literal["recorded", "mapped", "across"]
-"""In which axes a target works: those of the recording (mapped afterwards), those of the calibration (mapped before),
+"""Axes in which a target works: those of the recording (mapped afterwards), those of the calibration (mapped before),
 or from the first to the second."""
 
 VEHICLE: Final = "vehicle"
-"""The frame of a calibration of readings that were in the axes of the vehicle when they were recorded."""
+"""Frame of a calibration whose readings were already in vehicle axes when recorded."""
 OWN, RECORDED = "own", "recorded"
-"""Units of a target that takes any: that of the calibration (µT or counts), and that of the recording."""
+"""Units of a target that accepts any: the calibration's (µT or counts), and the recording's."""
 BEYOND_ALL: Final = 1e15
-"""Numbers that no target gets to see, nor what is next to nothing: products of two of them suit single precision."""
+"""Largest number that a target gets, and the inverse of the smallest: products of two still fit float32."""
 MOTORS: Final = {"current": 2, "throttle": 1}
-"""What autopilots compensate, the better witness first, and the number of their COMPASS_MOTCT and CAL_MAG_COMP_TYP."""
+"""Quantities that autopilots compensate, preferred one first, with their COMPASS_MOTCT and CAL_MAG_COMP_TYP."""
 
 
 # a calibration in the unit and the axes of a target
@@ -75,7 +75,7 @@ class Affine:
     def of(cls, calibration: Calibration, unit: str, *, who: str, acts: Acts = "recorded") -> Self:
         """Express a calibration in a unit and in the axes in which a target works; raises as `per_unit`.
 
-        Numbers that no magnetometer has raise `NotExportable`.
+        Numbers that are implausible for a magnetometer raise `NotExportable`.
         """
         size = per_unit(calibration, unit, who=who)
         matrix, offset = calibration.matrix, calibration.offset
@@ -90,8 +90,8 @@ class Affine:
         largest = max(float(np.abs(affine.matrix).max()), float(np.abs(affine.offset).max()), strength, 1 / strength)
         if not largest < BEYOND_ALL:
             raise NotExportable(
-                f"numbers like {largest:.2g} are not those of a magnetometer: check the unit of the recording, and "
-                "the field strength where it was given",
+                f"a number such as {largest:.2g} is implausible for a magnetometer: check the unit of the recording, "
+                "and the field strength if it was given",
                 hint={"unit": None, "site": None},
                 beyond=("matrix", "offset"),
             )
@@ -99,11 +99,11 @@ class Affine:
 
     @property
     def single(self) -> Affine:
-        """The numbers in single precision."""
+        """The numbers as float32."""
         return Affine(single(self.matrix), single(self.offset), self.strength)
 
     def decimals(self, places: int) -> Affine:
-        """The numbers with so many decimal places."""
+        """The numbers rounded to so many decimal places."""
         return Affine(np.round(self.matrix, places), np.round(self.offset, places), self.strength)
 
     def apply(self, field: ArrayLike) -> Floats:
@@ -112,11 +112,11 @@ class Affine:
         return corrected
 
     def to_calibration(self, unit: str, *, known: bool = False, strength: float | None = None) -> Calibration:
-        """The calibration that the numbers stand for, in the axes of the target.
+        """The calibration of these numbers, in the axes of the target.
 
-        `unit` is that of the offset; `strength`, µT (or counts), is the field strength where the target does not hold
-        it, and `known` where it is no convention. Numbers that flatten all readings into a plane raise `ArrayError`, a
-        field strength that is not positive `UsageError`.
+        `unit` is that of the offset. `strength`, in µT (or counts), is the field strength if the target does not hold
+        it; `known` states that it is no convention. Numbers that flatten all readings into a plane raise `ArrayError`,
+        a field strength that is not positive raises `UsageError`.
         """
         raw = Unit.of(unit)
         length = self.strength * raw.scale if strength is None else strength
@@ -141,7 +141,7 @@ def in_recorded_axes(calibration: Calibration) -> tuple[Floats, Floats]:
 
 
 def in_vehicle_axes(calibration: Calibration) -> Calibration:
-    """A calibration whose recorded axes are those of the vehicle: they were, or those it maps them to are.
+    """A calibration whose recorded axes are those of the vehicle: directly, or by its mapping.
 
     >>> mapped = Calibration(np.eye(3), [1, 2, 3], 50.0, axes=Axes.of("x,-y,-z"))
     >>> in_recorded_axes(in_vehicle_axes(mapped))[1]
@@ -163,14 +163,14 @@ def unmapped(calibration: Calibration) -> Floats:
 
 
 def acting(acts: Acts, calibration: Calibration) -> Acts:
-    """In which axes a target works, in those of this recording: after the mounting is as recorded for a vehicle's."""
+    """Axes in which a target works for this recording; with readings in vehicle axes, always those of the recording."""
     return "recorded" if acts == "mapped" and calibration.frame == VEHICLE else acts
 
 
 def in_sensor_axes(calibration: Calibration, mounting: Floats) -> Calibration:
-    """A calibration of readings in the axes of the vehicle, for those of the sensor before its mounting.
+    """Convert a calibration of readings in vehicle axes to the sensor's axes before its mounting.
 
-    `mounting`, (3, 3): rotation from the axes of the sensor to those of the vehicle.
+    `mounting`, (3, 3): rotation from the sensor's axes to those of the vehicle.
 
     >>> turned = Calibration(np.diag([1.0, 2.0, 0.5]), [10, 20, 30], 50.0, frame="vehicle")
     >>> upright = in_sensor_axes(turned, np.array([[0.0, -1, 0], [1, 0, 0], [0, 0, 1]]))
@@ -194,14 +194,14 @@ def in_sensor_axes(calibration: Calibration, mounting: Floats) -> Calibration:
 
 
 def refuse_mounted(calibration: Calibration, *, who: str) -> None:
-    """Raise `NotExportable` for readings in the axes of the vehicle, for what corrects them before the mounting."""
+    """Raise `NotExportable` for readings in vehicle axes, if the target corrects them before the mounting."""
     if calibration.frame == VEHICLE:
         raise NotExportable(
             f"the calibration is for readings in the axes of the vehicle, and {who} corrects them before the mounting, "
-            "in the sensor's own axes: the numbers would be wrong wherever the sensor is turned. Write it for a target "
+            "in the sensor's own axes: the numbers would be wrong if the sensor is rotated. Write it for a target "
             "that acts after the mounting or on readings as recorded (c, json), calibrate from readings in the "
-            "sensor's own axes, or say how the sensor is mounted in the vehicle, none if it sits exactly as the "
-            "vehicle does",
+            "sensor's own axes, or state the sensor's mounting in the vehicle, none if its axes are those of the "
+            "vehicle",
             hint={"mounting": None},
             beyond=(),
             frame=calibration.frame,
@@ -209,15 +209,15 @@ def refuse_mounted(calibration: Calibration, *, who: str) -> None:
 
 
 def per_unit(calibration: Calibration, unit: str, *, who: str) -> float:
-    """What one of a target's units is, in the unit of the calibration.
+    """Size of a target's unit, in the unit of the calibration.
 
-    Where one of them is in counts and the other in a unit of field, `UnitError` is raised.
+    Raises `UnitError` if one of them is in counts and the other in a unit of field.
     """
     if unit == OWN:
         return 1.0
     if unit == COUNTS != calibration.raw.name:
         raise UnitError(
-            f"the recording was in {calibration.raw.name}, and {who} works in the raw counts of the sensor: record "
+            f"the recording was in {calibration.raw.name}, and {who} uses the sensor's raw counts: record "
             "these, and calibrate again",
             hint={"unit": COUNTS},
         )
@@ -233,7 +233,7 @@ def per_unit(calibration: Calibration, unit: str, *, who: str) -> float:
 
 
 def followed(calibration: Calibration) -> tuple[Calibration, Disturbance | None]:
-    """Split off the disturbance that an autopilot compensates from the calibration with motors at rest.
+    """Split off the disturbance that an autopilot compensates, and the calibration with motors at rest.
 
     >>> from flinders.core.disturbance import Disturbance
     >>> both = (Disturbance("current", [0.5, 0, 0], highest=20), Disturbance("throttle", [3, 0, 0], highest=1))
@@ -247,7 +247,7 @@ def followed(calibration: Calibration) -> tuple[Calibration, Disturbance | None]
 
 
 def single(values: ArrayLike) -> Floats:
-    """Round to single precision.
+    """Round to float32.
 
     >>> float(single(0.1)) - 0.1
     1.49e-09
@@ -260,9 +260,9 @@ def single(values: ArrayLike) -> Floats:
 
 
 def whole(values: Floats, names: Sequence[str], *, lowest: int, highest: int, advice: str) -> tuple[int, ...]:
-    """Round to whole numbers, half to even, that a register or setting can hold.
+    """Round to integers, half to even, within the range of a register or setting.
 
-    Those beyond its range raise `NotExportable`, which names them, with what they would be.
+    Values beyond the range raise `NotExportable` with their names and exact values.
 
     >>> whole(np.array([1.4, -2.6]), ["x", "y"], lowest=-8, highest=7, advice="turn back")
     (1, -3)
@@ -282,15 +282,15 @@ def whole(values: Floats, names: Sequence[str], *, lowest: int, highest: int, ad
 
 
 def in_16_bits(values: Floats, names: Sequence[str], *, lowest: int = INT16[0]) -> tuple[int, ...]:
-    """Round to whole counts that an int16 holds; others raise `NotExportable`."""
-    advice = "take away or demagnetise what is near the sensor, and check the unit of the recording"
+    """Round to counts of an int16; others raise `NotExportable`."""
+    advice = "remove or demagnetise magnetic parts near the sensor, and check the unit of the recording"
     return whole(values, names, lowest=lowest, highest=INT16[1], advice=advice)
 
 
 def nearest_diagonal(matrix: Floats) -> Floats:
-    """(3,) the diagonal D that corrects best without the rest: least ‖D W⁻¹ − I‖, row by row.
+    """(3,) the best diagonal approximation D of a matrix: least ‖D W⁻¹ − I‖, row by row.
 
-    With V = W⁻¹, d_i = V_ii / Σ_j V_ij²: over all directions of the field, the mean square of what remains is least.
+    With V = W⁻¹, d_i = V_ii / Σ_j V_ij². It minimises the mean square of the residual over all field directions.
 
     >>> nearest_diagonal(np.diag([2.0, 1.0, 0.5]))
     array([2. , 1. , 0.5])
@@ -302,12 +302,12 @@ def nearest_diagonal(matrix: Floats) -> Floats:
 
 
 def offset_and_radii(calibration: Calibration, *, who: str, turn: Floats | None = None) -> tuple[Floats, Floats]:
-    """(3,) offset and (3,) radii in counts, in the axes as recorded; soft iron off the diagonal is left out.
+    """(3,) offset and (3,) radii in counts, in the axes as recorded; off-diagonal soft iron is omitted.
 
-    `turn`, (3, 3), is a rotation of the calibration that is in the mounting.
+    `turn`, (3, 3), is a rotation of the calibration that the mounting contains.
 
-    A radius is what an axis reads along the field: with D the diagonal that comes nearest to the matrix and F the
-    length of corrected readings, F / D.
+    A radius is the reading of an axis along the field: F / D, with the diagonal D nearest to the matrix and the length
+    F of corrected readings.
 
     >>> from flinders.core.calibration import Calibration
     >>> board = Calibration(np.diag([1.25, 1.0, 0.8]), [120.4, -31.6, 7.0], 400.0)
@@ -324,19 +324,20 @@ def offset_and_radii(calibration: Calibration, *, who: str, turn: Floats | None 
 
 
 def of_radii(offset: Sequence[float] | Floats, radii: Floats, strength: float | None = None) -> Calibration:
-    """The calibration of readings in counts that offset and radii stand for.
+    """The calibration in counts for an offset and radii.
 
-    Radii alone tell no `strength` F, in counts: without one it is their geometric mean, where D has determinant 1.
+    Radii do not determine the `strength` F in counts: by default it is their geometric mean, for which D has
+    determinant 1.
     """
     length = float(np.exp(np.mean(np.log(radii)))) if strength is None else strength
     return Affine(np.diag(length / radii), floats(offset), length).to_calibration(COUNTS, known=strength is not None)
 
 
-# read back; each function raises `DocumentError` for what it cannot take
+# read back; each function raises `DocumentError` for invalid input
 
 
 def decoded(content: bytes, source: str) -> str:
-    """Read text."""
+    """Decode UTF-8 text."""
     try:
         return content.decode("utf-8-sig")
     except UnicodeDecodeError as error:
@@ -344,7 +345,7 @@ def decoded(content: bytes, source: str) -> str:
 
 
 def keyed(text: str, source: str, separator: str = "=") -> dict[str, str]:
-    """Read lines of key and value; those that begin with ``#`` or ``;`` and those without a separator say nothing."""
+    """Parse lines of key and value; lines with ``#`` or ``;`` first, or without a separator, are ignored."""
     pairs: dict[str, str] = {}
     for line in text.splitlines():
         key, between, value = line.partition(separator)
@@ -352,12 +353,12 @@ def keyed(text: str, source: str, separator: str = "=") -> dict[str, str]:
         if not between or key.startswith(("#", ";")):
             continue
         if pairs.setdefault(key, value) != value:
-            raise DocumentError(f"{source}: {key} is {pairs[key]} and again {value}: keep one of them")
+            raise DocumentError(f"{source}: {key} is {pairs[key]}, and later {value}: keep one of them")
     return pairs
 
 
 def loaded(content: bytes, source: str) -> dict[str, object]:
-    """Read a JSON object."""
+    """Parse a JSON object."""
     try:
         fields = json.loads(decoded(content, source))
     except (ValueError, RecursionError) as error:
@@ -368,7 +369,7 @@ def loaded(content: bytes, source: str) -> dict[str, object]:
 
 
 def settings(content: bytes, source: str, names: Sequence[str]) -> dict[str, str]:
-    r"""Read ``set NAME = VALUE`` out of what a command line printed: of these names, those that are there.
+    r"""Parse ``set NAME = VALUE`` lines printed by a command line: those of the given names that exist.
 
     >>> settings(b"# dump\nset magzero_x = -7\nset p_roll = 45\n", "dump.txt", ["magzero_x", "magzero_y"])
     {'magzero_x': '-7'}
@@ -379,7 +380,7 @@ def settings(content: bytes, source: str, names: Sequence[str]) -> dict[str, str
 
 
 def numbers(values: Mapping[str, object], names: Sequence[str], source: str) -> Floats:
-    """(N,) the finite numbers of these names."""
+    """(N,) the finite numbers with these names."""
     missing = [name for name in names if name not in values]
     if missing:
         raise DocumentError(f"{source}: no {', '.join(missing)}: need {names[0]} to {names[-1]}, all {len(names)}")
@@ -390,14 +391,14 @@ def listed(values: Mapping[str, object], name: str, length: int, source: str) ->
     """(length,) a list of finite numbers."""
     entries = values.get(name)
     if not isinstance(entries, list) or len(entries) != length:
-        raise DocumentError(f"{source}: {name} is {_short(entries)}: need a list of {length} numbers")
+        raise DocumentError(f"{source}: {name} is {_shorten(entries)}: need a list of {length} numbers")
     return np.array([_number(value, f"{name}[{place}]", source) for place, value in enumerate(entries)])
 
 
 def counts(
     words: Mapping[str, object], names: Sequence[str], source: str, *, between: tuple[int, int] = INT16
 ) -> tuple[int, ...]:
-    """Read whole counts between the lowest and the highest that the target takes.
+    """Parse integers within the target's range.
 
     >>> counts({"magzero_x": "-7"}, ["magzero_x"], "dump.txt")
     (-7,)
@@ -416,17 +417,17 @@ def _number(value: object, name: str, source: str) -> float:
     except (TypeError, ValueError, OverflowError):
         number = math.nan
     if not math.isfinite(number):
-        raise DocumentError(f"{source}: {name} is {_short(value)}: need a finite number")
+        raise DocumentError(f"{source}: {name} is {_shorten(value)}: need a finite number")
     return number
 
 
-def _short(value: object) -> str:
+def _shorten(value: object) -> str:
     text = repr(value)
     return "missing" if value is None else text if len(text) <= 40 else f"{text[:37]}..."
 
 
 def yaml_text(value: object, decimals: int = 17) -> str:
-    """A scalar, list or mapping; numbers with a point and a signed exponent, or YAML 1.1 takes 1e-05 for text.
+    """A scalar, list or mapping in YAML; floats get a point and a signed exponent, as YAML 1.1 reads 1e-05 as text.
 
     >>> print(yaml_text({"unit": "T", "columns": {"BAT[1].Curr": [1e-5, -2.0]}}, 3))
     {unit: "T", columns: {"BAT[1].Curr": [1.000e-05, -2.000e+00]}}

@@ -1,7 +1,8 @@
-"""A target: how it uses a calibration, what it has room for, who writes its file and who reads it back.
+"""A target: how it uses a calibration, its capacity, and its writer and reader.
 
-Each module here is a target or a family of them, with a row for each at its end. A row runs the target's own formula on
-what is written, and says what that costs. Most write a matrix and an offset in their own unit and axes, `Affine`.
+Each module here is a target or a family of them, with a row for each at its end. A row tries the target's own formula
+on the written numbers, and states the resulting error. Most targets write a matrix and an offset in their own unit and
+axes, `Affine`.
 
 >>> from flinders.core.calibration import Calibration
 >>> from flinders.core.units import Unit
@@ -57,95 +58,95 @@ Keeps: TypeAlias = Literal["all", "symmetric", "diagonal", "offset", "rotation",
 HOLDS: Final[Mapping[Keeps, str]] = {
     "all": "an offset and a whole matrix",
     "symmetric": "an offset and a symmetric matrix",
-    "diagonal": "an offset and a diagonal, no soft iron beside it",
+    "diagonal": "an offset and a diagonal, no other soft iron",
     "offset": "an offset and no soft iron",
     "rotation": "a mounting and no calibration",
     "axes": "a mounting by right angles and no calibration",
 }
 MOUNTINGS: Final = ("rotation", "axes")
-"""Kinds that hold how the sensor sits, and leave the correction to the program before them."""
+"""Capacities of targets that hold only the sensor's orientation, and leave the correction to a program before them."""
 WHERE: Final[Mapping[Acts, str]] = {
     "recorded": "the sensor's own, before its mounting",
     "mapped": "those of the vehicle or board, after the mounting",
     "across": "readings as recorded in, the calibration's axes out",
 }
 NEXT_TO_NOTHING: Final = 0.0001
-EXACT: Final = 1e-9
-"""A matrix is of a kind to within this share of its largest entry: products of matrices are rounded."""
-EXACT_SINGLE: Final = 1e-6
-"""A matrix that float32 has rounded is of a kind to within this share of its largest entry."""
+TOLERANCE: Final = 1e-9
+"""Tolerance of a matrix's kind, relative to its largest entry, for rounding of matrix products."""
+SINGLE_TOLERANCE: Final = 1e-6
+"""Tolerance of a matrix's kind, relative to its largest entry, for rounding to float32."""
 
 CHANCE: Final = 1e-4
-"""How often a clean reading is beyond a limit of `Gates`, at most."""
+"""Largest probability that a clean reading is beyond a limit of `Gates`."""
 SIGMAS: Final = NormalDist().inv_cdf(1.0 - CHANCE / 2.0)
-"""The limits, in standard deviations."""
+"""The limits of `Gates`, in standard deviations."""
 TILT_DEG: Final = 1.0
-"""1 σ of the vertical that firmware takes from its accelerometer, about each axis."""
+"""1 σ about each axis, in degrees, of the vertical that firmware takes from its accelerometer."""
 
 
 @dataclass(frozen=True, slots=True)
 class Gates:
-    """Limits of a corrected reading that nothing disturbs: firmware can tell a disturbed one by them."""
+    """Limits of a corrected reading without disturbances, by which firmware recognises a disturbed one."""
 
-    strength_limit: float  # how far its length may be off the field strength, in the calibration's unit
-    # the dip, and how far the angle to the horizon may be off it; NaN where that cannot be told
+    strength_limit: float  # largest deviation of its length from the field strength, in the calibration's unit
+    # dip, and largest deviation of the field's angle to the horizon from it; NaN if unknown
     dip_deg: float = math.nan
     dip_limit_deg: float = math.nan
 
     @property
     def has_dip(self) -> bool:
-        """There is a limit of dip."""
+        """Whether there is a limit of dip."""
         return not math.isnan(self.dip_limit_deg)
 
 
 @dataclass(frozen=True, slots=True)
 class ExportOptions:
-    """What is asked of a target besides the calibration."""
+    """Options of a target besides the calibration."""
 
-    compass: int | None = None  # which one, as the target counts; its first where it is not given
-    lossy: bool = False  # write also what leaves out more than 0.5° of heading
-    # (3, 3): how the compass was mounted when it was recorded, vehicle = R sensor; None where that is not known
+    compass: int | None = None  # number of the compass in the target; None is its first
+    lossy: bool = False  # accept a heading error above 0.5° due to omitted parts
+    # (3, 3): mounting of the compass during the recording, vehicle = R sensor; None if unknown
     mounting: Floats | None = None
-    rotation_covariance: Floats | None = None  # (3, 3) rad², in the body's axes: of how the sensor sits
-    gates: Gates | None = None  # limits by which generated code tells a disturbed reading
-    noise: MeasurementNoise | None = None  # what a filter has to assume of corrected readings
-    heading: HeadingModel | None = None  # by which generated code states the error of each heading
-    estimator: bool = False  # write that also as parameters of the vehicle's estimator
-    # of the sensor: names in generated code begin with it, so that code for two sensors goes into one program
+    rotation_covariance: Floats | None = None  # (3, 3) rad², in the body's axes: of the sensor's orientation
+    gates: Gates | None = None  # limits by which generated code recognises a disturbed reading
+    noise: MeasurementNoise | None = None  # noise of corrected readings for a filter
+    heading: HeadingModel | None = None  # model by which generated code states the error of each heading
+    estimator: bool = False  # also write the noise as parameters of the vehicle's estimator
+    # name of the sensor as prefix of names in generated code, so that one program can include code for two sensors
     name: str | None = None
-    fitting: str = ""  # the command that makes a fit of what the target holds, if there is one
+    fitting: str = ""  # command for a fit within the target's capacity, if there is one
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Written:
     """A calibration in the numbers of a target."""
 
-    apply: Callable[[Floats], Floats]  # the target's formula with the numbers as it will hold them, in its units
+    apply: Callable[[Floats], Floats]  # the target's formula with the numbers as stored, in its units
     body: Sequence[str]  # lines of the file
-    values: Mapping[str, Any]  # what is written, for programs
-    notes: Sequence[str] = ()  # what else to know
-    data: bytes | None = None  # content of the file, where it is no text
+    values: Mapping[str, Any]  # written values, for programs
+    notes: Sequence[str] = ()  # further remarks
+    data: bytes | None = None  # content of a binary file
     # ``compensated(readings, value)``: the formula at a value of the motors' current or throttle
     compensated: Callable[[Floats, float], Floats] | None = None
-    # (3, 3): rotation of the calibration that is in the mounting which is written, in the recorded axes
+    # (3, 3): rotation of the calibration that is in the written mounting, in the recorded axes
     turn: Floats | None = None
-    formula: str = ""  # by which the numbers are used, where that is not the target's usual one
-    # what the numbers stand for, where the mounting that was found is taken for one by right angles
+    formula: str = ""  # formula for the numbers, if it differs from the target's usual one
+    # calibration for the numbers, if the mounting was rounded to right angles
     meant: Calibration | None = None
-    is_partial: bool = False  # a mounting that is not by right angles was written as the nearest that is
+    is_partial: bool = False  # the mounting is not by right angles, and the nearest one that is was written
 
 
 @dataclass(frozen=True, slots=True, repr=False)
 class Export(ShortRepr):
-    """A calibration as a target wants it."""
+    """A calibration in the form of a target."""
 
     target: str  # name of the target
-    text: str  # content of the file; of one in bytes, what is in it, for people
+    text: str  # content of the file; a readable description of a binary one
     fields: dict[str, Any]  # the same for programs, ready for JSON
-    checked: str  # how far it is off, in words
-    warnings: tuple[str, ...] = ()  # what to see to before it is used
-    data: bytes | None = None  # content of the file where it is no text
-    has_comments: bool = True  # the text says what is known of it in comments; otherwise that has to be said elsewhere
+    checked: str  # its error, in words
+    warnings: tuple[str, ...] = ()  # warnings before its use
+    data: bytes | None = None  # content of a binary file
+    has_comments: bool = True  # the text contains remarks as comments; otherwise they have to be shown elsewhere
 
     @property
     def content(self) -> str | bytes:
@@ -155,17 +156,17 @@ class Export(ShortRepr):
 
 @dataclass(frozen=True, slots=True)
 class TargetReader:
-    """How a target's file is read back."""
+    """Reader of a target's files."""
 
-    mark: bytes  #: regular expression that the first bytes of such a file match, and those of other targets do not
-    #: ``read(content, source, strength=…)`` gives the calibration: of the bytes of a file, with its name for messages
-    #: and the length of corrected readings, which goes before what the file says of it; in µT, in counts for files in
-    #: counts. It takes ``compass`` where there is `which`
+    mark: bytes  #: regular expression that matches the first bytes of such files, and of no other target's
+    #: ``read(content, source, strength=…)`` returns the calibration in a file's bytes. `source` is its name for
+    #: messages, `strength` the length of corrected readings, which has priority over the file's; in µT, or in counts
+    #: for files in counts. With `which` it also takes ``compass``
     read: Callable[..., Calibration]
-    saved: str  #: what the tool itself saves that can be read, in words
-    #: ``which(content, source, compass)`` gives number and device id of the compass that is read, of several
+    saved: str  #: files of the tool itself that can be read, in words
+    #: ``which(content, source, compass)`` returns number and device id of the compass that is read, of several
     which: Callable[[bytes, str, int | None], tuple[int, int | None]] | None = None
-    #: ``states(content, source)`` gives lines on what the file states beside the calibration
+    #: ``states(content, source)`` returns lines on further statements in the file
     states: Callable[[bytes, str], list[str]] | None = None
 
     def sniff(self, head: bytes) -> bool:
@@ -174,70 +175,70 @@ class TargetReader:
 
 
 class Limit(NamedTuple):
-    """A parameter that a target takes between two values only."""
+    """A parameter with a limited range."""
 
     name: str
     quantity: str  # ``offset``, ``matrix``, ``scale`` (mean of its diagonal), or ``iron`` (matrix over scale)
-    places: tuple[int, ...]  # in it, row after row; of several, the length is meant
+    places: tuple[int, ...]  # in row order; of several entries, the length is limited
     low: float
     high: float
-    unit: float = 1.0  # µT in one of its numbers
+    unit: float = 1.0  # µT in one unit of it
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Target:
     """One row of the table of targets."""
 
-    name: str  #: what `find` and ``--to`` look for
-    use: str  #: what it writes, for people
-    suffix: str  #: ending of such a file
-    title: str  #: its name, for people
-    formula: str  #: by which it uses the numbers
-    unit: str  #: of the readings that it corrects: a name of `units`, ``own`` or ``recorded``
-    keeps: Keeps  #: what it holds; a key of `HOLDS`
-    storage: str  #: how numbers are kept, and their range
-    source: str  #: where that stands
-    #: ``write(calibration, asked)`` gives the calibration in the numbers of the target
+    name: str  #: name for `find` and ``--to``
+    use: str  #: written form, for users
+    suffix: str  #: suffix of such a file
+    title: str  #: title for users
+    formula: str  #: formula that uses the numbers
+    unit: str  #: of uncorrected readings: a name of `units`, ``own`` or ``recorded``
+    keeps: Keeps  #: its capacity; a key of `HOLDS`
+    storage: str  #: format and range of stored numbers
+    source: str  #: source of the formula
+    #: ``write(calibration, asked)`` returns the calibration in the numbers of the target
     write: Callable[[Calibration, ExportOptions], Written]
-    reader: TargetReader | None = None  #: where such a file can be read back
+    reader: TargetReader | None = None  #: reader of such a file, if it can be read back
     acts: Acts = "recorded"  #: a key of `WHERE`
-    fed: bool = False  #: the program around it chooses which readings it corrects: they may be those of the vehicle
-    #: which disturbances it has room for: none, one of current and throttle (``motors``), or all
+    fed: bool = False  #: the surrounding program selects the readings that it corrects, which may be in vehicle axes
+    #: disturbances that it can hold: none, current or throttle (``motors``), or all
     follows: Literal["", "motors", "all"] = ""
-    linearizes: bool = False  #: it has room for the linearization of axes
-    #: how long corrected readings are, where that is the target's own; empty where it is the calibration's
+    linearizes: bool = False  #: it can hold a linearization of axes
+    #: length of corrected readings, if the target defines it; empty if it is the calibration's
     lengths: str = ""
-    gives: str = ""  #: unit of what comes out, where it is another
-    #: unit in which its errors are told, where that of the calibration says little beside its steps
+    gives: str = ""  #: unit of corrected readings, if it differs
+    #: unit for its errors, if that of the calibration is inappropriate for its steps
     errors_in: str = ""
-    unverified: tuple[str, ...] = ()  #: what nobody could verify, a clause each
-    comment: Comment | None = HASH  #: None where the file has no room for comments
-    docs: str = "targets.md"  #: the page that tells about it
-    compasses: range | None = None  #: numbers of the compasses that it keeps; with them it takes ``--compass``
-    named: bool = False  #: names in it stand in a program beside those of others, and it takes ``--name``
-    mountings: MountingTable | None = None  #: those that it can be given; with them it takes ``--mounting``
-    limits: tuple[Limit, ...] = ()  #: of its parameters
-    inertial: InertialForm | None = None  #: how it holds an accelerometer and a gyro too
-    estimator: str = ""  #: the estimator beside it that takes the noise of a compass; with one it takes ``--noise``
+    unverified: tuple[str, ...] = ()  #: unverified properties, a clause each
+    comment: Comment | None = HASH  #: None if the file cannot contain comments
+    docs: str = "targets.md"  #: page of the documentation
+    compasses: range | None = None  #: numbers of its compasses; with them it takes ``--compass``
+    named: bool = False  #: its names share a program with others, so that it takes ``--name``
+    mountings: MountingTable | None = None  #: its mountings; with them it takes ``--mounting``
+    limits: tuple[Limit, ...] = ()  #: ranges of its parameters
+    inertial: InertialForm | None = None  #: form of an accelerometer and a gyro, if it holds them too
+    estimator: str = ""  #: an estimator that takes the noise of a compass; with one it takes ``--noise``
 
     @property
     def where(self) -> str:
-        """In which axes it works, in words."""
+        """Axes in which it works, in words."""
         return WHERE[self.acts]
 
     @property
     def holds(self) -> str:
-        """What it has room for, in words."""
+        """Its capacity, in words."""
         return HOLDS[self.keeps]
 
     @property
     def family(self) -> str:
-        """What targets in the same numbers have in common: ``adafruit`` of adafruit-eeprom."""
+        """Common name of targets with the same numbers: ``adafruit`` of adafruit-eeprom."""
         return self.name.partition("-")[0]
 
     @property
     def refuses_mounted(self) -> bool:
-        """Whether it needs the sensor's own axes: it acts before the mounting, on what it reads, or is the mounting."""
+        """Whether it needs the sensor's own axes, as it acts before the mounting or is the mounting."""
         return (self.acts == "recorded" and not self.fed) or self.keeps in MOUNTINGS
 
     def as_dict(self) -> dict[str, Any]:
@@ -248,7 +249,7 @@ class Target:
             "formula": self.formula,
             "unit": self.unit,
             "holds": self.holds,
-            "axes": self.where,  # axes that it corrects
+            "axes": self.where,  # axes in which it corrects
             "storage": self.storage,
             "source": self.source,
             "unverified": self.unverified,
@@ -259,20 +260,20 @@ class Target:
     def render(
         self, calibration: Calibration, *, about: Sequence[str] = (), asked: ExportOptions | None = None
     ) -> Export:
-        """Write a calibration for the target; `about`: lines that tell where it comes from, and the rest as `tried`."""
+        """Write a calibration for the target; `about`: remarks on its origin; parameters and errors as `tried`."""
         return self.tried(calibration, asked=asked).export(about)
 
     def tried(self, calibration: Calibration, *, asked: ExportOptions | None = None) -> Trial:
-        """Put a calibration in the numbers of the target, and try the target's own formula on them.
+        """Express a calibration in the numbers of the target, and check them with the target's own formula.
 
-        `asked`: which compass, and what else there is to choose. Raises `UnitError` where counts would have to become a
-        unit, or the other way round; `NotExportable` for what the target cannot hold, what costs more than 0.5° of
-        heading unless that was asked for, and readings in other axes than those in which it acts; `UsageError` for a
-        compass that there is not, or a name that cannot be written.
+        `asked`: the compass and other options. Raises `UnitError` if counts would have to be converted to a unit, or
+        vice versa; `NotExportable` for numbers that the target cannot hold, for a heading error above 0.5° due to
+        omitted parts unless it is accepted, and for readings in other axes than the target's; `UsageError` for a
+        compass that does not exist, or an invalid name.
         """
         asked = asked or ExportOptions()
         given = calibration.frame
-        calibration = self._before_the_mounting(calibration, asked.mounting)
+        calibration = self._in_axes_of_target(calibration, asked.mounting)
         turn = asked.mounting if calibration.frame != given else None
         if calibration.linearization is not None and not self.linearizes:
             raise NotExportable(
@@ -284,18 +285,18 @@ class Target:
         written = self.write(calibration, asked)
         plain, motor = followed(calibration) if self.follows == "motors" else (calibration.at(), None)
         plain = written.meant or plain
-        lacks = f"{self.title} holds {self.holds}" if self._loses(plain, written) else ""
-        deviation = self._tried(plain, written.apply, lacks=lacks, asked=asked)
+        lacks = f"{self.title} holds {self.holds}" if self._exceeds_capacity(plain, written) else ""
+        deviation = self._measure_difference(plain, written.apply, lacks=lacks, asked=asked)
         if motor is not None and (compensated := written.compensated) is not None:
             end = motor.farthest
             far = calibration.at(**{motor.name: end})
-            tried = self._tried(far, lambda raw: compensated(raw, end), lacks=lacks, asked=asked)
+            tried = self._measure_difference(far, lambda raw: compensated(raw, end), lacks=lacks, asked=asked)
             deviation = deviation.worse(tried)
-        warnings = (*self._warnings(deviation, lacks, asked.fitting), *self._left_out(calibration, motor))
+        warnings = (*self._warnings(deviation, lacks, asked.fitting), *self._disturbance_errors(calibration, motor))
         return Trial(self, plain, written, deviation, bool(lacks), warnings, turn)
 
-    def _before_the_mounting(self, calibration: Calibration, mounting: Floats | None) -> Calibration:
-        """The calibration in the sensor's own axes, for a target that corrects those; `NotExportable` where unknown."""
+    def _in_axes_of_target(self, calibration: Calibration, mounting: Floats | None) -> Calibration:
+        """The calibration in the sensor's own axes, if the target needs these; `NotExportable` if they are unknown."""
         if not self.refuses_mounted or calibration.frame != VEHICLE:
             return calibration
         if mounting is None:
@@ -303,17 +304,17 @@ class Target:
         return in_sensor_axes(calibration, np.asarray(mounting))
 
     def corrected(self, calibration: Calibration, apply: Callable[[Floats], Floats], directions: Floats) -> Floats:
-        """(N, 3) fields over their strength, as a formula in its units corrects what is read in (N, 3) directions."""
+        """(N, 3) fields relative to their strength, as a formula in its units corrects readings in these directions."""
         size, given = per_unit(calibration, self.unit, who=self.title), self._size_given(calibration)
         acts, relative = acting(self.acts, calibration), bool(self.lengths)
         return corrected_by(
             calibration, lambda raw: given * apply(raw / size), directions, acts=acts, relative=relative
         )
 
-    def _tried(
+    def _measure_difference(
         self, calibration: Calibration, apply: Callable[[Floats], Floats], *, lacks: str, asked: ExportOptions
     ) -> Difference:
-        """Run the target's formula in its units, and refuse what costs too much."""
+        """Run the target's formula in its units, and raise `NotExportable` for a large error."""
         deviation = Difference.of(calibration, self.corrected(calibration, apply, DIRECTIONS))
         if lacks:
             takes_turn = calibration.rotation != "symmetric" and self.keeps not in MOUNTINGS
@@ -324,17 +325,17 @@ class Target:
         return deviation
 
     def _size_given(self, calibration: Calibration) -> float:
-        """What one unit of a corrected reading is, in the unit of the calibration."""
+        """Size of one unit of a corrected reading, in the unit of the calibration."""
         return per_unit(calibration, self.gives or self.unit, who=self.title)
 
-    def _left_out(self, calibration: Calibration, motor: Disturbance | None) -> Iterable[str]:
-        """What the disturbances cost that a target does not follow."""
+    def _disturbance_errors(self, calibration: Calibration, motor: Disturbance | None) -> Iterable[str]:
+        """Heading errors due to disturbances that a target does not follow."""
         for disturbance in calibration.disturbances if self.follows != "all" else ():
             if motor is None or disturbance.name != motor.name:
                 yield not_followed(calibration, disturbance, f"{self.title} does not follow {disturbance.name} here")
 
-    def _loses(self, calibration: Calibration, written: Written) -> bool:
-        """Whether the matrix has more to it than the target holds beside a rotation in its mounting."""
+    def _exceeds_capacity(self, calibration: Calibration, written: Written) -> bool:
+        """Whether the matrix exceeds the target's capacity, apart from a rotation in its mounting."""
         if self.keeps in MOUNTINGS:
             return written.is_partial
         turn = written.turn
@@ -347,28 +348,28 @@ class Target:
             "diagonal": np.diag(np.diag(matrix)),
             "offset": np.eye(3) * matrix[0, 0],
         }[self.keeps]
-        exact = EXACT if turn is None else EXACT_SINGLE
+        exact = TOLERANCE if turn is None else SINGLE_TOLERANCE
         return bool(np.abs(matrix - reduced).max() > exact * np.abs(matrix).max())
 
     def _warnings(self, deviation: Difference, lacks: str, fitting: str) -> Iterable[str]:
-        """What it costs, and what nobody could verify."""
+        """Warnings on omitted and unverified parts."""
         if lacks:
-            fitted = f"; a fit of what it holds: {fitting}" if fitting and deviation.heading_deg > LOSS_DEG else ""
+            fitted = f"; a fit within its limits: {fitting}" if fitting and deviation.heading_deg > LOSS_DEG else ""
             yield (
-                f"{lacks}: what is left out costs up to {figures(deviation.heading_deg)}° of heading (at any attitude, "
-                f"dip {DIP_DEG:.0f}°){fitted}"
+                f"{lacks}: the omitted parts cause a heading error of up to {figures(deviation.heading_deg)}° (at any "
+                f"attitude, dip {DIP_DEG:.0f}°){fitted}"
             )
         for clause in self.unverified:
             yield f"not verified: {clause}"
 
     def _errors_in(self, calibration: Calibration) -> tuple[float, str]:
-        """The unit in which errors are told: its size in that of the calibration, and its name."""
+        """The unit for errors: its size in that of the calibration, and its name."""
         if self.errors_in:
             return per_unit(calibration, self.errors_in, who=self.title), self.errors_in
         return 1.0, calibration.unit
 
     def as_figures(self, calibration: Calibration, deviation: Difference) -> dict[str, Any]:
-        """How far the target is off, for programs."""
+        """Errors of the target, for programs."""
         size, unit = self._errors_in(calibration)
         return {
             "vectors": len(DIRECTIONS),
@@ -380,17 +381,17 @@ class Target:
         }
 
     def checked(self, calibration: Calibration, deviation: Difference) -> str:
-        """How far the target is off, in words."""
+        """Errors of the target, in words."""
         size, name = self._errors_in(calibration)
         unit, scaled = label(name), ", scaled," if self.lengths else ""
         return (
             f"checked: its own formula{scaled} on {len(DIRECTIONS)} fields of "
             f"{figures(calibration.field_strength / size, 4)} {unit}, "
-            f"{_at_most(deviation.worst / size, deviation.worst_deg, unit)} off the calibration"
+            f"{_error_words(deviation.worst / size, deviation.worst_deg, unit)} off the calibration"
         )
 
     def notes(self, calibration: Calibration) -> Iterable[str]:
-        """For which readings the numbers are right, and what comes out."""
+        """Remarks on the readings that the numbers are for, and on the corrected ones."""
         if self.keeps in MOUNTINGS:
             return
         if self.lengths:
@@ -398,12 +399,12 @@ class Target:
         else:
             strength = calibration.field_strength / self._size_given(calibration)
             relative = "" if calibration.field_strength_known else ", which is relative: no field strength was given"
-            unit = _named(self.gives or self.unit, calibration)
+            unit = _unit_name(self.gives or self.unit, calibration)
             yield f"corrected readings are {figures(strength, 4)} {unit} long{relative}"
         yield from self._of_the_axes(calibration)
 
     def _of_the_axes(self, calibration: Calibration) -> Iterable[str]:
-        """In which axes readings go in, and what is left to do to those that come out."""
+        """Remarks on the axes of the readings, and on steps that remain after the correction."""
         if calibration.frame == VEHICLE:
             yield "for readings in the axes of the vehicle, after the mounting, as they were recorded"
             if acting(self.acts, calibration) == "recorded" and not calibration.axes.is_identity:
@@ -412,7 +413,7 @@ class Target:
             if self.acts == "mapped":
                 yield "acts after the mounting: the recording must be in the axes of the vehicle or board"
         elif self.acts == "recorded":
-            yield f"acts in the sensor's own axes: go on mapping them to {calibration.axes} afterwards"
+            yield f"acts in the sensor's own axes: map the corrected readings to {calibration.axes} as before"
         elif self.acts == "mapped":
             yield f"acts after the mounting, which must map the sensor's axes to {calibration.axes}"
         if self.acts == "across" and not calibration.axes.is_identity:
@@ -421,30 +422,30 @@ class Target:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Trial:
-    """A calibration in the numbers of a target, and what the target's own formula makes of it."""
+    """A calibration in the numbers of a target, with the errors of the target's own formula."""
 
     target: Target
-    plain: Calibration  #: at rest, in the axes that the target corrects
+    plain: Calibration  #: with motors at rest, in the axes that the target corrects
     written: Written
     difference: Difference
-    loses: bool  #: the target holds less than the calibration
+    loses: bool  #: the target's capacity is less than the calibration
     warnings: tuple[str, ...]
-    #: (3, 3) from the axes that the target corrects to those of the calibration that was given; None of the same
+    #: (3, 3) from the axes that the target corrects to those of the given calibration; None if they are equal
     turn: Floats | None = None
 
     def corrected(self, directions: Floats) -> Floats:
-        """(N, 3) fields over their strength, as the target corrects what the sensor reads in (N, 3) directions.
+        """(N, 3) fields relative to their strength, as the target corrects the sensor's readings in (N, 3) directions.
 
-        Both are in the axes of the calibration that was given.
+        Both are in the axes of the given calibration.
         """
         turn = np.eye(3) if self.turn is None else self.turn
         corrected: Floats = self.target.corrected(self.plain, self.written.apply, directions @ turn) @ turn.T
         return corrected
 
     def export(self, about: Sequence[str] = ()) -> Export:
-        """The file with its comments, `about` first, and the same for programs."""
+        """The file with its comments, `about` first, and its values for programs."""
         target, plain, written = self.target, self.plain, self.written
-        unit, checked = _named(target.unit, plain), target.checked(plain, self.difference)
+        unit, checked = _unit_name(target.unit, plain), target.checked(plain, self.difference)
         notes = [*about, *target.notes(plain), *written.notes]
         formula = written.formula or target.formula
         remarks = [f"{target.title}: {formula}, in {unit}", *notes, *self.warnings, checked]
@@ -465,7 +466,7 @@ class Trial:
 
 
 def not_followed(calibration: Calibration, disturbance: Disturbance, why: str) -> str:
-    """Say what it costs that something takes a disturbance at its reference."""
+    """Message with the heading error if a disturbance is taken at its reference."""
     cost = min(calibration.disturbance_deg(disturbance, dip_deg=DIP_DEG), 180.0)
     return (
         f"{why}: it is taken for {disturbance.amount(disturbance.reference)}, and at "
@@ -474,13 +475,13 @@ def not_followed(calibration: Calibration, disturbance: Disturbance, why: str) -
     )
 
 
-def _named(unit: str, calibration: Calibration) -> str:
-    """What a unit of a target is called for this calibration."""
+def _unit_name(unit: str, calibration: Calibration) -> str:
+    """Name of a target's unit for this calibration."""
     return {OWN: calibration.unit, RECORDED: calibration.raw.name}.get(unit, unit)
 
 
-def _at_most(worst: float, worst_deg: float, unit: str) -> str:
-    """Write the errors; what is next to nothing only as that, since it differs from machine to machine."""
+def _error_words(worst: float, worst_deg: float, unit: str) -> str:
+    """Errors as text; negligible ones only as such, since they differ between machines."""
     if max(worst, worst_deg) < NEXT_TO_NOTHING:
         return f"less than {NEXT_TO_NOTHING} {unit} and {NEXT_TO_NOTHING}°"
     return f"at most {figures(max(worst, NEXT_TO_NOTHING))} {unit} and {figures(max(worst_deg, NEXT_TO_NOTHING))}°"

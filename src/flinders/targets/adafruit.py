@@ -9,7 +9,7 @@
 >>> read(text.encode(), "sensor_calib.json").isclose(found, tolerance=1e-6)
 True
 
-Source: Adafruit_Sensor_Calibration, ``Adafruit_Sensor_Calibration_SDFat.cpp``. The library keeps single precision.
+Source: Adafruit_Sensor_Calibration, ``Adafruit_Sensor_Calibration_SDFat.cpp``. The library uses single precision.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ if TYPE_CHECKING:
 
 
 def write(calibration: Calibration, _asked: ExportOptions) -> Written:
-    """Write the file; gyroscope and accelerometer stay uncorrected; a calibration in counts raises `UnitError`."""
+    """Write the file, with gyroscope and accelerometer uncorrected; a calibration in counts raises `UnitError`."""
     affine = Affine.of(calibration, "uT", who="SensorLab").single
     fields = {
         "mag_hardiron": [float(f"{value:.9g}") for value in affine.offset],
@@ -41,9 +41,9 @@ def write(calibration: Calibration, _asked: ExportOptions) -> Written:
 
 
 def read(content: bytes, source: str, *, strength: float | None = None) -> Calibration:
-    """Read the file back; `strength`, in µT, goes before the one in it.
+    """Read the file back; a `strength`, in µT, has priority over the one in the file.
 
-    Raises `DocumentError` for what is none, or lacks numbers.
+    Raises `DocumentError` for another file, or missing numbers.
     """
     fields = loaded(content, source)
     matrix = listed(fields, "mag_softiron", 9, source).reshape(3, 3)

@@ -1,9 +1,9 @@
-"""Code to compile in: a C99 header in single precision or fixed point, an Arduino sketch, a MicroPython module.
+"""Code to compile: a C99 header in single precision or fixed point, an Arduino sketch, a MicroPython module.
 
-``corrected = A (raw − b)``: it takes readings as they were recorded and gives corrected ones in the axes of the
-calibration, so that the mapping of axes is in the matrix. In single precision the recorded unit becomes µT where that
-is known. In fixed point input and output are whole numbers of the recorded unit: the entries of A are kept in 15 or 31
-bits, b in 2⁻⁸ or 2⁻⁴ of a unit.
+``corrected = A (raw − b)``: it takes readings as recorded and returns corrected ones in the axes of the calibration, so
+that A includes the mapping of axes. In single precision the recorded unit is converted to µT if it is known. In fixed
+point input and output are integers in the recorded unit: the entries of A have 15 or 31 bits, b is in units of 2⁻⁸ or
+2⁻⁴.
 
 >>> from flinders.core.calibration import Calibration
 >>> calibration = Calibration(np.diag([1.25, 1.0, 0.8]), [120.4, -31.6, 7.0], 400.0)
@@ -65,33 +65,33 @@ ADVICE: Final = "readings are too large for this format: use the one in single p
 
 @dataclass(frozen=True, slots=True)
 class FixedPointFormat:
-    """A format of fixed point."""
+    """A fixed-point format."""
 
     name: str  #: ``Q15`` or ``Q31``
-    bits: int  #: of an entry of the matrix, with its sign
-    fraction: int  #: bits of the offset behind the point
-    largest: int  #: readings may be from minus this, less one, to this; beyond it they are held there
+    bits: int  #: of an entry of the matrix, including its sign
+    fraction: int  #: bits of the offset after the point
+    largest: int  #: readings are limited to the range from minus this, less one, to this
 
 
 Q15: Final = FixedPointFormat("Q15", 16, 8, 2**15 - 1)
 Q31: Final = FixedPointFormat("Q31", 32, 4, 2**23 - 1)
 
-USUAL: Final = "flinders"
-"""What names in C begin with, unless another name is asked for."""
+DEFAULT_NAME: Final = "flinders"
+"""Default prefix of names in C."""
 
 
 @dataclass(frozen=True, slots=True)
 class FixedPoint:
-    """A correction in whole numbers: ``(Σ entries (raw 2^f − offset) + half) >> (shift + f)``."""
+    """A correction in integers: ``(Σ entries (raw 2^f − offset) + half) >> (shift + f)``."""
 
     format: FixedPointFormat
     entries: tuple[tuple[int, int, int], ...]  #: (3, 3): of the matrix, in units of 2^-shift
     offset: tuple[int, ...]  #: (3,): in units of 2^-f, f the `fraction` of the format
-    shift: int  #: bits of an entry behind the point: as many as the largest entry leaves
+    shift: int  #: bits of an entry after the point: as many as the largest entry permits
 
     @classmethod
     def of(cls, calibration: Calibration, form: FixedPointFormat) -> Self:
-        """Round a calibration; a matrix or an offset beyond the format raises `NotExportable`."""
+        """Round a calibration; a matrix or an offset beyond the range of the format raises `NotExportable`."""
         affine = Affine.of(calibration, RECORDED, who=WHO, acts="across")
         largest = float(np.abs(affine.matrix).max())
         shift = form.bits - 1 - max(math.floor(math.log2(largest)) + 1, 0) if largest > 0 else form.bits - 1
@@ -121,61 +121,61 @@ class FixedPoint:
 
 
 def single_precision(calibration: Calibration) -> Affine:
-    """(A, b) for readings in the recorded unit, in single precision; what comes out is in µT, or in counts."""
+    """(A, b) for readings in the recorded unit, as float32; corrected readings are in µT, or in counts."""
     affine = Affine.of(calibration, RECORDED, who=WHO, acts="across")
     return Affine(affine.matrix * calibration.raw.scale, affine.offset, calibration.field_strength).single
 
 
 def write_header(calibration: Calibration, asked: ExportOptions) -> Written:
-    """Write a header in single precision: ``flinders_correct(raw, corrected)``; it includes ``math.h`` for headings."""
-    name = begun(USUAL, asked.name)
+    """Write a header in single precision: ``flinders_correct(raw, corrected)``; headings need ``math.h``."""
+    name = begun(DEFAULT_NAME, asked.name)
     reading = Reading("raw[{0}] - " + name + "_offset[{0}]", name + "_linear", C_CURVE)
-    code = _filled(FLOAT, calibration, reading, name=name, constant=name.upper())
-    code = _gated(code, calibration, asked, (C_STRENGTH, C_DIP), name=name, constant=name.upper())
+    code = _fill_template(FLOAT, calibration, reading, name=name, constant=name.upper())
+    code = _add_gates(code, calibration, asked, (C_STRENGTH, C_DIP), name=name, constant=name.upper())
     code = IN_C.added(code, calibration.unit, asked, name=name, constant=name.upper())
     return replace(code, body=guarded(name, [*code.body, *in_c(calibration, name)]))
 
 
 def write_sketch(calibration: Calibration, asked: ExportOptions) -> Written:
-    """Write what is pasted into a sketch: ``correctMagnetometer(x, y, z)`` changes three readings in place."""
+    """Write a part of a sketch: ``correctMagnetometer(x, y, z)`` changes three readings in place."""
     name = begun("", asked.name)
     constant, function = (f"{name.upper()}_MAG", f"{name}_correct") if name else ("MAG", "correct")
     prefix = f"{name}_" if name else ""
     reading = Reading("{1} - " + constant + "_OFFSET[{0}]", prefix + "linearField", SKETCH_CURVE)
-    code = _filled(SKETCH, calibration, reading, constant=constant, function=function, prefix=prefix)
+    code = _fill_template(SKETCH, calibration, reading, constant=constant, function=function, prefix=prefix)
     code = replace(code, body=[*code.body, *in_sketch(calibration, constant, function)])
-    code = _gated(code, calibration, asked, (SKETCH_STRENGTH, SKETCH_DIP), constant=constant, prefix=prefix)
+    code = _add_gates(code, calibration, asked, (SKETCH_STRENGTH, SKETCH_DIP), constant=constant, prefix=prefix)
     return IN_SKETCH.added(code, calibration.unit, asked, constant=constant, prefix=prefix)
 
 
 def write_micropython(calibration: Calibration, asked: ExportOptions) -> Written:
-    """Write a module for MicroPython and CircuitPython, ``correct((x, y, z))``; it imports `math` for headings."""
+    """Write a module for MicroPython and CircuitPython, ``correct((x, y, z))``; headings need `math`."""
     reading = Reading("raw[{0}] - OFFSET[{0}]", "linear", MODULE_CURVE)
-    code = _filled(MODULE, calibration, reading, suffix="", row="    ({}),")
+    code = _fill_template(MODULE, calibration, reading, suffix="", row="    ({}),")
     code = replace(code, body=[*code.body, *in_module(calibration)])
-    code = _gated(code, calibration, asked, (MODULE_STRENGTH, MODULE_DIP), suffix="")
+    code = _add_gates(code, calibration, asked, (MODULE_STRENGTH, MODULE_DIP), suffix="")
     return IN_PYTHON.added(code, calibration.unit, asked)
 
 
 @dataclass(frozen=True, slots=True)
 class Reading:
-    """How a language writes a reading less its offset, and what makes a linear one of it."""
+    """Expressions of a language for a reading minus its offset, and for its linearization."""
 
-    departure: str  # of axis {0}, called {1}
+    departure: str  # for axis {0}, named {1}
     function: str
-    curve: str  # text of that function, and of its numbers
+    curve: str  # text of that function, and its numbers
 
     def expressions(self, *, is_curved: bool) -> dict[str, str]:
-        """What the matrix is multiplied by."""
+        """Expressions that are multiplied by the matrix."""
         departures = [self.departure.format(axis, name) for axis, name in enumerate("xyz")]
         linear = [f"{self.function}({axis}, {each})" for axis, each in enumerate(departures)]
         return dict(zip("uvw", linear if is_curved else departures, strict=True))
 
 
-def _filled(
+def _fill_template(
     text: str, calibration: Calibration, reading: Reading, *, suffix: str = "f", row: str = "    {{{}}},", **names: str
 ) -> Written:
-    """Code in single precision: a text with its names and numbers filled in."""
+    """Code in single precision: a template with its names and numbers filled in."""
     numbers, curve = single_precision(calibration), recorded_curve(calibration)
     given, result = calibration.raw.name, calibration.unit
     values = {"matrix": numbers.matrix, "offset": numbers.offset, "unit_in": given, "unit_out": result}
@@ -205,7 +205,7 @@ def _apply(raw: Floats, *, numbers: Affine, curve: Linearization | None) -> Floa
 
 
 def recorded_curve(calibration: Calibration) -> Linearization | None:
-    """The linearization of recorded axes in the recorded unit, in single precision.
+    """The linearization of recorded axes in the recorded unit, as float32.
 
     >>> from flinders.core.axes import Axes
     >>> from flinders.core.calibration import Calibration
@@ -222,7 +222,7 @@ def recorded_curve(calibration: Calibration) -> Linearization | None:
     return Linearization(single(scale * back @ curve.quadratic), single(scale**2 * cubic), single(limit / scale))
 
 
-def _gated(
+def _add_gates(
     code: Written,
     calibration: Calibration,
     asked: ExportOptions,
@@ -230,7 +230,7 @@ def _gated(
     suffix: str = "f",
     **names: str,
 ) -> Written:
-    """The code with functions that tell a disturbed reading by its strength and its dip, where there are limits."""
+    """Add functions that recognise a disturbed reading by strength and dip, if there are limits."""
     gates = asked.gates
     if gates is None:
         return code
@@ -251,7 +251,7 @@ def _gated(
 
 
 def signed_squares(gates: Gates) -> tuple[float, float]:
-    """sin x |sin x| at the limits of dip: compared without a square root; beyond 1 where any angle will do.
+    """sin x |sin x| at the limits of dip, for comparison without a square root; beyond ±1 without a limit.
 
     >>> signed_squares(Gates(strength_limit=2.5, dip_deg=60.0, dip_limit_deg=4.0))
     (0.687..., 0.808...)
@@ -263,7 +263,7 @@ def signed_squares(gates: Gates) -> tuple[float, float]:
 
 
 def gate_words(gates: Gates, unit: str) -> list[str]:
-    """What the limits of a clean reading mean.
+    """Meaning of the limits of a clean reading.
 
     >>> print(*gate_words(Gates(strength_limit=2.5, dip_deg=60.0, dip_limit_deg=4.0), "uT"), sep=chr(10))
     a clean reading is off by more than 2.5 µT of strength at most once in 10,000 times where the field is that of the \
@@ -281,18 +281,18 @@ recording
 
 
 def write_q15(calibration: Calibration, asked: ExportOptions) -> Written:
-    """Write a header for whole readings of 16 bits; numbers that they cannot hold raise `NotExportable`."""
+    """Write a header for 16-bit integer readings; numbers beyond their range raise `NotExportable`."""
     return _fixed(calibration, Q15, "int16_t", asked)
 
 
 def write_q31(calibration: Calibration, asked: ExportOptions) -> Written:
-    """Write a header for whole readings of 24 bits in 32; raises as `write_q15`."""
+    """Write a header for 24-bit integer readings in 32 bits; raises as `write_q15`."""
     return _fixed(calibration, Q31, "int32_t", asked)
 
 
 def _fixed(calibration: Calibration, form: FixedPointFormat, whole: str, asked: ExportOptions) -> Written:
-    """Code in whole numbers; `whole` is the type of a reading."""
-    code, name = FixedPoint.of(calibration, form), begun(USUAL, asked.name)
+    """Code in integers; `whole` is the type of a reading."""
+    code, name = FixedPoint.of(calibration, form), begun(DEFAULT_NAME, asked.name)
     unit, places = calibration.raw.name, code.shift + form.fraction
     text = FIXED.format(
         name=name,
@@ -332,7 +332,7 @@ HEADER: Final = Target(
     inertial=code_form("c"),
     write=write_header,
 )
-SHORT: Final = replace(
+HEADER_Q15: Final = replace(
     HEADER,
     name="c-q15",
     use="C99 header, 16-bit fixed point",
@@ -344,8 +344,8 @@ SHORT: Final = replace(
     inertial=None,
     write=write_q15,
 )
-LONG: Final = replace(
-    SHORT,
+HEADER_Q31: Final = replace(
+    HEADER_Q15,
     name="c-q31",
     use="C99 header, 32-bit fixed point",
     title="C99 header, Q31",
@@ -373,4 +373,4 @@ MICROPYTHON: Final = replace(
     inertial=code_form("python"),
     write=write_micropython,
 )
-TARGETS: Final = (HEADER, SHORT, LONG, ARDUINO, MICROPYTHON)
+TARGETS: Final = (HEADER, HEADER_Q15, HEADER_Q31, ARDUINO, MICROPYTHON)

@@ -1,7 +1,7 @@
-"""The magnetometer model of x-io's Fusion, for C and Python, and as it was up to version 1.1.
+"""The magnetometer model of x-io's Fusion, for C and Python, and in the form up to version 1.1.
 
-From 1.2.0 on (September 2023) it is ``c = S (u − h)``. Up to 1.1 it was ``c = S u − h``, where h is subtracted after
-the soft iron. Ours is corrected = W (raw − b), so
+From 1.2.0 on (September 2023) it is ``c = S (u − h)``. Up to 1.1 it was ``c = S u − h``, with h subtracted after the
+soft iron. Ours is corrected = W (raw − b), so
 
     S = W,   h = W b   (up to 1.1),   h = b   (from 1.2)
 

@@ -14,7 +14,7 @@ if TYPE_CHECKING:
 
 
 def write(calibration: Calibration, asked: ExportOptions) -> Written:
-    """Write the function; A is transposed, as readings are rows. What comes out has the unit of what goes in."""
+    """Write the function; A is transposed, as readings are rows. Results have the unit of the readings."""
     affine = Affine.of(calibration, RECORDED, who="MATLAB and Octave", acts="across")
     rows = "; ".join(" ".join(f"{value:.17g}" for value in row) for row in affine.matrix.T)
     body = [
@@ -33,7 +33,7 @@ TARGETS: Final = (
         use="MATLAB and Octave function",
         suffix=".m",
         title="MATLAB and Octave",
-        formula="C = (D - b) A, a reading a row",
+        formula="C = (D - b) A, one reading per row",
         unit=RECORDED,
         keeps="all",
         storage="double, 17 digits",

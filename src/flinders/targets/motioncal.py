@@ -1,7 +1,7 @@
-"""The 68 bytes that MotionCal sends and PJRC's and Adafruit's sketches keep in EEPROM: ``c = W (0.1 counts − V)``.
+"""The 68 bytes that MotionCal sends and PJRC's and Adafruit's sketches store in EEPROM: ``c = W (0.1 counts − V)``.
 
-V is the offset in µT, subtracted; W is symmetric, with determinant 1; B is the radius in µT. All are float32, little
-endian, with zeros for accelerometer and gyroscope and a CRC at the end.
+V is the offset in µT, which is subtracted; W is symmetric, with determinant 1; B is the radius in µT. All are float32,
+little endian, with zeros for accelerometer and gyroscope and a CRC at the end.
 
 >>> from flinders.core.calibration import Calibration
 >>> from flinders.core.units import Unit
@@ -37,12 +37,12 @@ SIGNATURE: Final = bytes((117, 84))
 LAYOUT: Final = struct.Struct("<2s16fH")
 POLYNOMIAL: Final = 0xA001
 BEFORE_OFFSET: Final = 6
-"""Floats of accelerometer and gyroscope, which MotionCal leaves at 0."""
+"""Count of floats for accelerometer and gyroscope, which MotionCal leaves at 0."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class MotionCalPacket:
-    """What the packet says of the magnetometer."""
+    """Content of the packet for the magnetometer."""
 
     offset: Floats  #: (3,), µT: V, subtracted
     strength: float  #: µT: B, the length of corrected readings
@@ -50,7 +50,7 @@ class MotionCalPacket:
 
     @classmethod
     def of(cls, calibration: Calibration) -> Self:
-        """Bring the matrix to determinant 1, as MotionCal does, and round to float32; in the axes as recorded.
+        """Scale the matrix to determinant 1, as MotionCal does, and round to float32; in the axes as recorded.
 
         Raises
         ------
@@ -70,17 +70,16 @@ class MotionCalPacket:
         Raises
         ------
         DocumentError
-            For another length, signature or CRC, and for numbers that are none.
+            For a wrong length, signature or CRC, and for numbers that are not finite.
         """
         if len(content) != LAYOUT.size:
             raise DocumentError(f"{source}: {len(content)} bytes: a MotionCal packet has {LAYOUT.size}")
         signature, *values, sent = LAYOUT.unpack(content)
         if signature != SIGNATURE:
-            raise DocumentError(f"{source}: begins with {content[:2].hex()}: a MotionCal packet begins with 7554")
+            raise DocumentError(f"{source}: starts with {content[:2].hex()}: a MotionCal packet starts with 7554")
         if crc16(content[:-2]) != sent:
             raise DocumentError(
-                f"{source}: its CRC is {sent:04X}, and that of its bytes {crc16(content[:-2]):04X}: it was damaged; "
-                "copy it again"
+                f"{source}: its CRC is {sent:04X} instead of {crc16(content[:-2]):04X}: it is damaged; copy it again"
             )
         if not np.isfinite(values).all():
             raise DocumentError(f"{source}: holds numbers that are not finite: calibrate again")
@@ -89,7 +88,7 @@ class MotionCalPacket:
         return cls(own[:3], float(own[3]), np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]]))
 
     def as_dict(self) -> dict[str, Any]:
-        """JSON-ready: the packet as it is sent, and its values."""
+        """JSON-ready: the packet as sent, and its values."""
         sent = self.encode().hex()
         return {
             "packet": sent,  # the 68 bytes, hexadecimal
@@ -112,7 +111,7 @@ class MotionCalPacket:
 
 
 def symmetric_root(matrix: Floats) -> Floats:
-    """(3, 3) the symmetric S of W = R S with a rotation R, for targets that hold six numbers: S = (WᵀW)^½.
+    """(3, 3) the symmetric S of W = R S with a rotation R, for targets with six numbers: S = (WᵀW)^½.
 
     >>> turn = np.array([[0.8, -0.6, 0], [0.6, 0.8, 0], [0, 0, 1]])
     >>> symmetric_root(turn @ np.diag([2.0, 1.0, 0.5])).round(9)
@@ -138,7 +137,7 @@ def crc16(content: bytes) -> int:
 
 
 def write(calibration: Calibration, _asked: ExportOptions) -> Written:
-    """Write the bytes; the text shows them in hexadecimal. A calibration in counts raises `UnitError`."""
+    """Write the bytes, shown as hexadecimal text. A calibration in counts raises `UnitError`."""
     packet = MotionCalPacket.of(calibration)
     data = packet.encode()
     values = {"offset": packet.offset, "field": packet.strength, "matrix": packet.matrix, "hex": data.hex()}
@@ -147,7 +146,7 @@ def write(calibration: Calibration, _asked: ExportOptions) -> Written:
 
 
 def read(content: bytes, source: str, *, strength: float | None = None) -> Calibration:
-    """Read a packet back; `strength`, in µT, goes before the B in it. Raises as `MotionCalPacket.decode`."""
+    """Read a packet back; a `strength`, in µT, has priority over its B. Raises as `MotionCalPacket.decode`."""
     return MotionCalPacket.decode(content, source).affine.to_calibration("uT", strength=strength)
 
 
@@ -161,7 +160,7 @@ MOTIONCAL: Final = Target(
     keeps="symmetric",
     storage="68 bytes: 117 84, 16 float32 little endian, CRC-16/MODBUS",
     source="MotionCal rawdata.c and visualize.c, NXPMotionSense.h, Adafruit_Sensor_Calibration_EEPROM.cpp",
-    lengths="B long, as they are in the middle of the ellipsoid: the matrix has determinant 1",
+    lengths="B long, the mean radius of the ellipsoid: the matrix has determinant 1",
     comment=None,
     write=write,
     reader=TargetReader(rb"\A" + SIGNATURE, read, "a MotionCal packet"),

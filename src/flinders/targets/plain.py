@@ -1,9 +1,8 @@
 """The numbers as plain JSON or YAML: ``corrected = matrix (raw − offset)``, in the calibration's unit.
 
-Readings go in with the axes as recorded and come out with those of the calibration. ``noise`` is what a filter has to
-assume of them, where a fit states it (`flinders.targets._measurement_noise`).
-
-For programs that need no more; `flinders` itself reads its own calibration files, which hold all that is known.
+Readings go in with the axes as recorded, and come out in those of the calibration. ``noise`` is the noise of corrected
+readings for a filter, if a fit states it (`flinders.targets._measurement_noise`).  For programs that need nothing else;
+`flinders` itself reads its own calibration files, which contain more.
 """
 
 from __future__ import annotations
@@ -33,13 +32,13 @@ def write_json(calibration: Calibration, asked: ExportOptions) -> Written:
 
 
 def write_yaml(calibration: Calibration, asked: ExportOptions) -> Written:
-    """Write the same as YAML; values are written as JSON has them, which YAML reads too."""
+    """Write YAML, with values in JSON syntax, which is valid YAML."""
     correction, values = _values(calibration, asked)
     return Written(correction.apply, [f"{name}: {yaml_text(value)}" for name, value in values.items()], values)
 
 
 def _values(calibration: Calibration, asked: ExportOptions) -> tuple[Affine, dict[str, Any]]:
-    """The correction, and all that is written, by name."""
+    """The correction, and all written values by name."""
     correction = Affine.of(calibration, OWN, who="plain JSON", acts="across")
     return correction, {
         "formula": FORMULA,
@@ -48,21 +47,21 @@ def _values(calibration: Calibration, asked: ExportOptions) -> tuple[Affine, dic
         "field_strength_known": calibration.field_strength_known,
         "offset": correction.offset.tolist(),
         "matrix": correction.matrix.tolist(),
-        **_drivers(calibration),
+        **_disturbances(calibration),
         **({} if asked.noise is None else {"noise": asked.noise.as_dict(calibration.unit)}),
     }
 
 
-def _drivers(calibration: Calibration) -> dict[str, Any]:
-    """What the offset follows, in the axes as recorded: ``offset + offset_per_unit (value - reference)``."""
+def _disturbances(calibration: Calibration) -> dict[str, Any]:
+    """Disturbances of the offset, in the axes as recorded: ``offset + offset_per_unit (value - reference)``."""
     kinds = [one for one in calibration.disturbances if not is_column(one.name)]
-    columns = {one.name: _driver(calibration, one) for one in calibration.disturbances if is_column(one.name)}
-    drivers = {one.kind.key: _driver(calibration, one) for one in kinds}
+    columns = {one.name: _disturbance(calibration, one) for one in calibration.disturbances if is_column(one.name)}
+    drivers = {one.kind.key: _disturbance(calibration, one) for one in kinds}
     return {**drivers, **({"columns": columns} if columns else {})}
 
 
-def _driver(calibration: Calibration, disturbance: Disturbance) -> dict[str, Any]:
-    """One of them; of a column of states with their words."""
+def _disturbance(calibration: Calibration, disturbance: Disturbance) -> dict[str, Any]:
+    """One disturbance; a column of states includes their words."""
     return {
         "offset_per_unit": shift_in_recorded_axes(calibration, disturbance).tolist(),
         "reference": disturbance.reference,
@@ -76,9 +75,9 @@ def _driver(calibration: Calibration, disturbance: Disturbance) -> dict[str, Any
 def read(content: bytes, source: str, *, strength: float | None = None) -> Calibration:
     """Read the plain JSON back.
 
-    `strength`, in the unit of the file: goes before the field strength in it.
+    `strength`, in the unit of the file: has priority over the field strength in it.
 
-    Raises `DocumentError` for what is no such file, or lacks numbers.
+    Raises `DocumentError` for another file, or missing numbers.
     """
     fields = loaded(content, source)
     unit, rows = fields.get("unit"), fields.get("matrix")
@@ -90,19 +89,22 @@ def read(content: bytes, source: str, *, strength: float | None = None) -> Calib
     (length,) = numbers(fields, ["field_strength"], source)
     affine = Affine(entries.reshape(3, 3), listed(fields, "offset", 3, source), float(length))
     known = fields.get("field_strength_known") is True
-    return replace(affine.to_calibration(str(unit), known=known, strength=strength), disturbances=_read(fields, source))
+    return replace(
+        affine.to_calibration(str(unit), known=known, strength=strength),
+        disturbances=_read_disturbances(fields, source),
+    )
 
 
-def _read(fields: dict[str, Any], source: str) -> tuple[Disturbance, ...]:
-    """What the offset follows, where the file says so."""
+def _read_disturbances(fields: dict[str, Any], source: str) -> tuple[Disturbance, ...]:
+    """Disturbances of the offset in a file."""
     columns = fields.get("columns", {})
     if not isinstance(columns, dict):
         raise DocumentError(f"{source}: columns needs an entry for each name of a column")
     kinds = {name: fields[key] for key, name in BY_KEY.items() if key in fields}
-    return tuple(_followed(name, record, source) for name, record in {**kinds, **columns}.items())
+    return tuple(_read_disturbance(name, record, source) for name, record in {**kinds, **columns}.items())
 
 
-def _followed(name: str, record: object, source: str) -> Disturbance:
+def _read_disturbance(name: str, record: object, source: str) -> Disturbance:
     """One disturbance of a file."""
     if not isinstance(record, dict):
         raise DocumentError(f"{source}: {name} needs offset_per_unit, reference, recorded and lag_s")

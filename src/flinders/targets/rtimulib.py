@@ -1,6 +1,6 @@
 """The settings of RTIMULib: ``c = Corr ((m − off) scale − O)``, off and scale from the extremes of each axis, in µT.
 
-With extremes of −R and +R on all axes off is 0 and scale is 1, and O and Corr are offset and matrix. RTIMULib skips
+With extremes of −R and +R on all axes, off is 0 and scale is 1, and O and Corr are offset and matrix. RTIMULib ignores
 them unless the extremes are valid too.
 
 >>> from flinders.core.calibration import Calibration
@@ -34,44 +34,46 @@ if TYPE_CHECKING:
     from flinders.core.calibration import Calibration
 
 PLACES: Final = 6
-VALID: Final = "CompassCalValid"
-LOWEST: Final = tuple(f"CompassCalMin{axis}" for axis in "XYZ")
-HIGHEST: Final = tuple(f"CompassCalMax{axis}" for axis in "XYZ")
-ELLIPSOID_VALID: Final = "compassCalEllipsoidValid"
-OFFSET: Final = tuple(f"compassCalOffset{axis}" for axis in "XYZ")
-MATRIX: Final = tuple(f"compassCalCorr{row}{column}" for row in (1, 2, 3) for column in (1, 2, 3))
+VALID_KEY: Final = "CompassCalValid"
+MIN_KEYS: Final = tuple(f"CompassCalMin{axis}" for axis in "XYZ")
+MAX_KEYS: Final = tuple(f"CompassCalMax{axis}" for axis in "XYZ")
+ELLIPSOID_VALID_KEY: Final = "compassCalEllipsoidValid"
+OFFSET_KEYS: Final = tuple(f"compassCalOffset{axis}" for axis in "XYZ")
+MATRIX_KEYS: Final = tuple(f"compassCalCorr{row}{column}" for row in (1, 2, 3) for column in (1, 2, 3))
 
 
 def write(calibration: Calibration, _asked: ExportOptions) -> Written:
-    """Write the lines that replace those of the same names; a calibration in counts raises `UnitError`."""
+    """Write the lines that replace those with the same names; a calibration in counts raises `UnitError`."""
     affine = Affine.of(calibration, "uT", who="RTIMULib").decimals(PLACES)
     reach = max(round(affine.strength, PLACES), 10.0**-PLACES)
     extremes: dict[str, float] = {}
-    for low, high in zip(LOWEST, HIGHEST, strict=True):
+    for low, high in zip(MIN_KEYS, MAX_KEYS, strict=True):
         extremes |= {low: -reach, high: reach}
-    ellipsoid = dict(zip((*OFFSET, *MATRIX), (*affine.offset, *affine.matrix.ravel()), strict=True))
-    lines = [f"{VALID}=true", *_lines(extremes), f"{ELLIPSOID_VALID}=true", *_lines(ellipsoid)]
+    ellipsoid = dict(zip((*OFFSET_KEYS, *MATRIX_KEYS), (*affine.offset, *affine.matrix.ravel()), strict=True))
+    lines = [f"{VALID_KEY}=true", *_lines(extremes), f"{ELLIPSOID_VALID_KEY}=true", *_lines(ellipsoid)]
     notes = ["replaces the lines of the same names in RTIMULib.ini; acts after the driver's own exchange of axes"]
     return Written(affine.apply, lines, dict(line.split("=") for line in lines), notes)
 
 
 def read(content: bytes, source: str, *, strength: float | None = None) -> Calibration:
-    """Read the settings back, extremes and ellipsoid composed.
+    """Read the settings back, with extremes and ellipsoid combined.
 
-    `strength`, µT: length of corrected readings; half of the largest range where it is not given.
+    `strength`, µT: length of corrected readings; by default half of the largest range.
 
-    Raises `DocumentError` where the extremes are not valid, or numbers are missing.
+    Raises `DocumentError` if the extremes are not valid, or numbers are missing.
     """
     pairs = keyed(decoded(content, source), source)
-    if pairs.get(VALID) != "true":
-        raise DocumentError(f"{source}: {VALID} is {pairs.get(VALID, 'missing')}: RTIMULib uses no calibration then")
-    lowest, highest = numbers(pairs, LOWEST, source), numbers(pairs, HIGHEST, source)
+    if pairs.get(VALID_KEY) != "true":
+        raise DocumentError(
+            f"{source}: {VALID_KEY} is {pairs.get(VALID_KEY, 'missing')}: RTIMULib then ignores the calibration"
+        )
+    lowest, highest = numbers(pairs, MIN_KEYS, source), numbers(pairs, MAX_KEYS, source)
     if np.any(lowest >= highest):
-        raise DocumentError(f"{source}: {', '.join(LOWEST)} must be below {', '.join(HIGHEST)}")
+        raise DocumentError(f"{source}: {', '.join(MIN_KEYS)} must be below {', '.join(MAX_KEYS)}")
     offset: Floats = np.zeros(3)
     matrix: Floats = np.eye(3)
-    if pairs.get(ELLIPSOID_VALID) == "true":
-        offset, matrix = numbers(pairs, OFFSET, source), numbers(pairs, MATRIX, source).reshape(3, 3)
+    if pairs.get(ELLIPSOID_VALID_KEY) == "true":
+        offset, matrix = numbers(pairs, OFFSET_KEYS, source), numbers(pairs, MATRIX_KEYS, source).reshape(3, 3)
     ranges = highest - lowest
     scale = ranges.max() / ranges
     composed = Affine(matrix * scale, (lowest + highest) / 2 + offset / scale, float(ranges.max() / 2))
@@ -79,7 +81,7 @@ def read(content: bytes, source: str, *, strength: float | None = None) -> Calib
 
 
 def _lines(values: dict[str, float]) -> list[str]:
-    """Names and numbers as they stand in the file."""
+    """Names and numbers in the format of the file."""
     return [f"{name}={value + 0.0:.{PLACES}f}" for name, value in values.items()]
 
 

@@ -1,6 +1,6 @@
-"""How a sensor sits in a system, in the system's own setting: a device tree of Linux or Zephyr, Android, or code.
+"""Mounting of a sensor in a system, in the system's own setting: a device tree of Linux or Zephyr, Android, or code.
 
-All hold the rotation R from the sensor's axes to those of the body, and no calibration, which goes before it:
+All contain the rotation R from the sensor's axes to those of the body; the calibration is applied before it:
 
     v = M m                         ``mount-matrix`` of Linux IIO: M = R, row by row, as nine strings
     m = R v                         Android's AINFO_SENSOR_PLACEMENT: the transpose of R, with a place in millimetres
@@ -18,7 +18,7 @@ mount-matrix = "0", "1", "0",
 'y,-x,z'
 
 Sources: Linux, ``Documentation/devicetree/bindings/iio/mount-matrix.txt`` (x' = mxx x + myx y + mzx z, of which the
-first row is mxx, myx, mzx), ``Documentation/ABI/testing/sysfs-bus-iio``, ``industrialio-core.c``: the kernel hands the
+first row is mxx, myx, mzx), ``Documentation/ABI/testing/sysfs-bus-iio``, ``industrialio-core.c``: the kernel passes the
 strings on and multiplies nothing. Android, ``AdditionalInfoType`` of sensors HAL 1.0: "the inverse of the matrix
 applied to raw samples". Zephyr, ``dts/bindings/sensor/sensor-axis-align.yaml`` and ``icm4268x``: the channel is
 ``sign * readings[index]``.
@@ -47,33 +47,33 @@ if TYPE_CHECKING:
     from flinders.core.calibration import Calibration
 
 PLACES: Final = 9
-"""Decimals of an element of a matrix."""
+"""Decimals of a matrix element."""
 NUMBER: Final = r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?"
 ROW: Final = rf"{NUMBER}\s*,\s*{NUMBER}\s*,\s*{NUMBER}"
 SYSFS: Final = rf"{ROW}\s*;\s*{ROW}\s*;\s*{ROW}"
-"""As a file of sysfs shows it."""
+"""Format of a file in sysfs."""
 MARK: Final = rf"mount-matrix\s*=|\A\s*{SYSFS}\s*\Z"
 PROPERTY: Final = rf'mount-matrix\s*=\s*((?:"\s*{NUMBER}\s*"\s*,?\s*(?:/\*.*?\*/\s*)?){{9}});'
-OF_ANDROID: Final = (
+ANDROID_NOTES: Final = (
     (
-        "what the HAL reports must be in Android's axes already: a placement is information, and turns nothing. Where "
-        "the HAL turns readings itself, R is unity"
+        "readings of the HAL must already be in Android's axes: a placement is information only, and rotates nothing; "
+        "if the HAL rotates readings itself, R is unity"
     ),
-    "the last column is the place of the sensor in mm, from the middle of the screen: fill it in",
+    "the last column is the position of the sensor in mm, from the middle of the screen: fill it in",
 )
-OF_ZEPHYR: Final = (
+ZEPHYR_NOTE: Final = (
     "include <zephyr/dt-bindings/sensor/sensor_axis_align.h>; only for a driver whose binding includes "
-    "sensor-axis-align.yaml: in Zephyr itself those seen are of accelerometers and gyros (icm4268x, icm20689)"
+    "sensor-axis-align.yaml: in Zephyr itself, accelerometers and gyros only (icm4268x, icm20689)"
 )
 AXIS: Final = "SENSOR_AXIS_ALIGN_DT_"
-ALIGN: Final = re.compile(rf"axis-align-([xyz])(-sign)?\s*=\s*<\s*(?:{AXIS})?([XYZ]|POS|NEG|\d)\s*>")
+ALIGN_PATTERN: Final = re.compile(rf"axis-align-([xyz])(-sign)?\s*=\s*<\s*(?:{AXIS})?([XYZ]|POS|NEG|\d)\s*>")
 DEFAULTS: Final = {"x": "0", "y": "1", "z": "2", "x-sign": "2", "y-sign": "2", "z-sign": "2"}
-"""Values of the properties that a device tree leaves out."""
+"""Default values of the properties."""
 VALUES: Final = {"X": 0, "Y": 1, "Z": 2, "NEG": 0, "POS": 2}
 
 
 def write_mount_matrix(calibration: Calibration, asked: ExportOptions) -> Written:
-    """Write the property of a device tree; a mirrored sensor is written with a note of what the kernel's texts ask."""
+    """Write the property of a device tree; for a mirrored sensor, a note quotes the requirements of the kernel."""
     placement = Placement.of(calibration, asked, who="mount-matrix")
     matrix = np.round(placement.rotation, PLACES)
     rows = [", ".join(f'"{plain(value)}"' for value in row) for row in matrix]
@@ -85,18 +85,18 @@ def write_mount_matrix(calibration: Calibration, asked: ExportOptions) -> Writte
 
 
 def _of_a_mirror(placement: Placement) -> Iterable[str]:
-    """What to know of a matrix of determinant −1."""
+    """Notes on a matrix with determinant −1."""
     if not placement.is_mirror:
         return
     axis = placement.nearest.mirrored_axis
     yield (
         "its determinant is -1: mount-matrix.txt asks for a rotation matrix, sysfs-bus-iio for a unitary one, and the "
-        f"kernel checks neither. Better change the sign of {axis} in the driver, and record anew"
+        f"kernel checks neither. Better change the sign of {axis} in the driver, and record again"
     )
 
 
 def read_matrix(content: bytes, source: str, *, strength: float | None = None) -> Calibration:
-    """Read the property of a device tree, or what sysfs shows.
+    """Read the property of a device tree, or of sysfs.
 
     Raises `DocumentError` for another text, and for a matrix that is no mounting.
     """
@@ -117,7 +117,7 @@ def write_android(calibration: Calibration, asked: ExportOptions) -> Written:
     rows = np.column_stack([back, np.zeros(3)])
     name = begun("magnetometer", asked.name)
     body = [f"static const float {name}_placement[12] = {{", *(f"    {float32s(row, 'f')}," for row in rows), "};"]
-    return placement.written(back.T, body, {"placement": rows}, notes=OF_ANDROID)
+    return placement.written(back.T, body, {"placement": rows}, notes=ANDROID_NOTES)
 
 
 def read_android(content: bytes, source: str, *, strength: float | None = None) -> Calibration:
@@ -126,28 +126,28 @@ def read_android(content: bytes, source: str, *, strength: float | None = None) 
     found = re.search(r"_placement\[12\]\s*=\s*\{([^}]*)\}", text)
     words = re.findall(NUMBER, found[1]) if found else []
     if len(words) != 12:
-        raise DocumentError(f"{source}: {len(words)} numbers of a placement: need 12, three rows of R and a place")
+        raise DocumentError(f"{source}: {len(words)} numbers of a placement: need 12, three rows of R and a position")
     return _of_words([word for place, word in enumerate(words) if place % 4 != 3], source, strength, is_transposed=True)
 
 
 def write_zephyr(calibration: Calibration, asked: ExportOptions) -> Written:
-    """Write the properties of Zephyr's sensor-axis-align; a mirrored sensor may be mended by them."""
+    """Write the properties of Zephyr's sensor-axis-align, which can also describe a mirrored sensor."""
     placement = Placement.of(calibration, asked, who="axis-align")
     axes, is_partial = _by_right_angles(placement)
     body = []
     for name, index, sign in zip("xyz", axes.order, axes.signs, strict=True):
         body.append(f"axis-align-{name} = <{AXIS}{'XYZ'[index]}>;")
         body.append(f"axis-align-{name}-sign = <{AXIS}{'POS' if sign > 0 else 'NEG'}>;")
-    return placement.written(axes.matrix, body, {"axes": str(axes)}, notes=[OF_ZEPHYR], is_partial=is_partial)
+    return placement.written(axes.matrix, body, {"axes": str(axes)}, notes=[ZEPHYR_NOTE], is_partial=is_partial)
 
 
 def read_zephyr(content: bytes, source: str, *, strength: float | None = None) -> Calibration:
-    """Read the properties, of which those that are left out have their defaults.
+    """Read the properties; missing ones have their defaults.
 
-    Raises `DocumentError` where they do not name each axis once.
+    Raises `DocumentError` unless they name each axis once.
     """
     text = decoded(content, source)
-    given = {name + sign: value for name, sign, value in ALIGN.findall(text)}
+    given = {name + sign: value for name, sign, value in ALIGN_PATTERN.findall(text)}
     if not given:
         raise DocumentError(f"{source}: need axis-align-x, -y and -z with their signs")
     whole = {name: VALUES[value] if value in VALUES else int(value) for name, value in (DEFAULTS | given).items()}
@@ -160,7 +160,7 @@ def read_zephyr(content: bytes, source: str, *, strength: float | None = None) -
 
 
 def write_axes_code(calibration: Calibration, asked: ExportOptions) -> Written:
-    """Write a function in C that exchanges axes and signs; a mirrored sensor may be mended by it."""
+    """Write a C function that swaps axes and signs, which can also describe a mirrored sensor."""
     placement = Placement.of(calibration, asked, who="a mapping of axes in C")
     axes, is_partial = _by_right_angles(placement)
     name = begun("magnetometer", asked.name)
@@ -179,7 +179,7 @@ def write_axes_code(calibration: Calibration, asked: ExportOptions) -> Written:
 
 
 def _by_right_angles(placement: Placement) -> tuple[Axes, bool]:
-    """The mounting by right angles that is written, and whether it is only the nearest one."""
+    """The right-angled mounting that is written, and whether it is only the nearest one."""
     if placement.axes is not None:
         return placement.axes, False
     nearest = placement.nearest
@@ -194,7 +194,7 @@ def _of_words(words: list[str], source: str, strength: float | None, *, is_trans
 
 
 def plain(value: float) -> str:
-    """Write a number of at most `PLACES` decimals without zeros at its end.
+    """Write a number with at most `PLACES` decimals, without trailing zeros.
 
     >>> plain(-1.0), plain(0.5), plain(-1e-12)
     ('-1', '0.5', '0')
@@ -246,7 +246,7 @@ TARGETS: Final = (
     ),
     mounting_target(
         name="c-axes",
-        use="C function, axes exchanged",
+        use="C function, axes swapped",
         suffix=".h",
         title="a mapping of axes in C",
         formula="v_i = sign_i m[index_i]",

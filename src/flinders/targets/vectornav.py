@@ -12,7 +12,7 @@ $VNWRG,23,1.2500000,0.0000000,0.0000000,0.0000000,1.0000000,0.0000000,0.0000000,
 True
 
 Source: VN-100 user manual UM001, section 6.2.1: the twelve numbers are C row by row and B. Numbers are written with
-seven decimals, 0.01 nT; the device keeps single precision.
+seven decimals, 0.01 nT; the device uses single precision.
 """
 
 from __future__ import annotations
@@ -30,8 +30,8 @@ if TYPE_CHECKING:
 
 PLACES: Final = 7
 NAMES: Final = (*(f"C{row}{column}" for row in range(3) for column in range(3)), "B0", "B1", "B2")
-HEADS: Final = ("$VNWRG,23,", "$VNRRG,23,")
-"""Of the sentence that writes the register, and of the answer to one that reads it."""
+SENTENCE_STARTS: Final = ("$VNWRG,23,", "$VNRRG,23,")
+"""Starts of the sentence that writes the register, and of the response to one that reads it."""
 
 
 def write(calibration: Calibration, _asked: ExportOptions) -> Written:
@@ -39,7 +39,7 @@ def write(calibration: Calibration, _asked: ExportOptions) -> Written:
     register = Affine.of(calibration, "G", who="register 23").decimals(PLACES)
     values = ",".join(f"{value + 0.0:.{PLACES}f}" for value in (*register.matrix.ravel(), *register.offset))
     sentence = f"VNWRG,23,{values}"
-    notes = ["for readings recorded with register 23 at its default: it replaces what the device holds"]
+    notes = ["for readings recorded with register 23 at its default, whose values it replaces"]
     lines = [f"${sentence}*{checksum(sentence):02X}"]
     return Written(register.apply, lines, {"C": register.matrix, "B": register.offset}, notes)
 
@@ -54,16 +54,16 @@ def checksum(body: str) -> int:
 
 
 def read(content: bytes, source: str, *, strength: float | None = None) -> Calibration:
-    """Read the sentence, or the device's answer to ``$VNRRG,23``, back.
+    """Read the sentence, or the device's response to ``$VNRRG,23``.
 
-    `strength`, µT: length of corrected readings, which the register does not hold; 50 µT where it is not given.
+    `strength`, µT: length of corrected readings, which the register does not contain; by default 50 µT.
 
-    Raises `DocumentError` for another sentence, and one whose checksum is wrong or missing.
+    Raises `DocumentError` for another sentence, or for a wrong or missing checksum.
     """
     line = decoded(content, source).strip()
-    head = next((head for head in HEADS if line.startswith(head)), None)
+    head = next((head for head in SENTENCE_STARTS if line.startswith(head)), None)
     if head is None or "\n" in line:
-        raise DocumentError(f"{source}: need one line that begins with {' or '.join(HEADS)}")
+        raise DocumentError(f"{source}: need one line that starts with {' or '.join(SENTENCE_STARTS)}")
     body, star, stated = line[1:].partition("*")
     if not star or stated.strip().upper() not in (f"{checksum(body):02X}", "XX"):
         raise DocumentError(f"{source}: checksum {stated or 'missing'}, need {checksum(body):02X}: copy the line again")

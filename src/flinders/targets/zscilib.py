@@ -1,4 +1,4 @@
-"""Constants for Zephyr's zscilib, ``zsl_fus_cal_corr_vec``: ``c = K (v + b)``: b is added, so it is minus the offset.
+"""Constants for Zephyr's zscilib, ``zsl_fus_cal_corr_vec``: ``c = K (v + b)``; b is added, so it is minus the offset.
 
 >>> K, b = np.array([[0.99, 0.12, 0.01], [0.12, 0.87, 0.09], [0.01, 0.09, 0.92]]), np.array([1.2, -4.9, 5.7])
 >>> Affine(K, -b, 1.0).apply([0.8, 1.2, 5.4]).round(3)                  # the example of its own test
@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 
 
 def write(calibration: Calibration, _asked: ExportOptions) -> Written:
-    """Write the arrays and how to use them."""
+    """Write the arrays, with a note on their use."""
     affine = Affine.of(calibration, OWN, who="zscilib").single
     bias = np.negative(affine.offset)
     body = [

@@ -1,7 +1,7 @@
-"""Dialects: lines that are no table, and how each of them becomes a row of one.
+"""Dialects: formats of lines that are no table, and their conversion to rows of one.
 
-A dialect is recognised by the first lines and then takes one line at a time, whether that comes from a file or from a
-wire. A new one is a file here with a `Dialect` and a function ``recognise``, and its row of ``DIALECTS`` in `_layout`.
+A dialect is recognised by the first lines, and then converts single lines of a file or a wire. A new one is a file
+here with a `Dialect` and a function ``recognise``, and its row of ``DIALECTS`` in `_recognition`.
 """
 
 from __future__ import annotations
@@ -15,13 +15,13 @@ if TYPE_CHECKING:
 
 @dataclass(slots=True)
 class Dialect:
-    """How lines become rows of a table that is separated by commas."""
+    """Conversion of lines to rows of a comma-separated table."""
 
-    words: str  # what the lines are, for people
-    names: tuple[str, ...]  # of the columns; empty where the lines do not state them
+    words: str  # description of the lines for users
+    names: tuple[str, ...]  # names of the columns; empty if the lines do not state them
     _: KW_ONLY
-    frame: str = "sensor"  # what the axes are, as `Samples` calls it
+    frame: str = "sensor"  # axes of the readings, as in `Samples`
 
     def row(self, line: str) -> Sequence[str] | None:
-        """Take one line, in order: the cells of a reading, nothing for a part of one, None where it is another line."""
+        """Convert the next line: to the cells of a reading, to nothing for a part of one, to None for another line."""
         raise NotImplementedError

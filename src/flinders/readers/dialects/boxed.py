@@ -1,4 +1,4 @@
-r"""Tables as programs print them for people, between bars and rulers: clients of data bases, Markdown.
+r"""Tables between bars and rulers, as printed by database clients, or in Markdown.
 
 >>> dialect = recognise(["+----+------+------+------+", "| id |   mx |   my |   mz |", "+----+------+------+------+",
 ...                      "|  1 | 28.9 | 31.9 | 47.2 |"])
@@ -27,7 +27,7 @@ RULER: Final = re.compile(
 )
 """A line between rows, ``-----+-----``, ``|:---|---:|``."""
 BARS: Final = re.compile(r"[|│┃║]")
-_COUNT: Final = re.compile(r"\s*\(?[\d,]+ rows?\)?(?: in set.*)?\s*")  # what stands below
+_COUNT: Final = re.compile(r"\s*\(?[\d,]+ rows?\)?(?: in set.*)?\s*")  # line below the rows
 WORDS: Final = "a table between bars"
 
 
@@ -35,7 +35,7 @@ class Boxed(Dialect):
     """Rows of cells between bars."""
 
     def row(self, line: str) -> Sequence[str] | None:
-        """Cut a line at its bars; a ruler, the header and the count of rows have no cells."""
+        """Split a line at its bars; a ruler, the header and the count of rows have no cells."""
         if RULER.fullmatch(line) or _COUNT.fullmatch(line):
             return ()
         cells = _cells(line)

@@ -1,6 +1,6 @@
 r"""Points of InfluxDB's line protocol: ``mag,host=a x=31.5,y=-32.2,z=46.3 1700000000000000000``.
 
-A field's name stands for itself where it tells what it is, else behind its measurement. Source: InfluxData, "Line
+A field's name is used alone if it identifies the quantity, else after its measurement. Source: InfluxData, "Line
 protocol reference"; a time without a unit is in ns, and shorter ones in µs, ms or s.
 
 >>> dialect = recognise(["mag,host=a x=1,y=2,z=3 1700000000000000000", "cpu,host=a load=0.5 1700000000000000000"])
@@ -30,8 +30,8 @@ POINT: Final = re.compile(
     r"(?: (?P<time>\d{10,19}))?"
 )
 SIGN: Final = re.compile(r"^[^\s,=]+(?:,[^\s,=]+=[^\s,]+)* [^\s,=]+=[^\s,]+(?:,[^\s,=]+=[^\s,]+)*(?: \d{10,19})?\s*$")
-MOST: Final = 0.6  # share of lines that have to be points
-UNITS: Final = {19: "ns", 16: "us", 13: "ms", 10: "s"}  # of a time with so many digits
+MIN_POINT_SHARE: Final = 0.6  # smallest share of points among the lines
+UNITS: Final = {19: "ns", 16: "us", 13: "ms", 10: "s"}  # unit of a time, by its number of digits
 _NUMBER: Final = re.compile(r"([-+]?\d[\d.]*(?:[eE][-+]?\d+)?)[iu]?")
 
 
@@ -44,7 +44,7 @@ class Points(Dialect):
     is_timed: bool
 
     def row(self, line: str) -> Sequence[str] | None:
-        """Take the time and the fields of a point; nothing for another series."""
+        """Return the time and the fields of a point; nothing for another series."""
         point = POINT.fullmatch(line.strip())
         if point is None:
             return None
@@ -55,10 +55,10 @@ class Points(Dialect):
 
 
 def recognise(lines: list[str]) -> Points | None:
-    """Find points, most often of a series with a magnetometer; NoMagnetometer where tags tell of several of it."""
+    """Find points, preferably of the most frequent magnetometer; NoMagnetometer if tags distinguish several sensors."""
     filled = [line.strip() for line in lines if line.strip() and not line.lstrip().startswith("#")]
     points = [point for line in filled if (point := POINT.fullmatch(line))]
-    if not points or len(points) < MOST * len(filled):
+    if not points or len(points) < MIN_POINT_SHARE * len(filled):
         return None
     kinds = Counter((_series(point), tuple(_fields(point["fields"]))) for point in points)
     able = [(series, fields) for series, fields in kinds if magnetometers(_names(series, fields))]
@@ -69,7 +69,7 @@ def recognise(lines: list[str]) -> Points | None:
     alike = sorted({other for other, names in able if names == fields and other.partition(",")[0] == measurement})
     if len(alike) > 1:
         raise NoMagnetometer(
-            f"tags say which sensor each point is of ({alike[0]}, {alike[1]}): keep the points of one of them"
+            f"tags distinguish several sensors ({alike[0]}, {alike[1]}): keep only the points of one of them"
         )
     times = [point["time"] for point in points if _series(point) == series]
     is_timed = all(times)
@@ -83,13 +83,13 @@ def _series(point: re.Match[str]) -> str:
 
 
 def _fields(text: str) -> dict[str, str]:
-    """The fields of a point, text and truth as they are."""
+    """The fields of a point; texts and booleans are unchanged."""
     pairs = (field.partition("=") for field in text.split(","))
     return {name: number[1] if (number := _NUMBER.fullmatch(value)) else value for name, _, value in pairs}
 
 
 def _names(series: str, fields: Sequence[str]) -> tuple[str, ...]:
-    """Names of fields, behind that of their measurement where they do not tell what they are."""
+    """Names of fields, prefixed with their measurement if they do not identify the quantity."""
     measurement = series.partition(",")[0]
     return tuple(
         name if meaning(name).kind and not meaning(name).is_bare else f"{measurement} {name}" for name in fields

@@ -1,4 +1,4 @@
-r"""JSON that holds readings in another way than a record each: lists by key, names beside rows, many in one record.
+r"""JSON with readings in another form than one record each: lists by key, names and rows, several readings per record.
 
 >>> arranged({"t": [0, 1, 2, 3, 4], "mag": {"x": [5, 5, 5, 5, 5]}, "note": "a"})[1]
 {'t': 1, 'mag.x': 5}
@@ -30,20 +30,21 @@ if TYPE_CHECKING:
 
 Json: TypeAlias = dict[str, Any]
 
-FEWEST_ROWS: Final = 5  # a list is one of readings from here on; a shorter one may be a vector or a quaternion
-LENGTH_OF_A_MOMENT: Final = 10  # digits of a key that is a time since 1970, or letters of one that is a date
-MOST_PARTS: Final = 20  # members of a list in which a table is looked for
-COMPARED: Final = 100  # records that tell readings one after another from several sensors
-STEADIER: Final = 1.5  # times that readings of several sensors differ more than those of one from record to record
+MIN_ROWS: Final = 5  # smallest length of a list of readings; a shorter one may be a vector or a quaternion
+MIN_TIME_LETTERS: Final = 10  # smallest length of a key that is a time since 1970, in digits, or a date, in characters
+MAX_PARTS: Final = 20  # largest number of members of a list that is searched for a table
+COMPARED_RECORDS: Final = 100  # number of records that distinguish successive readings from several sensors
+# ratio of differences within a record and between records from which a record has several sensors
+MIN_SENSOR_RATIO: Final = 1.5
 
 
 def arranged(document: Json) -> list[Any] | None:
-    """Records of a table in one object (names beside rows, lists by key, a list of records); None for other objects."""
+    """Records of a table in one object (names and rows, lists by key, a list of records); None for other objects."""
     for body in _objects(document):
         if rows := _named_rows(body):
             return rows
     lists = _lists(_as_list(document) or document)
-    lengths = sorted({len(each) for each in lists.values() if len(each) >= FEWEST_ROWS}, reverse=True)
+    lengths = sorted({len(each) for each in lists.values() if len(each) >= MIN_ROWS}, reverse=True)
     tables = [{name: each for name, each in lists.items() if len(each) == length} for length in lengths]
     table = max(tables, key=lambda table: (names_magnetometer(_names_of(table)), len(table)), default=None)
     if table is None:
@@ -55,11 +56,11 @@ def arranged(document: Json) -> list[Any] | None:
 
 
 def one_by_one(records: list[Any]) -> list[Any]:
-    """Readings that come several to a record as a record each; others, and those of several sensors, as they are.
+    """Split records with several readings into one record each; others, and those of several sensors, are unchanged.
 
-    The time of a record is that of its first reading; the others lie between it and that of the next record.
+    The time of a record is that of its first reading; the others are spread up to the time of the next record.
     """
-    inside = [_batch(record) if isinstance(record, dict) else {} for record in records[:COMPARED]]
+    inside = [_batch(record) if isinstance(record, dict) else {} for record in records[:COMPARED_RECORDS]]
     if not any(inside) or _are_sensors([batch for batch in inside if batch]):
         return records
     times = [_times(record) if isinstance(record, dict) else {} for record in records]
@@ -68,22 +69,22 @@ def one_by_one(records: list[Any]) -> list[Any]:
     steps: dict[str, float] = {}
     for record, own, following in zip(records, times, after, strict=True):
         steps = {name: following[name] - time for name, time in own.items() if name in following} or steps
-        made += _parted(record, own, steps) if isinstance(record, dict) else [record]
+        made += _split_record(record, own, steps) if isinstance(record, dict) else [record]
     return made
 
 
 def _objects(value: Any) -> Iterator[Json]:  # noqa: ANN401 - JSON
-    """Yield the objects inside a document, the outer ones first; of lists only those shorter than readings'."""
+    """Yield the objects inside a document, outer ones first; longer lists are not searched."""
     if isinstance(value, dict):
         yield value
         value = list(value.values())
-    if isinstance(value, list) and len(value) < MOST_PARTS:
+    if isinstance(value, list) and len(value) < MAX_PARTS:
         for each in value:
             yield from _objects(each)
 
 
 def _named_rows(body: Json) -> list[Json]:
-    """Rows of an object that has their names, such as ``columns`` or ``sensors``, in a list of its own."""
+    """Rows of an object whose column names, such as ``columns`` or ``sensors``, are in a separate list."""
     for heads in filter(_is_list, body.values()):
         names = [_name(head) for head in heads]
         for rows in filter(_is_list, body.values()):
@@ -95,7 +96,7 @@ def _named_rows(body: Json) -> list[Json]:
 
 
 def _name(head: Any) -> str:  # noqa: ANN401 - JSON
-    """Name of a column: a word that is no number, or what an object with a name says, with its unit."""
+    """Name of a column: a non-numeric word, or the name in an object, with its unit."""
     if isinstance(head, dict) and isinstance(head.get("name"), str):
         unit = head.get("units") or head.get("unit")
         return f"{head['name']} ({unit})" if isinstance(unit, str) else str(head["name"])
@@ -107,27 +108,27 @@ def _is_list(value: object) -> bool:
 
 
 def _as_list(value: Json) -> list[Any] | None:
-    """Values by row number, by date or by time, as pandas writes columns; None for another object."""
-    is_by_row = len(value) >= FEWEST_ROWS and all(key[:1].isdecimal() for key in value)
+    """Values of an object whose keys are row numbers, dates or times, as in pandas; None for another object."""
+    is_by_row = len(value) >= MIN_ROWS and all(key[:1].isdecimal() for key in value)
     return list(value.values()) if is_by_row else None
 
 
 def _lists(value: Any, name: str = "") -> dict[str, list[Any]]:  # noqa: ANN401 - JSON
-    """Find the lists of an object, by the keys that lead to each; those by time have it beside them."""
+    """Find the lists of an object by path of keys; the keys of a list by time become a ``timestamp`` list."""
     if isinstance(value, list):
         return {name: value} if value else {}
     found: dict[str, list[Any]] = {}
     for key, inner in value.items() if isinstance(value, dict) else ():
         path = f"{name}.{key}" if name else str(key)
         rows = _as_list(inner) if isinstance(inner, dict) else None
-        if rows and len(next(iter(inner))) >= LENGTH_OF_A_MOMENT:
+        if rows and len(next(iter(inner))) >= MIN_TIME_LETTERS:
             found.setdefault("timestamp", list(inner))
         found |= _lists(inner if rows is None else rows, path)
     return found
 
 
 def _names_of(table: dict[str, list[Any]]) -> list[str]:
-    """Names of the columns that lists make, of vectors with that of each part."""
+    """Names of the columns of a table; a vector has one for each part."""
     return [name for key, rows in table.items() for name in _parts(key, rows[0])]
 
 
@@ -138,7 +139,7 @@ def _parts(key: str, value: Any) -> list[str]:  # noqa: ANN401 - JSON
 
 
 def _batch(record: Json) -> dict[str, list[Any]]:
-    """Lists of as many readings each that make a magnetometer; nothing where there are none."""
+    """Lists of equal length in a record that make a magnetometer; empty if there are none."""
     lists = _lists(record)
     for length in sorted({len(each) for each in lists.values() if len(each) > 1}, reverse=True):
         batch = {name: each for name, each in lists.items() if len(each) == length}
@@ -148,14 +149,14 @@ def _batch(record: Json) -> dict[str, list[Any]]:
 
 
 def _are_sensors(batches: Sequence[dict[str, list[Any]]]) -> bool:
-    """Tell whether the readings of a record are those of several sensors: each is nearer to its own of the next one."""
+    """Tell whether a record has readings of several sensors: each is closer to its successor in the next record."""
     same = [batch for batch in batches if len(_first(batch)) == len(_first(batches[0]))]
     read = [each for each in map(_readings, same) if each is not None]
     if len(read) < 2:
         return False
     inside = np.concatenate([np.linalg.norm(np.diff(each, axis=0), axis=1) for each in read])
     across = np.concatenate([np.linalg.norm(after - before, axis=1) for before, after in pairwise(read)])
-    return bool(np.median(inside) > STEADIER * np.median(across))
+    return bool(np.median(inside) > MIN_SENSOR_RATIO * np.median(across))
 
 
 def _first(batch: dict[str, list[Any]]) -> list[Any]:
@@ -163,7 +164,7 @@ def _first(batch: dict[str, list[Any]]) -> list[Any]:
 
 
 def _readings(batch: dict[str, list[Any]]) -> Floats | None:
-    """(N, 3) readings of the magnetometer of a batch; None where some are no numbers."""
+    """(N, 3) readings of the magnetometer of a batch; None if some are not numbers."""
     names = _names_of(batch)
     columns = [list(_values(row)) for row in zip(*batch.values(), strict=True)]
     cells = vectors(names, list(map(meaning, names)), FIELD)[0].cells
@@ -180,28 +181,28 @@ def _values(row: Sequence[Any]) -> Iterator[Any]:
 
 
 def _times(record: Json) -> dict[str, float]:
-    """Numbers of a record that are times, by their keys."""
-    leaves = {key: number(str(value), ".") for key, value in _plain(record) if meaning(key).kind == TIME}
+    """Numeric times of a record, by path of keys."""
+    leaves = {key: number(str(value), ".") for key, value in _plain_values(record) if meaning(key).kind == TIME}
     return {key: value for key, value in leaves.items() if value is not None}
 
 
-def _plain(record: Json, name: str = "") -> Iterator[tuple[str, Any]]:
-    """Yield what is in the objects of a record and no list, by the keys that lead to it."""
+def _plain_values(record: Json, name: str = "") -> Iterator[tuple[str, Any]]:
+    """Yield the values in the objects of a record that are no lists, by path of keys."""
     for key, value in record.items():
         path = f"{name}.{key}" if name else str(key)
         if isinstance(value, dict):
-            yield from _plain(value, path)
+            yield from _plain_values(value, path)
         elif not isinstance(value, list):
             yield path, value
 
 
-def _parted(record: Json, times: dict[str, float], steps: dict[str, float]) -> Iterator[Json]:
-    """Yield a record for each of the readings of one; the record itself where it has no several."""
+def _split_record(record: Json, times: dict[str, float], steps: dict[str, float]) -> Iterator[Json]:
+    """Yield a record for each reading of a record; the record itself if it has only one."""
     batch = _batch(record)
     if not batch:
         yield record
         return
-    plain, count = dict(_plain(record)), len(_first(batch))
+    plain, count = dict(_plain_values(record)), len(_first(batch))
     for place in range(count):
         later = {name: times[name] + step * place / count for name, step in steps.items() if place and name in times}
         own = {name: each[place] for name, each in batch.items()}

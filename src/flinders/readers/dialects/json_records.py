@@ -1,4 +1,4 @@
-r"""JSON: a record in each line, other lines between, or a document: a list of records, or what `arranged` makes one of.
+r"""JSON: one record per line, with other lines between, or a document: a list of records, or input of `arranged`.
 
 A record is an object, or a list of numbers.
 
@@ -32,14 +32,14 @@ if TYPE_CHECKING:
 
     from flinders.readers._source import Source
 
-_load = partial(json.loads, parse_float=str, parse_int=str)  # numbers stay as they are written
-LEAST: Final = 3  # Numbers in a record with a reading
-LARGEST: Final = 256 << 20  # Bytes of a document that are still read; JSON lines may be of any length
-# How JSON with readings in it begins; ``[INFO] …`` is a line of a log.
-OPENING: Final = re.compile(r"\[\s*(?:[\[{\]]|-?[\d.]+(?:[eE][-+]?\d+)?\s*,|$)|\{\s*(?:\"|\}|$)")
+_load = partial(json.loads, parse_float=str, parse_int=str)  # keeps numbers as they are written
+LEAST: Final = 3  # smallest count of numbers in a record with a reading
+LARGEST: Final = 256 << 20  # largest document in bytes; JSON lines may be of any length
+# Start of JSON with readings; ``[INFO] …`` is a line of a log.
+JSON_START: Final = re.compile(r"\[\s*(?:[\[{\]]|-?[\d.]+(?:[eE][-+]?\d+)?\s*,|$)|\{\s*(?:\"|\}|$)")
 _NEXT: Final = re.compile(r"[\n\r](?=[\[{])")  # before a document that follows another one
-LOOKED_AT: Final = 100  # Lines that tell how many readings are in a record
-MARK: Final = "flinders"  # the key by which files that Flinders itself writes are known
+LOOKED_AT: Final = 100  # lines that are examined for the number of readings per record
+MARK: Final = "flinders"  # key in all files written by Flinders
 
 
 @dataclass(slots=True)
@@ -47,7 +47,7 @@ class JsonLines(Dialect):
     """Records with the same keys; lists have none."""
 
     def row(self, line: str) -> list[str] | None:
-        """Bring the record of a line into the order of the columns, numbers as they are written."""
+        """Values of a line's record in the order of the columns, with numbers as they are written."""
         record = _record(line)
         if isinstance(record, dict) and self.names:
             leaves = flat(record)
@@ -58,7 +58,7 @@ class JsonLines(Dialect):
 
 
 def recognise(lines: list[str]) -> JsonLines | None:
-    """Find records with three numbers; of those with different keys, the most frequent that have a magnetometer's."""
+    """Find records with three numbers; of several sets of keys, prefer a magnetometer's, then the most frequent."""
     records = [record for record in map(_record, lines) if record is not None and _numbers(record) >= LEAST]
     keys = Counter(tuple(flat(record)) if isinstance(record, dict) else () for record in records)
     if not keys:
@@ -67,7 +67,7 @@ def recognise(lines: list[str]) -> JsonLines | None:
 
 
 def flat(record: dict[str, object]) -> dict[str, object]:
-    """Bring what lies inside objects and lists to the top, with dots in its name: ``mag.x``, ``mag.y.0``."""
+    """Flatten objects and lists, with dots in the names: ``mag.x``, ``mag.y.0``."""
     leaves: dict[str, object] = {}
     for key, value in record.items():
         inside = {str(place): each for place, each in enumerate(value)} if isinstance(value, list) else value
@@ -79,9 +79,9 @@ def flat(record: dict[str, object]) -> dict[str, object]:
 
 
 def is_document(text: str) -> bool:
-    """Tell a JSON document from JSON lines, and from lines such as ``[1, 2, 3] uT``, by how it begins."""
+    """Tell whether a text starts a JSON document rather than JSON lines, or lines such as ``[1, 2, 3] uT``."""
     first, _, more = text.lstrip().partition("\n")
-    if not OPENING.match(first):
+    if not JSON_START.match(first):
         return False
     record = _record(first)
     if isinstance(record, dict):
@@ -89,34 +89,34 @@ def is_document(text: str) -> bool:
         has_list = any(isinstance(value, list) for value in record.values())
         return MARK in record or (is_alone and (has_list or arranged(record) is not None))
     is_closed = sum(map(first.count, "[{")) == sum(map(first.count, "]}"))
-    return record in (None, []) and not (is_closed and _loaded(first) is None)
+    return record in (None, []) and not (is_closed and _load_json(first) is None)
 
 
 def has_several_to_a_record(text: str) -> bool:
-    """Tell whether JSON lines hold several readings of one magnetometer in a record."""
+    """Tell whether JSON lines contain several readings of one magnetometer per record."""
     records = [record for record in map(_record, text.splitlines()[:LOOKED_AT]) if isinstance(record, dict)]
     return one_by_one(records) is not records
 
 
 def own_kind(text: str) -> str:
-    """What Flinders calls a file of its own with this text, such as ``truth``; nothing of any other text.
+    """Kind of a file written by Flinders, such as ``truth``; empty for any other text.
 
     >>> own_kind('{"flinders": "truth", "schema": 1}'), own_kind('{"mx": [1, 2]}'), own_kind("mx,my,mz")
     ('truth', '', '')
     """
-    document = _loaded(text) if MARK in text and text.lstrip().startswith("{") else None
+    document = _load_json(text) if MARK in text and text.lstrip().startswith("{") else None
     return str(document[MARK]) if isinstance(document, dict) and MARK in document else ""
 
 
 def _record(line: str) -> dict[str, object] | list[object] | None:
     """Parse an object or a list of plain values; numbers stay as they are written."""
-    record = _loaded(line) if line.lstrip().startswith(("{", "[")) else None
+    record = _load_json(line) if line.lstrip().startswith(("{", "[")) else None
     is_plain = isinstance(record, list) and not any(isinstance(value, (list, dict)) for value in record)
     return record if is_plain or isinstance(record, dict) else None  # type: ignore[return-value]
 
 
-def _loaded(text: str) -> object:
-    """Load JSON, numbers as they are written; None where it is broken."""
+def _load_json(text: str) -> object:
+    """Parse JSON with numbers as they are written; None if it is invalid."""
     try:
         return _load(text)
     except (ValueError, RecursionError):
@@ -145,12 +145,12 @@ def records_as_lines(source: Source, encoding: str) -> Iterator[bytes]:
     if isinstance(document, dict) and MARK in document:
         kind = shown(str(document[MARK]))
         kind = f"an {kind}" if kind[:1] in tuple("aeiou") else f"a {kind}"
-        raise UnreadableInput(f"{source.name} is {kind} file of Flinders and not a recording: give the recording")
+        raise UnreadableInput(f"{source.name} is {kind} file of Flinders, not a recording: give the recording")
     if not records:
         kind = "an empty list" if document == [] else f"one {'object' if isinstance(document, dict) else 'value'}"
         keys = f" ({listed(list(document))})" if isinstance(document, dict) and document else ""
         raise UnreadableInput(
-            f"{source.name} is JSON with {kind} in it{keys}: need a list of [x, y, z] or of objects, or lists of one "
+            f"{source.name} is JSON with {kind}{keys}: need a list of [x, y, z] or of objects, or lists of one "
             "length by key"
         )
     for record in one_by_one(records):
@@ -160,16 +160,15 @@ def records_as_lines(source: Source, encoding: str) -> Iterator[bytes]:
 
 
 def _documents(name: str, text: str) -> tuple[object, list[str]]:
-    """Load a document, or several one after another as a list, and what is broken between these, in a line each."""
+    """Load a document, or several successive ones as a list, and the invalid parts between them as lines."""
     try:
         return _load(text), []
     except (ValueError, RecursionError) as error:
         parts = [part for part in _NEXT.split(text) if part.strip()]
-        loaded = [(part, _loaded(part)) for part in parts]
+        loaded = [(part, _load_json(part)) for part in parts]
         found = [record for _, record in loaded if record is not None]
         if len(found) < 2:
             raise UnreadableInput(
-                f"{name} begins like JSON and is not JSON that can be read ({error}): "
-                "need a list of [x, y, z] or of objects"
+                f"{name} starts like JSON but is invalid ({error}): need a list of [x, y, z] or of objects"
             ) from None
         return found, [" ".join(part.split()) for part, record in loaded if record is None]

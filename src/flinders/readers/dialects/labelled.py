@@ -1,7 +1,7 @@
-"""Lines in which labels say what the numbers are: ``X: -20.8 Y: -20.2 Z: 26.1 uT``, ``Mag (uT) [ 1, 2, 3 ]``.
+"""Lines in which labels name the numbers: ``X: -20.8 Y: -20.2 Z: 26.1 uT``, ``Mag (uT) [ 1, 2, 3 ]``.
 
-Lines with the same labels and units are of one kind. The kind that names a magnetometer, or its z alone, ends a
-reading, to which the other sensors' kinds before it belong. A cut line has other labels, or lacks its unit.
+Lines with the same labels and units are of one kind. A reading ends with the kind that names a magnetometer, or its z
+alone; the other sensors' kinds before it belong to the reading. A cut line has other labels, or lacks its unit.
 
 >>> dialect = recognise(["Accel X: 0.1 Y: 0.2 Z: 9.8 m/s^2", "Mag X: -20.8 Y: -20.2 Z: 26.1 uT", "", "low battery"] * 2)
 >>> dialect.row("Accel X: 0.1 Y: 0.2 Z: 9.7 m/s^2"), dialect.row("Mag X: 1 Y: 2 Z: 3 uT")
@@ -33,31 +33,32 @@ if TYPE_CHECKING:
 
     from flinders.arrays import Floats
 
-Kind: TypeAlias = "tuple[str, ...]"  # The names of a line's numbers; lines of one kind have the same
-OFTEN: Final = 0.5  # Share of the most frequent kind's lines that another one needs to be preferred for its unit
-SELDOM: Final = 0.05  # Share of the magnetometer's lines that a kind needs to be read with it
+Kind: TypeAlias = "tuple[str, ...]"  # names of a line's numbers, which are equal for all lines of one kind
+OFTEN: Final = 0.5  # smallest frequency of a kind that is preferred for its unit, relative to the most frequent kind
+SELDOM: Final = 0.05  # smallest frequency of a kind that is read with the magnetometer, relative to it
 LEAST_SHARE: Final = 0.1
-"""Share of the lines of three numbers or more that the magnetometer's have to be; labels that change name nothing."""
+"""Smallest share of the magnetometer among lines of three or more numbers; labels that change are no names."""
 AUXILIARY: Final = (ACCELERATION, RATE, TEMPERATURE, TIME)
 DELIMITERS: Final = frozenset(("", ",", ";", '"', '","', '";"', ":", "/"))
-"""What stands between the numbers of a table, whose rows need no guess, and of times and dates."""
+"""Text between the numbers of a table, of times and of dates."""
 _SETTING: Final = re.compile(r"calibration|offset|bias|matrix|(hard|soft).?iron", re.IGNORECASE)
-"""Words of lines that say how a sensor is set or corrected."""
-_AXIS_ALONE: Final = re.compile(r"\s*[wxyz]\s*[:=][^:=]*", re.IGNORECASE)  # as YAML has it, and ``ros2 topic echo``
-LONGEST: Final = 2048  # Characters in a printed line; nobody reads a longer one
+"""Words of lines that print the configuration or correction of a sensor."""
+_AXIS_ALONE: Final = re.compile(r"\s*[wxyz]\s*[:=][^:=]*", re.IGNORECASE)  # as in YAML, and in ``ros2 topic echo``
+LONGEST: Final = 2048  # largest number of characters in a printed line
 PLAIN: Final = ("x", "y", "z")
 WORDS: Final = "labelled lines"
-LEAST_TURNS, MANY_TURNS = 8, 24
-"""Lines from which on steps, and strengths, show whether they are of several sensors in turn."""
-MAX_LABELS: Final = 6  # Labels of one kind of lines that are sensors; of more, some word in the lines varies
-MIN_ROWS: Final = 10  # Lines from which on a column shows that it is a clock, a counter or constant
-EVEN: Final = 2.0  # Ratio of the largest step of a clock or a counter to its smallest
-UNEVEN: Final = 2.0  # Ratio of the median strengths of such sensors
-ALIKE: Final = 0.3  # Step to a line of the same sensor, as a share of that to the next line, below which they are
+MIN_TURNS, MIN_TURNS_FOR_STRENGTHS = 8, 24
+"""Smallest number of lines whose steps, or strengths, show that several sensors alternate."""
+MAX_LABELS: Final = 6  # largest number of labels that are sensors, for lines of one kind; more are a changing word
+MIN_ROWS: Final = 10  # lines from which a column is checked for being a clock, a counter or constant
+EVEN: Final = 2.0  # ratio of the largest and smallest step of a clock or a counter
+MIN_STRENGTH_RATIO: Final = 2.0  # ratio of the median strengths of alternating sensors
+# largest step between lines of one sensor, relative to the step to the next line, if sensors alternate
+MAX_OWN_STEP_SHARE: Final = 0.3
 
 
 class _Printed(NamedTuple):
-    """One line, cut."""
+    """One split line."""
 
     kind: Kind
     label: str  # the words before and between its numbers
@@ -71,13 +72,13 @@ class _Printed(NamedTuple):
 
 @dataclass(slots=True)
 class _Heading:
-    """A label in a line of its own: of the numbers in the next line, or of the lines below with an axis each."""
+    """A label on a separate line: for the numbers in the next line, or for lines below with one axis each."""
 
     label: str = ""
-    is_taken: bool = False  # by a line with an axis
+    is_taken: bool = False  # whether a line with an axis has used it
 
-    def joined(self, line: str) -> str:
-        """Put the label in front of a line that it names; nothing for a line that is a label itself."""
+    def add_label(self, line: str) -> str:
+        """Prefix a line with its label; returns an empty text for a line that is a label itself."""
         if _is_heading(line):
             self.label, self.is_taken = line, False
             return ""
@@ -91,12 +92,12 @@ class _Heading:
 class Labelled(Dialect):
     """Lines of some kinds that together make a reading."""
 
-    kinds: dict[Kind, int]  # those that are read, and where the numbers of each stand in the row
-    closing: Kind  # the one that ends a reading
-    needed: frozenset[int]  # places in the row without which there is no reading
-    labels: dict[Kind, str] = field(default_factory=dict)  # of each kind, where it has one and no other
-    has_headings: bool = False  # labels stand in lines of their own above the numbers
-    signs: tuple[str, ...] | None = None  # what stands before and between the numbers, where that alone is known
+    kinds: dict[Kind, int]  # kinds that are read, with the place of their first number in the row
+    closing: Kind  # kind that ends a reading
+    needed: frozenset[int]  # places in the row that a reading must have
+    labels: dict[Kind, str] = field(default_factory=dict)  # label of each kind, if it has exactly one
+    has_headings: bool = False  # whether labels are on separate lines above the numbers
+    signs: tuple[str, ...] | None = None  # text before and between the numbers, for lines without labels
     _heading: _Heading = field(default_factory=_Heading, init=False)
     _cells: list[str] = field(init=False)
     _quick: re.Pattern[str] | None = field(default=None, init=False)
@@ -105,10 +106,10 @@ class Labelled(Dialect):
         self._cells = [""] * len(self.names)
 
     def row(self, line: str) -> Sequence[str] | None:
-        """Take the numbers of a line by its kind; a reading where that ends one."""
+        """Store the numbers of a line by its kind; return the reading if the line completes one."""
         if self._quick and not self._heading.label and (match := self._quick.fullmatch(line)):
             return match.groups()
-        line = self._heading.joined(line) if self.has_headings else line
+        line = self._heading.add_label(line) if self.has_headings else line
         if not line:
             return ()
         numbers, gaps = cut(line) if len(line) <= LONGEST else ([], ())
@@ -126,7 +127,7 @@ class Labelled(Dialect):
         return cells if all(cells[place] for place in self.needed) else ()
 
     def _kind(self, gaps: tuple[str, ...]) -> Kind | None:
-        """Tell the kind of a line by what stands between its numbers; None for one that is not read."""
+        """Kind of a line by the text between its numbers; None for one that is not read."""
         kind = names_of(gaps) if len(gaps) > 1 else ()
         if kind not in self.kinds or self.signs not in (None, gaps[:-1]):
             return None
@@ -136,9 +137,9 @@ class Labelled(Dialect):
 def recognise(lines: list[str], *, marked: bool = True) -> Labelled | None:
     """Find lines whose labels name a magnetometer; unless `marked`, also three numbers between any words."""
     lines = [line for line in lines if line.strip() and not line.lstrip().startswith(COMMENTS) and len(line) <= LONGEST]
-    every = list(map(_printed, lines))
+    every = list(map(_split_printed, lines))
     heading = _Heading()
-    headed = [_printed(joined) for line in lines if (joined := heading.joined(line))]
+    headed = [_split_printed(joined) for line in lines if (joined := heading.add_label(line))]
     if has_headings := _has_headings(every, headed):
         every = headed
     of_three = Counter(each.kind for each in every if len(each.numbers) >= len(PLAIN))
@@ -168,7 +169,7 @@ def _is_heading(line: str) -> bool:
 
 
 def _has_headings(every: Sequence[_Printed], headed: Sequence[_Printed]) -> bool:
-    """Tell whether labels stand in lines of their own above the numbers: often, several or known ones."""
+    """Tell whether labels are on separate lines above the numbers: frequent, and several or known ones."""
     headings = [each.text for each in every if _is_heading(each.text)]
     counts = Counter(each.kind for each in every if any(each.kind))
     if 2 * len(headings) <= max(counts.values(), default=0):
@@ -178,7 +179,7 @@ def _has_headings(every: Sequence[_Printed], headed: Sequence[_Printed]) -> bool
     return is_known or len(set(headings)) > 1
 
 
-def _printed(line: str) -> _Printed:
+def _split_printed(line: str) -> _Printed:
     numbers, gaps = cut(line)
     is_plain = set(gaps) <= DELIMITERS and "0x" not in line.casefold()
     is_setting = _SETTING.search(gaps[0]) is not None
@@ -187,9 +188,9 @@ def _printed(line: str) -> _Printed:
 
 
 def _labels(dialect: Labelled, printed: Sequence[_Printed]) -> dict[Kind, str]:
-    """Find the label of each kind that is read; NoMagnetometer where the magnetometer's has those of several sensors.
+    """Find the label of each kind that is read; NoMagnetometer if the magnetometer's lines have several labels.
 
-    Another kind with several labels is left out.
+    Another kind with several labels is removed.
     """
     labels = dict[Kind, str]()
     for kind in list(dialect.kinds):
@@ -203,8 +204,8 @@ def _labels(dialect: Labelled, printed: Sequence[_Printed]) -> dict[Kind, str]:
         if kind == dialect.closing or dialect.needed.intersection(_places(dialect, kind)):
             lines = [next(each.text for each in printed if (each.kind, each.label) == (kind, label)) for label in often]
             raise NoMagnetometer(
-                f"labels before {', '.join(kind)} tell of several sensors (such as {shown(lines[0])!r} and "
-                f"{shown(lines[1])!r}): keep the lines of the magnetometer, or say which they are",
+                f"labels before {', '.join(kind)} name several sensors (such as {shown(lines[0])!r} and "
+                f"{shown(lines[1])!r}): keep the lines of the magnetometer, or state how they are printed",
                 hint={"pattern": pattern_of(lines[0])},
             )
         del dialect.kinds[kind]
@@ -212,14 +213,14 @@ def _labels(dialect: Labelled, printed: Sequence[_Printed]) -> dict[Kind, str]:
 
 
 def _places(dialect: Labelled, kind: Kind) -> range:
-    """Where the numbers of a kind stand in the row."""
+    """Places in the row of the numbers of a kind."""
     return range(dialect.kinds[kind], dialect.kinds[kind] + len(kind))
 
 
 def _may_be_readings(names: Kind, kinds: Sequence[Kind], printed: Sequence[_Printed]) -> bool:
-    """Tell whether the numbers of these kinds may be a magnetometer's, unless their names say so.
+    """Tell whether the numbers of these kinds may be a magnetometer's, even if their names do not say so.
 
-    None of three axes is a clock or a counter, nor are all constant where no label tells the axes.
+    No axis may be a clock or a counter; without labels for the axes, not all may be constant.
     """
     fields = magnetometers(names)
     known = meaning(names[fields[0].cells[0]]) if fields else None
@@ -231,17 +232,17 @@ def _may_be_readings(names: Kind, kinds: Sequence[Kind], printed: Sequence[_Prin
         for column in zip(*(each.numbers for each in printed if each.kind == kind), strict=True)
     ]
     axes = [np.array(columns[cell], float) for cell in fields[0].cells]
-    return not any(map(_counts, axes)) and (known.is_bare or any(map(np.ptp, axes)) or len(axes[0]) < MIN_ROWS)
+    return not any(map(_is_counter, axes)) and (known.is_bare or any(map(np.ptp, axes)) or len(axes[0]) < MIN_ROWS)
 
 
-def _counts(values: Floats) -> bool:
+def _is_counter(values: Floats) -> bool:
     """Tell whether a column rises in even steps, as a clock or a counter does."""
     steps = np.diff(values[np.isfinite(values)])
     return len(steps) >= MIN_ROWS - 1 and bool(0 < steps.max() <= EVEN * steps.min())
 
 
 def _magnetometer(kinds: Sequence[Kind], counts: Counter[Kind]) -> Kind | None:
-    """Pick the kind that names one: the rawest, of those one that states its unit, then the most frequent."""
+    """Select the kind that names a magnetometer: the rawest, then one that states its unit, then the most frequent."""
     sensors = {kind: fields for kind in kinds if (fields := magnetometers(kind))}
     often = [kind for kind in sensors if counts[kind] >= OFTEN * max(counts[other] for other in sensors)]
 
@@ -252,7 +253,7 @@ def _magnetometer(kinds: Sequence[Kind], counts: Counter[Kind]) -> Kind | None:
     return min(often, key=quality, default=None)
 
 
-def _belongs(kind: Kind, closing: Kind) -> bool:
+def _is_read_with(kind: Kind, closing: Kind) -> bool:
     """Tell whether a kind of line is read together with the magnetometer's: another sensor, or another magnetometer."""
     meanings = list(map(meaning, kind))
     if any(vectors(kind, meanings, each) for each in (ACCELERATION, RATE)):
@@ -263,21 +264,21 @@ def _belongs(kind: Kind, closing: Kind) -> bool:
 
 
 def _line_by_line(closing: Kind, counts: Counter[Kind], printed: Sequence[_Printed]) -> Labelled:
-    """Put the numbers of magnetometers in turn first in the row; the last of them ends a reading."""
+    """Row layout with the numbers of alternating magnetometers first; the last of them ends a reading."""
     others = [kind for kind in counts if kind != closing and counts[kind] >= SELDOM * counts[closing]]
-    read = [kind for kind in counts if kind == closing or (kind in others and _belongs(kind, closing))]
+    read = [kind for kind in counts if kind == closing or (kind in others and _is_read_with(kind, closing))]
     turns = [kind for kind in read if kind == closing or (magnetometers(kind) and counts[kind] >= counts[closing] - 1)]
     kinds, names = dict[Kind, int](), tuple[str, ...]()
     for kind in (*turns, *(kind for kind in read if kind not in turns)):
         kinds[kind] = len(names)
         rows = [each.numbers for each in printed if each.kind == kind]
-        names += _timed(kind, rows) if kind in turns else kind
+        names += _name_time(kind, rows) if kind in turns else kind
     last = kinds[turns[-1]]
     return Labelled(WORDS, names, kinds, turns[-1], frozenset(range(last, last + len(turns[-1]))))
 
 
 def _axis_by_axis(kinds: Sequence[Kind], printed: Sequence[_Printed]) -> Labelled | None:
-    """Put lines together that have an axis each; that of z ends the reading."""
+    """Row layout of lines with one axis each; that of z ends the reading."""
     names = tuple(name for kind in kinds for name in kind)
     fields = magnetometers(names)
     if not fields or not _may_be_readings(names, kinds, printed):
@@ -289,11 +290,11 @@ def _axis_by_axis(kinds: Sequence[Kind], printed: Sequence[_Printed]) -> Labelle
 
 
 def _by_place(printed: Sequence[_Printed], enough: float, every: Sequence[_Printed]) -> Labelled | None:
-    """Take the lines of three numbers, or of four of which the first is the time, whatever stands between them.
+    """Take lines of three numbers, or of a time and three numbers, whatever the text between them.
 
-    They are half of `every` line but those that come back with them.
+    They must be half of the lines, not counting `every` line that recurs with them.
     """
-    alike = Counter((each.kind, each.gaps[:-1]) for each in printed if _says_nothing(each.kind))
+    alike = Counter((each.kind, each.gaps[:-1]) for each in printed if _may_be_axes(each.kind))
     (kind, signs), count = max(alike.items(), key=lambda counted: counted[1], default=(((), ()), 0))
     beside = Counter(each.gaps for each in every if len(each.numbers) < len(PLAIN)).values()
     rest = len(every) - sum(lines for lines in beside if lines >= OFTEN * count)
@@ -304,11 +305,11 @@ def _by_place(printed: Sequence[_Printed], enough: float, every: Sequence[_Print
     axes = values[:, -len(PLAIN) :].T
     if (
         _alternates(values)
-        or any(map(_counts, axes))
+        or any(map(_is_counter, axes))
         or (len(rows) >= MIN_ROWS and sum(np.ptp(axis) != 0 for axis in axes) < 2)
     ):
         return None
-    names = _timed(kind, rows)
+    names = _name_time(kind, rows)
     if len(kind) != len(PLAIN) and meaning(names[0]).kind != TIME:
         return None
     words = "lines of three numbers" if len(kind) == len(PLAIN) else "lines of time and three numbers"
@@ -316,8 +317,8 @@ def _by_place(printed: Sequence[_Printed], enough: float, every: Sequence[_Print
     return Labelled(words, names, {kind: 0}, kind, frozenset(range(len(kind))), signs=signs)
 
 
-def _says_nothing(kind: Kind) -> bool:
-    """Tell whether the numbers of a line, three or four, are of no other quantity: no label, or one of all three."""
+def _may_be_axes(kind: Kind) -> bool:
+    """Tell whether three or four numbers of a line may be readings by their labels: none, or one for all axes."""
     names = kind[-len(PLAIN) :]
     others = (kind[0], "") if len(kind) == len(PLAIN) + 1 else ("",)
     if len(kind) not in (len(PLAIN), len(PLAIN) + 1) or (others[0] and meaning(others[0]).kind != TIME):
@@ -330,24 +331,26 @@ def _says_nothing(kind: Kind) -> bool:
 
 
 def _unit_alone(kind: Kind) -> str:
-    """The unit behind the last three numbers, where no label stands before them: ``1 2 3 mT``."""
+    """The unit after the last three numbers, if they have no label: ``1 2 3 mT``."""
     units = set(kind[-len(PLAIN) :])
     return unit if len(units) == 1 and (unit := units.pop()).startswith(" (") else ""
 
 
 def _alternates(values: Floats) -> bool:
-    """Tell whether lines are of two or three sensors in turn: each is like the next of its own, or as strong."""
-    if len(values) < LEAST_TURNS:
+    """Tell whether lines of two or three sensors alternate: each resembles the next of its own, or its strength."""
+    if len(values) < MIN_TURNS:
         return False
     steps = [np.nanmedian(np.abs(values[after:] - values[:-after]).sum(axis=1)) for after in (1, 2, 3)]
     strengths = np.linalg.norm(values, axis=1)
     turns = [[np.nanmedian(strengths[start::count]) for start in range(count)] for count in (2, 3)]
-    is_uneven = len(values) >= MANY_TURNS and any(max(each) > UNEVEN * min(each) for each in turns)
-    return is_uneven or bool(min(steps[1:]) < ALIKE * steps[0])
+    is_uneven = len(values) >= MIN_TURNS_FOR_STRENGTHS and any(
+        max(each) > MIN_STRENGTH_RATIO * min(each) for each in turns
+    )
+    return is_uneven or bool(min(steps[1:]) < MAX_OWN_STEP_SHARE * steps[0])
 
 
-def _timed(kind: Kind, rows: Sequence[Sequence[str]]) -> Kind:
-    """Name a first number without a label the time, where it ascends and does not just count."""
+def _name_time(kind: Kind, rows: Sequence[Sequence[str]]) -> Kind:
+    """Name an unlabelled first number the time, if it ascends and is no row counter."""
     if kind[0] and meaning(kind[0]).kind != "":
         return kind
     first = [float(row[0]) for row in rows]

@@ -1,11 +1,11 @@
-r"""Lines whose beginning says what is in them, as programs write them; each is a row of data here.
+r"""Lines that start with a mark of their content, as several programs print them; each mark is a row of data here.
 
 MotionCal and Adafruit's sketches print ``Raw:`` with nine counts (g/8192, °/s/16, µT/10), and ``Uni:`` in m/s², rad/s
-and µT. magcc sends datagrams ``|…*`` at UDP port 50100: time, acceleration, rate, field, roll, pitch, yaw. Paparazzi
-logs ``t ac_id IMU_MAG_RAW x y z``, with the number of a sensor before x where there are several (seen in no log), or
-``IMU_MAG_CURRENT_CALIBRATION`` with a current; the first aircraft and its first magnetometer are read. Replays of
-PX4's estimator have ``time_us,mag,x,y,z`` in gauss, corrected on board and in the axes of the vehicle, after ``imu``.
-VectorNav prints ``$VNYMR`` and its kin in gauss, m/s² and rad/s (user manuals of VN-100 and VN-200).
+and µT. magcc sends datagrams ``|…*`` to UDP port 50100: time, acceleration, rate, field, roll, pitch, yaw. Paparazzi
+logs ``t ac_id IMU_MAG_RAW x y z``, with the number of the sensor before x if there are several (not yet seen in a log),
+or ``IMU_MAG_CURRENT_CALIBRATION`` with a current; the first aircraft and its first magnetometer are read. Replays of
+PX4's estimator have ``time_us,mag,x,y,z`` after ``imu``, in gauss, corrected on board and in the axes of the vehicle.
+VectorNav prints ``$VNYMR`` and similar sentences in gauss, m/s² and rad/s (user manuals of VN-100 and VN-200).
 
 Sources: PaulStoffregen/MotionCal ``portlist.cpp`` and ``visualize.c``; Adafruit AHRS ``calibration.ino``; Paparazzi
 ``sw/tools/calibration/calibration_utils.py``; PX4-ECL ``test/sensor_simulator/sensor_simulator.cpp``.
@@ -44,7 +44,7 @@ if TYPE_CHECKING:
 MOTIONCAL: Final = re.compile(
     r"(?P<time>)(?:.* -> )?\s*(?P<mark>Raw|Uni|Cal[12])\s*[: ]\s*(?P<values>[-+.\d]+\s*,.*)", re.IGNORECASE
 )
-"""A serial monitor may put the time before; sketches print their calibration between."""
+"""A serial monitor may prefix the time; sketches print their calibration between readings."""
 MAGCC: Final = re.compile(r"(?P<time>)(?P<mark>)(?:.* -> )?\s*\|(?P<values>[^|*]*)\*")
 PAPARAZZI: Final = re.compile(
     r"(?P<time>\d+(?:\.\d+)?) (?P<mark>\d+ IMU_MAG_RAW(?: \d+(?= \S+ \S+ \S+$))?|\d+ [A-Z][A-Z0-9_]+)"
@@ -55,30 +55,30 @@ VECTORNAV: Final = re.compile(
     r"(?P<time>)(?:.* -> )?\s*\$(?P<mark>VN[A-Z]{3}),(?P<values>[-+.\d]+(?:,[-+.\d]+)*)\s*(?:\*[0-9A-Fa-fX]{2,4})?"
 )
 SIGN: Final = re.compile(r"\b(?:Raw|Uni)\b|\|.*\*|\bIMU_MAG_|^\s*\d+,(?:mag|imu),|\$VN[A-Z]{3},", re.IGNORECASE)
-"""What a line of one of the programs holds."""
+"""Part of a line of one of these programs."""
 GLUED: Final = re.compile(r"^\s*\|(?:[^|*,\n]+,){12}[^|*,\n]+\*[^\S\n]*\|", re.MULTILINE)
-"""Datagrams of magcc without the end of a line between them."""
-MOST_IN_UNITS: Final = 160.0  # Acceleration in m/s² that a hand reaches; fewer counts are 0.02 g
+"""Datagrams of magcc without a line end between them."""
+MOST_IN_UNITS: Final = 160.0  # largest acceleration in m/s² of a hand; as counts it would be less than 0.02 g
 
 
 def _names(*sensors: str) -> tuple[str, ...]:
-    """Name the three axes of each sensor; ``gyro_*_dps`` has the axis in the place of the star."""
+    """Names of the three axes of each sensor; the axis replaces the star in ``gyro_*_dps``."""
     return tuple(sensor.replace("*", axis) for sensor in sensors for axis in "xyz")
 
 
 @dataclass(slots=True)
 class Marked(Dialect):
-    """Lines with a mark, of which those of one mark are readings."""
+    """Lines with a mark; those with one of the marks are readings."""
 
-    line: re.Pattern[str]  # finds the time, the mark and the values of a line
-    mark: str = ""  # of the magnetometer's lines
-    auxiliary: str = ""  # mark of lines whose values belong to the reading after them
-    counts: tuple[float, ...] = ()  # in one unit, for each number of a reading
-    share: float = 0.0  # of the lines that have to be of this kind
-    _latest: list[str] = field(default_factory=list, init=False)  # values of `auxiliary`
+    line: re.Pattern[str]  # pattern of the time, the mark and the values of a line
+    mark: str = ""  # mark of the magnetometer's lines
+    auxiliary: str = ""  # mark of lines whose values belong to the next reading
+    counts: tuple[float, ...] = ()  # counts per unit, for each number of a reading
+    share: float = 0.0  # smallest share of lines of this kind
+    _latest: list[str] = field(default_factory=list, init=False)  # latest values of the `auxiliary` mark
 
     def row(self, line: str) -> Sequence[str] | None:
-        """Take the time and the numbers of a line of the magnetometer; nothing for another mark."""
+        """Return the time and the numbers of a line of the magnetometer; nothing for another mark."""
         match = self.line.fullmatch(line.strip())
         if match is None:
             return None
@@ -93,7 +93,7 @@ class Marked(Dialect):
         return [*cells, *auxiliary] if is_whole and None not in [number(cell, ".") for cell in cells] else None
 
     def _in_units(self, values: list[str]) -> list[str]:
-        """Turn counts into units, where they are counts."""
+        """Convert counts to units; other values are unchanged."""
         if len(self.counts) != len(values):
             return values
         numbers = zip((number(value, ".") for value in values), self.counts, strict=True)
@@ -138,11 +138,11 @@ _VECTORNAV: Final = tuple(
         "MAG": _names("mag_* (G)"),
     }.items()
 )
-"""The rawest first: the field of ``VNIMU`` is before the calibration on board."""
+"""Rawest first: the field of ``VNIMU`` is not corrected on board."""
 
 
 def recognise(lines: list[str]) -> Marked | None:
-    """Find lines of one of the programs among others; ``Raw:`` before ``Uni:``, which says the same in fewer digits."""
+    """Find lines of one of the programs among others; ``Raw:`` is preferred to ``Uni:``, which has fewer digits."""
     for dialect in (_RAW, _UNI, _MAGCC, *_VECTORNAV):
         rows = [cells for line in lines if (cells := replace(dialect, counts=()).row(line))]
         if rows:
@@ -160,13 +160,13 @@ def recognise(lines: list[str]) -> Marked | None:
 
 
 def _are_units(rows: Sequence[Sequence[str]]) -> bool:
-    """Tell whether ``Raw:`` lines hold decimals and a gravity of 10 or 1, and not of 8192."""
+    """Tell whether ``Raw:`` lines have decimals and a gravity of 10 or 1 instead of 8192."""
     gravity = [math.hypot(*(float(cell or math.nan) for cell in cells[:3])) for cells in rows]
     return any("." in cell for cells in rows for cell in cells[:3]) and 0 < min(gravity) <= max(gravity) < MOST_IN_UNITS
 
 
 def _paparazzi(marks: Sequence[str]) -> Marked | None:
-    """Take the first message of a magnetometer that is raw, else the first with a current."""
+    """Select the first raw message of a magnetometer, else the first one with a current."""
     if raw := next((mark for mark in marks if " IMU_MAG_RAW" in mark), ""):
         return replace(_PAPARAZZI, mark=raw)
     mark = next((mark for mark in marks if mark.endswith("IMU_MAG_CURRENT_CALIBRATION")), "")
@@ -174,7 +174,7 @@ def _paparazzi(marks: Sequence[str]) -> Marked | None:
 
 
 def are_glued(beginning: str) -> bool:
-    """Tell whether datagrams follow one another without the end of a line between them.
+    """Tell whether datagrams follow each other without a line end between them.
 
     >>> are_glued("|0.1,0,0,9.8,0,0,0.1, 0.21,0.01,-0.58,0,0,1.57*|0.2,0,0")
     True
@@ -183,7 +183,7 @@ def are_glued(beginning: str) -> bool:
 
 
 def datagrams_as_lines(source: Source) -> Iterator[bytes]:
-    """Yield the bytes of a source with an end of line behind each datagram."""
+    """Yield the bytes of a source with a line end after each datagram."""
     try:
         for chunk in source.chunks():
             yield chunk.replace(b"*", b"*\n")

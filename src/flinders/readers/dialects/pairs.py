@@ -1,7 +1,7 @@
-"""Names and values in turn, in the cells of a line: ``2026-11-22T04:42:07,FD,raw_imu,xmag,292,ymag,-328,zmag,475``.
+"""Alternating names and values in the cells of a line: ``2026-11-22T04:42:07,FD,raw_imu,xmag,292,ymag,-328,zmag,475``.
 
-Other cells may stand before and between them, and change from line to line; a word that has no value, such as the name
-of a message, is the same in the lines that are read.
+Other cells may occur before and between them, and vary from line to line. A word without a value, such as the name of
+a message, is equal in all lines that are read.
 
 >>> dialect = recognise([f"1E,{n},imu,time_ms,{n}0,xmag,{n},ymag,-328,zmag,475, Len,41" for n in range(9)])
 >>> dialect.names, dialect.row("5C,9,imu,time_ms,90,xmag,7,ymag,8,zmag,9, Len,41"), dialect.row("1D,2,gps,lat,52.1")
@@ -27,28 +27,28 @@ DELIMITERS: Final = (",", ";", "\t")
 SIGN: Final = re.compile(r"(?:[,;\t] *[^\W\d][^,;\t]*[,;\t] *[-+]?[\d.]+ *){3}")
 NAME: Final = re.compile(r"[^\W\d][^,;\t]*")
 TITLE: Final = re.compile(r"[^\W\d_][\w./]{4,}")
-"""A word without a value that says which message a line is."""
-LEAST_SHARE: Final = 0.9
-"""Of the lines with the magnetometer, that have a name; a rarer one is a word of the line."""
+"""A word without a value that names the message of a line."""
+MIN_NAME_SHARE: Final = 0.9
+"""Smallest share of the magnetometer's lines that have a name; a rarer one is a word of the line."""
 
 
 @dataclass(slots=True)
 class Pairs(Dialect):
     """Lines with these names, each before its value."""
 
-    needed: frozenset[str]  # of the magnetometer
+    needed: frozenset[str]  # names of the magnetometer
     delimiter: str
-    title: str  # of these lines
+    title: str  # title of these lines
 
     def row(self, line: str) -> Sequence[str] | None:
-        """Take the values behind the names; None without the magnetometer's."""
+        """Return the values after the names; None without the magnetometer's."""
         title, values = _pairs(line, self.delimiter)
         is_own = self.needed <= values.keys() and title == self.title
         return [values.get(name, "") for name in self.names] if is_own else None
 
 
 def recognise(lines: list[str]) -> Pairs | None:
-    """Find names of a magnetometer that come again and again, each before a number."""
+    """Find recurring names of a magnetometer, each before a number."""
     for delimiter in DELIMITERS:
         rows = [_pairs(line, delimiter) for line in lines]
         counts = Counter(name for _, row in rows for name in row)
@@ -59,14 +59,14 @@ def recognise(lines: list[str]) -> Pairs | None:
         title = max(titles, key=titles.__getitem__, default="")
         own = [row for each, row in rows if needed <= row.keys() and each == title]
         shared = Counter(name for row in own for name in row)
-        names = tuple(name for name, count in shared.items() if count >= LEAST_SHARE * len(own))
+        names = tuple(name for name, count in shared.items() if count >= MIN_NAME_SHARE * len(own))
         if own:
             return Pairs("names and values in turn", names, needed, delimiter, title)
     return None
 
 
 def _pairs(line: str, delimiter: str) -> tuple[str, dict[str, str]]:
-    """Words of a line without a value, and those with a number in the next cell."""
+    """Words of a line without a value, and names with the number in the next cell."""
     cells = [cell.strip() for cell in line.split(delimiter)]
     both = (each for each in pairwise(cells) if NAME.fullmatch(each[0]) and each[1])
     values = {name: value for name, value in both if number(name, ".") is None and number(value, ".") is not None}

@@ -1,4 +1,4 @@
-"""Lines as the user describes them: ``"N {x} / {y} / {z}"`` names the numbers, all else is as it is printed.
+"""Lines in a format given by the user: ``"N {x} / {y} / {z}"`` names the numbers, the rest is literal text.
 
 >>> pattern = Pattern.of("N {x} / {y} / {z} at {t_ms}")
 >>> pattern.names, pattern.row("N -20.8 /  -20.2 / 26.1 at 1200 ms"), pattern.row("N 1 / 2")
@@ -18,14 +18,14 @@ from flinders.readers._tokenizer import NUMBER
 from flinders.readers.dialects import Dialect
 
 _PLACE: Final = re.compile(r"\{\s*([^{}:]*?)\s*(?::[^{}]*)?\}")
-"""A name in braces; what a format adds behind a colon says nothing of how to read it."""
+"""A name in braces; a format after a colon is ignored."""
 
 
 @dataclass(slots=True)
 class Pattern(Dialect):
-    """A line with names in the place of its numbers."""
+    """A line with names in place of its numbers."""
 
-    line: re.Pattern[str]  # what finds the numbers
+    line: re.Pattern[str]  # pattern that captures the numbers
 
     @classmethod
     def of(cls, pattern: str) -> Self:
@@ -40,11 +40,11 @@ class Pattern(Dialect):
         texts = [r"\s*".join(map(re.escape, piece.split())) for piece in pieces[::2]]
         line = texts[0]
         for before, after in pairwise(zip(pieces[::2], texts, strict=True)):
-            is_attached = before[0][-1:].isalnum()  # as in ``X{x}``, where the number is no part of another word
+            is_attached = before[0][-1:].isalnum()  # as in ``X{x}``, where the number may directly follow a letter
             line += rf"\s*({ATTACHED if is_attached else NUMBER})\s*{after[1]}"
         return cls(f"lines like {pattern!r}", names, re.compile(line))
 
     def row(self, line: str) -> list[str] | None:
-        """Take the numbers of a line; None where it is not written so."""
+        """Return the numbers of a line; None if it does not match."""
         match = self.line.search(line)
         return None if match is None else [decimal(number) for number in match.groups()]

@@ -1,8 +1,8 @@
-"""Lines of another dialect with something around it: a time stamp in front, or hexadecimal words without ``0x``.
+"""Lines of another dialect in a wrapper: after a time stamp, or with hexadecimal words without ``0x``.
 
-What stands behind a stamp is a dialect of its own, or a table; a stamp without a date counts from midnight. Words of 4,
-6 or 8 hexadecimal digits are signed numbers; letters in some of the lines distinguish them from decimal ones, and a
-first word without any that ascends is the time.
+The text after a stamp is a dialect of its own, or a table; a stamp without a date counts from midnight. Words of 4, 6
+or 8 hexadecimal digits are signed numbers, recognised by letters in some of the lines; an ascending first word without
+letters is the time.
 
 >>> from flinders.readers._recognition import recognise
 >>> dialect = recognise(["14:03:00.100 -> X: 1 Y: 2 Z: 3", "14:03:00.200 -> X: 1 Y: 2 Z: 4"])
@@ -36,31 +36,31 @@ STAMP: Final = re.compile(
     rf"(?P<fraction>\.\d+|,\d+(?![.,\d]))?(?:,\d{{3}}(?=\]))?{HALF}(?P<zone>Z|[+-]\d\d:?\d\d)?"
     r"[\])>]?\s*(?P<mark>->|[|>:;,\t]|-(?![\d.]))?\s*"
 )
-"""The time that a serial monitor, a logger or an operating system puts before a line."""
-MOST: Final = 0.6  # share of lines that have to have a stamp
-SOME: Final = 0.1  # the same, where lines are no table and in no dialect either
+"""The time that a serial monitor, a logger or an operating system prints before a line."""
+MOST: Final = 0.6  # smallest share of lines with a stamp
+SOME: Final = 0.1  # the same for lines that are neither a table nor in a dialect
 LETTERED_WORD: Final = re.compile(r"(?<![\w.+-])(?=\d*[a-fA-F])[0-9a-fA-F]{4,8}(?![\w.])")
-SIGNED: Final = (4, 6, 8)  # digits of words of 16, 24 and 32 bits
+SIGNED_WORD_DIGITS: Final = (4, 6, 8)  # number of digits in words of 16, 24 and 32 bits
 WORDS: Final = {
-    **{digits: re.compile(rf"(?<![\w.+-])[0-9a-fA-F]{{{digits}}}(?![\w.])") for digits in SIGNED},
+    **{digits: re.compile(rf"(?<![\w.+-])[0-9a-fA-F]{{{digits}}}(?![\w.])") for digits in SIGNED_WORD_DIGITS},
     0: re.compile(r"(?<![\w.+-])[0-9a-fA-F]{1,8}(?![\w.])"),
 }
 _BETWEEN: Final = re.compile(r"[\s,;]+")
-LEAST: Final = 3  # hexadecimal words in a line with a reading
-LETTERED: Final = 0.3  # share of the lines with as many words that have to hold a letter
+LEAST: Final = 3  # smallest count of hexadecimal words in a line with a reading
+MIN_LETTER_SHARE: Final = 0.3  # smallest share of lines with a letter among those with as many words
 
 
 @dataclass(slots=True)
 class Stamped(Dialect):
-    """A dialect, or a table, behind a time stamp."""
+    """A dialect, or a table, after a time stamp."""
 
     inner: Dialect
-    order: str  # of day, month and year, in dates of numbers
+    order: str  # of day, month and year in numeric dates
     _midnights: float = field(default=0.0, init=False)
     _last: float = field(default=-1.0, init=False)
 
     def row(self, line: str) -> Sequence[str] | None:
-        """Take the time off a line, and put it before the cells of the rest; it goes on past midnight."""
+        """Move the time of a line before the cells of its rest; it continues past midnight."""
         stamp = STAMP.match(line)
         seconds = seconds_of(stamp, self.order) if stamp else None
         if stamp is None or seconds is None:
@@ -76,22 +76,22 @@ class Stamped(Dialect):
 
 @dataclass(slots=True)
 class Hexadecimal(Dialect):
-    """Lines whose last words, so many of so many digits, are hexadecimal numbers."""
+    """Lines whose last words are hexadecimal numbers of equal length."""
 
     inner: Dialect
-    digits: int  # of each; 0 where they differ
+    digits: int  # digits of each word; 0 if they vary
     count: int
-    is_table: bool  # `inner` takes them as decimal numbers, and not with ``0x``
+    is_table: bool  # whether `inner` takes decimal numbers, rather than words with ``0x``
 
     def row(self, line: str) -> Sequence[str] | None:
-        """Take a line with its words as `inner` reads them."""
-        return self.inner.row(_written(line, self.digits, self.count, in_decimals=self.is_table))
+        """Convert the hexadecimal words of a line for `inner`."""
+        return self.inner.row(_convert_words(line, self.digits, self.count, in_decimals=self.is_table))
 
 
 def stamped(
     lines: list[str], behind: Recognise, table: Recognise, *, marked: bool = True, share: float = MOST
 ) -> Stamped | None:
-    """Find stamps before a share of lines; if `marked`, before a `table` only with a sign as ``->`` behind them."""
+    """Find stamps before a share of lines; if `marked`, a `table` after them needs a separator such as ``->``."""
     filled = [line for line in lines if line.strip()]
     stamps = [stamp for line in filled if (stamp := STAMP.match(line))]
     if not stamps or len(stamps) < share * len(filled):
@@ -107,30 +107,30 @@ def stamped(
 
 
 def hexadecimal(lines: list[str], behind: Recognise, table: Recognise) -> Hexadecimal | None:
-    """Find lines of three words of one length that only hexadecimal digits explain, or such rows of any lengths."""
+    """Find lines with three words of one length that are hexadecimal, or rows of such words of any length."""
     bare = [words for line in lines if len(words := _BETWEEN.split(line.strip())) >= LEAST and _are_words(words)]
     for digits, word in WORDS.items():
         rows = [words for line in lines if len(words := word.findall(line)) >= LEAST] if digits else bare
         lettered = [words for words in rows if not all(map(str.isdigit, words))]
-        if not lettered or len(lettered) < LETTERED * len(rows) or len(rows) < MOST * len(bare):
+        if not lettered or len(lettered) < MIN_LETTER_SHARE * len(rows) or len(rows) < MOST * len(bare):
             continue
         count = _hexadecimal_words(rows)
-        inner = table([_written(line, digits, count, in_decimals=True) for line in lines])
+        inner = table([_convert_words(line, digits, count, in_decimals=True) for line in lines])
         if inner is not None:
             return Hexadecimal(f"hexadecimal words in {inner.words}", inner.names, inner, digits, count, is_table=True)
-        inner = behind([_written(line, digits, count) for line in lines]) if digits else None
+        inner = behind([_convert_words(line, digits, count) for line in lines]) if digits else None
         spoken = f"hexadecimal words in {inner.words}" if inner else ""
         return Hexadecimal(spoken, inner.names, inner, digits, count, is_table=False) if inner else None
     return None
 
 
 def _are_words(words: list[str]) -> bool:
-    """Tell whether cells are hexadecimal words and nothing else."""
+    """Tell whether all cells are hexadecimal words."""
     return all(map(WORDS[0].fullmatch, words))
 
 
 def _hexadecimal_words(rows: list[list[str]]) -> int:
-    """Count the words of each line that are hexadecimal: before them a decimal time may have as many digits."""
+    """Count the hexadecimal words of each line; a decimal time before them may have as many digits."""
     count = min(map(len, rows))
     while count > LEAST and all(row[-count].isdigit() for row in rows):
         times = [int(row[-count]) for row in rows if len(row) == len(rows[0])]
@@ -140,20 +140,20 @@ def _hexadecimal_words(rows: list[list[str]]) -> int:
     return count
 
 
-def _written(line: str, digits: int, count: int, *, in_decimals: bool = False) -> str:
-    """Put ``0x`` before the last words of so many digits, or write them as decimal numbers."""
+def _convert_words(line: str, digits: int, count: int, *, in_decimals: bool = False) -> str:
+    """Prefix the last words of so many digits with ``0x``, or convert them to decimal."""
     words = list(WORDS[digits].finditer(line))
     for word in reversed(words[-count:] if len(words) >= count else []):
-        value = _signed(word[0]) if in_decimals else f"0x{word[0]}"
+        value = _signed_value(word[0]) if in_decimals else f"0x{word[0]}"
         line = f"{line[: word.start()]}{value}{line[word.end() :]}"
     return line
 
 
-def _signed(word: str) -> int:
-    """The two's complement of a word of 16, 24 or 32 bits; a shorter one, which lacks its zeros, is positive.
+def _signed_value(word: str) -> int:
+    """Two's complement of a word of 16, 24 or 32 bits; a shorter word, which lacks leading zeros, is positive.
 
-    >>> _signed("FEBF"), _signed("13B"), _signed("FFFFFEBF")
+    >>> _signed_value("FEBF"), _signed_value("13B"), _signed_value("FFFFFEBF")
     (-321, 315, -321)
     """
     value, bits = int(word, 16), 4 * len(word)
-    return value - (1 << bits) if len(word) in SIGNED and value >> (bits - 1) else value
+    return value - (1 << bits) if len(word) in SIGNED_WORD_DIGITS and value >> (bits - 1) else value
