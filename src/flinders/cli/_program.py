@@ -35,6 +35,7 @@ from flinders.cli._process import let_imports_be, prepare_streams, silence_stdou
 from flinders.cli._signals import ENDING, handled, interrupt
 from flinders.cli._spelling import in_options, searched
 from flinders.core.files import reason
+from flinders.core.language import ENGLISH_CODE, OF_TERMINAL, language_of
 from flinders.errors import FitError, FlindersError, OutputError, UsageError
 from flinders.verdicts import MEANINGS
 
@@ -79,6 +80,11 @@ def show_versions(context: click.Context, _option: click.Parameter, is_asked: bo
 
         click.echo(versions())
         context.exit()
+
+
+def use_language(_context: click.Context, _option: click.Parameter, code: str | None) -> None:
+    """Put pages for the terminal into a language."""
+    OF_TERMINAL.set(language_of(code or ENGLISH_CODE))
 
 
 class Commanded(click.Group):

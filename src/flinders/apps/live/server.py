@@ -56,6 +56,7 @@ if TYPE_CHECKING:
 
 STATIC: Final = Path(__file__).parent / "static"
 LIBRARY: Final = "flinders", "static"  # Modules shared with reports
+LANGUAGES: Final = STATIC.parents[2] / "languages"
 SCRIPTS: Final[dict[str, tuple[str, tuple[str, ...]]]] = {
     "page.js": ("apps/live/static/live.js", ()),
     "station.js": ("apps/live/static/station/station.js", ()),
@@ -133,6 +134,7 @@ def application(
         Route("/previous", _previous, methods=["POST"]),
         Route("/send", _send, methods=["POST"]),
         *(Route(f"/static/{entry}", _script, middleware=PACKED) for entry in SCRIPTS),
+        Mount("/languages", StaticFiles(directory=LANGUAGES), middleware=PACKED),
         Mount("/static", StaticFiles(directory=STATIC, packages=[LIBRARY], check_dir=False), middleware=PACKED),
     ]
     handlers = dict.fromkeys((FlindersError, HTTPException, Exception), _on_error)

@@ -21,6 +21,7 @@ import numpy as np
 from flinders.apps.live.simulated import DIP_DEG, FIELD_UT, RATE_HZ, SAID, rocked_and_turned
 from flinders.apps.live.standalone import engine, lines, targets
 from flinders.core.calibration_file import VERSION as SCHEMA
+from flinders.core.language import ENGLISH_CODE, LANGUAGES, text_of
 from flinders.core.files import licence, make_folder, reason, write_bytes
 from flinders.core.geomag import newest_model
 from flinders.errors import NoEngine, OutputError
@@ -51,6 +52,8 @@ SCRIPTS: Final[dict[str, tuple[str, tuple[str, ...]]]] = {
 """Scripts of the folder: the module to join with its imports, and its exports."""
 REPORT: Final = "static/report.css"
 """Style sheet of a report, shared with the program."""
+TRANSLATIONS: Final = "languages/"
+"""Folder of the languages, each of which is loaded where it is wanted."""
 ASSETS: Final = ("index.html", "static/page.css", "static/theme.js", "static/compass.svg")
 """Files that are copied unchanged."""
 
@@ -116,6 +119,7 @@ def contents() -> dict[str, bytes]:
         **_licences(),
         **{name: asset(f"{STATIC_FOLDER}/{name.removeprefix('static/')}").encode() for name in ASSETS},
         REPORT: style_of().encode(),
+        **{f"{TRANSLATIONS}{code}.json": text_of(code).encode() for code in LANGUAGES if code != ENGLISH_CODE},
         **{name: text for name, entry in SCRIPTS.items() if (text := _script(*entry)) is not None},
     }
     return {**files, "sw.js": service_worker(files).encode()}
@@ -177,8 +181,9 @@ def service_worker(files: dict[str, bytes]) -> str:
     for name in sorted(files):
         digest.update(name.encode() + b"\0" + files[name] + b"\0")
     left_out = (SCENE, "index.html")
-    names = ["./", *sorted(name for name in files if name not in left_out and not name.startswith("LICENSE"))]
-    page = {"version": f"{VERSION} {digest.hexdigest()[:16]}", "files": names, "scene": SCENE}
+    unneeded = ("LICENSE", TRANSLATIONS)
+    names = ["./", *sorted(name for name in files if name not in left_out and not name.startswith(unneeded))]
+    page = {"version": f"{VERSION} {digest.hexdigest()[:16]}", "files": names, "scene": SCENE, "kept": TRANSLATIONS}
     return f"const PAGE = {json.dumps(page)};\n{asset(f'{STATIC_FOLDER}/standalone/sw.js')}"
 
 
