@@ -81,7 +81,7 @@ function drawLeft(panel, turn, target, box, toX) {
     panel.draw("path", { class: "target", d: `M${box.left} ${level}H${box.right}` });
     const lines = [level - 0.3 * panel.em, level + 1.05 * panel.em];
     const within = lines.filter((y) => y - 0.6 * panel.em >= box.top && y <= box.bottom - 0.2 * panel.em);
-    const place = freest(places(panel, box, within, "target"), curve);
+    const place = freest(places(panel, box, within, phrase("plot.target", "target")), curve);
     if (place) tick(panel, place.x + place.wide / 2, place.y, place.words, "middle", "aim");
 }
 

@@ -115,7 +115,7 @@ export function capital(words) {
  * @returns {string}
  */
 export function sentence(words) {
-    const isWord = /^[a-z]+[ ,:;]/.test(words); // and no file name
+    const isWord = /^\p{Ll}+[ ,:;]/u.test(words); // and no file name
     const whole = isWord ? capital(words) : words;
     return whole === "" || /[.!?…]$/.test(whole) ? whole : `${whole}.`;
 }
