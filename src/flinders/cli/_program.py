@@ -35,7 +35,7 @@ from flinders.cli._process import let_imports_be, prepare_streams, silence_stdou
 from flinders.cli._signals import ENDING, handled, interrupt
 from flinders.cli._spelling import in_options, searched
 from flinders.core.files import reason
-from flinders.core.language import ENGLISH_CODE, OF_TERMINAL, language_of
+from flinders.core.language import ENGLISH, ENGLISH_CODE, OF_TERMINAL, language_of
 from flinders.errors import FitError, FlindersError, OutputError, UsageError
 from flinders.verdicts import MEANINGS
 
@@ -134,6 +134,7 @@ class Program(Commanded):
         except Exception as error:  # noqa: BLE001 - the one place that turns a fault of ours into a report
             code = _report_fault(error)
         code = code if isinstance(code, int) else GOOD
+        OF_TERMINAL.set(ENGLISH)  # for whoever runs a command line in a process of their own
         return sys.exit(code) if standalone_mode else code
 
     def resolve_command(
