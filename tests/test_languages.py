@@ -36,7 +36,9 @@ def words(request: pytest.FixtureRequest) -> dict[str, str]:
 def test_the_list_of_english_phrases_is_that_of_the_sources(request: pytest.FixtureRequest) -> None:
     if request.config.getoption("--regenerate", default=False):
         ENGLISH.write_text(text_of(PHRASES), encoding="utf-8")
-    assert json.loads(ENGLISH.read_text(encoding="utf-8")) == PHRASES, "run `uv run pytest --regenerate tests/test_languages.py`"
+    assert json.loads(ENGLISH.read_text(encoding="utf-8")) == PHRASES, (
+        "run `uv run pytest --regenerate tests/test_languages.py`"
+    )
 
 
 def test_a_language_has_no_key_that_english_lacks(words: dict[str, str]) -> None:
@@ -54,7 +56,9 @@ def test_a_language_has_all_phrases_of_the_page_and_of_the_first_sentence(words:
 
 
 def test_german_has_every_finding_that_limits_or_refuses() -> None:
-    graver = [row for row in CATALOGUE.values() if {grade.severity for grade in row.rule.grades} & {"limits", "refuses"}]
+    graver = [
+        row for row in CATALOGUE.values() if {grade.severity for grade in row.rule.grades} & {"limits", "refuses"}
+    ]
     needed = {f"findings.{row.code}.plain" for row in graver}
     needed |= {f"findings.{row.code}.remedy" for row in graver if row.remedy}
     assert needed - language_of("de").words.keys() == set()

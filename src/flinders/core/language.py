@@ -52,7 +52,9 @@ class Language:
         """A number of things, such as ``3,000 readings``, where the language has the noun; else in English."""
         form = self.translation(f"things.{thing}.{'one' if number == 1 else 'other'}")
         shown = f"{number:,.0f}"
-        return self.fill(form, {"count": self.numeral(shown)}) if form else f"{shown} {thing}{'' if number == 1 else 's'}"
+        return (
+            self.fill(form, {"count": self.numeral(shown)}) if form else f"{shown} {thing}{'' if number == 1 else 's'}"
+        )
 
     def fill(self, template: str, values: Mapping[str, Any]) -> str:
         """A format with its values; numbers have two digits unless the format says otherwise."""
@@ -60,7 +62,9 @@ class Language:
 
     def capitals(self, text: str) -> str:
         """A title in capitals, which have no accent in Greek."""
-        plain = unicodedata.normalize("NFD", text).replace("\N{COMBINING ACUTE ACCENT}", "") if self.code == "el" else text
+        plain = (
+            unicodedata.normalize("NFD", text).replace("\N{COMBINING ACUTE ACCENT}", "") if self.code == "el" else text
+        )
         return unicodedata.normalize("NFC", plain).upper()
 
     def numeral(self, text: str) -> str:

@@ -255,8 +255,10 @@ def _further_lines(fit: Fit) -> Iterator[str]:
     language = OF_TERMINAL.get()
     if fit.verdict == "refused":
         return iter((language.phrase("basis.not-written", "no calibration was written"),))
-    no_better = "" if improves(fit) else language.phrase(
-        "basis.no-better", "headings are no better with this calibration than without"
+    no_better = (
+        ""
+        if improves(fit)
+        else language.phrase("basis.no-better", "headings are no better with this calibration than without")
     )
     conditions = translation.assumptions(fit.judgement.conditions, language) or condition(fit)
     return filter(None, (mounting(fit), conditions, aging(fit), no_better))
