@@ -1,4 +1,4 @@
-"""The English phrases, collected from where they stand: ``python -m tests.phrases`` writes them into `languages/en.json`.
+"""The English phrases, collected from where they stand: ``python -m tests.phrases`` writes `languages/en.json`.
 
 Phrases of the page are calls of ``phrase("key", "English")``, elements with ``data-phrase="key"``, and tables; those of
 verdicts are tables of Python, and rows of the catalogue of findings.

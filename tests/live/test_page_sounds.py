@@ -6,7 +6,6 @@ from typing import Any, Final
 
 import numpy as np
 import numpy.testing as npt
-
 from tests.javascript import run
 
 PLAY: Final = """
@@ -92,7 +91,8 @@ const view = { tiles_seen: [], shown: { offset: [0, 0, 0], matrix: [[1, 0, 0], [
 const lead = { kind: "arrow", target: [1, 0, 0], step: 0 };
 return [[-50, 0, 0], [50, 0, 0]].map((raw) => {
     heard.length = 0;
-    for (let at = 0; at < 60; at += 1) sounds.follow({ phase: "collecting" }, view, lead, (raw[0] > 0 ? 10 : 0) + at / 20, raw);
+    const from = raw[0] > 0 ? 10 : 0;
+    for (let at = 0; at < 60; at += 1) sounds.follow({ phase: "collecting" }, view, lead, from + at / 20, raw);
     return heard.length;
 });
 """

@@ -1,8 +1,8 @@
 """Sentences in other languages than English, which stands where the sentences are made.
 
-A language is one file of `flinders/languages`: formats by key, with the same placeholders as the English ones. A key that
-a language lacks stays English. Only pages for the terminal and the live page are translated; JSON, files, codes and
-messages are English in every language.
+A language is one file of `flinders/languages`: formats by key, with the same placeholders as the English ones. A key
+that a language lacks stays English. Only the live page and verdicts in the terminal are translated; JSON, files, codes
+and messages are English in every language.
 
 >>> german = language_of("de")
 >>> german.phrase("verdict.good", "Good"), german.numeral("1,234.5")

@@ -21,9 +21,9 @@ import numpy as np
 from flinders.apps.live.simulated import DIP_DEG, FIELD_UT, RATE_HZ, SAID, rocked_and_turned
 from flinders.apps.live.standalone import engine, lines, targets
 from flinders.core.calibration_file import VERSION as SCHEMA
-from flinders.core.language import ENGLISH_CODE, LANGUAGES, text_of
 from flinders.core.files import licence, make_folder, reason, write_bytes
 from flinders.core.geomag import newest_model
+from flinders.core.language import ENGLISH_CODE, LANGUAGES, text_of
 from flinders.errors import NoEngine, OutputError
 from flinders.fitting import refreshing
 from flinders.native import build
