@@ -1,6 +1,6 @@
-"""What Flinders promises about accuracy and speed, measured: ``python -m benchmarks.accuracy``, ``… .speed``.
+"""Measurements of Flinders' claims on accuracy and speed: ``python -m benchmarks.accuracy``, ``… .speed``.
 
-One thread for linear algebra: ratios of times then mean something. It must be set before NumPy is imported.
+Linear algebra uses one thread, so that ratios of times are meaningful. This must be set before NumPy is imported.
 """
 
 import os

@@ -1,10 +1,10 @@
-"""Whether fits with an accelerometer are as good as they claim, whatever the accelerometer and the motion.
+"""Truth of the claims of fits with an accelerometer, for several accelerometers and motions.
 
     python -m benchmarks.accelerometer [--trials 100] [--paths "20 poses" …] [--processes 2]
 
-Sensors, paths and readings are those of `benchmarks.adversary`; the accelerometer feels how the body moves. Prints
+Sensors, paths and readings are those of `benchmarks.adversary`; the accelerometer measures the motion, too. Prints
 Markdown: true over claimed worst level heading error, median and 90 % (a true claim gives 1.2 and 2.1), of the
-magnetometer in its own axes, and in axes of the body with what is claimed of its rotation against the accelerometer;
+magnetometer in its own axes, and in axes of the body with the claim on its rotation against the accelerometer;
 then the claims, and how many fits used the accelerometer and were good.
 """
 
@@ -47,19 +47,19 @@ if TYPE_CHECKING:
     from flinders.core.samples import Samples
 
 GRAVITY, NOISE, STEP_S = 9.81, 0.05, 1.0 / (FINE * RATE_HZ)
-"""m/s², and seconds."""
+"""Gravity and noise of the accelerometer in m/s², and the fine step in s."""
 
 
 @dataclass(frozen=True, slots=True)
 class Accelerometer:
-    """Gains off by so much, axes from square in rad, and a bias in m/s², each of random sign or direction."""
+    """Errors of gain (share), axes (rad) and bias (m/s²), each of random sign or direction."""
 
     gain: float = 0.0
     skew: float = 0.0
     bias: float = 0.0
 
     def read(self, rng: Generator, force: Floats) -> Floats:
-        """(N, 3) what it reads of a force, with noise."""
+        """(N, 3) readings of a force, with noise, m/s²."""
         mixed = rng.normal(0.0, 0.5 * self.skew, (3, 3))
         gains = np.eye(3) + np.diag(rng.choice([-self.gain, self.gain], 3)) + np.triu(mixed, 1) + np.triu(mixed, 1).T
         aside = rng.standard_normal(3)
@@ -74,19 +74,19 @@ ACCELEROMETERS: Final = {
 
 
 def poses(rng: Generator, count: int) -> Path:
-    """Still poses of half a second, as a survey takes them."""
+    """Path with still poses of half a second, as in a survey."""
     attitudes = np.repeat(np.stack([anywhere(rng) for _ in range(count)]), 25 * FINE, axis=0)
     return _path(attitudes, np.zeros((len(attitudes), 3)))
 
 
 def still(rng: Generator, of: Callable[[Generator], Path]) -> Path:
-    """The same turning, on the spot."""
+    """Path with the same rotations but without translation."""
     path = of(rng)
     return replace(path, places=np.zeros_like(path.places))
 
 
 def driven(rng: Generator, speed: float) -> Path:
-    """A vehicle on rough ground for two minutes, leaning by 12°, that turns to and fro at a constant speed."""
+    """Path of a vehicle on rough ground for two minutes, tilted by 12° (rms), turning to and fro at constant speed."""
     steps = round(120.0 / STEP_S)
     yaw = np.cumsum(0.5 * smooth(rng, steps, STEP_S, 2.0, 1)[:, 0]) * STEP_S
     leaning = about(np.column_stack([0.2 * smooth(rng, steps, STEP_S, 1.0, 2), np.zeros(steps)]))
@@ -113,7 +113,7 @@ MOVED: Final[dict[str, Callable[[Generator], Path]]] = {
 
 
 def readings(seed: int, path: Path, accelerometer: Accelerometer) -> Samples:
-    """A log of both sensors."""
+    """Recording of both sensors."""
     moved = np.gradient(np.gradient(path.places, STEP_S, axis=0), STEP_S, axis=0)
     force = np.einsum("mji,mj->mi", path.attitudes, moved - [0.0, 0.0, GRAVITY])[::FINE]
     felt = accelerometer.read(stream(seed, "accelerometer"), force)
@@ -122,7 +122,7 @@ def readings(seed: int, path: Path, accelerometer: Accelerometer) -> Samples:
 
 @dataclass(frozen=True, slots=True)
 class Trial:
-    """Claimed and true worst level heading errors in degrees, in the sensor's own axes and in those of the body."""
+    """Claimed and true worst level heading errors, degrees, in the sensor's own axes and in those of the body."""
 
     own: tuple[float, float]
     body: tuple[float, float]
@@ -131,7 +131,7 @@ class Trial:
 
 
 def tried(case: tuple[str, str, int]) -> Trial | None:
-    """One fit with the accelerometer; None where there is none."""
+    """Result of one fit with the accelerometer; None without a fit."""
     name, kind, seed = case
     samples = readings(seed, MOVED[name](stream(seed, "path 0")), ACCELEROMETERS[kind])
     try:

@@ -3,14 +3,14 @@
     python -m benchmarks.accuracy [--trials 400] [--sets S1,S2] [--sigma 0.1,0.5,2] [--method auto]
         [--option NAME=VALUE] [--processes 2]
 
-For each row, over the trials that gave a calibration that is not wild:
+For each row, over the trials that did not fail:
 
-bound, rms    root mean square angle error in degrees: the least that is possible, and what was found (on S7 the
-              heading error of a level turn, which has no bound here)
+bound, rms    root mean square angle error, degrees: the smallest possible one, and the measured one (on S7 the
+                            heading error of a level turn, without a bound here)
 efficiency    bound ÷ rms: 1 is perfect; over 400 trials it scatters by 1.4 %, on S4 and one hemisphere by 3 %
 weighted      squared error of all nine parameters, weighted with the bound's information, over 9: 1 is perfect
-failed        no calibration, or a wild one: off by more than 20°, or by more than a field strength in the offset
-refused       a `FitError` was raised, whether or not it carries the fit that it refuses
+failed        no calibration, or one with an error of more than 20°, or of more than a field strength in the offset
+refused       a `FitError` was raised, with or without a fit
 """
 
 from __future__ import annotations
@@ -41,14 +41,14 @@ if TYPE_CHECKING:
     from flinders.estimators import Estimator as Method
     from flinders.simulate import Simulated
 
-WILD_DEG: Final = 20.0
+MAX_ERROR_DEG: Final = 20.0
 LEVEL: Final = "S7"
 COLUMNS: Final = ("σ µT", "bound °", "rms °", "efficiency", "weighted", "failed", "refused")
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Answer:
-    """What an estimator says: matrix (3, 3) and offset (3,) in µT, or neither; and whether it refuses."""
+    """Answer of an estimator: matrix (3, 3) and offset (3,) in µT, or neither; and whether it refuses."""
 
     matrix: Floats | None
     offset: Floats | None
@@ -66,7 +66,7 @@ class Score:
 
     @property
     def failed(self) -> bool:
-        """There is no calibration, or a wild one."""
+        """Whether the calibration is missing or beyond the limits."""
         return math.isnan(self.error_deg)
 
 
@@ -74,7 +74,7 @@ Estimator = Callable[["Simulated"], Answer]
 
 
 def fitted(recording: Simulated, *, method: str | Method) -> Answer:
-    """Ask `flinders.fit`, with the field strength known."""
+    """Return the answer of `flinders.fit` with a known field strength."""
     try:
         fit = flinders.fit(recording.samples.field, method=method, site=flinders.Site(strength=FIELD_STRENGTH))
     except Refused as refusal:
@@ -85,7 +85,7 @@ def fitted(recording: Simulated, *, method: str | Method) -> Answer:
 
 
 def score(estimator: Estimator, name: str, sigma: float, trial: int) -> Score:
-    """Make a recording, ask for its calibration and compare with the truth."""
+    """Simulate a recording, calibrate it, and compare with the truth."""
     recording = dataset(name, trial, sigma)
     answer, best = estimator(recording), bound(recording)
     failure = Score(best.angle_deg, math.nan, math.nan, answer.refused)
@@ -97,7 +97,7 @@ def score(estimator: Estimator, name: str, sigma: float, trial: int) -> Score:
         error = angle_error_deg(answer.matrix, answer.offset, recording)
         off = parameter_error(answer.matrix, answer.offset, recording)
         weighted, astray = float(off @ best.information @ off) / 9, float(np.linalg.norm(off[:3]))
-    if not (error <= WILD_DEG and astray <= FIELD_STRENGTH):
+    if not (error <= MAX_ERROR_DEG and astray <= FIELD_STRENGTH):
         return failure
     return Score(best.angle_deg, error, weighted, answer.refused)
 
@@ -168,17 +168,17 @@ def _option(text: str) -> tuple[str, str | float]:
 
 
 def _root_mean_square(values: Sequence[float]) -> float:
-    """NaN where there are none."""
+    """Root mean square; NaN without values."""
     return math.sqrt(float(np.mean(np.square(values)))) if values else math.nan
 
 
 def _digits(value: float, form: str) -> str:
-    """Write a number, or a dash where there is none."""
+    """Write a number, or a dash for NaN."""
     return "–" if math.isnan(value) else format(value, form)
 
 
 def _share(count: int, of: int) -> str:
-    """Write a count and what part of all it is."""
+    """Write a count with its share."""
     return f"{count} ({count / of:.1%})" if count else "0"
 
 

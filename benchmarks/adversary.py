@@ -1,18 +1,18 @@
-"""What fools a calibration: effects that no ellipsoid holds, and how often a good verdict of them is wrong.
+"""Effects outside the model of an ellipsoid, and how often a good verdict is wrong with them.
 
     python -m benchmarks.adversary [--trials 40] [--effects "cubic axis 4 µT" …] [--paths tumble …] [--processes 2]
 
-A sensor in a hand is turned along a path; the field at the place, iron and currents on the body, and the sensor's own
-faults make its readings. Nothing here is shared with `flinders.simulate`, so that one mistake cannot be in both.
+A sensor in a hand is turned along a path; its readings contain the field at the place, iron and currents on the body,
+and faults of the sensor. The code is independent of `flinders.simulate`, so that both cannot have the same mistake.
 Prints Markdown.
 
-A fit is *wrong* where its worst level heading is off by more than 1° and by more than twice the claim. What a true
-claim would give stands in brackets: the same count over errors drawn from what the fit claims, its covariance and, of
-structure over direction, harmonics of each axis.
-*Ratio* is the true over the claimed worst level heading error, of good fits: 1.2 in the median and 2.1 at 90 % where
-the claim is true. *Cautious* is the share of fits that are not good although they are within half the target.
+A fit is *wrong* if its worst level heading error is above 1° and above twice the claim. The number in brackets is the
+expectation for true claims: the same count for errors drawn from the claim, that is its covariance and, for structure
+over direction, harmonics of each axis.
+*Ratio* is the true over the claimed worst level heading error of good fits: 1.2 in the median and 2.1 at 90 % for true
+claims. *Cautious* is the share of fits that are not good although their error is within half the target.
 
-``--felt`` records an accelerometer, too, and counts the fits that are called `attitude-dependent`.
+``--felt`` records an accelerometer, too, and counts fits with the finding `attitude-dependent`.
 """
 
 from __future__ import annotations
@@ -48,16 +48,16 @@ NOISE_UT: Final = 0.2
 GRAVITY: Final = 9.81
 RATE_HZ: Final = 50.0
 FINE: Final = 4
-"""Steps of the path between two readings, so that an axis can be late by less than one."""
+"""Steps of the path per reading, so that an axis can lag by less than one reading."""
 HEADINGS: Final = np.radians(np.arange(0.0, 360.0, 5.0))
 DRAWS: Final = 200
-"""Errors that are drawn from a covariance."""
+"""Number of errors drawn from a covariance."""
 NORTH_DOWN: Final = STRENGTH_UT * np.array([np.cos(np.radians(DIP_DEG)), 0.0, np.sin(np.radians(DIP_DEG))])
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Path:
-    """How a sensor moves: time (M,) s, attitudes (M, 3, 3) from body to world, and places (M, 3) m, in fine steps."""
+    """Motion of a sensor in fine steps: time (M,) s, attitudes (M, 3, 3) from body to world, and places (M, 3) m."""
 
     time: Floats
     attitudes: Floats
@@ -66,7 +66,7 @@ class Path:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Sensor:
-    """A sensor on its body: ``reading = iron @ field + offset``, before what its axes do to that."""
+    """A sensor on its body: ``reading = iron @ field + offset``, before errors of its axes."""
 
     iron: Floats
     offset: Floats
@@ -75,32 +75,32 @@ class Sensor:
 Field = Callable[["Generator", Path], "Floats"]
 """(M, 3) µT in world axes or body axes, added to the field."""
 Rows = Callable[["Generator", "Floats"], "Floats"]
-"""Readings (N, 3) µT to those that something makes of them."""
+"""Function that changes readings (N, 3) µT."""
 
 
 @dataclass(frozen=True, slots=True)
 class Effect:
-    """What is wrong with a recording.
+    """An effect in a recording.
 
     Attributes
     ----------
     place, body : Field, optional
-        A field of the place, in world axes; one that is added to the readings, in the sensor's axes.
+        Field of the place, in world axes; field added to the readings, in the sensor's axes.
     axes : Rows, optional
-        What the axes make of readings without their offset.
+        Change of readings without their offset by the axes.
     lags : of Generator to (3,) s, optional
-        By how much each axis is late.
+        Lag of each axis.
     rest : Rows, optional
-        What lies still for some time makes of readings without their offset.
+        Change of readings without their offset by rests.
     log : Rows, optional
-        What stands in the log.
+        Change of the rows of the log.
     noise : float, µT
     is_timed : bool
         Whether the log has times.
     seen : bool
-        Whether a recording shows it.
+        Whether a single recording shows the effect.
     linearize : bool
-        Whether the fit is asked to correct it.
+        Whether the fit corrects the effect.
     """
 
     place: Field | None = None
@@ -128,12 +128,12 @@ class Trial:
 
     @property
     def is_wrong(self) -> bool:
-        """Good, and far beyond the claim."""
+        """Whether the verdict is good and the error far beyond the claim."""
         return self.verdict == "good" and self.true > max(TARGET_DEG, 2.0 * self.claimed)
 
 
 def smooth(rng: Generator, steps: int, step_s: float, time_s: float, columns: int = 3) -> Floats:
-    """(steps, columns) random courses of unit variance without corners: white noise through two low-pass filters."""
+    """(steps, columns) smooth random series of unit variance: white noise through two low-pass filters."""
     keep = float(np.exp(-step_s / time_s))
     warm = int(10 * time_s / step_s)
     course, first, second = np.empty((steps + warm, columns)), np.zeros(columns), np.zeros(columns)
@@ -157,7 +157,7 @@ def about(vectors: Floats) -> Floats:
 
 
 def chained(steps: Floats, first: Floats) -> Floats:
-    """(M, 3, 3) attitudes that begin at `first` and are turned on by each of `steps` (M, 3, 3), about body axes."""
+    """(M, 3, 3) attitudes from `first` on, each turned by the next of `steps` (M, 3, 3) about body axes."""
     attitudes, attitude = np.empty_like(steps), first
     for row, step in enumerate(steps):
         attitude = attitude @ step
@@ -187,7 +187,7 @@ def turned(rng: Generator, rates: Floats, step_s: float) -> Path:
 
 
 def tumble(rng: Generator, seconds: float = 60.0, rate: float = 1.8) -> Path:
-    """Turned by hand about all axes, some 100° a second."""
+    """Path of a hand that turns about all axes at about 100° a second."""
     step_s = 1.0 / (FINE * RATE_HZ)
     return turned(rng, rate * smooth(rng, round(seconds / step_s), step_s, 0.6), step_s)
 
@@ -210,7 +210,7 @@ def eights(rng: Generator, seconds: float = 60.0) -> Path:
 
 
 def axis_by_axis(rng: Generator) -> Path:
-    """Three full turns about each axis in turn, while the others drift."""
+    """Path of three full turns about each axis in turn, while the others drift."""
     step_s = 1.0 / (FINE * RATE_HZ)
     each = round(20.0 / step_s)
     rates = 0.25 * smooth(rng, 3 * each, step_s, 1.0)
@@ -240,12 +240,12 @@ def remembering(rng: Generator, path: Path, *, sigma: float, time_s: float) -> F
 
 
 def lasting(rng: Generator, path: Path, *, sigma: float) -> Floats:
-    """The same with a memory of 1 to 30 s."""
+    """Ornstein–Uhlenbeck noise with a time constant of 1 to 30 s."""
     return remembering(rng, path, sigma=sigma, time_s=float(np.exp(rng.uniform(0.0, np.log(30.0)))))
 
 
 def gradient(rng: Generator, path: Path, *, per_metre: float) -> Floats:
-    """A field without sources that changes from place to place: symmetric, traceless."""
+    """Source-free field with a constant gradient, a symmetric and traceless matrix."""
     tensor = rng.standard_normal((3, 3))
     tensor = tensor + tensor.T - 2.0 * np.trace(tensor) / 3.0 * np.eye(3)
     grown: Floats = path.places @ (per_metre * tensor / np.linalg.norm(tensor))
@@ -253,7 +253,7 @@ def gradient(rng: Generator, path: Path, *, per_metre: float) -> Floats:
 
 
 def desk(rng: Generator, path: Path, *, rms: float) -> Floats:
-    """Steel below the hand: a dipole half a metre down, along the field that magnetises it."""
+    """Field of steel below the hand: a dipole half a metre down, along the magnetising field."""
     from_it = path.places - np.array([*rng.uniform(-0.2, 0.2, 2), 0.5])
     distance = np.linalg.norm(from_it, axis=1)[:, None]
     along = from_it / distance
@@ -264,7 +264,7 @@ def desk(rng: Generator, path: Path, *, rms: float) -> Floats:
 
 
 def current(rng: Generator, path: Path, *, amplitude: float) -> Floats:
-    """A battery's current that steps with the attitude, as heaters and motors do that hold a body against gravity."""
+    """Field of a current that steps with the attitude, such as of motors that hold a body against gravity."""
     side, wire = rng.standard_normal((2, 3))
     down = path.attitudes[:, 2] @ side / np.linalg.norm(side)
     field: Floats = np.round(2.0 * down)[:, None] / 2.0 * amplitude * wire / np.linalg.norm(wire)
@@ -272,7 +272,7 @@ def current(rng: Generator, path: Path, *, amplitude: float) -> Floats:
 
 
 def jump(rng: Generator, path: Path, *, by: float) -> Floats:
-    """A magnetised part that moves once."""
+    """Field of a magnetised part that moves once."""
     moved = rng.standard_normal(3)
     at = rng.uniform(0.25, 0.75) * path.time[-1]
     field: Floats = (path.time > at)[:, None] * by * moved / np.linalg.norm(moved)
@@ -280,7 +280,7 @@ def jump(rng: Generator, path: Path, *, by: float) -> Floats:
 
 
 def drift(rng: Generator, path: Path, *, by: float) -> Floats:
-    """An offset that follows a temperature: up, and level then."""
+    """Offset that follows a temperature, which rises and then stays constant."""
     along = rng.standard_normal(3)
     rise = 1.0 - np.exp(-path.time / (0.3 * path.time[-1]))
     field: Floats = rise[:, None] * by * along / np.linalg.norm(along)
@@ -288,7 +288,7 @@ def drift(rng: Generator, path: Path, *, by: float) -> Floats:
 
 
 def passing(rng: Generator, path: Path, *, peak: float) -> Floats:
-    """A magnet that goes by: a dipole on a straight way."""
+    """Field of a passing magnet: a dipole on a straight line."""
     direction = rng.standard_normal(3)
     at = rng.uniform(0.2, 0.8) * path.time[-1]
     course = peak * (1.0 + ((path.time - at) / 0.7) ** 2) ** -1.5
@@ -297,7 +297,7 @@ def passing(rng: Generator, path: Path, *, peak: float) -> Floats:
 
 
 def switching(rng: Generator, path: Path, *, amplitude: float) -> Floats:
-    """A load that is on now and then, for one to three seconds, whatever the attitude."""
+    """Field of a load that is switched on for one to three seconds at random attitudes."""
     course, now = np.zeros(len(path.time)), 0.0
     while now < path.time[-1]:
         now += rng.exponential(8.0)
@@ -310,7 +310,7 @@ def switching(rng: Generator, path: Path, *, amplitude: float) -> Floats:
 
 
 def bent(_: Generator, readings: Floats, *, quadratic: float = 0.0, cubic: float = 0.0) -> Floats:
-    """The first axis is not linear: by so many µT at the strength of the field."""
+    """Readings with a nonlinear first axis; its error in µT at the strength of the field."""
     share = readings[:, :1] / STRENGTH_UT
     axis = np.array([1.0, 0.0, 0.0])
     read: Floats = readings + (quadratic * share**2 + cubic * share**3) * axis
@@ -318,7 +318,7 @@ def bent(_: Generator, readings: Floats, *, quadratic: float = 0.0, cubic: float
 
 
 def lumpy(rng: Generator, readings: Floats, *, rms: float) -> Floats:
-    """Lengths that depend on the direction as a random harmonic of degree three does."""
+    """Readings whose length varies with direction by a random harmonic of degree three."""
     directions = readings / np.linalg.norm(readings, axis=1)[:, None]
     turn = anywhere(rng)
     x, y, z = (directions @ turn).T
@@ -328,7 +328,7 @@ def lumpy(rng: Generator, readings: Floats, *, rms: float) -> Floats:
 
 
 def warped(rng: Generator, readings: Floats, *, rms: float) -> Floats:
-    """Each axis is off by a random harmonic of degree three of its own."""
+    """Readings with an error of each axis by its own random harmonic of degree three."""
     directions = readings / np.linalg.norm(readings, axis=1)[:, None]
     x, y, z = np.moveaxis(directions @ np.stack([anywhere(rng) for _ in range(3)]), 2, 0)
     read: Floats = readings + rms * np.sqrt(105.0) * (x * y * z).T
@@ -336,7 +336,7 @@ def warped(rng: Generator, readings: Floats, *, rms: float) -> Floats:
 
 
 def stale(rng: Generator, rows: Floats, *, share: float) -> Floats:
-    """One axis repeats its last reading now and then."""
+    """Rows in which one axis repeats its last reading now and then."""
     rows = rows.copy()
     for row in 1 + np.flatnonzero(rng.random(len(rows) - 1) < share):
         rows[row, 0] = rows[row - 1, 0]
@@ -344,23 +344,23 @@ def stale(rng: Generator, rows: Floats, *, share: float) -> Floats:
 
 
 def shuffled(rng: Generator, rows: Floats) -> Floats:
-    """Rows whose order is lost."""
+    """Rows in random order."""
     order: Floats = rng.permutation(rows)
     return order
 
 
 def tiled(rng: Generator, rows: Floats, *, distinct: int, times: int) -> Floats:
-    """Few readings, each many times, not side by side."""
+    """Few readings, each repeated many times, not consecutively."""
     return np.tile(rows[rng.choice(len(rows), distinct, replace=False)], (times, 1))
 
 
 def stepped(_: Generator, rows: Floats, *, step: float) -> Floats:
-    """A coarse sensor."""
+    """Rows rounded to a coarse step."""
     return step * np.round(rows / step)
 
 
 def cut(rng: Generator, rows: Floats) -> Floats:
-    """A third of the rows is lost, in three pieces."""
+    """Rows without a third of them, in three pieces."""
     lost = np.zeros(len(rows), dtype=bool)
     for begin in rng.choice(len(rows), 3, replace=False):
         lost[begin : begin + len(rows) // 9] = True
@@ -368,7 +368,7 @@ def cut(rng: Generator, rows: Floats) -> Floats:
 
 
 def rested(rng: Generator, readings: Floats, *, rests: int) -> Floats:
-    """The body is put down so many times, for 5 to 60 s, before, amid or after the turn, where the field is another."""
+    """Readings with some rests of 5 to 60 s in another field, before, within or after the turn."""
     for _ in range(rests):
         amid, seconds, off = int(rng.integers(len(readings))), rng.uniform(5.0, 60.0), rng.uniform(-0.2, 0.2)
         at = (0, amid, len(readings) - 1)[rng.integers(3)]
@@ -383,12 +383,12 @@ def thinned(_: Generator, rows: Floats, *, count: int) -> Floats:
 
 
 def one_late(late_s: float) -> Callable[[Generator], Floats]:
-    """Lags of which one is not like the others."""
+    """Return lags of which one differs from the others."""
     return lambda rng: late_s * np.eye(3)[rng.integers(3)]
 
 
 def all_late(rng: Generator) -> Floats:
-    """Lags of 50 ms, give or take 30 %."""
+    """Lags of 50 ms ± 30 %."""
     lags: Floats = 0.05 * (1.0 + 0.3 * rng.standard_normal(3))
     return lags
 
@@ -440,7 +440,7 @@ EFFECTS: Final[dict[str, Effect]] = {
 
 
 def sensor(rng: Generator) -> Sensor:
-    """Soft iron of ± 25 %, offsets of up to two fields."""
+    """Random sensor: soft iron of ± 25 %, offsets of up to two field strengths."""
     mixed = rng.uniform(-0.25, 0.25, (3, 3))
     iron = np.diag(rng.uniform(0.75, 1.25, 3)) + 0.3 * (mixed + mixed.T)
     direction = rng.standard_normal(3)
@@ -448,7 +448,7 @@ def sensor(rng: Generator) -> Sensor:
 
 
 def recorded(seed: int, of: Sensor, effect: Effect, path: Path, *, place: int = 0) -> Samples:
-    """What a log has of a sensor on a path, at the first place or at another."""
+    """Recording of a sensor on a path, at the first place or at another."""
     field = NORTH_DOWN + (0.0 if effect.place is None else effect.place(stream(seed, f"place {place}"), path))
     inside = np.einsum("mji,mj->mi", path.attitudes, np.broadcast_to(field, path.places.shape))
     readings = inside @ of.iron
@@ -469,19 +469,19 @@ def recorded(seed: int, of: Sensor, effect: Effect, path: Path, *, place: int = 
 
 
 def felt(samples: Samples, seed: int, path: Path) -> Samples:
-    """The same with an accelerometer, which feels how the hand moves, and has noise of 0.05 m/s²."""
+    """Recording with an accelerometer, which measures the motion of the hand, too, with noise of 0.05 m/s²."""
     moved = np.gradient(np.gradient(path.places, path.time, axis=0), path.time, axis=0) - [0.0, 0.0, GRAVITY]
     force = np.einsum("mji,mj->mi", path.attitudes, moved)[::FINE]
     return replace(samples, acceleration=force + 0.05 * stream(seed, "felt").standard_normal(force.shape))
 
 
 def stream(seed: int, what: str) -> Generator:
-    """Random numbers of a trial, the same for the same thing whatever else is drawn."""
+    """Random numbers for one purpose of a trial, independent of other draws."""
     return np.random.default_rng([SEED, seed, *what.encode()])
 
 
 def level_field() -> Floats:
-    """(72, 3) the direction of the field in the axes of a level body that stands at each of `HEADINGS`."""
+    """(72, 3) directions of the field in the axes of a level body at each of `HEADINGS`."""
     dip = np.radians(DIP_DEG)
     return np.stack(
         [np.cos(dip) * np.cos(HEADINGS), -np.cos(dip) * np.sin(HEADINGS), np.full_like(HEADINGS, np.sin(dip))], axis=1
@@ -489,14 +489,14 @@ def level_field() -> Floats:
 
 
 def level(seed: int, of: Sensor, effect: Effect) -> Floats:
-    """(72, 3) readings without noise of the sensor on a level body that stands at each of `HEADINGS`."""
+    """(72, 3) readings without noise of the sensor on a level body at each of `HEADINGS`."""
     readings: Floats = STRENGTH_UT * level_field() @ of.iron
     readings = readings if effect.axes is None else effect.axes(stream(seed, "axes"), readings)
     return readings + of.offset
 
 
 def headings(corrected: Floats) -> Floats:
-    """(…, 72) headings of level readings (…, 72, 3), their mean error removed; the error of each, degrees."""
+    """(…, 72) heading errors of level readings (…, 72, 3), degrees, their mean removed."""
     error = np.angle(np.exp(1j * (np.arctan2(-corrected[..., 1], corrected[..., 0]) - HEADINGS)))
     mean = np.angle(np.exp(1j * error).mean(axis=-1, keepdims=True))
     off: Floats = np.degrees(np.angle(np.exp(1j * (error - mean))))
@@ -520,13 +520,13 @@ def of_unit_worst(turns: Floats) -> Floats:
 
 @cache
 def of_structure() -> Floats:
-    """(`DRAWS`, 72) errors of heading where each axis is off by a harmonic of degree three of its own."""
+    """(`DRAWS`, 72) errors of heading by a harmonic of degree three of each axis."""
     rng, field = np.random.default_rng(SEED), level_field()
     return of_unit_worst(turned_by(np.stack([warped(rng, field, rms=1.0) - field for _ in range(DRAWS)])))
 
 
 def of_parameters(fit: Fit) -> Floats:
-    """(`DRAWS`, 72) errors of heading that are drawn from the covariance of the fit."""
+    """(`DRAWS`, 72) errors of heading drawn from the covariance of the fit."""
     iron = fit.calibration.field_strength * np.linalg.inv(fit.calibration.matrix)
     values, vectors = np.linalg.eigh(fit.claim.covariance)
     errors = np.random.default_rng(SEED).standard_normal((DRAWS, 9)) @ (vectors * np.sqrt(np.maximum(values, 0.0))).T
@@ -536,7 +536,7 @@ def of_parameters(fit: Fit) -> Floats:
 
 
 def probability(fit: Fit) -> float:
-    """How likely a true claim looks wrong: from errors that are drawn from all that the fit claims."""
+    """Probability that a true claim counts as wrong, from errors drawn from the claim."""
     worst, structure = fit.heading_error_deg.worst, fit.claim.structure_deg
     if not (np.isfinite(worst) and np.isfinite(fit.claim.covariance).all()):
         return 0.0
@@ -546,7 +546,7 @@ def probability(fit: Fit) -> float:
 
 
 def fitted(source: Recording, *, linearize: bool = False) -> Fit | None:
-    """The fit, refused or not; None where there is none."""
+    """Fit of a recording, also a refused one; None without a fit."""
     try:
         return flinders.fit(source, target_deg=TARGET_DEG, linearize=linearize)
     except Refused as refusal:
@@ -556,7 +556,7 @@ def fitted(source: Recording, *, linearize: bool = False) -> Fit | None:
 
 
 def tried(row: tuple[str, int], seed: int, paths: Sequence[Path]) -> Trial:
-    """One trial of an effect, with a recording at so many places."""
+    """Result of one trial of an effect, with a recording at each of some places."""
     name, places = row
     effect, of = EFFECTS[name], sensor(stream(seed, "sensor"))
     each = [recorded(seed, of, effect, path, place=place) for place, path in enumerate(paths[:places])]
@@ -569,7 +569,7 @@ def tried(row: tuple[str, int], seed: int, paths: Sequence[Path]) -> Trial:
 
 
 def tried_on(case: tuple[str, int], *, rows: Sequence[tuple[str, int]]) -> list[Trial]:
-    """A trial of each row of the table with one seed: paths take longer than fits, and are the same for all."""
+    """Trials of all rows of the table with one seed, which share paths, as these take longer than fits."""
     path, seed = case
     places = range(max(places for _, places in rows))
     paths = [PATHS[path](stream(seed, f"path {place}")) for place in places]
@@ -577,7 +577,7 @@ def tried_on(case: tuple[str, int], *, rows: Sequence[tuple[str, int]]) -> list[
 
 
 def is_named(case: tuple[str, str, int]) -> bool:
-    """Whether a fit to a recording with an accelerometer is called `attitude-dependent`."""
+    """Whether a fit with an accelerometer has the finding `attitude-dependent`."""
     name, path, seed = case
     turned = PATHS[path](stream(seed, "path 0"))
     fit = fitted(felt(recorded(seed, sensor(stream(seed, "sensor")), EFFECTS[name], turned), seed, turned))
@@ -598,7 +598,7 @@ def row(name: str, trials: Sequence[Trial]) -> str:
     quantiles = " / ".join(f"{ratio:.1f}" for ratio in np.quantile(ratios, [0.5, 0.9])) if ratios else "–"
     cautious = [trial for trial in trials if trial.verdict != "good" and trial.true < TARGET_DEG / 2]
     bare = sum(not trial.conditions for trial in good)
-    firsts = [code for trial in trials for code in trial.codes[:1] if code not in SILENT]
+    firsts = [code for trial in trials for code in trial.codes[:1] if code not in UNRELATED_FINDINGS]
     first = max(set(firsts), key=firsts.count) if firsts else ""
     return (
         f"| {name} | {', '.join(str(verdicts.count(verdict)) for verdict in ('good', 'limited', 'refused'))} | "
@@ -607,12 +607,12 @@ def row(name: str, trials: Sequence[Trial]) -> str:
     )
 
 
-SILENT: Final = frozenset({"rotation-unknown", "scale-unknown", "correlated", "stale-repeats"})
-"""Findings that are not about an effect."""
+UNRELATED_FINDINGS: Final = frozenset({"rotation-unknown", "scale-unknown", "correlated", "stale-repeats"})
+"""Findings that do not concern an effect."""
 
 
 def table(effects: Sequence[str], paths: Sequence[str], trials: int, processes: int) -> Iterator[str]:
-    """A row for each effect; what no recording shows has one more, with a second recording elsewhere."""
+    """Yield a row for each effect; an effect that no single recording shows has another, with a second place."""
     rows = [(name, places) for name in effects for places in ((1,) if EFFECTS[name].seen else (1, 2))]
     with ProcessPoolExecutor(processes) as pool:
         each = list(pool.map(partial(tried_on, rows=rows), cases_of(paths, trials)))
@@ -622,12 +622,12 @@ def table(effects: Sequence[str], paths: Sequence[str], trials: int, processes: 
 
 
 def cases_of(paths: Sequence[str], trials: int) -> list[tuple[str, int]]:
-    """Each path with its seeds, so many in all."""
+    """Paths with seeds, `trials` in all."""
     return list(product(paths, range(-(-trials // len(paths)))))
 
 
 def felt_table(effects: Sequence[str], paths: Sequence[str], trials: int, processes: int) -> Iterator[str]:
-    """How many recordings of each effect, with an accelerometer, are called `attitude-dependent`, path by path."""
+    """Yield the number of recordings with the finding `attitude-dependent` for each effect, by path."""
     yield "| effect | recordings | " + " | ".join(paths) + " |\n|---|---:|" + "---:|" * len(paths)
     with ProcessPoolExecutor(processes) as pool:
         for name in effects:
@@ -643,7 +643,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parser.add_argument("--effects", nargs="+", default=list(EFFECTS), choices=EFFECTS, metavar="EFFECT")
     parser.add_argument("--paths", nargs="+", default=list(PATHS), choices=PATHS, metavar="PATH")
     parser.add_argument("--processes", type=int, default=2)
-    parser.add_argument("--felt", action="store_true", help="with an accelerometer: what follows the attitude")
+    parser.add_argument("--felt", action="store_true", help="with an accelerometer: count findings on the attitude")
     chosen = parser.parse_args(arguments)
     for line in (felt_table if chosen.felt else table)(chosen.effects, chosen.paths, chosen.trials, chosen.processes):
         print(line, flush=True)

@@ -1,4 +1,4 @@
-"""What a fit with an aiding sensor costs: processor time of `flinders.fit`, simulated recordings. Prints Markdown.
+"""Processor time of `flinders.fit` with an aiding sensor, on simulated recordings. Prints Markdown.
 
     python -m benchmarks.aiding_speed [--readings 50000] [--motions drive …] [--repeats 1]
 
@@ -53,7 +53,7 @@ def fit_seconds(samples: Samples, aiding: str, repeats: int) -> float:
     times = []
     for _ in range(repeats):
         begun = process_time()
-        with suppress(FitError):  # one that is refused takes as long
+        with suppress(FitError):  # a refused fit takes as long
             flinders.fit(samples, aiding=aiding)
         times.append(process_time() - begun)
     return min(times)

@@ -1,11 +1,11 @@
-"""What the live page says while a recording grows, and whether its end confirms it. Prints Markdown.
+"""Alarms of the live page while a recording grows, and whether the final state confirms them. Prints Markdown.
 
     python -m benchmarks.alarms                  # recordings of the shared data, and sensors that lie still
     python -m benchmarks.alarms "lies still"     # one of them
 
-Each recording is played into a session of the page, under Node.js, in steps of half a second, with a fit after each.
-An alarm is a state in which the page is *wrong*; it is confirmed where the page is wrong in the end, too. Recordings
-without an alarm have no row.
+Each recording is played into a session of the page, under Node.js, in steps of half a second, with a fit after each. An
+alarm is a state with the phase *wrong*; it is confirmed if the final phase is *wrong*, too. Recordings without an alarm
+have no row.
 """
 
 from __future__ import annotations
@@ -33,16 +33,16 @@ if TYPE_CHECKING:
     from flinders.core.samples import Samples
 
 STEP_S: Final = 0.5
-LONGEST_S: Final = 180.0
-"""Of a recording: fits of the same readings have said before what is said later."""
+MAX_RECORDING_S: Final = 180.0
+"""Longest part of a recording to play; later states repeat earlier ones."""
 RATE_HZ: Final = 50.0
-"""Of recordings without times."""
-FINISHED: Final = {"good", "limited"}
+"""Rate of recordings without times."""
+FINAL_PHASES: Final = {"good", "limited"}
 
 
 @dataclass(frozen=True, slots=True)
 class State:
-    """What the page says at a time: its phase, the codes of its warnings, and the sentence."""
+    """State of the page at a time: phase, codes of warnings, and sentence."""
 
     at: float
     phase: str
@@ -51,11 +51,11 @@ class State:
 
 
 def states(samples: Samples) -> Iterator[State]:
-    """What the page says while a recording grows, and when it has ended."""
+    """Yield states of the page while a recording grows, and after its end."""
     session = PageSession(SourceState("the recording", "replay", "connected", ""))
     time = np.arange(len(samples)) / RATE_HZ if samples.time is None else samples.time - samples.time[0]
     rows = rows_of(replace(samples, time=time))
-    last = min(float(time[-1]), LONGEST_S)
+    last = min(float(time[-1]), MAX_RECORDING_S)
     ends = np.searchsorted(time, np.arange(STEP_S, last + STEP_S, STEP_S))
     for begin, end in pairwise([0, *ends.tolist()]):
         if end > begin:
@@ -69,7 +69,7 @@ def states(samples: Samples) -> Iterator[State]:
 
 
 def _state(session: PageSession) -> State:
-    """What the page says of a session."""
+    """State of the page for a session."""
     shown = session.state
     return State(session.at, shown.phase, tuple(warnings(shown.reasons)), shown.words)
 
@@ -79,7 +79,7 @@ def row(name: str, said: list[State]) -> str | None:
     alarms = [state for state in said if state.phase == "wrong"]
     last = said[-1]
     unconfirmed = alarms if last.phase != "wrong" else []
-    back = sum(one.phase in FINISHED and two.phase == "wrong" for one, two in pairwise(said))
+    back = sum(one.phase in FINAL_PHASES and two.phase == "wrong" for one, two in pairwise(said))
     if not alarms:
         return None
     codes = ", ".join(sorted({code for state in unconfirmed for code in state.codes}))
@@ -88,7 +88,7 @@ def row(name: str, said: list[State]) -> str | None:
 
 
 def still(seed: int, *, quantum: float = 0.0, then_turned: bool = False) -> Samples:
-    """A sensor that lies still for 30 s, with noise of 0.5 µT; and is then turned."""
+    """Recording of a sensor at rest for 30 s, with noise of 0.5 µT, and then turned if wanted."""
     rng = np.random.default_rng(seed)
     field = np.array([22.0, -8.0, 41.0]) + rng.normal(scale=0.5, size=(1500, 3))
     if then_turned:
@@ -99,7 +99,7 @@ def still(seed: int, *, quantum: float = 0.0, then_turned: bool = False) -> Samp
     return flinders.Samples.of(field, unit=Unit.of("uT"))
 
 
-STILL: Final[dict[str, Callable[[], Samples]]] = {
+STILL_SENSORS: Final[dict[str, Callable[[], Samples]]] = {
     "lies still": lambda: still(1),
     "lies still, steps of 0.3 µT": lambda: still(2, quantum=0.3),
     "lies still, then is turned": lambda: still(3, then_turned=True),
@@ -107,8 +107,8 @@ STILL: Final[dict[str, Callable[[], Samples]]] = {
 
 
 def of_recording(name: str) -> str | None:
-    """The row of a recording, or of a sensor that lies still."""
-    samples = STILL[name]() if name in STILL else flinders.read(FOLDER / name)
+    """Row of a recording, or of a sensor at rest."""
+    samples = STILL_SENSORS[name]() if name in STILL_SENSORS else flinders.read(FOLDER / name)
     return row(name, list(states(samples)))
 
 
@@ -116,7 +116,7 @@ def main() -> None:
     """Print the table."""
     parser = argparse.ArgumentParser(description=(__doc__ or "").partition("\n")[0])
     parser.add_argument("names", nargs="*", help="recordings below the folder, or all")
-    names = parser.parse_args().names or [*STILL, *recordings()]
+    names = parser.parse_args().names or [*STILL_SENSORS, *recordings()]
     print("| recording | states | at the end | alarms | not confirmed | of these | good, then wrong | first |")
     print("|---|---:|---|---:|---:|---|---:|---|")
     with ProcessPoolExecutor() as pool:

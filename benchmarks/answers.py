@@ -7,9 +7,9 @@ heading is off by a known angle at the worst, and the calibration is checked on 
 0.5 µT of white noise and, every other time, as much noise that lasts for one to four seconds. Every other calibration
 states no uncertainty, as one that was imported. The target is 1°.
 
-Calibrations that are off are so by 0.5° to 2°; those that hold by 0° to 0.9°, half of them by 0°. A wrong answer is
-*holds* beyond the target, and *fails* within it. The last column has the median claim (95 %) of the difference where
-the answer is *cannot tell*, and the claim that would have told.
+Changed calibrations have errors of 0.5° to 2°; valid ones of 0° to 0.9°, half of them 0°. A wrong answer is *holds*
+beyond the target, or *fails* within it. The last column has the median bound (95 %) of the difference for the answer
+*cannot tell*, and the bound that would have decided.
 """
 
 from __future__ import annotations
@@ -57,17 +57,17 @@ RECORDINGS: Final[dict[str, Recipe]] = {
 
 @dataclass(frozen=True, slots=True)
 class Trial:
-    """A check: by how much the calibration is off in truth, and the answer."""
+    """A check: true error of the calibration, and the answer."""
 
     row: str
     off_deg: float
     answer: Answer
-    bound_deg: float = math.nan  #: of the difference, 95 %
-    telling_deg: float = math.nan  #: bound that would have told
+    bound_deg: float = math.nan  #: bound of the difference, 95 %
+    telling_deg: float = math.nan  #: bound that would have decided
 
     @property
     def is_wrong(self) -> bool:
-        """It holds beyond the target, or fails within."""
+        """Whether the answer is *holds* beyond the target, or *fails* within."""
         return self.answer == ("holds" if self.off_deg > TARGET_DEG else "fails")
 
 
@@ -84,12 +84,12 @@ def main() -> None:
 
 
 def is_off(seed: int) -> Trial:
-    """Check a calibration that is off by half the target to twice the target."""
+    """Check a calibration with an error of half the target to twice the target."""
     return checked(seed, np.random.default_rng([1, seed]).uniform(0.5, 2.0) * TARGET_DEG)
 
 
 def holds(seed: int) -> Trial:
-    """Check a calibration that is as it was, or off by less than nine tenths of the target."""
+    """Check an unchanged calibration, or one with an error below nine tenths of the target."""
     return checked(10_000 + seed, seed % 4 // 2 * np.random.default_rng([2, seed]).uniform(0.0, 0.9) * TARGET_DEG)
 
 
@@ -97,7 +97,7 @@ CASES: Final[dict[str, Callable[[int], Trial]]] = {"Off by 0.5° to 2°": is_off
 
 
 def checked(seed: int, off_deg: float) -> Trial:
-    """Calibrate a sensor, move the calibration, and check it on another recording."""
+    """Calibrate a sensor, change the calibration, and check it on another recording."""
     rng = np.random.default_rng([3, seed])
     row = list(RECORDINGS)[seed % len(RECORDINGS)]
     sensor = simulate.Sensor.random(rng)
@@ -116,7 +116,7 @@ def checked(seed: int, off_deg: float) -> Trial:
 
 
 def recording(row: str, sensor: Sensor, rng: np.random.Generator) -> Simulated:
-    """A recording of a row, with noise that lasts every other time."""
+    """Recording of a row, every other one with slow noise."""
     lasting: list[GaussMarkov] = []
     if rng.random() < 0.5:
         lasting.append(simulate.GaussMarkov(sigma=0.5, seconds=rng.uniform(1.0, 4.0)))
@@ -124,7 +124,7 @@ def recording(row: str, sensor: Sensor, rng: np.random.Generator) -> Simulated:
 
 
 def moved(fit: Fit, sensor: Sensor, off_deg: float, rng: np.random.Generator) -> Fit:
-    """A calibration that was moved, some way or other, until it is off by so much; at 0, the true one."""
+    """Calibration changed at random to a given error; at 0, the true one."""
     matrix, offset = sensor.correction
     true = fit.calibration
     truth = replace(true, matrix=matrix * (true.field_strength / 50.0), offset=offset)
@@ -146,7 +146,7 @@ def moved(fit: Fit, sensor: Sensor, off_deg: float, rng: np.random.Generator) ->
 
 
 def apart_deg(one: Calibration, other: Calibration) -> float:
-    """Difference of level headings at the worst."""
+    """Largest difference of level headings, degrees."""
     return compare(bare_fit(one), bare_fit(other), dip_deg=DIP_DEG).heading_difference_deg.worst
 
 
@@ -160,7 +160,7 @@ def table(trials: Sequence[Trial]) -> Iterator[str]:
 
 
 def line(title: str, trials: Sequence[Trial]) -> str:
-    """Answers of some trials."""
+    """Row of the answers of some trials."""
     count = Counter(trial.answer for trial in trials)
     wrong = Counter(trial.answer for trial in trials if trial.is_wrong)
     vague = [one for one in trials if one.answer == "cannot-tell" and math.isfinite(one.telling_deg)]

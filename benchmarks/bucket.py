@@ -1,6 +1,6 @@
-"""An object store on this machine that takes its time: one bucket, by what the protocols of S3 and Google's share.
+"""Local object store with latency: one bucket, by the common part of the protocols of S3 and Google Cloud Storage.
 
-Listing, reading whole and in ranges, and writing at once, in paths of the bucket's name. Nobody is asked who they are.
+Supports listing, reading of whole objects and ranges, and writing in one request, without authentication.
 
 >>> from urllib.request import urlopen
 >>> with Bucket({"a/1.csv": b"x,y,z"}) as bucket:
@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from collections.abc import Mapping
 
 PAGE: Final = 1000
-"""Objects that a list holds at most, as with those who sell storage."""
+"""Most objects in one list, as with commercial stores."""
 
 
 class Bucket:
@@ -33,20 +33,20 @@ class Bucket:
     Parameters
     ----------
     objects : mapping of str to bytes
-        What is in it, by name.
+        Content of each object, by name.
     latency_s : float, s
-        Before each answer.
+        Delay of each answer.
     name : str
-        Of the bucket.
+        Name of the bucket.
 
     Attributes
     ----------
     objects : dict
-        What is in it by now.
+        Present content.
     asked, opened, most : int
-        Requests and connections so far, and requests waited for at the same time at most.
+        Numbers of requests and connections so far, and the most concurrent requests.
     refuses : int
-        Status with which writing is refused; 0 where it is not.
+        HTTP status to refuse writing with; 0 to accept it.
     """
 
     def __init__(
@@ -71,12 +71,12 @@ class Bucket:
 
     @property
     def address(self) -> str:
-        """Of the server."""
+        """Address of the server."""
         return f"http://127.0.0.1:{self._server.server_port}"
 
     @property
     def environment(self) -> dict[str, str]:
-        """The variables by which ``s3://`` and ``gs://`` lead here."""
+        """Environment variables that direct ``s3://`` and ``gs://`` to this server."""
         nobody = {"disable_oauth": True, "client_email": "", "private_key": "", "private_key_id": ""}
         return {
             "AWS_ENDPOINT": self.address,
@@ -89,7 +89,7 @@ class Bucket:
         }
 
     def begun(self) -> None:
-        """Wait as long as the way to a store takes, and count."""
+        """Wait for the latency, and count the request."""
         with self._lock:
             self.asked += 1
             self._waiting += 1
@@ -105,13 +105,13 @@ class Bucket:
 
 
 class _Server(ThreadingHTTPServer):
-    """One that takes many connections at a time."""
+    """Server for many concurrent connections."""
 
     request_queue_size = 1024
 
 
 class _Handler(BaseHTTPRequestHandler):
-    """Answers for a bucket; the names of its methods are those that `http.server` calls."""
+    """Request handler of a bucket; `http.server` prescribes the names of its methods."""
 
     bucket: Bucket
     protocol_version = "HTTP/1.1"
@@ -122,14 +122,14 @@ class _Handler(BaseHTTPRequestHandler):
         self.bucket.connected()
 
     def log_message(self, *_: object) -> None:
-        """Say nothing."""
+        """Log nothing."""
 
     @property
     def _key(self) -> str:
         return unquote(urlsplit(self.path).path).removeprefix(f"/{self.bucket.name}").lstrip("/")
 
     def do_HEAD(self) -> None:
-        """Say how large an object is."""
+        """Answer with the size of an object."""
         self.do_GET()
 
     def do_GET(self) -> None:
@@ -152,7 +152,7 @@ class _Handler(BaseHTTPRequestHandler):
         self._send(206, content[first : last + 1], Content_Range=f"bytes {first}-{last}/{len(content)}")
 
     def do_PUT(self) -> None:
-        """Take an object, all of it at once."""
+        """Store an object."""
         self.bucket.begun()
         content = self.rfile.read(int(self.headers.get("Content-Length", 0)))
         if self.bucket.refuses:
@@ -176,7 +176,7 @@ LONG_AGO: Final = "Thu, 01 Jan 2026 00:00:00 GMT"
 
 
 def _listing(bucket: Bucket, query: Mapping[str, list[str]]) -> bytes:
-    """Names that begin with a prefix, a page of them."""
+    """One page of the names with a prefix, as XML."""
     prefix, after = (query.get(name, [""])[0] for name in ("prefix", "continuation-token"))
     names = [name for name in sorted(bucket.objects) if name.startswith(prefix) and name > after]
     entries = [

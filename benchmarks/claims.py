@@ -1,20 +1,20 @@
-"""Are the claims true? Errors beside the uncertainty that a fit claims, as Markdown.
+"""Truth of claims: errors compared with the uncertainty that a fit states. Prints Markdown.
 
     python -m benchmarks.claims [--trials 400] [--tables noise,time,outliers] [--processes 2]
 
 ``noise``       white noise: mean of dᵀP⁻¹d/9, d the error of (b, F·A) and P the covariance that the fit claims
-``time``        noise that remembers, AR(1) at 50 Hz, on a tumble by hand
-``slow``        the same with a time constant of up to seconds, beside white noise, in short recordings too
-``distortion``  a smooth distortion that belongs to the direction, and a field with a gradient along the hand's path
+``time``        correlated noise, AR(1) at 50 Hz, on a tumble by hand
+``slow``        the same with time constants of up to seconds, plus white noise, in short recordings too
+``distortion``  a smooth distortion as a function of direction, and a field with a gradient along the hand's path
 ``outliers``    efficiency (bound ÷ rms angle error) with outliers; centre error with clusters, over that without
-``confidence``  motions that leave something unseen: what is called good, and headings far beyond the claim
-``few``         readings, one an attitude, 10 to 40: how many that only ``few-samples`` limits are wrong, and should be
-``shrunk``      short turns of sensors that were never corrected: how many fits are shrunk, and how wrong these are
-``doubt``       how far runs of rejected readings reach, in limits of rejection: noise near steel, and passing magnets
-``halves``      real recordings cut in two: how far the halves' calibrations are apart, over what is claimed of that
+``confidence``  motions with incomplete coverage: shares of good verdicts, and of headings far beyond the claim
+``few``         10 to 40 readings, one an attitude: share of wrong fits limited only by ``few-samples``, and expected
+``shrunk``      short turns of uncorrected sensors: number of fits with shrinkage, and their errors
+``doubt``       residuals in runs of rejected readings, in limits of rejection: noise near steel, and passing magnets
+``halves``      real recordings cut in two: difference of the halves' calibrations over its claim
 
-A fit that is refused counts with the fit that the refusal carries. The recordings of ``halves`` are looked for
-as `benchmarks.recordings` does; `benchmarks.windows` has those of one board, and smaller parts.
+A refusal counts with the fit that it carries. Recordings of ``halves`` are those of `benchmarks.recordings`;
+`benchmarks.windows` has those of one board, and smaller parts.
 """
 
 from __future__ import annotations
@@ -53,16 +53,16 @@ if TYPE_CHECKING:
     from flinders.arrays import Floats
     from flinders.fitting.result import Fit
 
-WHITE: Final = ("S1", "S2", "S3", "S4", "S5", "S6", "S8")
+WHITE_NOISE_SETS: Final = ("S1", "S2", "S3", "S4", "S5", "S6", "S8")
 NOISES: Final = (0.1, 0.5, 2.0)
 MEMORIES: Final = (0.0, 0.5, 0.8, 0.95)
-SLOW: Final = ((0.2, 10.0), (1.0, 10.0), (0.2, 60.0), (1.0, 60.0), (4.0, 30.0), (4.0, 60.0))
-"""Time constants of noise, and how long recordings take, s."""
-DISTORTED: Final = 0.01
-"""Of the field, root mean square."""
+SLOW_NOISES: Final = ((0.2, 10.0), (1.0, 10.0), (0.2, 60.0), (1.0, 60.0), (4.0, 30.0), (4.0, 60.0))
+"""Time constants of noise, and durations of recordings, s."""
+DISTORTION_SHARE: Final = 0.01
+"""Share of the field, root mean square."""
 
 MEDIAN_CHI_SQUARE: Final = 8.343
-"""Of nine degrees of freedom."""
+"""Median of χ² with nine degrees of freedom."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -72,13 +72,13 @@ class Trial:
     Attributes
     ----------
     weighed, textbook : float
-        dᵀP⁻¹d/9 with the covariance that is claimed, and with that for independent residuals.
+        dᵀP⁻¹d/9 with the stated covariance, and with the covariance for independent residuals.
     bound_deg, error_deg, centre : float
-        Least and found angle error, degrees; error of the offset, µT.
+        Smallest possible and found angle error, degrees; error of the offset, µT.
     heading_deg, claimed_deg : float
-        Of a level vehicle, rms, mean removed: true and claimed.
+        Heading error of a level vehicle, rms, mean removed: true and claimed.
     verdict, method : str
-        ``error`` and nothing where there was no fit at all.
+        ``error`` and empty without a fit.
     """
 
     weighed: float = math.nan
@@ -93,7 +93,7 @@ class Trial:
 
 
 def judged(field: Floats) -> Fit | None:
-    """The fit, refused or not; None where there is none."""
+    """Fit of readings, also a refused one; None without a fit."""
     try:
         return flinders.fit(field, site=flinders.Site(strength=FIELD_STRENGTH))
     except Refused as refusal:
@@ -103,7 +103,7 @@ def judged(field: Floats) -> Fit | None:
 
 
 def tried(recipe: Callable[[int], Simulated], seed: int, *, textbook: bool = False) -> Trial:
-    """Make a recording, fit it and compare."""
+    """Simulate a recording, fit it and compare with the truth."""
     recording = recipe(seed)
     fit = judged(recording.samples.field)
     if fit is None:
@@ -136,26 +136,26 @@ def by_hand(
     beside: float = 0.0,
     seconds: float = 60.0,
 ) -> Simulated:
-    """Tumble by hand.
+    """Recording of a tumble by hand.
 
     Parameters
     ----------
     seed : int
     memory : float
-        Correlation of the noise with that of the reading before.
+        Correlation of the noise of consecutive readings.
     sigma : float, µT
     distorted : float
-        Of the field, rms: harmonics of degree 3 and 4 of the direction, along the field.
+        Share of the field, rms: harmonics of degree 3 and 4 of the direction, along the field.
     gradient : float
-        Of the field, rms about its mean: a field that changes along the path of the hand.
+        Share of the field, rms about its mean: a field that varies along the path of the hand.
     walk_s : float
         Time constant of that path.
     magnet : str
-        ``cut``: passes within 3 s and is gone; ``tails``: comes from afar and goes as dipoles do.
+        ``cut``: acts only within 3 s; ``tails``: has the full field of a passing dipole.
     beside : float, µT
-        White noise beside the other.
+        Additional white noise.
     seconds : float
-        How long it takes.
+        Duration.
     """
     of_sensor, of_motion, of_noise, of_field = np.random.default_rng([SEED, 100, seed]).spawn(4)
     sensor = Sensor.random(of_sensor, noise=sigma)
@@ -184,7 +184,7 @@ def remembering(rng: Generator, shape: tuple[int, int], memory: float) -> Floats
 
 
 def harmonics(directions: Floats, rng: Generator) -> Floats:
-    """(N,) a random sum of the sixteen harmonics of degree 3 and 4, of unit variance over the sphere."""
+    """(N,) random sum of the sixteen harmonics of degree 3 and 4, of unit variance over the sphere."""
     everywhere = simulate.fibonacci(2000)
 
     def powers(u: Floats, degree: int) -> Floats:
@@ -211,7 +211,7 @@ def harmonics(directions: Floats, rng: Generator) -> Floats:
 
 
 def wandering(rng: Generator, count: int, seconds: float) -> Floats:
-    """(N,) a smooth walk about its mean, of unit variance: white noise through two low-pass filters."""
+    """(N,) smooth random series of unit variance: white noise through two low-pass filters."""
     memory = math.exp(-1.0 / (simulate.RATE_HZ * seconds))
     settle = round(10 * seconds * simulate.RATE_HZ)
     walk, first, second = np.empty(count + settle), 0.0, 0.0
@@ -225,7 +225,7 @@ def wandering(rng: Generator, count: int, seconds: float) -> Floats:
 
 
 def passing(time: Floats, rng: Generator, *, cut: bool) -> tuple[Floats, np.ndarray[tuple[int], np.dtype[np.bool_]]]:
-    """Strength in µT of a magnet that passes at some moment, and which readings are within 1.5 s of it."""
+    """Field of a passing magnet, µT, and a mask of the readings within 1.5 s of its passage."""
     middle = rng.uniform(5.0, float(time[-1]) - 5.0)
     pulse = rng.uniform(20.0, 60.0) * (1.0 + ((time - middle) / 0.5) ** 2) ** -1.5
     near = np.abs(time - middle) < 1.5
@@ -233,7 +233,7 @@ def passing(time: Floats, rng: Generator, *, cut: bool) -> tuple[Floats, np.ndar
 
 
 def clustered(seed: int, *, share: float, kind: str) -> Simulated:
-    """Five hundred readings all around, some of them moved alike or put into one place (literature §13)."""
+    """Recording of 500 readings in all directions, some of them shifted alike or set to one value (literature §13)."""
     rng, of_cluster = np.random.default_rng([SEED, 101, seed]).spawn(2)
     sensor = Sensor.random(rng)
     directions = simulate.uniform(rng, 500)
@@ -268,7 +268,7 @@ MOTIONS: Final[Mapping[str, Callable[[Generator], Floats]]] = {
 
 
 def moving(seed: int, *, motion: str, sigma: float) -> Simulated:
-    """Record a sensor that does not see everything."""
+    """Recording of a motion with incomplete coverage."""
     rng = np.random.default_rng([SEED, 102, seed])
     sensor = Sensor.random(rng, noise=sigma)
     directions = MOTIONS[motion](rng)
@@ -278,16 +278,16 @@ def moving(seed: int, *, motion: str, sigma: float) -> Simulated:
 
 
 def noise(pool: Executor, trials: int) -> Iterator[str]:
-    """White noise; required 0.85 to 1.2."""
+    """Yield the table of white noise; required 0.85 to 1.2."""
     yield from _head("white noise", "σ µT", "weighed/9", "its median", "robust")
-    for name in WHITE:
+    for name in WHITE_NOISE_SETS:
         for sigma in NOISES:
             done = _run(pool, partial(_set, name, sigma), trials)
             yield _row(name, f"{sigma:g}", _mean(done, "weighed"), _median(done), _share(done, "method", "robust"))
 
 
 def time(pool: Executor, trials: int) -> Iterator[str]:
-    """Noise with memory; required 0.7 to 1.4."""
+    """Yield the table of correlated noise; required 0.7 to 1.4."""
     yield from _head("AR(1) noise by hand", "weighed/9", "its median", "textbook", "robust")
     for memory in MEMORIES:
         done = _run(pool, partial(by_hand, memory=memory), trials, textbook=True)
@@ -298,12 +298,12 @@ def time(pool: Executor, trials: int) -> Iterator[str]:
 
 
 def slow(pool: Executor, trials: int) -> Iterator[str]:
-    """Noise of seconds, of which a recording holds few independent readings; required 0.7 to 1.4."""
+    """Yield the table of slow noise, with few independent readings; required 0.7 to 1.4."""
     yield from _head(
         "0.5 µT that is correlated for", "recording", "weighed/9", "its median", "textbook", "good",
         "of those true > 2 × claim, > 1°", "refused",
     )  # fmt: skip
-    for constant_s, seconds in SLOW:
+    for constant_s, seconds in SLOW_NOISES:
         memory = math.exp(-1.0 / (simulate.RATE_HZ * constant_s))
         done = _run(pool, partial(by_hand, memory=memory, beside=0.2, seconds=seconds), trials, textbook=True)
         good = [one for one in done if one.verdict == "good"]
@@ -316,13 +316,13 @@ def slow(pool: Executor, trials: int) -> Iterator[str]:
 
 
 def distortion(pool: Executor, trials: int) -> Iterator[str]:
-    """Errors of the model; required 0.7 to 1.4."""
+    """Yield the table of model errors; required 0.7 to 1.4."""
     yield from _head("1 % of the field, by hand", "σ µT", "weighed/9", "its median", "textbook", "robust")
     for sigma in (0.1, 0.5):
         for name, recipe in (
-            ("belongs to the direction", partial(by_hand, distorted=DISTORTED, sigma=sigma)),
-            ("gradient, path of 1 s", partial(by_hand, gradient=DISTORTED, sigma=sigma)),
-            ("gradient, path of 3 s", partial(by_hand, gradient=DISTORTED, walk_s=3.0, sigma=sigma)),
+            ("belongs to the direction", partial(by_hand, distorted=DISTORTION_SHARE, sigma=sigma)),
+            ("gradient, path of 1 s", partial(by_hand, gradient=DISTORTION_SHARE, sigma=sigma)),
+            ("gradient, path of 3 s", partial(by_hand, gradient=DISTORTION_SHARE, walk_s=3.0, sigma=sigma)),
         ):
             done = _run(pool, recipe, trials, textbook=True)
             yield _row(
@@ -332,7 +332,7 @@ def distortion(pool: Executor, trials: int) -> Iterator[str]:
 
 
 def outliers(pool: Executor, trials: int) -> Iterator[str]:
-    """Strays: S5 0.95, a magnet 0.9; clean data lose 0.02; clusters within 1.3 of the clean error."""
+    """Yield the table of outliers; required: S5 0.95, a magnet 0.9, clean data lose 0.02, clusters within 1.3."""
     yield from _head("outliers", "σ µT", "efficiency", "of the likelihood", "failed")
     for name in ("S1", "S3", "S5"):
         for sigma in NOISES:
@@ -367,7 +367,7 @@ def outliers(pool: Executor, trials: int) -> Iterator[str]:
 
 
 def confidence(pool: Executor, trials: int) -> Iterator[str]:
-    """What is not seen; a true heading error above three times the claim in at most 2 %."""
+    """Yield the table of incomplete coverage; a true heading error above three times the claim in at most 2 %."""
     yield from _head(
         "motion", "σ µT", "good", "limited", "refused", "above 3 × claim", "of those not refused", "rms true", "claimed"
     )
@@ -384,7 +384,7 @@ def confidence(pool: Executor, trials: int) -> Iterator[str]:
 
 
 def few(pool: Executor, trials: int) -> Iterator[str]:
-    """Few readings, one an attitude, good but perhaps for their number: wrong as in `benchmarks.adversary`."""
+    """Yield the table of few readings, one an attitude; *wrong* as in `benchmarks.adversary`."""
     yield from _head("readings", "good but for their number", "ratio 50 / 90 %", "wrong", "expected")
     for count in (10, 12, 15, 16, 18, 20, 24, 30, 40):
         done = [one for one in pool.map(partial(_one_an_attitude, count), range(trials)) if one is not None]
@@ -396,7 +396,7 @@ def few(pool: Executor, trials: int) -> Iterator[str]:
 
 
 def _one_an_attitude(count: int, seed: int) -> adversary.Trial | None:
-    """Fit readings in random directions; None where anything but their number limits the fit."""
+    """Trial with readings in random directions; None if more than their number limits the fit."""
     rng, of = adversary.stream(seed, f"rest {count}"), adversary.sensor(adversary.stream(seed, "sensor"))
     read = adversary.STRENGTH_UT * simulate.uniform(rng, count) @ of.iron + of.offset
     fit = adversary.fitted(Samples.of(read + (0.05, 0.1, 0.2)[seed % 3] * rng.standard_normal((count, 3)), unit="uT"))
@@ -408,7 +408,7 @@ def _one_an_attitude(count: int, seed: int) -> adversary.Trial | None:
 
 
 def shrunk(pool: Executor, trials: int) -> Iterator[str]:
-    """Sensors with iron and offsets of up to two fields, turned for a few seconds: none of them was corrected."""
+    """Yield the table of uncorrected sensors, offsets of up to two field strengths, turned for a few seconds."""
     yield from _head("turned for", "shrunk", "their largest offset, of the field", "largest ratio")
     for name, path in (("4 s, all axes", _tumbled), ("12 s, nearly one axis", _rolled)):
         done = [one for one in pool.map(partial(_fit_of_path, path), range(trials), chunksize=8) if one is not None]
@@ -428,7 +428,7 @@ def _rolled(rng: Generator) -> adversary.Path:
 
 
 def _fit_of_path(path: Callable[[Generator], adversary.Path], seed: int) -> tuple[float, float] | None:
-    """Offset over the field, and error over claim, of a fit that is shrunk; None for any other."""
+    """Offset over the field, and error over claim, of a fit with shrinkage; None for any other."""
     effect, of = adversary.Effect(), adversary.sensor(adversary.stream(seed, "sensor"))
     fit = adversary.fitted(adversary.recorded(seed, of, effect, path(adversary.stream(seed, "path 0"))))
     if fit is None or not fit.claim.is_shrunk:
@@ -438,7 +438,7 @@ def _fit_of_path(path: Callable[[Generator], adversary.Path], seed: int) -> tupl
 
 
 def doubt(pool: Executor, trials: int) -> Iterator[str]:
-    """What is beyond doubt is no noise that comes and goes, and all of a magnet that passes."""
+    """Yield the table of rejected runs: varying noise must not exceed the limit of doubt, a passing magnet must."""
     yield from _head("tumbles by hand", "with rejected runs", "runs", "limits 50 / 90 / 95 %", "beyond 2.5 limits")
     for name, effect in (
         ("steel desk, 1 µT", adversary.Effect(place=partial(adversary.desk, rms=1.0))),
@@ -463,15 +463,15 @@ def doubt(pool: Executor, trials: int) -> Iterator[str]:
 
 
 def _reach(samples: Samples) -> list[float]:
-    """How far runs of more than one rejected reading reach, in limits."""
+    """Largest residual of each run of several rejected readings, in limits of rejection."""
     estimate = Auto().estimate(Readings.of(samples))
     return [run.max_distance / estimate.rejected_beyond for run in estimate.outliers if run.readings > 1]
 
 
 def halves(pool: Executor, trials: int) -> Iterator[str]:
-    """Real recordings cut in two. Something may really have changed in between.
+    """Yield the table of real recordings cut in two. The field or the sensor may have changed in between.
 
-    The largest of 72 headings is held against the largest claim: where claims are true, the median is 1.0 to 1.6
+    The largest of 72 heading differences is divided by the largest claim: for true claims, the median is 1.0 to 1.6
     (simulated tumbles by hand, with white noise, AR(1) noise and a gradient).
     """
     del pool, trials
@@ -542,7 +542,7 @@ def _run(pool: Executor, recipe: Callable[[int], Simulated], trials: int, *, tex
 
 
 def _weighed(off: Floats, covariance: Floats) -> float:
-    """Square of an error in units of its covariance, over its number of components."""
+    """Squared error in units of its covariance, divided by its number of components."""
     return float(off @ np.linalg.pinv(covariance, rcond=1e-14, hermitian=True) @ off) / len(off)
 
 
@@ -573,7 +573,7 @@ def _above(done: Sequence[Trial]) -> str:
 
 
 def _rms(values: Iterator[float]) -> float:
-    """Of those that are numbers."""
+    """Root mean square of the values that are not NaN."""
     return math.sqrt(float(np.nanmean(np.square(list(values)))))
 
 

@@ -1,13 +1,13 @@
-"""Claims of the real recordings by release: a claim that shrinks, or a verdict that becomes better, needs a reason.
+"""Claims on real recordings by release: a smaller claim, or a better verdict, needs a reason.
 
-    python -m benchmarks.claims_by_release                          # fit, and compare with the column kept last
+    python -m benchmarks.claims_by_release                          # fit, and compare with the last column
     python -m benchmarks.claims_by_release --keep 0.2.0 --because "Claims include the thermal drift."
 
 ``benchmarks/claims_by_release.toml`` has a column for each release: verdict, claimed worst level heading error, noise
-and the findings that limit or refuse, of each recording in `benchmarks.recordings.FOLDER` by `auto`. The recordings
-are named there, never copied. A claim shrinks where it is more than a third below the largest one since the last
-reason, so that several small steps need a reason, too. ``--keep`` asks for the reason of each; while a
-reason is missing, ``tests/test_claims_by_release.py`` fails.
+and the limiting or refusing findings, of each recording in `benchmarks.recordings.FOLDER` by `auto`. The table has
+only names of recordings. A claim counts as smaller if it is more than a third below the largest one since the last
+reason, so that several small steps need a reason, too. ``--keep`` prompts for each reason; while one is missing,
+``tests/test_claims_by_release.py`` fails.
 """
 
 from __future__ import annotations
@@ -30,30 +30,30 @@ if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping, Sequence
 
 TABLE: Final = Path(__file__).with_suffix(".toml")
-SHRUNK: Final = 1.0 / 3.0
-"""A claim that is smaller by more needs a reason."""
-SHOWN: Final = 0.2
-"""Changes of a claim up to this are not printed."""
+MAX_CLAIM_DROP: Final = 1.0 / 3.0
+"""Largest relative decrease of a claim that needs no reason."""
+MIN_SHOWN_CHANGE: Final = 0.2
+"""Largest relative change of a claim that is not printed."""
 VERDICTS: Final = ("refused", "limited", "good")
 """From the worst to the best."""
 OTHER_SENSORS: Final = {"acc.txt", "acc_data.txt", "reference_magneto14_acc.lis", "reference_magneto14_mag.lis"}
-"""Accelerometers, and transcripts of recordings that are there by themselves."""
+"""Recordings of accelerometers, and transcripts of other recordings."""
 
 
 @dataclass(frozen=True, slots=True)
 class Kept:
-    """What one release said of a recording."""
+    """Result of one release on a recording."""
 
     verdict: str
-    claimed_deg: float | None = None  #: worst level heading error; None where the fit is refused
+    claimed_deg: float | None = None  #: worst level heading error; None for a refused fit
     noise: float | None = None  #: µT, or counts without a known unit; None without a fit
     limits: tuple[str, ...] = ()  #: codes of the findings that limit or refuse, or of the error
-    reason: str = ""  #: why the claim shrank, or the verdict became better
+    reason: str = ""  #: reason for a smaller claim or a better verdict
 
 
 @dataclass(frozen=True, slots=True)
 class Column:
-    """What one release said of all recordings, by their names below the folder."""
+    """Results of one release on all recordings, by their names below the folder."""
 
     name: str
     because: str
@@ -95,7 +95,7 @@ def kept() -> list[Column]:
 
 
 def unexplained(name: str, columns: Sequence[Column], now: Kept) -> str:
-    """Say why a fit needs a reason that it does not have; nothing where it needs none.
+    """Sentence on a fit that lacks a needed reason; empty otherwise.
 
     >>> columns = [Column(str(claim), "", {"a.csv": Kept("limited", claim)}) for claim in (0.9, 0.7)]
     >>> unexplained("a.csv", columns, Kept("limited", 0.61)), unexplained("a.csv", columns, Kept("limited", 0.59))
@@ -112,26 +112,26 @@ def unexplained(name: str, columns: Sequence[Column], now: Kept) -> str:
     claims = [(row.claimed_deg, release) for release, row in _since_reason(before) if row.claimed_deg is not None]
     if now.claimed_deg is not None and claims:
         largest, release = max(claims)
-        if now.claimed_deg < (1.0 - SHRUNK) * largest:
+        if now.claimed_deg < (1.0 - MAX_CLAIM_DROP) * largest:
             return f"{name} claims {now.claimed_deg:g}° and claimed {largest:g}° by {release}"
     return ""
 
 
 def _since_reason(before: list[tuple[str, Kept]]) -> list[tuple[str, Kept]]:
-    """Rows of a recording from the last one that has a reason on."""
+    """Results of a recording from the last one with a reason on."""
     reasons = [number for number, (_, row) in enumerate(before) if row.reason]
     return before[reasons[-1] if reasons else 0 :]
 
 
 def changes(old: Column, new: Mapping[str, Kept]) -> Iterator[str]:
-    """Say which verdicts changed, and which claims by more than a fifth; one line for each recording."""
+    """Yield a line for each recording whose verdict changed, or whose claim changed by more than a fifth."""
     for name in sorted(old.recordings.keys() | new.keys()):
         was, now = old.recordings.get(name), new.get(name)
         if was is None or now is None:
             yield f"{name}: {'is new' if was is None else 'is missing'}"
             continue
         words = [f"{was.verdict} → {now.verdict}"] if was.verdict != now.verdict else []
-        if was.claimed_deg and now.claimed_deg and abs(now.claimed_deg / was.claimed_deg - 1.0) > SHOWN:
+        if was.claimed_deg and now.claimed_deg and abs(now.claimed_deg / was.claimed_deg - 1.0) > MIN_SHOWN_CHANGE:
             grew = "grew" if now.claimed_deg > was.claimed_deg else "shrank"
             words.append(f"claim {grew}, {was.claimed_deg:g}° → {now.claimed_deg:g}°")
         if words and was.limits != now.limits:
@@ -141,7 +141,7 @@ def changes(old: Column, new: Mapping[str, Kept]) -> Iterator[str]:
 
 
 def keep(name: str, because: str, columns: Sequence[Column], new: Mapping[str, Kept]) -> None:
-    """Add a column to the table; ask for the reasons that it needs."""
+    """Add a column to the table, and prompt for the reasons that it needs."""
     if any(column.name == name for column in columns):
         sys.exit(f"{TABLE.name} has a column {name}: choose another name")
     rows = {}
@@ -172,12 +172,12 @@ def written(column: Column) -> str:
 
 
 def _quoted(value: object) -> str:
-    """TOML's strings, numbers and lists of strings are JSON's."""
+    """Write a value for TOML, whose strings, numbers and lists of strings are those of JSON."""
     return json.dumps(value, ensure_ascii=False)
 
 
 def main() -> None:
-    """Compare with the column kept last, or keep another."""
+    """Compare with the last column, or add one."""
     parser = argparse.ArgumentParser(description=(__doc__ or "").partition("\n")[0])
     parser.add_argument("--keep", metavar="NAME", help="add a column: a release, or a date")
     parser.add_argument("--because", metavar="WHY", help="what changed since the last column, one line")

@@ -1,13 +1,13 @@
-"""Columns of a log that a calibration follows: found where they explain readings, refused where they follow attitude.
+"""Auxiliary columns of a log: detected if they explain readings, refused if they follow the attitude.
 
-Each vehicle is simulated: a sensor with hard and soft iron, turned by hand for a minute, and something aboard whose
-field changes: a wheel, a servo, a charger. Its column follows that field with a coefficient of determination R² from
-0.5 to 1; the rest of the field is of something that was not logged. A column is *found* where the calibration follows
-it; its effect is *removed* where the changing field that is left is at most `MAX_MORE` times what the best straight
-line in the column would leave of the true one, or that and no more than `MAX_LEFT_DEG` of heading.
+Each simulated vehicle has a sensor with hard and soft iron, turned by hand for a minute, and a disturbance aboard: a
+wheel, a servo, a charger. Its column follows the disturbance with a coefficient of determination R² from 0.5 to 1; the
+rest of the disturbance is not logged. A column is *found* if the calibration uses it. Its effect is *removed* if the
+remaining disturbance is at most `MAX_RESIDUAL_RATIO` times the residual of the best straight line in the column, or
+exceeds that residual by at most `MAX_LEFT_DEG` of heading.
 
 Columns that follow the attitude are functions of the direction of the field: linear, quadratic, a step, an odd
-polynomial, with noise up to R² = 0.9. They have to be refused (`FollowsAttitude`). A third kind moves with neither,
+polynomial, with noise up to R² = 0.9. They have to be refused (`FollowsAttitude`). A third kind is unrelated to both,
 and has to be left out (`column-unused`).
 
     python -m benchmarks.columns                    100 vehicles of each kind
@@ -39,27 +39,27 @@ if TYPE_CHECKING:
 
 VEHICLES: Final = 100
 NAME: Final = "wheel_rpm"
-MAX_MORE: Final = 1.1
-"""Of the rms that the best straight line in the column leaves of the changing field."""
+MAX_RESIDUAL_RATIO: Final = 1.1
+"""Largest ratio of the remaining disturbance to the residual of the best straight line in the column, both rms."""
 
 MAX_LEFT_DEG: Final = 0.25
-"""Degrees of heading, rms, at a dip of 60°, by which more may be left."""
+"""Largest excess over that residual, degrees of heading (rms) at a dip of 60°."""
 
 DIP_DEG: Final = 60.0
 
 
 @dataclass(frozen=True, slots=True)
 class Vehicle:
-    """A simulated recording with a column, and what that does."""
+    """A simulated recording with a column, and its true effect."""
 
     samples: Samples
-    changing: Floats  #: (N, 3) µT: field that changes aboard
-    share: float  #: R² of the column with what changes aboard
+    changing: Floats  #: (N, 3) µT: disturbance aboard
+    share: float  #: R² of the column with the disturbance
     field_strength: float
 
 
 def explained(seed: int) -> Vehicle:
-    """A vehicle with a column that follows part of what changes aboard, R² from 0.5 to 1; each third of states."""
+    """Vehicle with a column that follows part of the disturbance, R² from 0.5 to 1; every third column has states."""
     rng = np.random.default_rng([seed, 1])
     share, size = rng.uniform(0.5, 1.0), rng.uniform(1.5, 8.0)  # µT, rms of all that changes
     hold = rng.uniform(1.0, 5.0)
@@ -92,7 +92,7 @@ SHAPES: Final[tuple[Callable[[Floats, Generator], Floats], ...]] = (
 
 
 def following(seed: int) -> Vehicle:
-    """A vehicle with a column that is a function of the direction of the field, and noise up to R² = 0.9."""
+    """Vehicle with a column that is a function of the direction of the field, with noise up to R² = 0.9."""
     rng = np.random.default_rng([seed, 2])
     tumble = simulate.tumble(seed=seed)
     matrix, offset = tumble.sensor.correction
@@ -107,7 +107,7 @@ def following(seed: int) -> Vehicle:
 
 
 def idle(seed: int) -> Vehicle:
-    """A vehicle with a column that moves nothing."""
+    """Vehicle with a column without effect."""
     rng = np.random.default_rng([seed, 3])
     tumble = simulate.tumble(seed=seed)
     assert tumble.samples.time is not None
@@ -118,7 +118,7 @@ def idle(seed: int) -> Vehicle:
 
 
 def outcome(vehicle: Vehicle) -> str:
-    """What came of a fit that was asked to follow the column."""
+    """Outcome of a fit with the column."""
     try:
         fit = flinders.fit(vehicle.samples, disturbances=(NAME,))
     except FollowsAttitude:
@@ -131,7 +131,7 @@ def outcome(vehicle: Vehicle) -> str:
 
 
 def _judged(vehicle: Vehicle, fit: Fit) -> str:
-    """Whether the column is followed, and its effect removed."""
+    """Outcome of a fit: whether the column is used, and its effect removed."""
     followed = {one.name: one for one in fit.calibration.disturbances}
     if NAME not in followed:
         return "left out"
@@ -139,7 +139,7 @@ def _judged(vehicle: Vehicle, fit: Fit) -> str:
     line = np.column_stack([one.numbers(values), np.ones(len(values))])
     best = vehicle.changing - line @ np.linalg.lstsq(line, vehicle.changing, rcond=None)[0]
     level = vehicle.field_strength * np.cos(np.deg2rad(DIP_DEG))
-    most = max(MAX_MORE * _rms(best), np.hypot(_rms(best), np.deg2rad(MAX_LEFT_DEG) * level))
+    most = max(MAX_RESIDUAL_RATIO * _rms(best), np.hypot(_rms(best), np.deg2rad(MAX_LEFT_DEG) * level))
     left = _rms(vehicle.changing - one.shift(values))
     return "found and removed" if left <= most else "found, not removed"
 
@@ -167,11 +167,11 @@ KINDS: Final[dict[str, tuple[Callable[[int], Vehicle], str]]] = {
     "follows the attitude": (following, "refused: follows attitude"),
     "moves nothing": (idle, "left out"),
 }
-"""Kinds of columns, what makes a vehicle with one, and what has to come of it."""
+"""Kinds of columns: function that simulates a vehicle, and the required outcome."""
 
 
 def counts(kind: str, vehicles: int) -> Counter[str]:
-    """How often each outcome came of a kind."""
+    """Count of each outcome of a kind."""
     made, _ = KINDS[kind]
     return Counter(outcome(made(seed)) for seed in range(vehicles))
 

@@ -1,7 +1,7 @@
-"""The recordings on which accuracy is measured, and the Cramér–Rao bound of each.
+"""Simulated recordings for measurements of accuracy, and the Cramér–Rao bound of each.
 
-A data set is known by its name, its trial and the noise of its sensor; truth and motion are the same at every noise.
-S1 … S8 are the sets on which other people's software was measured; their random numbers must never change.
+A data set is identified by name, trial and noise of the sensor; truth and motion are the same at every noise. S1 … S8
+are also used to measure other software, so their random numbers must never change.
 
 >>> recording = dataset("S1", trial=0, sigma=0.5)
 >>> len(recording.samples), recording.samples.source
@@ -13,8 +13,8 @@ S1 … S8 are the sets on which other people's software was measured; their rand
 True
 
 ========================= ===========================================================================
-``S1``                    500 readings, all directions alike
-``S2``                    5,000 readings, all directions alike
+``S1``                    500 readings, uniform directions
+``S2``                    5,000 readings, uniform directions
 ``S3``                    tumbled by hand for 60 s at 50 Hz
 ``S4``                    2,000 readings, all headings, tilted by up to 35°
 ``S5``                    S1 with 3 % gross outliers
@@ -57,7 +57,7 @@ ENTRIES: Final = ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Path:
-    """(N, 3) directions of the field; time (N,), acceleration and rate (N, 3) where they are recorded."""
+    """(N, 3) directions of the field; time (N,), acceleration and rate (N, 3) if recorded."""
 
     directions: Floats
     time: Floats | None = None
@@ -67,23 +67,23 @@ class Path:
 
 @dataclass(frozen=True, slots=True)
 class Recipe:
-    """How a set is made: `stream` numbers its random numbers, so sets with the same one share truth and motion."""
+    """Recipe of a set; sets with the same number `stream` share truth and motion."""
 
     stream: int
     path: Callable[[Generator], Path]
     sensor: Callable[[Generator, float], Sensor] = lambda rng, sigma: Sensor.random(rng, noise=sigma)
     outliers: float = 0.0
-    sigmas: tuple[float, ...] | None = None  # µT, where not every noise makes sense
+    sigmas: tuple[float, ...] | None = None  # µT, if only some noises make sense
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Bound:
-    """What the best unbiased estimator can do.
+    """Cramér–Rao bound: accuracy of the best unbiased estimator.
 
     Attributes
     ----------
     angle_deg : float
-        Root mean square angle error over 400 directions; NaN where the recording does not fix all nine parameters.
+        Root mean square angle error over 400 directions; NaN if the recording does not determine all nine parameters.
     information : (9, 9) float, µT⁻²
         Fisher information of offset and F · A, in the order of `ENTRIES`.
     """
@@ -93,7 +93,7 @@ class Bound:
 
 
 def dataset(name: str, trial: int, sigma: float) -> Simulated:
-    """Make a recording; `sigma` is the white noise per axis in µT."""
+    """Simulate a recording; `sigma` is the white noise per axis in µT."""
     recipe = SETS[name]
     rng = np.random.default_rng([SEED, recipe.stream, trial])
     sensor = recipe.sensor(rng, sigma)
@@ -115,7 +115,7 @@ def dataset(name: str, trial: int, sigma: float) -> Simulated:
 def bound(recording: Simulated) -> Bound:
     """Cramér–Rao bound of a recording whose true matrix is symmetric, outliers left out.
 
-    The N true directions are unknown too. Taking them out (Schur complement) leaves of each reading the one component
+    The N true directions are unknown, too. Eliminating them (Schur complement) leaves one component of each reading,
     along the normal of the surface.
     """
     matrix = np.asarray(recording.sensor.matrix)
@@ -136,7 +136,7 @@ def parameter_error(matrix: Floats, offset: Floats, recording: Simulated) -> Flo
 
 
 def heading_error_deg(matrix: Floats, offset: Floats, recording: Simulated) -> float:
-    """Root mean square heading error of a level turn, after its mean, which a level turn cannot know, in degrees."""
+    """Root mean square heading error of a level turn, degrees, less its mean, which a level turn cannot determine."""
     headings = np.arange(360) * (2 * np.pi / 360)
     turn = simulate.turns(np.outer(headings, [0.0, 0.0, 1.0]))
     field = FIELD_STRENGTH * simulate.seen_from(turn, FIELD)
@@ -147,7 +147,7 @@ def heading_error_deg(matrix: Floats, offset: Floats, recording: Simulated) -> f
 
 
 def _moved_by(directions: Floats) -> Floats:
-    """(N, 3, 9) how readings of (N, 3) directions move with each parameter."""
+    """(N, 3, 9) derivatives of readings at (N, 3) directions by each parameter."""
     moved = np.zeros((len(directions), 3, 9))
     moved[:, :, :3] = np.eye(3)
     for index, (row, column) in enumerate(ENTRIES, start=3):
@@ -157,7 +157,7 @@ def _moved_by(directions: Floats) -> Floats:
 
 
 def _angle_deg(matrix: Floats, information: Floats) -> float:
-    """Carry the covariance over to the angle error over 400 directions."""
+    """Angle error over 400 directions from the information, degrees."""
     if np.linalg.cond(information) > 1e12:
         return math.nan
     true = simulate.fibonacci(400)
@@ -178,7 +178,7 @@ def _by_hand(rng: Generator) -> Path:
 
 
 def _strong_iron(rng: Generator, sigma: float) -> Sensor:
-    """Iron that throws the field to another place: the offset in any direction, up to ten field strengths."""
+    """Sensor with strong iron: an offset in any direction of up to ten field strengths."""
     matrix = simulate.soft_iron(rng, scale=0.4, across=0.25)
     offset = simulate.uniform(rng, 1)[0] * rng.uniform(0, 10 * FIELD_STRENGTH)
     return Sensor(matrix, offset, noise=sigma)
@@ -190,7 +190,7 @@ def _stepped(resolution: float) -> Callable[[Generator, float], Sensor]:
 
 
 def _uniform(n: int) -> Callable[[Generator], Path]:
-    """Look in n directions, all alike."""
+    """Return a path of n uniform directions."""
     return lambda rng: Path(simulate.uniform(rng, n))
 
 

@@ -1,18 +1,18 @@
-"""Is a filter as sure of its yaw as it may be, with the noise that a target is given? Markdown.
+"""Consistency of filters whose noise parameters come from an exported target. Prints Markdown.
 
     python -m benchmarks.delivered [--vehicles 200] [--hold 600]
 
-Vehicles are calibrated from a recording of each kind, the calibration is exported, and the noise is read back from what
-is written. Each vehicle then holds a heading, with a compass and a gyro as noisy as the filter assumes, and the filter
-of the target runs: its yaw error over what it states of it, squared, is averaged over the vehicles (NEES). A consistent
-filter has 1, within the band of 95 %; more is too sure, less trusts its compass less than it could. Beside it, the same
-filter with the noise that the target is delivered with.
+Vehicles are calibrated from a recording of each kind, the calibration is exported, and the noise is read back from the
+export. Each vehicle then keeps a heading, with a compass and a gyro as noisy as the filter assumes, and the filter of
+the target runs. The squared ratio of its yaw error to its stated error is averaged over the vehicles (NEES). A
+consistent filter has 1, within the band of 95 %; a larger value means that it understates its error, a smaller one that
+it overstates it. The table also has the same filter with the target's default noise.
 
-``heading``  a heading as an angle, beside a gyro with a bias: EKF2 up to 1.14, EKF3, FusionCore, robot_localization
-``field``    the horizontal field, beside what is fixed in the body as states: EKF2 and EKF3 in three axes
-``turning``  the first after a further minute in which the vehicle turns by 6° a second: errors differ with the heading
+``heading``  a heading as an angle, with a gyro and its bias: EKF2 up to 1.14, EKF3, FusionCore, robot_localization
+``field``    the horizontal field, with states for the body's field: EKF2 and EKF3 in three axes
+``turning``  the first after a further minute of turning at 6° a second, as errors depend on the heading
 
-The mean error of a level turn is a matter of mounting, and removed; parameters of process noise are those delivered.
+The mean error of a level turn depends on the mounting, and is removed; process noises are the defaults.
 """
 
 from __future__ import annotations
@@ -46,25 +46,25 @@ RECORDINGS: Final[dict[str, dict[str, Any]]] = {
     "one level turn, 60 readings (level only)": {"motion": "level", "n": 60, "noise": 2.0},
     "one level turn, 40 readings of a poor sensor (level only)": {"motion": "level", "n": 40, "noise": 4.0},
 }
-"""Kinds of recording, by what `simulate.tumble` is asked for."""
+"""Kinds of recording, as arguments of `simulate.tumble`."""
 TURN_S, TURN_RATE = 60.0, math.radians(6.0)
 BODY_DRIFT: Final = 1e-10
 """G²/s: EKF2_MAG_B_NOISE and EK3_MAGB_P_NSE 1e-4, squared with the step of 10 ms."""
 
 
 MIN_ORIENTATION_STDDEV: Final = math.sqrt(1e-9)
-"""rad: what robot_localization takes for an orientation_stddev of 0, as imu_filter_madgwick is delivered."""
+"""rad: value that robot_localization uses for the default orientation_stddev of 0 of imu_filter_madgwick."""
 
 
 class Delivered(NamedTuple):
-    """A target, the filter that it feeds, and where its noise stands."""
+    """A target, its filter, and the name of its noise."""
 
     target: str
     yaw: YawFilter
-    name: str  # of the noise, among the values that are written
+    name: str  # of the noise, among the written values
     default: float
-    field: bool = False  # it is the noise of an axis, in G
-    before: str = ""  # what is before the filter: a filter of orientation, which takes offsets alone
+    field: bool = False  # the noise is that of an axis, in G
+    before: str = ""  # an orientation filter before the filter, which uses offsets alone
 
 
 TARGETS: Final = (
@@ -91,14 +91,14 @@ class Compasses:
 
     matrix: Floats  # (V, 3, 3): from the true field to the corrected one
     offset: Floats  # (V, 3)
-    noise: Floats  # (V, 3, 3): from white noise of one σ to that of the corrected field
+    noise: Floats  # (V, 3, 3): from unit white noise to that of the corrected field
     mounting: Floats  # (V,) rad: the mean error of a level turn
     field: float  # µT
     dip: float  # rad
 
     @classmethod
     def of(cls, vehicles: Sequence[Vehicle], *, before: str = "") -> Compasses:
-        """The compasses of calibrated vehicles, without soft iron and noise where a filter of orientation is before."""
+        """Compasses of calibrated vehicles, without soft iron and noise if there is an orientation filter before."""
         matrix, offset, noise = [], [], []
         for vehicle in vehicles:
             sensor, calibration = vehicle.recording.sensor, vehicle.fit.calibration
@@ -124,12 +124,12 @@ class Compasses:
         return read
 
     def heading_error(self, heading: Floats, rng: np.random.Generator | None = None) -> Floats:
-        """(V,) what headings err by, rad, the mounting removed."""
+        """(V,) heading errors, rad, the mounting removed."""
         field = self.corrected(heading, rng)
         return _wrapped(np.arctan2(-field[:, 1], field[:, 0]) - heading - self.mounting)
 
     def field_error(self, heading: Floats, rng: np.random.Generator) -> Floats:
-        """(V, 2) what the horizontal field errs by in axes of the body, G, the mounting removed."""
+        """(V, 2) errors of the horizontal field in axes of the body, G, the mounting removed."""
         field = self.corrected(heading, rng)
         cosine, sine = np.cos(self.mounting), np.sin(self.mounting)
         across = np.stack([cosine * field[:, 0] - sine * field[:, 1], sine * field[:, 0] + cosine * field[:, 1]], 1)
@@ -139,7 +139,7 @@ class Compasses:
 
 
 def calibrated(asked: dict[str, Any], count: int) -> list[Vehicle]:
-    """As many vehicles, each calibrated from a recording of its own; refused ones are left out."""
+    """Vehicles, each calibrated from its own recording; refused ones are left out."""
     vehicles = []
     for seed in range(count):
         recording = simulate.tumble(seed=seed, **asked)
@@ -152,7 +152,7 @@ def calibrated(asked: dict[str, Any], count: int) -> list[Vehicle]:
 
 
 def written(vehicles: Sequence[Vehicle], target: str) -> dict[str, Floats]:
-    """(V,) each number that the target of each vehicle is given, by its name."""
+    """(V,) exported numbers of the vehicles, by name."""
     asked = target in {"px4", "ardupilot"}
     exports = [flinders.export(vehicle.fit, target, lossy=True, noise=asked).export for vehicle in vehicles]
     names = {delivered.name for delivered in TARGETS if delivered.target == target}
@@ -162,7 +162,7 @@ def written(vehicles: Sequence[Vehicle], target: str) -> dict[str, Floats]:
 def run_heading(
     yaw: YawFilter, sigma: Floats, first: Floats, compasses: Compasses, rng: np.random.Generator, *, hold_s: float
 ) -> tuple[float, float]:
-    """NEES of the heading filter at the end of a held heading, and after a further minute of turning.
+    """NEES of the heading filter after a constant heading, and after a further minute of turning.
 
     `first`, (V,) rad, is the noise of the first yaw.
     """
@@ -190,7 +190,7 @@ def run_heading(
 def run_field(
     yaw: YawFilter, sigma: Floats, first: Floats, compasses: Compasses, rng: np.random.Generator, *, hold_s: float
 ) -> tuple[float, float]:
-    """NEES of the filter of the field: states yaw, gyro bias, and the field of the body; `first` is the first yaw's."""
+    """NEES of the filter of the field, with states yaw, gyro bias and body field; `first` is the first yaw's noise."""
     transition, process = np.eye(4), np.zeros((4, 4))
     transition[:2, :2], process[:2, :2] = yaw._model()
     step, count = 1.0 / yaw.rate_hz, len(sigma)
@@ -228,23 +228,23 @@ def _wrapped(angles: Floats) -> Floats:
 
 
 def _nees(error: Floats, variance: Floats) -> float:
-    """Mean of errors over what is stated of them, squared."""
+    """Mean of squared errors divided by the stated variance."""
     return float(np.mean(error**2 / variance))
 
 
 def band(count: int) -> tuple[float, float]:
-    """Between which the mean of `count` squares of normal numbers lies with 95 % (Wilson and Hilferty)."""
+    """Interval of 95 % for the mean of `count` squared normal numbers (Wilson and Hilferty)."""
     spread = 2.0 / (9.0 * count)
     low, high = ((1.0 - spread + sign * 1.959964 * math.sqrt(spread)) ** 3 for sign in (-1.0, 1.0))
     return low, high
 
 
 class Row(NamedTuple):
-    """What became of a target."""
+    """Results of a target."""
 
-    sigma: float  # median of the noise that is written
-    nees: tuple[float, float]  # held, and turning
-    default: tuple[float, float]  # with the noise that it is delivered with
+    sigma: float  # median of the written noise
+    nees: tuple[float, float]  # at a constant heading, and turning
+    default: tuple[float, float]  # with the default noise
 
 
 def rows(vehicles: Sequence[Vehicle], *, hold_s: float) -> list[Row]:
@@ -270,7 +270,7 @@ def main() -> None:
     """Print the tables."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--vehicles", type=int, default=200)
-    parser.add_argument("--hold", type=float, default=600.0, help="how long a heading is held, s")
+    parser.add_argument("--hold", type=float, default=600.0, help="duration of the constant heading, s")
     asked = parser.parse_args()
     for name, recorded in RECORDINGS.items():
         vehicles = calibrated(recorded, asked.vehicles)

@@ -1,17 +1,17 @@
-"""Is what is claimed of disturbances true, and what do they take off a real flight? As Markdown.
+"""Truth of claims on disturbances, and their benefit on a real flight. Prints Markdown.
 
     python -m benchmarks.disturbances [--trials 200] [--tables nees,bench,flight,onboard]
 
 ``nees``    squared errors over their claimed variances: of P for each axis, of the growth a with the temperature, of
             the lag, and of offset and shape at the reference, in simulated tumbles by hand of a minute at 50 Hz; also
-            of four motors that are followed one by one, and by meters that are noisy, slow to tell, or coarse
-``bench``   the same of P where the sensor is not turned
+            of four motors compensated one by one, and with meters that are noisy, slow, or coarse
+``bench``   the same of P for a sensor at rest
 ``flight``  a drone's three compasses, every other block of 5 s held out: spread of the strength of the field, also
-            without the last 10 s, in which it lies on its back, motors at 22 to 25 A
+            without the last 10 s, in which it is upside down with motors at 22 to 25 A
 ``onboard`` its external compass against the calibration on board, in the air: held-out blocks of 5 s, and offsets
 
-The recording of ``flight`` and ``onboard`` is looked for as `benchmarks.recordings` does. 200 trials take some ten
-minutes on one core.
+The recording of ``flight`` and ``onboard`` is searched as by `benchmarks.recordings`. 200 trials take about ten minutes
+on one core.
 """
 
 from __future__ import annotations
@@ -55,10 +55,10 @@ ARMS: Final = np.array([[0.5, 0.1, -0.3], [-0.4, 0.2, 0.3], [0.1, -0.5, 0.2], [0
 """µT/A of four motors of one vehicle."""
 
 HELD: Final = 25
-"""Readings for which a meter holds its value."""
+"""Readings during which a meter repeats its value."""
 
-FULL: Final = 20.0
-"""A at full throttle."""
+FULL_THROTTLE_A: Final = 20.0
+"""Current at full throttle, A."""
 
 WARM: Final = np.array([0.3, -0.2, 0.1])
 """µT/°C."""
@@ -68,22 +68,22 @@ GROWTH: Final = 0.002
 
 LAG_S: Final = 0.13
 
-FEW: Final = 6
-"""Ratios that are told one by one."""
+MAX_SINGLE_RATIOS: Final = 6
+"""Most ratios that are printed one by one."""
 
 Truth = dict[str, "Floats"]
-"""Offset per unit of each driver."""
+"""Offset per unit of each disturbance."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Flown:
-    """A recording, and what drove it.
+    """A recording with its true disturbances.
 
     Attributes
     ----------
     recording : Simulated
     samples : Samples
-        With what drives it in its readings and beside them.
+        With the disturbance in the readings and its column.
     per_unit : dict of str to (3,) float
     growth : float
     lag_s : float
@@ -103,22 +103,22 @@ def flown(
     lag_s: float = 0.0,
     warm: bool = False,
 ) -> Flown:
-    """Fly a minute: each of the named motors is set anew every three seconds, and the sensor warms up by 16 °C."""
+    """Simulate a minute of flight: each motor changes every three seconds, and the sensor warms up by 16 °C."""
     recording = simulate.tumble(seed=seed)
     rng = np.random.default_rng([2026, seed])
     time, field = recording.samples.time, recording.samples.field
     assert time is not None
     columns: dict[str, Floats] = {}
     per_unit: Truth = {}
-    if warm:  # first, as its gain acts on the earth's field alone
+    if warm:  # first, since its gain acts on the earth's field alone
         effect = simulate.ThermalDrift(WARM, kelvin=20.0, seconds=40.0).on(time, rng)
         assert effect.temperature is not None
         departure = effect.temperature - effect.temperature[0]
         field = recording.sensor.offset + (field - recording.sensor.offset) * (1.0 + GROWTH * departure)[:, np.newaxis]
         field, columns["temperature"], per_unit["temperature"] = field + effect.shift, effect.temperature, WARM
     for name, vector in zip(names, (FIRST, SECOND), strict=False):
-        size = FULL if name == "throttle" else 1.0
-        effect = simulate.MotorCurrent(vector, amperes=FULL).on(time, rng)
+        size = FULL_THROTTLE_A if name == "throttle" else 1.0
+        effect = simulate.MotorCurrent(vector, amperes=FULL_THROTTLE_A).on(time, rng)
         assert effect.current is not None
         columns[name], per_unit[name] = effect.current / size, vector * size
         field = field + np.stack([lagged(axis, time, lag_s) for axis in effect.shift.T], axis=1)
@@ -128,14 +128,14 @@ def flown(
 
 
 def parted(seed: int, apart: float) -> Flown:
-    """Fly a minute with four motors, each of which is asked for more or less than the others by so much."""
+    """Simulate a minute of flight with four motors whose throttles differ by up to `apart`."""
     recording = simulate.tumble(seed=seed, disturbances=[simulate.Motors(ARMS, apart=apart)])
     per_unit = dict(zip(motors("current", len(ARMS)), ARMS, strict=True))
     return Flown(recording, recording.samples, per_unit)
 
 
 def metered(seed: int, meter: Callable[[Floats, np.random.Generator], Floats], lag_s: float = 0.0) -> Flown:
-    """Fly a minute by the current that another meter tells."""
+    """Simulate a minute of flight with the current from a meter."""
     one = flown(seed, ("current",), lag_s=lag_s)
     assert one.samples.current is not None
     told = meter(one.samples.current, np.random.default_rng([2028, seed]))
@@ -143,7 +143,7 @@ def metered(seed: int, meter: Callable[[Floats, np.random.Generator], Floats], l
 
 
 def metered_motors(seed: int, lag_s: float = 0.0) -> Flown:
-    """Fly a minute with four motors, each with a meter with noise of 1 A, that come so much later."""
+    """Simulate a minute of flight with four motors, each with a meter with noise of 1 A and a lag."""
     one = parted(seed, 0.1)
     time, currents = one.samples.time, one.samples.currents
     assert time is not None
@@ -155,17 +155,17 @@ def metered_motors(seed: int, lag_s: float = 0.0) -> Flown:
 
 
 def noisy(current: Floats, rng: np.random.Generator) -> Floats:
-    """A meter with noise of 1 A."""
+    """Current of a meter with noise of 1 A."""
     return current + rng.normal(size=current.shape)
 
 
 def holding(current: Floats, _rng: np.random.Generator) -> Floats:
-    """A meter that tells twice a second."""
+    """Current of a meter that updates twice a second."""
     return np.repeat(current[::HELD], HELD)[: len(current)]
 
 
 def rounded(current: Floats, _rng: np.random.Generator) -> Floats:
-    """A meter that tells whole amperes."""
+    """Current of a meter in whole amperes."""
     whole: Floats = np.round(current)
     return whole
 
@@ -189,7 +189,7 @@ CASES: Final[dict[str, Callable[[int], Flown]]] = {
 
 
 def fitted(one: Flown) -> Fit:
-    """Fit, also where the fit is refused."""
+    """Fit of a recording, also a refused one."""
     try:
         return flinders.fit(one.samples, disturbances=tuple(one.per_unit))
     except Refused as refused:
@@ -224,7 +224,7 @@ def errors_of(one: Flown) -> tuple[Floats, Floats, list[str]]:
 
 
 def nees_table(trials: int) -> Iterator[str]:
-    """Yield squared errors over what was claimed, parameter by parameter."""
+    """Yield squared errors over claimed variances, by parameter."""
     yield "| disturbance | b | S | P, each axis | a | lag | all, least … most |"
     yield "|---|---:|---:|---|---:|---:|---:|"
     for title, case in CASES.items():
@@ -233,7 +233,7 @@ def nees_table(trials: int) -> Iterator[str]:
         ratios = np.mean([error**2 / variance for error, variance, _ in found], axis=0)
         each = ratios[np.char.startswith(names, "P")]
         driven = ", ".join(f"{ratio:.2f}" for ratio in each)
-        if len(each) > FEW:
+        if len(each) > MAX_SINGLE_RATIOS:
             driven = f"{each.mean():.2f} ({each.min():.2f} … {each.max():.2f})"
         yield (
             f"| {title} | {_mean(ratios[names == 'b'])} | {_mean(ratios[names == 'S'])} | {driven} "
@@ -246,7 +246,7 @@ def nees_table(trials: int) -> Iterator[str]:
 
 
 def bench_table(trials: int) -> Iterator[str]:
-    """Yield the same of benches of twelve seconds, the motor run up and down twice, and stepped three times."""
+    """Yield the same for tests at rest of twelve seconds, with two ramps of the motor, or with three steps."""
     yield "| bench | P, each axis | refused |"
     yield "|---|---|---:|"
     courses = {
@@ -263,7 +263,7 @@ def bench_table(trials: int) -> Iterator[str]:
 
 
 def lain(drawn: Floats, seed: int) -> Still | None:
-    """What is found on a bench: noise of 0.3 µT and 0.05 A at 50 Hz."""
+    """Result of a test at rest, with noise of 0.3 µT and 0.05 A at 50 Hz."""
     rng = np.random.default_rng([2027, seed])
     field = np.array([20.0, -5.0, 43.0]) + np.outer(drawn, FIRST) + rng.normal(scale=0.3, size=(len(drawn), 3))
     current = drawn + rng.normal(scale=0.05, size=len(drawn))
@@ -274,13 +274,13 @@ def lain(drawn: Floats, seed: int) -> Still | None:
 
 FLIGHT: Final = "dronekit_log171_3mags/log171.bin"
 BLOCKS: Final = 48
-ON_ITS_BACK: Final = 2
-"""Blocks at the end."""
+INVERTED_BLOCKS: Final = 2
+"""Blocks at the end in which the drone is upside down."""
 AIR_S: Final = (84.0, 230.0)
-"""From when to when, in s of the log, it was in the air and not yet on its side."""
+"""Time in the air and upright, s of the log."""
 BLOCK_S: Final = 5.0
 ONBOARD: Final = ([-97.79, 118.11, 213.18], [0.995731, 1.008149, 1.002741], [0.018288, -0.002727, -0.004213])
-"""COMPASS_OFS in mG, DIA and ODI of the external compass, as the log has them."""
+"""COMPASS_OFS in mG, DIA and ODI of the external compass, from the log."""
 
 
 def compass(name: str) -> Samples:
@@ -298,13 +298,13 @@ def strength(samples: Samples, calibration: Calibration) -> Floats:
 
 
 def plain(field: Floats) -> Calibration:
-    """The best calibration that follows nothing."""
+    """Best calibration without disturbances."""
     ellipsoid = Likelihood().estimate(Readings.of(field)).ellipsoid
     return Calibration.from_ellipsoid(ellipsoid.centre, ellipsoid.shape)
 
 
 def best_line(lengths: Floats, samples: Samples, calibration: Calibration) -> Floats:
-    """What a straight line in the current leaves of lengths, for each axis, fitted to these very readings."""
+    """Lengths after a straight line in the current for each axis, fitted to the same readings."""
     directions = calibration.affine.apply(Compensator(calibration)(samples).field)
     ellipsoid = Ellipsoid(calibration.offset, calibration.shape)
     directions /= np.linalg.norm(directions, axis=1, keepdims=True)
@@ -327,7 +327,7 @@ def flight_table() -> Iterator[str]:
             found = fit_disturbances(learnt, ("current",)).calibration
             without = plain(np.concatenate([part.field for part in learnt]))
             for upright in (False, True):
-                kept = (block % 2 != half) & (block < BLOCKS - ON_ITS_BACK * upright)
+                kept = (block % 2 != half) & (block < BLOCKS - INVERTED_BLOCKS * upright)
                 others = samples[kept]
                 lengths = strength(others, found)
                 before, after = strength(others, without).std(), lengths.std()
@@ -339,7 +339,7 @@ def flight_table() -> Iterator[str]:
 
 
 def onboard_table() -> Iterator[str]:
-    """Yield what the calibration on board, and ours, leave of the strength in the air, and how far apart they are."""
+    """Yield the spread of the strength in the air with the calibration on board and with ours, and their difference."""
     samples = compass("1")
     assert samples.time is not None
     air = samples[(samples.time >= AIR_S[0]) & (samples.time < AIR_S[1])]
@@ -372,7 +372,7 @@ def on_board() -> Calibration:
 
 
 def moved_spread(samples: Samples, calibration: Calibration) -> float:
-    """Spread of the strength that the best offset, scale and current for these very readings leave of a matrix."""
+    """Spread of the strength with a given matrix and the best offset, scale and current for the same readings."""
     radius = float(np.median(np.linalg.norm(calibration.apply(samples.field), axis=1)))
     ellipsoid = Ellipsoid(calibration.offset, np.linalg.inv(calibration.matrix) * radius)
     directions = calibration.apply(samples.field)
@@ -387,7 +387,7 @@ def moved_spread(samples: Samples, calibration: Calibration) -> float:
 
 
 def _onboard_row(samples: Samples, board: Calibration) -> str:
-    """Offset at the median current with its uncertainty, what the one on board is off that, and what leans."""
+    """Cells: offset at the median current, its uncertainty, difference of the one on board, and attitude dependence."""
     try:
         fit = flinders.fit(samples, disturbances=("current",))
     except Refused as refused:

@@ -1,10 +1,10 @@
-"""How many units that drifted, or had something moved, `flinders drift` finds, and how often it is wrong.
+"""Detection rates and false alarms of `flinders drift` for units with drifts and steps.
 
-Fleets are simulated as the table that `flinders fleet` writes: true offsets and shapes of each unit over two years, and
-estimates about them that are as uncertain as they claim, or twice that. For each fleet a line: the share found of units
-in which a step was made, and the units without one that were reported beside them; then the share found of units whose
-heading truly changed by more than 1.5° from the first recording to the last, and those reported, at a target of 1°,
-whose heading truly changed by less than that.
+Fleets are simulated as tables of `flinders fleet`: true offsets and shapes of each unit over two years, and estimates
+with errors as large as stated, or twice that. The line of a fleet has the share of units with a step that were found,
+and the number of units without a step that were reported; then the share found of units with a true heading change of
+more than 1.5° from the first recording to the last, and the number reported, at a target of 1°, whose true change is
+smaller.
 
     python -m benchmarks.drift                 # the table of docs/fleet/drift.md, a few minutes
     python -m benchmarks.drift --quick         # small fleets
@@ -47,25 +47,25 @@ ENTRIES: Final = ((0, 1, 2, 0, 0, 1), (0, 1, 2, 1, 2, 2))
 
 @dataclass(frozen=True, slots=True)
 class Fleet:
-    """What is simulated.
+    """A fleet to simulate.
 
     Attributes
     ----------
     units, recordings : int
-        Each unit has so many, at random times of two years.
+        Number of units, and of recordings of each, at random times of two years.
     sigma : float, µT
-        1 σ of each of the nine parameters of a recording; its logarithm spreads by 0.3 from one to the next.
+        1 σ of each of the nine parameters of a recording; its logarithm varies by 0.3 (1 σ) between recordings.
     claimed : float
         Claimed over true 1 σ.
     walk : float
-        Of the offset, as a fraction of the field per root second.
+        Random walk of the offset, as a share of the field per root second.
     trend_deg : float
-        Heading change that a steady drift of one unit in ten makes over two years.
+        Heading change by the steady drift of one unit in ten over two years.
     step_deg : float
-        Heading change that a step makes, of one unit in thirty-three.
+        Heading change by the step of one unit in thirty-three.
     is_dated : bool
-        Whether clocks know the date; otherwise times count from where sensors were switched on, and recordings are
-        called ``run 0``, ``run 1`` and so on.
+        Whether clocks have the date; otherwise times count from power-on, and recordings are named ``run 0``, ``run 1``
+        …
     """
 
     units: int = 5_000
@@ -80,14 +80,14 @@ class Fleet:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Truth:
-    """What was simulated, of (U,) units: whether there is a step, and the true change of heading in degrees."""
+    """Truth of (U,) units: whether there is a step, and the true change of heading, degrees."""
 
     has_step: NDArray[np.bool_]
     change_deg: Floats
 
 
 def simulated(fleet: Fleet, rng: np.random.Generator) -> tuple[UnitResults, Truth]:
-    """Make the table of a fleet, and say what is true of it."""
+    """Simulate the table of a fleet, and return it with the truth."""
     U, n = fleet.units, fleet.recordings
     seconds = np.sort(rng.uniform(0.0, 2.0 * YEAR, (U, n)), axis=1)
     gaps = np.diff(seconds, axis=1, prepend=seconds[:, :1])
@@ -109,13 +109,13 @@ def simulated(fleet: Fleet, rng: np.random.Generator) -> tuple[UnitResults, Trut
 
 
 def _level(units: int, rng: np.random.Generator) -> Floats:
-    """(U, 1, 3) horizontal unit vectors: a vertical step turns no level heading."""
+    """(U, 1, 3) random horizontal unit vectors, as a vertical step does not change a level heading."""
     angle = rng.uniform(0.0, 2.0 * np.pi, units)
     return np.stack([np.cos(angle), np.sin(angle), np.zeros(units)], axis=1)[:, np.newaxis]
 
 
 def _table(fleet: Fleet, rng: np.random.Generator, offset: Floats, shape: Floats, seconds: Floats) -> UnitResults:
-    """Estimates about the truth, with what they claim."""
+    """Table of estimates with errors, and their stated uncertainties."""
     rows = len(offset)
     sigma = fleet.sigma * np.exp(0.3 * rng.normal(size=rows))
     errors = rng.normal(size=(rows, 9)) * sigma[:, np.newaxis]
@@ -148,7 +148,7 @@ def _table(fleet: Fleet, rng: np.random.Generator, offset: Floats, shape: Floats
 
 
 def found_in(rows: UnitResults, *, most: int = 1000) -> tuple[FleetDrift, list[UnitDrift]]:
-    """Write a table, and look for what changed in it."""
+    """Write a table, and return the changes found in it."""
     from pyarrow import parquet
 
     units: list[UnitDrift] = []
@@ -159,7 +159,7 @@ def found_in(rows: UnitResults, *, most: int = 1000) -> tuple[FleetDrift, list[U
 
 
 def line(name: str, fleet: Fleet, seed: int = 1) -> str:
-    """One row of the table: what of a fleet was found, what was not, and what was found that is not there."""
+    """One row of the table: changes found, and false alarms."""
     rows, truth = simulated(fleet, np.random.default_rng(seed))
     drift, units = found_in(rows, most=fleet.units)
 
@@ -232,7 +232,7 @@ def of_recordings(units: int = 300, count: int = 4, seed: int = 1) -> str:
 
 
 def of_nothing(fleets: int = 200, units: int = 200, *, is_dated: bool = True) -> str:
-    """How many of many fleets in which nothing changed, and claims are true, have anything reported."""
+    """Number of unchanged fleets, with true claims, that have a report."""
     stepped = changed = 0
     for seed in range(fleets):
         rows, _ = simulated(Fleet(units=units, walk=0.0, is_dated=is_dated), np.random.default_rng(1000 + seed))
@@ -247,7 +247,7 @@ def of_nothing(fleets: int = 200, units: int = 200, *, is_dated: bool = True) ->
 
 
 def of_size(units: int = 200_000, tables: int = 5) -> str:
-    """What the command costs on a large fleet, each recording of a unit in a table of its own."""
+    """Cost of the command on a large fleet, with a table for each recording."""
     with tempfile.TemporaryDirectory() as folder:
         with ProcessPoolExecutor(1, mp_context=get_context("spawn")) as pool:  # so that this process stays small
             paths = pool.submit(written, Fleet(units, tables, step_deg=2.0), folder).result()
@@ -262,7 +262,7 @@ def of_size(units: int = 200_000, tables: int = 5) -> str:
 
 
 def written(fleet: Fleet, folder: str) -> list[str]:
-    """Write a fleet, each recording of a unit into a table of its own."""
+    """Write a fleet with a table for each recording."""
     from pyarrow import parquet
 
     rows, _ = simulated(fleet, np.random.default_rng(1))

@@ -1,4 +1,4 @@
-"""Times of the engine beside a prototype without covariance, outliers or statistics, in the same run.
+"""Times of the engine compared with a prototype without covariance, outliers or statistics, in the same run.
 
     python -m benchmarks.engine [path of core_prototype.c]
 
@@ -31,11 +31,11 @@ if TYPE_CHECKING:
 PROTOTYPE = Path("../shared/bench/core_prototype.c")
 
 RUNS = {500: 400, 50_000: 20, 1_000_000: 5}
-"""Calls that a median is of, by the number of readings."""
+"""Number of timed calls, by the number of readings."""
 
 
 def cloud(rows: int) -> Floats:
-    """Readings all around, 0.5 µT of noise on 50."""
+    """(rows, 3) readings in all directions, 50 µT with 0.5 µT of noise."""
     rng = np.random.default_rng(1)
     directions = rng.normal(size=(rows, 3))
     directions /= np.linalg.norm(directions, axis=1, keepdims=True)
@@ -43,7 +43,7 @@ def cloud(rows: int) -> Floats:
 
 
 def median_us(call: Callable[[], object], runs: int) -> float:
-    """Median processor time of a call, µs: other work on the machine does not count."""
+    """Median processor time of a call, µs."""
     times = []
     for _ in range(runs):
         begun = time.thread_time()
@@ -53,7 +53,7 @@ def median_us(call: Callable[[], object], runs: int) -> float:
 
 
 def prototype(source: Path, folder: Path, *options: str) -> Callable[[Floats], Callable[[], object]]:
-    """A prototype's fit of one recording, compiled with more options."""
+    """Return a function that prepares the prototype's fit of one recording, compiled with some options."""
     target = folder / f"prototype{len(options)}.so"
     command = [
         *build.compiler(),

@@ -1,17 +1,17 @@
-"""Which faults of a unit are found, and how many good units are called bad. A confusion table as Markdown.
+"""Detected faults of units, and false alarms on good units, as a confusion table in Markdown.
 
     python -m benchmarks.faults [--each 500] [--good 5000] [--workers 2]     # each fault and severity, so many units
     python -m benchmarks.faults --fleet 1000000 [--bad 0.03] --out runs/     # a fleet as it is drawn, to go on with
 
-Units are those of `flinders.apps.fleet.simulate`, judged by ``flinders.fit_many``, which says of each what
-``flinders.fit`` says. A unit is **found** where it is limited or refused, or gives no fit at all, or where a note names
-what is wrong (`TELLING`); a good unit that is found is a false alarm. It is told by its gravest finding, and by such
-notes. Of those missed, **off** are the ones whose calibration is more than `HARM_DEG` off at the worst level heading,
-by the truth: a fault that leaves the calibration right does no harm in it.
+Units are those of `flinders.apps.fleet.simulate`, judged by ``flinders.fit_many``, whose verdicts equal those of
+``flinders.fit``. A unit is **found** if it is limited, refused or without a fit, or if a note names the fault
+(`TELLING`); a good unit that is found is a false alarm. The table names its most severe finding, and such notes. A
+missed unit is **off** if the true worst level heading error is above `MIN_HARM_DEG`: a fault without an effect on the
+calibration does no harm.
 
-A piece of `PIECE` units is one file under ``--out``, written under another name and then renamed; a piece that is
-there is not run again. Memory is bounded by a piece. Units follow from seed and number: with any number of workers the
-table is the same.
+Each piece of `PIECE` units is one file in ``--out``, written under another name and then renamed; an existing piece is
+not run again. Memory is bounded by one piece. Seed and number determine a unit, so the table does not depend on the
+number of workers.
 """
 
 from __future__ import annotations
@@ -39,31 +39,31 @@ if TYPE_CHECKING:
 SEED: Final = 20261122
 PIECE: Final = 500
 
-HARM_DEG: Final = 2.0
-"""Twice the target: what one claims at 1 σ, one unit in twenty is off by."""
+MIN_HARM_DEG: Final = 2.0
+"""Twice the target; an error that one unit in twenty has at a claim of the target (1 σ)."""
 
 TELLING: Final = frozenset({"stale-repeats", "outliers", "field-changed"})
-"""Notes that name a fault which the calibration allows for."""
+"""Notes on a fault that the calibration allows for."""
 
 Key: TypeAlias = tuple[str, int]
-"""Fault and severity; of a good unit, nothing and 0."""
+"""Fault and severity; empty and 0 for a good unit."""
 
 Tally: TypeAlias = dict[Key, Counter[str]]
 
 
 @dataclass(frozen=True, slots=True)
 class Piece:
-    """Units to be judged together.
+    """A batch of units.
 
     Attributes
     ----------
     first, count : int
         Numbers of the units.
     fault : str, optional
-        Which they all have, nothing for good ones; drawn unit by unit where it is None.
+        Fault of all units, empty for good ones; None to draw it unit by unit.
     severity : int
     bad : float
-        Share of bad units where they are drawn.
+        Share of bad units if faults are drawn.
     """
 
     first: int
@@ -74,18 +74,18 @@ class Piece:
 
     @property
     def name(self) -> str:
-        """Of its file."""
+        """Name of its file."""
         what = f"{self.bad:g}" if self.fault is None else f"{self.fault or 'good'}-{self.severity}"
         return f"{what}-{self.first:08d}-{self.count}.json"
 
     def units(self) -> Iterator[Specimen]:
-        """Make them, one after the other."""
+        """Yield the units."""
         for number in range(self.first, self.first + self.count):
             yield unit(number, seed=SEED, bad=self.bad, fault=self.fault, severity=self.severity)
 
 
 def judged(made: Sequence[Specimen]) -> Iterator[Counter[str]]:
-    """Yield what is said of each unit: ``units``, its verdict, ``found``, and codes, that of the gravest with a !."""
+    """Yield counts for each unit: ``units``, its verdict, ``found``, and codes; the most severe has a !."""
     rows = fit_many({f"{place:06d}": one.samples for place, one in enumerate(made)})
     for place, one in enumerate(made):
         verdict, codes = str(rows.verdict[place]), list(rows.findings[place])
@@ -96,7 +96,7 @@ def judged(made: Sequence[Specimen]) -> Iterator[Counter[str]]:
         told = [verdict, *codes]
         if verdict != "good" or not TELLING.isdisjoint(codes):
             told.append("found")
-        elif off_deg(one, rows.offset[place], rows.matrix[place].reshape(3, 3)) > HARM_DEG:
+        elif off_deg(one, rows.offset[place], rows.matrix[place].reshape(3, 3)) > MIN_HARM_DEG:
             told.append("off")
         yield Counter(["units", *told])
 
@@ -113,7 +113,7 @@ def off_deg(made: Specimen, offset: Floats, matrix: Floats) -> float:
 
 
 def tallied(piece: Piece, folder: Path | None = None) -> Tally:
-    """Judge a piece, or read what came of it before."""
+    """Result of a piece, computed or read from its file."""
     path = None if folder is None else folder / piece.name
     if path is not None and path.exists():
         return {
@@ -131,13 +131,13 @@ def tallied(piece: Piece, folder: Path | None = None) -> Tally:
 
 
 def pieces_of(total: int, *, fault: str | None, severity: int = 2, bad: float = BAD) -> Iterator[Piece]:
-    """Cut so many units into pieces."""
+    """Yield pieces with a total number of units."""
     for first in range(0, total, PIECE):
         yield Piece(first, min(PIECE, total - first), fault, severity, bad)
 
 
 def by_class(each: int, good: int, faults: Sequence[str]) -> Iterator[Piece]:
-    """So many units of each fault and severity, and good ones; of what cannot be told, in one severity."""
+    """Yield pieces with units of each fault and severity, and good ones; undetectable faults have one severity."""
     yield from pieces_of(good, fault="")
     for fault in faults:
         for severity in (1, 2) if FAULTS[fault].can_be_told else (2,):
@@ -145,7 +145,7 @@ def by_class(each: int, good: int, faults: Sequence[str]) -> Iterator[Piece]:
 
 
 def run(pieces: Iterable[Piece], workers: int, folder: Path | None) -> Tally:
-    """Judge all pieces, in so many processes, and add up what comes of them."""
+    """Run all pieces in some processes, and add up their results."""
     total: Tally = {}
     work = partial(tallied, folder=folder)
     with ProcessPoolExecutor(workers) as pool:
@@ -156,7 +156,7 @@ def run(pieces: Iterable[Piece], workers: int, folder: Path | None) -> Tally:
 
 
 def table(total: Tally) -> list[str]:
-    """Lay it out in Markdown: a row for each fault and severity, the good units first."""
+    """Rows in Markdown for each fault and severity, the good units first."""
     rows = [
         "| fault | severity | units | good | limited | refused | no fit | found | missed and off | reported by |",
         "|---|---|---:|---:|---:|---:|---:|---:|---:|---|",
@@ -172,7 +172,7 @@ def table(total: Tally) -> list[str]:
 
 
 def told_by(counts: Counter[str]) -> str:
-    """Name the most frequent findings that are no notes, or that name a fault, with how often each is there."""
+    """Most frequent findings other than notes, and notes on faults, with their counts."""
     codes = [
         (code.rstrip("!"), number)
         for code, number in counts.most_common()
@@ -185,7 +185,7 @@ def told_by(counts: Counter[str]) -> str:
 
 
 def summary(total: Tally) -> list[str]:
-    """Say in three lines how many faults were found, and how many good units were called bad."""
+    """Three lines on detected faults and false alarms."""
     lines = []
     for severity, words in ((2, "larger"), (1, "smaller")):
         told = [c for (fault, how), c in total.items() if how == severity and FAULTS[fault].can_be_told]
@@ -204,7 +204,7 @@ def summary(total: Tally) -> list[str]:
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Run it and print the table."""
+    """Run the pieces and print the table."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--each", type=int, default=500, help="units of each fault and severity")
     parser.add_argument("--good", type=int, default=5000, help="good units")

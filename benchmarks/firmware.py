@@ -1,13 +1,12 @@
-"""What the firmware costs and how far it is off the library: ``python -m benchmarks.firmware``.
+"""Cost of the firmware, and its difference from the library: ``python -m benchmarks.firmware``.
 
-The package that `flinders firmware` writes is compiled for this machine in single and in double precision, and for
-Cortex-M0, M4 and M7 where ``arm-none-eabi-gcc`` is installed; ``qemu-system-arm`` runs those and counts instructions.
+The package of `flinders firmware` is compiled for this machine in single and double precision and, if
+``arm-none-eabi-gcc`` is installed, for Cortex-M0, M4 and M7; ``qemu-system-arm`` runs those and counts instructions.
 
     python -m benchmarks.firmware                 # sizes, instructions, and every recording of the shared data
     python -m benchmarks.firmware --sizes         # sizes and instructions alone
 
-Offsets and claims are compared with the library's fit of the same readings, those that the board had stored, and with
-that of all readings of the recording.
+Offsets and claims are compared with the library's fits of the readings stored by the board, and of all readings.
 """
 
 from __future__ import annotations
@@ -57,14 +56,14 @@ QEMU: Final = ("-nographic", "-monitor", "none", "-serial", "none", "-semihostin
 COUNTING: Final = ("-icount", "shift=0")
 TIMEOUT_S: Final = 300.0
 WORDS: Final = ("", "yes", "lim", "no")
-"""Of a verdict: good, limited, refused."""
+"""Words for the verdicts good, limited and refused, after none."""
 BOUND: Final = 2.4
-"""Claims (1 σ at the worst heading) that no heading exceeds with a probability of 95 %, for an offset alone."""
+"""Bound of 95 % for all headings over the claim (1 σ at the worst heading), for an offset alone."""
 
 
 @dataclass(frozen=True, slots=True)
 class Target:
-    """A processor: its options for the compiler, and the machine that QEMU runs it on; none for this machine."""
+    """A processor: compiler options, and QEMU's machine; empty for this machine."""
 
     name: str
     options: tuple[str, ...] = ()
@@ -79,18 +78,18 @@ M4: Final = Target("Cortex-M4F", ("-mcpu=cortex-m4", "-mthumb", "-mfloat-abi=har
 M7: Final = Target("Cortex-M7F", ("-mcpu=cortex-m7", "-mthumb", "-mfloat-abi=hard", "-mfpu=fpv5-sp-d16"), "mps2-an500")
 BOARDS: Final = (M0, M4, M7)
 RAM_IN_SERVICE: Final = 10 * 1024
-"""Bytes that a calibration that goes on needs, with the stack and the C library's data."""
+"""RAM for online calibration, with the stack and the C library's data, bytes."""
 IN_SERVICE: Final = ("-DSTORED", "--specs=nano.specs", f"-Wl,--defsym=RAM={RAM_IN_SERVICE}")
-"""For a program that begins with what was stored, and has no calibrator."""
+"""Options for a program that begins from storage, without the calibrator."""
 
 
 def missing_tools() -> str:
-    """Which tools for boards are not installed; empty where all are."""
+    """Names of missing tools for boards; empty if all are installed."""
     return " and ".join(name for name in (CROSS, "qemu-system-arm") if shutil.which(name) is None)
 
 
 def compiled(target: Target, folder: Path, *, optimise: str = "-Os") -> list[Path]:
-    """Compile the package once, warnings as errors; the objects."""
+    """Compile the package with warnings as errors, and return the objects."""
     if not (folder / "package").exists():
         package.write(folder / "package")
     objects = folder / f"objects-{_named(target, optimise)}"
@@ -112,7 +111,7 @@ def compiled(target: Target, folder: Path, *, optimise: str = "-Os") -> list[Pat
 def build(
     target: Target, folder: Path, *, optimise: str = "-Os", harness: str = "main", options: Sequence[str] = ()
 ) -> Path:
-    """Link the package with a harness; the program."""
+    """Link the package with a harness, and return the program."""
     objects = compiled(target, folder, optimise=optimise)
     program = folder / f"{harness}-{_named(target, optimise)}{''.join(options)}"
     linker = ("-nostartfiles", "--specs=nosys.specs", "-T", str(HARNESS / "mps2.ld")) if target.machine else ()
@@ -133,7 +132,7 @@ def _compiler(target: Target) -> Sequence[str]:
 
 
 def sizes(program: Path) -> dict[str, int]:
-    """Bytes of code and constants in flash, and of data in RAM, as they are linked; an EEPROM is neither."""
+    """Bytes in flash and in RAM of a linked program, without an EEPROM."""
     done = subprocess.run(["arm-none-eabi-size", "-A", str(program)], check=True, capture_output=True, text=True)
     rows = [line.split() for line in done.stdout.splitlines() if line.startswith(".")]
     of = {name: int(size) for name, size, _ in rows}
@@ -142,7 +141,7 @@ def sizes(program: Path) -> dict[str, int]:
 
 
 def layout(real: str) -> np.dtype[np.void]:
-    """What the harness writes."""
+    """Layout of the harness's output."""
     return np.dtype(
         [
             ("answer", answer_layout(real)), ("count", "<i4"), ("state", "<i4"), ("readings", real, (READINGS, 3)),
@@ -173,13 +172,13 @@ STORED: Final = np.dtype(
         ("height", "<f4"), ("height_now", "<f4"), ("height_sigma", "<f4"), ("checksum", "<u4"),
     ]
 )  # fmt: skip
-"""What a calibration that goes on stores."""
+"""Layout of a stored record of the online calibration."""
 STEPS: Final = ("reading", "begin", "power", "sleep", "ask")
-"""What the harness of a calibration that goes on does."""
+"""Steps of the harness for online calibration."""
 
 
 def answer_layout(real: str) -> np.dtype[np.void]:
-    """An answer of a board."""
+    """Layout of a board's answer."""
     return np.dtype(
         [
             ("status", "<i4"), ("verdict", "<i4"), ("findings", "u1", (len(OF_A_FIT),)),
@@ -194,7 +193,7 @@ def answer_layout(real: str) -> np.dtype[np.void]:
 def steps_of(
     target: Target, what: str, *, ms: ArrayLike = 0, clock_s: ArrayLike = 0, field: ArrayLike = (0.0, 0.0, 0.0)
 ) -> Rows:
-    """Steps of one kind: at times of the board's clock, and of one that goes on without power."""
+    """Steps of one kind, with times of the board's clock and of a clock that runs without power."""
     kind = np.dtype([("what", "<i4"), ("ms", "<u4"), ("clock_s", "<u4"), ("field", target.real, (3,))], align=True)
     count = max(len(np.atleast_1d(ms)), len(np.atleast_2d(field)))
     rows = np.zeros(count, kind)
@@ -203,7 +202,7 @@ def steps_of(
 
 
 def go_on(target: Target, program: Path, steps: Sequence[Rows], eeprom: Rows | None = None) -> tuple[Rows, np.void]:
-    """Run the harness of a calibration that goes on; what is known after each event, and what that took."""
+    """Run the harness for online calibration; returns the state after each step, and the cost."""
     answer = answer_layout(target.real)
     known = [("in_force", answer), ("good_s", target.real), ("adopted_s", target.real), ("learnt_s", target.real)]
     known += [("moved_s", target.real), ("moved_by", target.real), ("is_disturbed", "<i4")]
@@ -219,20 +218,20 @@ def go_on(target: Target, program: Path, steps: Sequence[Rows], eeprom: Rows | N
 
 
 def _command(target: Target, program: Path) -> list[str]:
-    """What runs a program."""
+    """Command that runs a program."""
     if not target.machine:
         return [str(program)]
     return ["qemu-system-arm", "-M", target.machine, "-kernel", str(program), *QEMU, *COUNTING]
 
 
 def verdict_of(fit: Fit, answer: Any) -> int:  # noqa: ANN401 - a row of `layout`
-    """The worst severity of the library's findings that a board looks for as well."""
+    """Worst severity of those findings of the library that a board also checks."""
     codes = {code for code, is_checked in zip(OF_A_FIT, answer["is_checked"], strict=True) if is_checked}
     return max([1, *(SEVERITIES.index(finding.severity) for finding in fit.findings if finding.code in codes)])
 
 
 def fit_of(samples: Any, unit: Any = None) -> Fit | None:  # noqa: ANN401 - samples, or an array and its unit
-    """Fit by the library; also one that is refused, and None where there is none."""
+    """Fit by the library, also a refused one; None without a fit."""
     try:
         return flinders.fit(samples) if unit is None else flinders.fit(samples, unit=unit)
     except FitError as error:
@@ -240,7 +239,7 @@ def fit_of(samples: Any, unit: Any = None) -> Fit | None:  # noqa: ANN401 - samp
 
 
 def apart_deg(outcome: Any, fit: Fit) -> float:  # noqa: ANN401 - a row of `layout`
-    """How far board and library are apart at the worst level heading, degrees."""
+    """Difference of board and library at the worst level heading, degrees."""
     own = Ellipsoid(
         outcome["answer"]["offset"], outcome["answer"]["field"] * np.linalg.inv(outcome["answer"]["matrix"])
     )
@@ -251,12 +250,12 @@ def apart_deg(outcome: Any, fit: Fit) -> float:  # noqa: ANN401 - a row of `layo
 
 
 def compared(name: str, floats: Path, doubles: Path, m4: Path | None) -> dict[str, Any] | None:
-    """Compare board and library on a recording; None where there is nothing to compare.
+    """Compare board and library on a recording; None without two fits.
 
-    `rounding_ut` and `claim_of_double` hold single against double precision on the readings that the board had stored,
-    `claim_of_library` and `verdicts` board against library on those, and `apart_deg` the board against the library's
-    fit of all readings, with both claims. Lengths are scaled to a field of 50 µT. `per_solve` are instructions of a
-    Cortex-M4F, and `m4_ut` how far it is off this machine; NaN without tools for it.
+    `rounding_ut` and `claim_of_double` compare single with double precision on the readings stored by the board,
+    `claim_of_library` and `verdicts` board with library on those, and `apart_deg` the board with the library's fit of
+    all readings, with both claims. Lengths are scaled to a field of 50 µT. `per_solve` are instructions of a
+    Cortex-M4F, and `m4_ut` its difference from this machine; NaN without the tools.
     """
     samples = flinders.read(FOLDER / name)
     unit = samples.unit.inside
@@ -287,7 +286,7 @@ def compared(name: str, floats: Path, doubles: Path, m4: Path | None) -> dict[st
 
 
 def _on_m4(program: Path | None, stored: Floats, single: Any, *, is_ut: bool) -> dict[str, float]:  # noqa: ANN401
-    """Instructions of a solve on a Cortex-M4F, and how far its offset is off that of this machine."""
+    """Instructions of a solve on a Cortex-M4F, and the difference of its offset from this machine's."""
     if program is None:
         return {"per_solve": math.nan, "m4_ut": math.nan}
     outcome = run(M4, program, stored, unit=is_ut)
@@ -296,7 +295,7 @@ def _on_m4(program: Path | None, stored: Floats, single: Any, *, is_ut: bool) ->
 
 
 def costs(folder: Path, seed: int = 1) -> list[dict[str, Any]]:
-    """Sizes and instructions for each processor, of a simulated tumble with outliers; 300 readings of it are stored."""
+    """Sizes and instructions for each processor, on a simulated tumble with outliers and 300 stored readings."""
     rows = []
     tumble = simulate.tumble(seed=seed, n=500, outliers=0.02).samples.field
     for target in BOARDS:
@@ -308,7 +307,7 @@ def costs(folder: Path, seed: int = 1) -> list[dict[str, Any]]:
 
 
 def used(target: Target, *, begins: bool) -> list[Rows]:
-    """Steps of a sensor that a hand turns for two minutes, read ten times a second, half a minute after it began."""
+    """Steps of a sensor turned by hand for two minutes at ten readings a second, after a start of half a minute."""
     sensor = simulate.tumble(seed=1).sensor
     first, later = (simulate.tumble(seed=seed, n=n, sensor=sensor).samples.field for seed, n in ((1, 300), (2, 1200)))
     calibrated = [
@@ -320,7 +319,7 @@ def used(target: Target, *, begins: bool) -> list[Rows]:
 
 
 def costs_of_going_on(folder: Path) -> list[dict[str, Any]]:
-    """Sizes and instructions of a program that begins with what was stored, and its flash with a calibrator."""
+    """Sizes and instructions of a program that begins from storage, and its flash with a calibrator."""
     here = build(HOST, folder, harness="service")
     eeprom = go_on(HOST, here, used(HOST, begins=True))[1]["eeprom"]
     rows = []
@@ -334,7 +333,7 @@ def costs_of_going_on(folder: Path) -> list[dict[str, Any]]:
 
 
 def print_costs(folder: Path) -> None:
-    """Print what the firmware costs, or which tools are missing."""
+    """Print the cost of the firmware, or the missing tools."""
     missing = missing_tools()
     if missing:
         print(f"{missing} not installed: no sizes and no instructions")
@@ -351,7 +350,7 @@ def print_costs(folder: Path) -> None:
 
 
 def print_accuracy(folder: Path) -> None:
-    """Print a row for each recording, and what they come to."""
+    """Print a row for each recording, and a summary."""
     floats, doubles = build(HOST, folder, optimise="-O2"), build(HOST_DOUBLE, folder, optimise="-O2")
     m4 = None if missing_tools() else build(M4, folder)
     rows = [row for row in (compared(name, floats, doubles, m4) for name in recordings()) if row is not None]
@@ -365,7 +364,7 @@ def print_accuracy(folder: Path) -> None:
 
 
 def print_summary(rows: list[dict[str, Any]]) -> None:
-    """Print what the rows with a verdict of the board come to."""
+    """Print a summary of the rows with a verdict of the board."""
     given = [row for row in rows if row["verdicts"][0] < SEVERITIES.index("refuses")]
     ratios = np.sort([row["claim_of_library"] for row in given])
     alike = sum(row["verdicts"][0] == row["verdicts"][1] for row in given)

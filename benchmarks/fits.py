@@ -1,4 +1,4 @@
-"""All that `flinders.fit` finds as one table of numbers, and a comparison of two: the net below a refactoring.
+"""Results of `flinders.fit` as a table of numbers, and a comparison of two tables, to check a refactoring.
 
     python -m benchmarks.fits OLD.jsonl                   # with the code as it was: about two minutes of two cores
     python -m benchmarks.fits NEW.jsonl                   # with the code as it is
@@ -8,10 +8,10 @@ The table has a line for each fit: every recording of `benchmarks.recordings.FOL
 of up to 5,000 readings and 200 simulated ones by all methods. With ``--aiding`` it has the fits with gyro,
 accelerometer, currents and temperatures, and those of several magnetometers, instead.
 
-Two tables agree where offset, matrix and covariance are equal within 1 % of a standard deviation, heading errors and
-noise within 1 %, verdict and findings without exception. What may differ stands in ``benchmarks/fits.toml``, with the
-reason: a method that moved, a finding that was renamed. To see what a change did, write the first table in a checkout
-of the commit before it (``git worktree add``).
+Two tables agree if offset, matrix and covariance are equal within 1 % of a standard deviation, heading errors and noise
+within 1 %, and verdict and findings exactly. ``benchmarks/fits.toml`` lists expected differences with reasons: a method
+that moved, a finding that was renamed. To see the effect of a change, write the first table in a checkout of the commit
+before it (``git worktree add``).
 """
 
 from __future__ import annotations
@@ -45,15 +45,15 @@ if TYPE_CHECKING:
     from flinders.arrays import Floats
 
 Row = dict[str, Any]
-"""What one fit found: numbers, lists of them, and words."""
+"""Result of one fit: numbers, lists of numbers, and words."""
 
 DIFFERENCES: Final = Path(__file__).with_suffix(".toml")
-SHORT: Final = 5_000
-"""Readings of a real recording that all methods are tried on, at most."""
+MAX_SHORT_READINGS: Final = 5_000
+"""Most readings of a real recording to fit by all methods."""
 TOLERANCE: Final = 0.01
-"""Of a standard deviation, or of the number."""
+"""Share of a standard deviation, or of the number."""
 ROUNDING: Final = 1e-9
-"""Of the field strength: where a standard deviation is 0, as the method holds that parameter."""
+"""Share of the field strength, for parameters that a method fixes, with a standard deviation of 0."""
 
 TRIALS: Final = 10
 SIGMA: Final = 0.5
@@ -68,7 +68,7 @@ WORLDS: Final[dict[str, Callable[[int], simulate.Simulated]]] = {
     "passing magnet": lambda seed: simulate.tumble(seed=seed, n=1000, disturbances=[simulate.PassingMagnet(100.0)]),
     "motor": lambda seed: simulate.tumble(seed=seed, n=1500, disturbances=[simulate.MotorCurrent(0.2)]),
 }
-"""Beside the data sets S1 … S8 and their like."""
+"""Simulations in addition to the data sets S1 … S8."""
 AIDED_WORLDS: Final = ("hand", "swayed", "flight", "drive", "rocked")
 AIDING: Final[tuple[tuple[str, ...], ...]] = (("auto",), ("dip",), ("rate",), ("rate", "dip"))
 
@@ -79,14 +79,14 @@ def simulated() -> Iterator[tuple[str, int]]:
 
 
 def simulation(name: str, seed: int) -> Samples:
-    """Make one of them."""
+    """Return one of these recordings."""
     if name in SETS:
         return dataset(name, trial=seed, sigma=SIGMA).samples
     return WORLDS[name](seed).samples
 
 
 def recordings() -> list[str]:
-    """Files of the folder that are read without a question, by their names below it."""
+    """Names below the folder of files that can be read without further options."""
     names = []
     for path in sorted(path for path in FOLDER.rglob("*") if path.is_file() and path.suffix != ".md"):
         try:
@@ -98,7 +98,7 @@ def recordings() -> list[str]:
 
 
 def numbers_of(fit: Fit) -> Row:
-    """What a fit says, but for its sentences."""
+    """Result of a fit without its sentences."""
     error, textbook = fit.heading_error_deg, fit.claim.textbook_heading_error_deg
     return {
         "verdict": fit.verdict,
@@ -117,7 +117,7 @@ def numbers_of(fit: Fit) -> Row:
 
 
 def attempt(make: Callable[[], Fit]) -> Row:
-    """Fit, and write down what came of it: numbers, those of a fit that is refused, or the code of an error."""
+    """Row of a fit: its numbers, also for a refused fit, or the code of an error."""
     try:
         return numbers_of(make())
     except FitError as error:
@@ -130,7 +130,7 @@ def attempt(make: Callable[[], Fit]) -> Row:
 def fits_of_recording(name: str) -> list[Row]:
     """Fit a real recording: a short one by all methods."""
     samples = flinders.read(FOLDER / name)
-    methods = METHODS if len(samples) <= SHORT else ("auto", "likelihood")
+    methods = METHODS if len(samples) <= MAX_SHORT_READINGS else ("auto", "likelihood")
     return [fitted(f"{name}", samples, method) for method in methods]
 
 
@@ -146,15 +146,15 @@ def fitted(name: str, samples: Samples, method: str) -> Row:
 
 
 def aided_fits_of_recording(name: str) -> list[Row]:
-    """Fit a real recording with all that it offers beside the magnetometer."""
+    """Fit a real recording with all its further sensors."""
     samples = flinders.read(FOLDER / name)
-    if len(samples) > SHORT or (samples.acceleration is None and samples.rate is None):
+    if len(samples) > MAX_SHORT_READINGS or (samples.acceleration is None and samples.rate is None):
         return []
     return [_aided(name, samples, aiding) for aiding in AIDING]
 
 
 def aided_fits_of_simulation(world: tuple[str, int]) -> list[Row]:
-    """Fit a simulated recording with aiding sensors, and with what disturbs it."""
+    """Fit a simulated recording with aiding sensors, and with disturbances."""
     motion, seed = world
     bare = simulate.tumble(seed=seed, motion=motion, n=1000).samples
     disturbances: list[Perturbation] = [simulate.MotorCurrent(0.3), simulate.ThermalDrift(0.2)]
@@ -189,7 +189,7 @@ def _together(name: str, seed: int, motion: str) -> list[Row]:
 
 
 def _given(fit: Fit | FlindersError) -> Fit:
-    """A fit as `flinders.fit` would have given it."""
+    """Return the fit, or raise the error, like `flinders.fit`."""
     if isinstance(fit, FlindersError):
         raise fit
     return fit
@@ -212,7 +212,7 @@ def write(path: Path, *, aiding: bool) -> None:
 
 
 def compare(old: Path, new: Path) -> int:
-    """Print what differs between two tables and is not expected to; the number of such fits."""
+    """Print unexpected differences of two tables; returns the number of such fits."""
     expected = tomllib.loads(DIFFERENCES.read_text())
     before, after = _table(old), _table(new)
     renamed, moved, added = expected["renamed"], set(expected["moved"]), set(expected["added"])
@@ -239,7 +239,7 @@ def compare(old: Path, new: Path) -> int:
 
 
 def differences(old: Row, new: Row) -> list[str]:
-    """Say in which numbers two fits of one recording differ, one line each; exact agreement says nothing.
+    """Lines on the differences of two fits of one recording; empty if they agree.
 
     >>> row = {"verdict": "good", "offset": [1.0, 2.0, 3.0], "matrix": np.eye(3).tolist(), "noise": 0.5,
     ...        "covariance": (0.01 * np.eye(9)).tolist(), "field_strength": 50.0, "findings": []}
@@ -265,7 +265,7 @@ def _is_close(was: float, now: float) -> bool:
 
 
 def _moved(old: Row, new: Row) -> list[str]:
-    """Say by how much offset, matrix and covariance moved, in standard deviations of the old ones."""
+    """Lines on changes of offset, matrix and covariance, in old standard deviations."""
     sigma = np.sqrt(np.maximum(np.diag(old["covariance"]), 0.0))
     size = old["field_strength"]
     steps = {
@@ -279,7 +279,7 @@ def _moved(old: Row, new: Row) -> list[str]:
 
 
 def _step(old: ArrayLike, new: ArrayLike, sigma: Floats) -> float:
-    """Largest of the steps, each in its own standard deviation."""
+    """Largest of the changes, each in its own standard deviation."""
     was, now = np.asarray(old), np.asarray(new)
     if was.shape != now.shape:
         return math.inf
@@ -287,7 +287,7 @@ def _step(old: ArrayLike, new: ArrayLike, sigma: Floats) -> float:
 
 
 def _matrix_sigma(matrix: Floats, sigma: Floats, size: float) -> Floats:
-    """(3, 3) standard deviation of W = F S⁻¹: roughly that of the least known of S, in the units of each row."""
+    """(3, 3) standard deviation of W = F S⁻¹, roughly from the least known entry of S, in the units of each row."""
     rows: Floats = np.linalg.norm(matrix, axis=1)
     return rows[:, np.newaxis] * rows * (float(sigma[3:].max()) / size + 1e2 * ROUNDING)
 
@@ -298,7 +298,7 @@ def _table(path: Path) -> dict[tuple[str, str], Row]:
 
 
 def _known(row: Row, names: dict[str, str], added: set[str]) -> Row:
-    """Give the findings of a table the names of today, without those that were added since the old one."""
+    """Row with the present names of findings, without findings added since the old table."""
     if "findings" not in row:
         return row
     split = [words.partition(": ") for words in row["findings"]]

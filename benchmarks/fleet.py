@@ -1,15 +1,14 @@
-"""A fleet in Parquet: what calibrating all of it costs beside reading it, and beside other fits unit by unit.
+"""Cost of calibrating a fleet in Parquet, compared with reading it, and with other fits unit by unit.
 
     OPENBLAS_NUM_THREADS=1 python -m benchmarks.fleet [--units 20000] [--curve 1000 5000 20000] [--faulty | --field]
 
-Units are those of `flinders.apps.fleet.simulate`, good ones unless ``--faulty`` asks for its three per cent. A thousand
-are simulated and the others are those again, with another offset: so a million need no hour. Files have a column
-``unit``, a time and three axes in single precision, and a row group each; reading means all of that in NumPy, in double
-precision, by one core; the engine is that, and a record of each unit. Each job has a process of its own. Ratios to
-reading are of CPU seconds on one core, where neither workers nor other programs count, and of time on all cores less
-the start of their workers. Then follow other fits unit by unit, what the one that started a run does for each
-partition, and all that a run takes by the number of
-units. Prints Markdown.
+Units are those of `flinders.apps.fleet.simulate`, all good unless ``--faulty`` makes three per cent faulty. A thousand
+are simulated, and the others are copies with another offset, to save time. Each file has a column ``unit``, a time and
+three axes in single precision, in one row group. *read* loads all of that into NumPy, in double precision, on one core;
+*engine* also computes a record of each unit. Each job has its own process. Ratios to reading are those of CPU seconds
+on one core, and of time on all cores less the start of the workers. Further tables have other fits unit by unit, the
+cost of a partition in the process that started the run, and the cost of a whole run by the number of units. Prints
+Markdown.
 """
 
 from __future__ import annotations
@@ -46,33 +45,33 @@ if TYPE_CHECKING:
     from flinders.arrays import Floats
     from flinders.simulate import Simulated
 
-UNITS, EACH, FILES = 20_000, 500, 100
-"""Of the fleet that ratios are of: ten million readings."""
-A_FILE: Final = 200
-"""Units in a file where there are other numbers of them."""
+UNITS, READINGS_PER_UNIT, FILES = 20_000, 500, 100
+"""Units, readings per unit and files of the fleet for ratios, ten million readings in all."""
+UNITS_PER_FILE: Final = 200
+"""Units per file for other numbers of units."""
 FIELD_READINGS: Final = (1_000, 20_000)
-"""Of a unit that people record."""
+"""Range of the number of readings of a unit in the field."""
 POOL, FIELD_POOL = 1_000, 200
-"""Units that are simulated."""
+"""Number of simulated units."""
 APART_UT: Final = 0.5
-"""By which the offsets of one unit and the next that is made of it are apart, along x: whole steps of the sensor."""
+"""Difference of the offsets of copies of a unit along x, in whole steps of the sensor."""
 CURVE: Final = (1_000, 5_000, 20_000)
-PEERED: Final = 100
-"""Units that other fits are called for."""
+PEER_UNITS: Final = 100
+"""Units to fit by other methods."""
 LIMIT, FIELD_LIMIT = 6.0, 10.0
-"""Of time, beside reading: of simulated units, and of units with realistic noise."""
+"""Limits of the ratio of times to reading, for simulated units, and for units with realistic noise."""
 PEER_LIMIT: Final = 30.0
 MEMORY_LIMIT_MB: Final = 1_000.0
 JOBS: Final = ("read", "engine", "fit")
-A_PART, PARTS = 100, 1_000
-"""Rows of a part, as many as units of ten thousand readings make, and how many of them are written."""
+PART_ROWS, PARTS = 100, 1_000
+"""Rows of a part, as for units of ten thousand readings, and number of parts to write."""
 
 
 def field_unit(number: int, *, seed: int = 0) -> Specimen:
-    """A unit as people record it, not as a line does: by hand, with all that comes with it.
+    """Unit as recorded in the field by hand, with realistic noise.
 
-    20 s to 7 min of turning at 50 Hz, half a µT of noise of which a part has a memory of a second, a reading in a
-    hundred taken beside something magnetic, and a sensor that warms up by 15 K, has a thermometer and hardly minds.
+    20 s to 7 min of turning at 50 Hz, 0.5 µT of noise, partly with a time constant of one second, one reading in a
+    hundred near something magnetic, and a sensor with a thermometer that warms up by 15 K with a small effect.
     """
     rng = np.random.default_rng([seed, number, 1])
     least, most = np.log(FIELD_READINGS)
@@ -91,15 +90,15 @@ def field_unit(number: int, *, seed: int = 0) -> Specimen:
 
 @dataclass(frozen=True, slots=True)
 class Cost:
-    """What a job took.
+    """Cost of a job.
 
     Attributes
     ----------
     cpu_s : float, s
-        Of it and its workers.
+        CPU time of the process and its workers.
     wall_s : float, s
     rss_mb : float
-        Memory of its process at the peak, those of the largest worker times the workers added.
+        Peak memory of the process, plus that of the largest worker times the number of workers.
     """
 
     cpu_s: float
@@ -111,7 +110,7 @@ def main() -> None:
     """Print all tables."""
     parser = argparse.ArgumentParser(description="What calibrating a fleet costs.")
     parser.add_argument("--units", type=int, default=UNITS)
-    parser.add_argument("--each", type=int, default=EACH, help="readings of a unit")
+    parser.add_argument("--each", type=int, default=READINGS_PER_UNIT, help="readings of a unit")
     parser.add_argument("--curve", type=int, nargs="*", default=CURVE, help="numbers of units")
     parser.add_argument("--repeats", type=int, default=3)
     parser.add_argument("--faulty", action="store_true", help="three per cent of the units are faulty")
@@ -166,7 +165,7 @@ def write(folder: Path, pool: Sequence[Specimen], units: int, *, files: int) -> 
 
 
 def numbered(pool: Sequence[Specimen], number: int) -> Specimen:
-    """One of a fleet of any size: that of the pool, moved a little further along x each time around."""
+    """Unit of a fleet of any size: one of the pool, with its offset moved along x at each repetition."""
     unit = pool[number % len(pool)]
     shift = np.array([APART_UT * (number // len(pool) % 64), 0.0, 0.0])
     samples = replace(unit.samples, field=unit.samples.field + shift)
@@ -175,7 +174,7 @@ def numbered(pool: Sequence[Specimen], number: int) -> Specimen:
 
 
 def into_numpy(path: Path) -> tuple[Floats, ...]:
-    """Whose readings they are, as numbers, when they were taken, and the (N, 3) readings of one file."""
+    """Unit numbers, times and (N, 3) readings of one file."""
     from pyarrow import parquet
 
     table = parquet.read_table(path, use_threads=False, read_dictionary=["unit"])
@@ -185,14 +184,14 @@ def into_numpy(path: Path) -> tuple[Floats, ...]:
 
 
 def measured(job: str, folder: Path, *, workers: int | None = None) -> Cost:
-    """Do a job in a process of its own; all cores unless `workers` says how many, none for that process alone."""
+    """Run a job in its own process; on all cores, or with some `workers`, 0 for that process alone."""
     count = cores() if workers is None else workers
     command = [sys.executable, "-m", "benchmarks.fleet", "--job", job, "--folder", str(folder), "--workers", str(count)]
     return Cost(**json.loads(subprocess.run(command, check=True, capture_output=True, text=True).stdout))
 
 
 def beside_reading(costs: dict[str, Cost], spread: Cost, start_s: float, units: int, limit: float) -> None:
-    """Print the ratios to reading on one core: of CPU on one core, and of time on all cores less their start."""
+    """Print ratios to reading on one core: CPU time on one core, and time on all cores less their start."""
     print(f"Starting the workers, with a table of one unit, took {start_s:.2f} s.\n")
     print("| job | CPU, s | µs a unit | ÷ reading | all cores, s | less start ÷ reading | limit | peak memory, MB |")
     print("|---|---:|---:|---:|---:|---:|---:|---:|")
@@ -207,8 +206,8 @@ def beside_reading(costs: dict[str, Cost], spread: Cost, start_s: float, units: 
 
 
 def beside_peers(pool: Sequence[Specimen], folder: Path, costs: dict[str, Cost], units: int) -> None:
-    """Print what other fits cost and give, unit by unit, beside the whole fleet's cost by the unit."""
-    some = [numbered(pool, number) for number in range(min(PEERED, len(pool)))]
+    """Print cost and accuracy of other fits, unit by unit, and of the fleet per unit."""
+    some = [numbered(pool, number) for number in range(min(PEER_UNITS, len(pool)))]
     ours = costs["fit"].cpu_s / units
     print("\n| unit by unit | ms a unit | ÷ the fleet | error, ° rms | failed |\n|---|---:|---:|---:|---:|")
     for label, peer in PEERS.items():
@@ -220,10 +219,10 @@ def beside_peers(pool: Sequence[Specimen], folder: Path, costs: dict[str, Cost],
 
 
 def of_parts(folder: Path, whole: Path) -> None:
-    """Print what writing a part and taking it away costs the one that started the run."""
+    """Print the cost of writing and removing a part."""
     out = folder.with_suffix(".parquet")
     run(str(whole / "part-00000.parquet"), out, Options(), workers=0)
-    content = UnitResults.read(out)[:A_PART].to_bytes()
+    content = UnitResults.read(out)[:PART_ROWS].to_bytes()
     folder.mkdir()
     parts = Checkpoint(folder)
     begin = perf_counter()
@@ -232,12 +231,14 @@ def of_parts(folder: Path, whole: Path) -> None:
     written = perf_counter()
     parts.remove()
     each, away = ((end - start) / PARTS * 1e3 for start, end in ((begin, written), (written, perf_counter())))
-    print(f"\nA part of {A_PART} rows, {len(content) / 1e3:.0f} kB: {each:.2g} ms to write, {away:.2g} ms to remove.")
+    print(
+        f"\nA part of {PART_ROWS} rows, {len(content) / 1e3:.0f} kB: {each:.2g} ms to write, {away:.2g} ms to remove."
+    )
 
 
 def curve(folder: Path, pool: Sequence[Specimen], units: int) -> None:
-    """Print a row of cost by the number of units, on all cores with everything that belongs to a run."""
-    size = write(folder, pool, units, files=max(1, units // A_FILE))
+    """Print a row of the cost of a whole run on all cores, for a number of units."""
+    size = write(folder, pool, units, files=max(1, units // UNITS_PER_FILE))
     read, fits = measured("read", folder, workers=0), measured("fit", folder)
     for path in folder.iterdir():
         path.unlink()
@@ -249,7 +250,7 @@ def curve(folder: Path, pool: Sequence[Specimen], units: int) -> None:
 
 
 def plain_ellipsoid(field: Floats) -> Ellipsoid:
-    """The script that most copy: nine coefficients by least squares, with those of x², y², z² adding up to three."""
+    """Ellipsoid of the most copied script: nine coefficients by least squares, those of x², y², z² with sum three."""
     origin, scale = field.mean(axis=0), float(field.std())
     x, y, z = ((field - origin) / scale).T
     columns = [x * x + y * y - 2 * z * z, x * x + z * z - 2 * y * y, 2 * x * y, 2 * x * z, 2 * y * z, x, y, z, x**0]
@@ -259,7 +260,7 @@ def plain_ellipsoid(field: Floats) -> Ellipsoid:
 
 
 def by_magnitude(field: Floats) -> Ellipsoid:
-    """``|W(x − b)| = 1`` by SciPy's Levenberg–Marquardt: what magcc, ArduPilot and MicroStrain minimise."""
+    """``|W(x − b)| = 1`` by SciPy's Levenberg–Marquardt, as in magcc, ArduPilot and MicroStrain."""
     from scipy.optimize import least_squares
 
     origin, scale = field.mean(axis=0), float(field.std()) * 3.0**0.5
@@ -292,7 +293,7 @@ def by_distance(field: Floats) -> Ellipsoid:
 
 
 def li(field: Floats) -> Ellipsoid:
-    """Li and Griffiths' fit, of Magneto and many scripts, as `flinders` has it."""
+    """Li and Griffiths' fit, of Magneto and many scripts, in the implementation of `flinders`."""
     return METHODS["li"]().estimate(Readings.of(field)).ellipsoid
 
 
@@ -311,7 +312,7 @@ PEERS: Final[dict[str, Callable[[Floats], Ellipsoid]]] = {
 
 
 def _job(job: str, folder: str, workers: int) -> dict[str, float]:
-    """Do a job here, and tell what it took; what is imported once is not of it, but workers are started."""
+    """Run a job in this process and return its cost, without imports but with the start of workers."""
     paths = sorted(Path(folder).iterdir())
     _do(job, str(paths[0]), paths[:1], 0)
     begin, cpu = perf_counter(), _cpu_s()
@@ -322,13 +323,13 @@ def _job(job: str, folder: str, workers: int) -> dict[str, float]:
 
 
 def _peak_kb() -> int:
-    """Memory of this process at the peak, in kB; ``ru_maxrss`` may be that of the process that started it."""
+    """Peak memory of this process, kB; ``ru_maxrss`` may be that of its parent."""
     status = Path("/proc/self/status").read_text()
     return int(status.partition("VmHWM:")[2].split()[0])
 
 
 def _do(job: str, where: str, paths: Sequence[Path], workers: int) -> None:
-    """Read files, hand the readings to the engine alone, or calibrate all units."""
+    """Run a job: read files, run the engine alone, or calibrate all units."""
     if job == "read":
         for path in paths:
             into_numpy(path)
@@ -344,13 +345,13 @@ def _do(job: str, where: str, paths: Sequence[Path], workers: int) -> None:
 
 
 def _cpu_s() -> float:
-    """Seconds of CPU of this process and of those workers that have ended."""
+    """CPU seconds of this process and of its ended workers."""
     some = [resource.getrusage(who) for who in (resource.RUSAGE_SELF, resource.RUSAGE_CHILDREN)]
     return sum(used.ru_utime + used.ru_stime for used in some)
 
 
 def _calibrated(folder: Path, some: Sequence[Specimen]) -> list[Ellipsoid | None]:
-    """What the fleet's table says of some units."""
+    """Ellipsoids of some units from the fleet's table."""
     with tempfile.TemporaryDirectory() as made:
         out = Path(made) / "out.parquet"
         run(str(folder / "part-00000.parquet"), out, Options(), workers=0)
@@ -371,7 +372,7 @@ def _tried(peer: Callable[[Floats], Ellipsoid], field: Floats) -> Ellipsoid | No
 
 
 def _accuracy(found: Sequence[Ellipsoid | None], some: Sequence[Specimen]) -> str:
-    """Root mean square angle error over units, and how many have none."""
+    """Cells: root mean square angle error over units, and number of units without a result."""
     errors = [
         angle_error_deg(np.linalg.inv(ellipsoid.shape), ellipsoid.centre, cast("Simulated", unit))
         for ellipsoid, unit in zip(found, some, strict=False)
@@ -382,13 +383,13 @@ def _accuracy(found: Sequence[Ellipsoid | None], some: Sequence[Specimen]) -> st
 
 
 def _median(costs: Sequence[Cost]) -> Cost:
-    """The middle of each number."""
+    """Median of each number."""
     values = np.median([(cost.cpu_s, cost.wall_s, cost.rss_mb) for cost in costs], axis=0).tolist()
     return Cost(*cast("tuple[Any, Any, Any]", tuple(values)))
 
 
 def _judged(value: float, limit: float | None) -> str:
-    """Write a number beside its limit, in bold where it is beyond."""
+    """Write a number with its limit, in bold if beyond."""
     if limit is None:
         return f"{value:.3g} | –"
     return f"{value:.3g} | {limit:g}" if value <= limit else f"**{value:.3g}** | {limit:g}"

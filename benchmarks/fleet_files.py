@@ -1,10 +1,10 @@
-"""A fleet with a file for each unit: what looking at the files takes before any work begins, and calibrating a unit.
+"""Cost of a fleet with a file for each unit: inspecting the files, and calibrating a unit.
 
     python -m benchmarks.fleet_files [--files 2000] [--latency 0.03] [--units 600]
 
-The store is `benchmarks.bucket` on this machine, which waits so long before each answer. Files have a unit each, so
-that each has a footer to be read and nothing else. "One at a time" is what threads are held against. Then follows the
-processor time of one core for a unit of 500 readings in a file of its own, the least of five runs. Prints Markdown.
+The store is `benchmarks.bucket` on this machine, which delays each answer. Each file has one unit, so that only its
+footer is read. "One at a time" is the reference for threads. A second table has the processor time of one core for a
+unit of 500 readings in its own file, the least of five runs. Prints Markdown.
 """
 
 from __future__ import annotations
@@ -24,11 +24,11 @@ from flinders.apps.fleet.options import Options
 from flinders.apps.fleet.simulate import fleet
 
 REPEATS = 5
-"""Runs, of which the least counts."""
+"""Number of runs; the shortest counts."""
 
 
 def write(folder: Path, files: int) -> None:
-    """Write files of a hundred readings of a unit each."""
+    """Write files with one unit of a hundred readings each."""
     import pyarrow
     from pyarrow import parquet
 
@@ -39,7 +39,7 @@ def write(folder: Path, files: int) -> None:
 
 
 def looked(where: str, at_once: int) -> tuple[float, str]:
-    """Seconds that it took to plan, and the plan's fingerprint, which must not depend on how it was done."""
+    """Seconds for the plan, and the plan's fingerprint, which must not depend on the method."""
     plan.LOOKS, usual = at_once, plan.LOOKS  # type: ignore[misc]
     begun = perf_counter()
     try:
@@ -50,7 +50,7 @@ def looked(where: str, at_once: int) -> tuple[float, str]:
 
 
 def write_units(folder: Path, kind: str, units: int) -> None:
-    """Write files of 500 readings of a unit each, as Parquet or as text."""
+    """Write files with one unit of 500 readings each, as Parquet or as text."""
     import pyarrow
     from pyarrow import csv, parquet
 
@@ -61,11 +61,11 @@ def write_units(folder: Path, kind: str, units: int) -> None:
 
 
 def unit_ms(kind: str, units: int) -> float:
-    """Processor time of one core, ms a unit."""
+    """Processor time on one core, ms a unit."""
     with tempfile.TemporaryDirectory() as made, tempfile.TemporaryDirectory() as out:
         write_units(Path(made), kind, units)
         times = []
-        for number in range(REPEATS + 1):  # the first imports what the others find
+        for number in range(REPEATS + 1):  # the first run imports modules
             begun = process_time()
             run(made, Path(out) / f"{number}.parquet", Options(), workers=0)
             times.append(process_time() - begun)

@@ -1,11 +1,11 @@
-"""A table of a fleet that grows: what it costs to extend it, and whether it survives being killed.
+"""Cost of extending the table of a growing fleet, and its survival of kills.
 
     python -m benchmarks.fleet_growth                                   # 2,000 units, extended by 200: half a minute
     python -m benchmarks.fleet_growth --units 50000 --added 500 --kills 10      # the claim: some minutes
 
-A line writes a log for each unit. The program that extends the table of all units by the new ones is timed against the
-program that calibrates the new ones alone, one after the other, several times. Then it is killed at random moments and
-started again, until it ends; the table is compared byte for byte with that of a run that nobody disturbed.
+A production line writes a log for each unit. Extending the table of all units by new ones is timed against calibrating
+the new ones alone, in turn, several times. Then the program is killed at random moments and started again until it
+ends; its table is compared byte for byte with that of an undisturbed run.
 """
 
 from __future__ import annotations
@@ -28,13 +28,13 @@ from tests.waiting import running_in, wait_until
 from flinders import simulate
 
 READINGS, BEFORE = 500, 100
-"""Of a log that the table is extended by, and of one that it has already, which is never opened again."""
+"""Readings of a new log, and of an older one, which is not opened again."""
 SENSORS = 500
-"""Different recordings; the logs of other units are links to these."""
+"""Number of different recordings; logs of other units are links to these."""
 
 
 def write_logs(folder: Path, first: int, count: int, readings: int = READINGS) -> list[Path]:
-    """A log for each of some units, whose serial number is its name."""
+    """Write a log for each of some units, named by serial number."""
     folder.mkdir(exist_ok=True)
     tumbles = [simulate.tumble(seed=seed, n=readings, motion="uniform").samples.field for seed in range(10)]
     paths: list[Path] = []
@@ -51,13 +51,13 @@ def write_logs(folder: Path, first: int, count: int, readings: int = READINGS) -
 
 
 def started(source: Path, out: Path, *words: str) -> subprocess.Popen[bytes]:
-    """The program."""
+    """Start the program."""
     command = [sys.executable, "-m", "flinders", "fleet", str(source), "--output", str(out), *words]
     return subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, start_new_session=True)
 
 
 def seconds_of(source: Path, out: Path, *words: str) -> float:
-    """How long the program takes."""
+    """Duration of the program, s."""
     begun = time.monotonic()
     program = started(source, out, *words)
     if program.wait() not in {0, 3}:
@@ -66,7 +66,7 @@ def seconds_of(source: Path, out: Path, *words: str) -> float:
 
 
 def killed(source: Path, out: Path, usual_s: float, rng: random.Random) -> int:
-    """Kill the program at a random moment, again and again, each time with half the chance, until it ends."""
+    """Kill the program at random moments, with half the probability each time, until it ends."""
     kills = 0
     while True:
         program = started(source, out, "--append")

@@ -1,10 +1,10 @@
-"""A fleet while it is being killed: its workers and the program itself, at random moments.
+"""Runs of a fleet whose workers, or the program itself, are killed at random moments.
 
     python -m benchmarks.fleet_kills [--times 10]
     python -m benchmarks.fleet_kills --scheduler [--times 5]     # workers and the scheduler of a Dask cluster instead
 
-Each line is one run whose table is compared byte for byte with that of a run which nobody disturbed. The cluster is a
-scheduler and two workers, each a process that nobody starts again.
+Each line is one run whose table is compared byte for byte with that of an undisturbed run. The cluster is a scheduler
+and two workers, processes that are not restarted.
 """
 
 from __future__ import annotations
@@ -41,7 +41,7 @@ FILES, UNITS, READINGS = 48, 50, 300
 
 
 def written(folder: Path) -> str:
-    """A fleet of files with units of their own."""
+    """Write a fleet of files, each with its own units."""
     tumbles = [simulate.tumble(seed=seed, n=READINGS, motion="uniform").samples.field for seed in range(10)]
     rng = np.random.default_rng(0)
     for place in range(FILES):
@@ -54,7 +54,7 @@ def written(folder: Path) -> str:
 
 
 def worker_killed(source: str, out: Path, after: int) -> str:
-    """Kill a worker by its pid once so many partitions are done."""
+    """Kill a worker by its pid after some partitions."""
     done: list[int] = []
     killed: list[int] = []
 
@@ -70,7 +70,7 @@ def worker_killed(source: str, out: Path, after: int) -> str:
 
 
 def started(source: str, out: Path, after: int, *words: str) -> subprocess.Popen[str]:
-    """The program, once so many partitions are done."""
+    """Start the program, and return it after some partitions."""
     out.unlink(missing_ok=True)
     command = [sys.executable, "-m", "flinders", "fleet", source, "--output", str(out), *words]
     program = subprocess.Popen(
@@ -83,17 +83,17 @@ def started(source: str, out: Path, after: int, *words: str) -> subprocess.Popen
 
 
 def program_killed(source: str, out: Path, after: int) -> str:
-    """Kill the program once so many partitions are done, and go on."""
+    """Kill the program after some partitions, and continue."""
     return ended_by(signal.SIGKILL, source, out, after)
 
 
 def program_interrupted(source: str, out: Path, after: int) -> str:
-    """Press Ctrl-C once so many partitions are done, and go on."""
+    """Interrupt the program like Ctrl-C after some partitions, and continue."""
     return ended_by(signal.SIGINT, source, out, after)
 
 
 def ended_by(number: signal.Signals, source: str, out: Path, after: int) -> str:
-    """End the program by a signal, wait until its workers have ended too, and go on."""
+    """End the program by a signal, wait for the end of its workers, and continue."""
     program = started(source, out, after, "--workers", "2")
     program.send_signal(number)
     begun = time.monotonic()
@@ -137,12 +137,12 @@ class Cluster:
         self.workers.append(self._begun("dask_worker", self.address, *words))
 
     def wait(self) -> None:
-        """Until all workers are there."""
+        """Wait until all workers are connected."""
         with Client(self.address, timeout=60, set_as_default=False) as client:  # type: ignore[no-untyped-call]
             client.wait_for_workers(len(self.workers), timeout=60)
 
     def end(self) -> None:
-        """Kill what is left of it."""
+        """Kill the remaining processes."""
         for process in (*self.workers, self.scheduler):
             process.kill()
             process.wait()
@@ -150,7 +150,7 @@ class Cluster:
 
 @contextlib.contextmanager
 def cluster() -> Iterator[Cluster]:
-    """A cluster that is ready."""
+    """Yield a ready cluster."""
     made = Cluster()
     try:
         made.wait()
@@ -160,7 +160,7 @@ def cluster() -> Iterator[Cluster]:
 
 
 def cluster_worker_killed(source: str, out: Path, after: int) -> str:
-    """Kill a worker of a cluster by its pid once so many partitions are done; nobody takes its place."""
+    """Kill a worker of a cluster by its pid after some partitions, without a replacement."""
     done: list[int] = []
     with cluster() as made:
 
@@ -174,7 +174,7 @@ def cluster_worker_killed(source: str, out: Path, after: int) -> str:
 
 
 def scheduler_killed(source: str, out: Path, after: int) -> str:
-    """Kill the scheduler once so many partitions are done, start another cluster, and go on."""
+    """Kill the scheduler after some partitions, start another cluster, and continue."""
     with cluster() as made:
         program = started(source, out, after, "--scheduler", made.address)
         made.scheduler.kill()

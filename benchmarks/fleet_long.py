@@ -1,11 +1,11 @@
-"""One very long unit beside units of ten readings: what memory and time `flinders fleet` takes by its length.
+"""Memory and time of `flinders fleet` for one very long unit among units of ten readings, by its length.
 
     OPENBLAS_NUM_THREADS=1 python -m benchmarks.fleet_long [--readings 1000000 10000000 100000000] [--outliers 0.01]
 
-The long unit turns about all axes at rates that have no common period, with white noise, in steps of the sensor; a
-share of its readings may be outliers, so that it is fitted robustly and they are listed. It is written in row groups of
-a million, single precision, between small units in the same file. Each length has a process of its own, whose memory
-at the peak is told, and the error of its calibration by the truth. Prints Markdown.
+The long unit turns about all axes at incommensurable rates, with white noise and quantisation; a share of its readings
+may be outliers, which need a robust fit and are listed. It is written in row groups of a million, in single precision,
+between small units in the same file. Each length runs in its own process. Prints peak memory and the true error of the
+calibration, as Markdown.
 """
 
 from __future__ import annotations
@@ -29,17 +29,17 @@ if TYPE_CHECKING:
     from flinders.arrays import Floats
 
 READINGS: Final = (1_000_000, 10_000_000, 100_000_000)
-SMALL: Final = 100
+SMALL_UNITS: Final = 100
 """Units of ten readings before and after the long one."""
 GROUP: Final = 1_000_000
 """Rows of a row group."""
 MATRIX: Final = np.array([[46.0, 2.0, 0.0], [2.0, 50.0, -1.0], [0.0, -1.0, 55.0]])
 OFFSET: Final = np.array([20.0, -120.0, 90.0])
-"""Of the long sensor, µT: its readings are ``MATRIX @ direction + OFFSET``."""
+"""Long sensor, µT: its readings are ``MATRIX @ direction + OFFSET``."""
 NOISE_UT, STEP_UT, AWAY_UT = 0.3, 0.1, 30.0
-"""Of its noise, of its steps, and of a stray."""
+"""Noise (1 σ), quantisation step, and size of an outlier."""
 RATES: Final = (1.0, np.sqrt(2.0), np.pi)
-"""Of its turns about three axes, rad/s, at 50 readings a second."""
+"""Turn rates about three axes, rad/s, at 50 readings a second."""
 
 
 def turned(first: int, count: int, rng: np.random.Generator, outliers: float) -> Floats:
@@ -59,11 +59,11 @@ def turned(first: int, count: int, rng: np.random.Generator, outliers: float) ->
 
 
 def write(path: Path, readings: int, outliers: float) -> int:
-    """Write the fleet, piece by piece, and return how many bytes it has."""
+    """Write the fleet in pieces, and return its size in bytes."""
     from pyarrow import parquet
 
     rng = np.random.default_rng(1)
-    before, long, after = ([f"{letter}{number:03}" for number in range(SMALL)] for letter in "ABC")
+    before, long, after = ([f"{letter}{number:03}" for number in range(SMALL_UNITS)] for letter in "ABC")
     with parquet.ParquetWriter(path, _small(before, rng).schema) as writer:
         writer.write_table(_small(before, rng))
         for first in range(0, readings, GROUP):
@@ -74,8 +74,10 @@ def write(path: Path, readings: int, outliers: float) -> int:
 
 
 def _small(names: list[str], rng: np.random.Generator) -> Any:  # noqa: ANN401 - pyarrow ships no types
-    """Units of ten readings each."""
-    return _table(names, np.repeat(np.arange(SMALL, dtype=np.int32), 10), turned(0, 10 * SMALL, rng, 0.0), 0)
+    """Table of units of ten readings each."""
+    return _table(
+        names, np.repeat(np.arange(SMALL_UNITS, dtype=np.int32), 10), turned(0, 10 * SMALL_UNITS, rng, 0.0), 0
+    )
 
 
 def _table(names: list[str], whose: Any, field: Floats, first: int) -> Any:  # noqa: ANN401
@@ -87,7 +89,7 @@ def _table(names: list[str], whose: Any, field: Floats, first: int) -> Any:  # n
 
 
 def job(path: str) -> dict[str, Any]:
-    """Calibrate it here, with no other process, and tell what that took and came to."""
+    """Calibrate in this process, and return cost and result."""
     begun = perf_counter()
     with tempfile.TemporaryDirectory() as made:
         told = run(path, Path(made) / "out.parquet", Options(), workers=0)

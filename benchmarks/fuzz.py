@@ -1,11 +1,10 @@
-"""Fuzzer: samples of every format and wire, mutated and read in forked children with limits of time and memory.
+"""Fuzzer: mutates samples of every format and wire, and reads them in forked children with limits of time and memory.
 
     uv run python -m benchmarks.fuzz [--inputs 100000] [--seed 1] [--target page|fleet] [--into FOLDER] [--of FILE ...]
 
-An input is a sample with one to four mutations, and follows from seed and number alone. Whatever does not end in a
-result or an error of Flinders is a finding: another exception, a warning, the end of the child, more than `MOST_CPU_S`
-of CPU, more than `MOST_GROWTH_MB` of memory, or an answer of the page that is none. A finding is cut to what it needs,
-and written into the folder.
+An input is a sample with one to four mutations, determined by seed and number. An outcome other than a result or an
+error of Flinders is a finding: another exception, a warning, the end of the child, more than `MAX_CPU_S` of CPU, more
+than `MAX_GROWTH_MB` of memory, or an invalid answer of the page. A finding is minimised and written to the folder.
 """
 
 from __future__ import annotations
@@ -36,34 +35,34 @@ if TYPE_CHECKING:
 
     from flinders.arrays import Floats
 
-MOST_CPU_S: Final = 10
-MOST_GROWTH_MB: Final = 300
-LONGEST_WAIT_S: Final = 600
-"""Seconds after which an input ends its child that takes no CPU: on a loaded machine ten take minutes."""
+MAX_CPU_S: Final = 10
+MAX_GROWTH_MB: Final = 300
+MAX_WAIT_S: Final = 600
+"""Longest duration of an input without CPU use, s; generous for a loaded machine."""
 ADDRESS_SPACE: Final = 16 << 30
-"""Bytes that a child may reserve: what goes beyond is a MemoryError, and no danger to the machine."""
+"""Address space of a child in bytes; more raises MemoryError, which protects the machine."""
 BATCH: Final = 100
-"""Inputs that a child reads, unless it ends before."""
-LONGEST: Final = 600
-"""Characters of a message."""
+"""Inputs per child, unless it ends before."""
+MAX_MESSAGE_LENGTH: Final = 600
+"""Most characters of a message."""
 LARGEST: Final = 300_000
-"""Bytes of a file that are taken: a log has millions, and hundreds of its copies are to be read in seconds."""
-FLEET: Final = "fleet-"
-"""Before the kinds of tables of many units."""
+"""Bytes of a file to use, as hundreds of copies have to be read in seconds."""
+FLEET_PREFIX: Final = "fleet-"
+"""Prefix of the kinds of tables of many units."""
 WORDS: Final = tuple(
     struct.pack(f"{order}{kind}", value)
     for order in "<>"
     for kind, values in (("B", (0, 1, 255)), ("H", (0, 0xFFFF)), ("I", (0, 1, 0x7FFFFFFF, 0xFFFFFFFF)), ("Q", (2**40,)))
     for value in values
 )
-"""Lengths and counts that lie."""
+"""Wrong lengths and counts."""
 NUMBERS: Final = (b"1e308", b"-1e300", b"nan", b"inf", b"", b"0x1p9", b"9" * 400, b"\xff\xfe", b"1" * 5000, b"\0", b'"')
-"""What stands in the place of a number of text."""
+"""Replacements of numbers in text."""
 
 
 @dataclass(frozen=True)
 class Input:
-    """A mutated sample, and what reads it."""
+    """A mutated sample with its kind."""
 
     kind: str  # of `SAMPLES`
     content: bytes
@@ -71,7 +70,7 @@ class Input:
 
 @dataclass(frozen=True)
 class Finding:
-    """An input that ended in another way than it should."""
+    """An input with an unexpected outcome."""
 
     number: int
     input: Input
@@ -82,7 +81,7 @@ class Finding:
 
 
 def samples(folder: Path, rows: int = 80) -> dict[str, bytes]:
-    """A sample of each format, and of what comes over a wire; written in a child, as some libraries start threads."""
+    """A sample of each format and wire, written in a child, as some libraries start threads."""
     child = os.fork()
     if not child:
         _write_samples(folder, rows)
@@ -93,7 +92,7 @@ def samples(folder: Path, rows: int = 80) -> dict[str, bytes]:
 
 
 def _write_samples(folder: Path, rows: int) -> None:
-    """Write the samples, each in a file that is named for what reads it."""
+    """Write the samples, each to a file named by its kind."""
     from tests.flight_log import dataflash
     from tests.samples import WRITERS
 
@@ -128,8 +127,8 @@ def _write_fleets(folder: Path, field: Floats) -> None:
 
     axes = dict(zip(("mx_mG", "my_mG", "mz_mG"), field.T, strict=True))
     table = pyarrow.table({"unit": np.repeat(["A17", "B02"], len(field) // 2), **axes})
-    parquet.write_table(table, folder / f"{FLEET}parquet", row_group_size=len(field) // 4)
-    with ipc.new_file(folder / f"{FLEET}arrow", table.schema) as writer:
+    parquet.write_table(table, folder / f"{FLEET_PREFIX}parquet", row_group_size=len(field) // 4)
+    with ipc.new_file(folder / f"{FLEET_PREFIX}arrow", table.schema) as writer:
         writer.write_table(table, max_chunksize=len(field) // 4)
 
 
@@ -146,7 +145,7 @@ def _packets(tlog: bytes) -> Iterator[bytes]:
 
 
 def mutated(kinds: Mapping[str, bytes], seed: int, number: int) -> Input:
-    """Make the input of a number."""
+    """Return the input with a number."""
     rng = np.random.default_rng([seed, number])
     kind = str(rng.choice(list(kinds)))
     content = kinds[kind]
@@ -163,13 +162,13 @@ def _flip_bits(content: bytes, rng: np.random.Generator, _: Mapping[str, bytes])
 
 
 def _lie(content: bytes, rng: np.random.Generator, _: Mapping[str, bytes]) -> bytes:
-    """Write a length or a count over what is there."""
+    """Overwrite bytes with a length or a count."""
     (place,), word = _places(content, rng, 1), WORDS[rng.integers(len(WORDS))]
     return content[:place] + word + content[place + len(word) :]
 
 
 def _renumber(content: bytes, rng: np.random.Generator, _: Mapping[str, bytes]) -> bytes:
-    """Put something else in the place of what stands between two delimiters."""
+    """Replace the text between two delimiters."""
     (place,) = _places(content, rng, 1)
     start = max(content.rfind(mark, 0, place) for mark in (b",", b" ", b":", b"\n")) + 1
     end = min((at for mark in (b",", b" ", b"\n") if (at := content.find(mark, start)) >= 0), default=start)
@@ -193,7 +192,7 @@ def _splice(content: bytes, rng: np.random.Generator, kinds: Mapping[str, bytes]
 
 
 def _repeat(content: bytes, rng: np.random.Generator, _: Mapping[str, bytes]) -> bytes:
-    """Repeat a piece, up to a million bytes: a huge line, a table of a thousand columns, zeros of a preallocation."""
+    """Repeat a piece, up to a million bytes, for huge lines, tables of many columns, or preallocated zeros."""
     (start,) = _places(content, rng, 1)
     piece = bytes(64) if rng.integers(4) == 0 else content[start : start + int(rng.integers(1, 64))]
     place = len(content) if rng.integers(2) else start
@@ -201,7 +200,7 @@ def _repeat(content: bytes, rng: np.random.Generator, _: Mapping[str, bytes]) ->
 
 
 def _places(content: bytes, rng: np.random.Generator, count: int) -> list[int]:
-    """Places of bytes: anywhere, or in the first or last kilobyte, where headers and footers are."""
+    """Positions of bytes: anywhere, or in the first or last kilobyte, with headers and footers."""
     start = int(rng.choice([0, 0, 0, max(len(content) - 1024, 0)]))
     end = int(rng.choice([len(content), min(start + 1024, len(content))]))
     return [int(place) for place in rng.integers(start, max(end, start + 1), count)]
@@ -214,7 +213,7 @@ MUTATIONS: Final = (_flip_bits, _flip_bits, _lie, _renumber, _truncate, _remove,
 
 
 def read_file(content: bytes, folder: Path, _: str) -> None:
-    """Go through all that a file holds."""
+    """Read the whole content of a file."""
     import flinders
 
     path = folder / "input"
@@ -226,18 +225,18 @@ def read_file(content: bytes, folder: Path, _: str) -> None:
 
 
 def calibrate_fleet(content: bytes, folder: Path, kind: str) -> None:
-    """Make the table of a fleet of one file."""
+    """Calibrate a fleet of one file."""
     from flinders.apps.fleet.job import run as calibrate
     from flinders.apps.fleet.options import Options
 
     fleet = folder / "fleet"
     fleet.mkdir(exist_ok=True)
-    (fleet / f"units.{kind.removeprefix(FLEET)}").write_bytes(content)
+    (fleet / f"units.{kind.removeprefix(FLEET_PREFIX)}").write_bytes(content)
     calibrate(str(fleet / "units.*"), folder / "out.parquet", Options(), workers=0, force=True)
 
 
 def read_live(content: bytes, _: Path, kind: str) -> None:
-    """Take what comes over a wire, as lines or as MAVLink."""
+    """Read the input of a wire, as lines or as MAVLink."""
     if kind == "live-mavlink":
         _read_mavlink(content)
         return
@@ -262,27 +261,27 @@ def _read_mavlink(content: bytes) -> None:
 
 
 def ask_page(content: bytes, folder: Path, kind: str) -> None:
-    """Drop a file on the page, and finish: it answers with words, or a refusal, and goes on."""
+    """Upload a file to the page and finish: the page must answer with a result or a refusal, and continue."""
     client = _client(str(folder))
     answer = client.post(f"/open?name={kind}", content=content)
     told = json.loads(_head(answer.content)) if answer.status_code == 200 else answer.json()
     if answer.status_code not in (200, 413, 422) or "words" not in told:
-        raise AssertionError(f"the page answers {answer.status_code}: {answer.text[:LONGEST]}")
+        raise AssertionError(f"the page answers {answer.status_code}: {answer.text[:MAX_MESSAGE_LENGTH]}")
     if answer.status_code == 200:
         made = client.post(f"/finish?log={told['number']}", content=b'{"type":"edits"}')
         if made.status_code != 200:
-            raise AssertionError(f"the page answers {made.status_code}: {made.text[:LONGEST]}")
+            raise AssertionError(f"the page answers {made.status_code}: {made.text[:MAX_MESSAGE_LENGTH]}")
     assert client.get("/").status_code == 200
 
 
 def _head(content: bytes) -> bytes:
-    """What a page is told of a log, before its readings."""
+    """Facts about a log in the page's answer, before the readings."""
     return content[8 : 8 + int.from_bytes(content[:8], "little")]
 
 
 @cache
 def _client(folder: str) -> TestClient:
-    """A page's client, with a server of its own in this process."""
+    """Client of a page with its own server in this process."""
     from flinders import simulate
     from flinders.apps.live.access import Gate
     from flinders.apps.live.hub import Hub
@@ -310,21 +309,21 @@ if TYPE_CHECKING:
 
 
 def reader_of(kind: str, target: str) -> Callable[[bytes, Path, str], None]:
-    """What reads an input."""
+    """Return the function that reads an input."""
     if target != "readers":
         return ask_page if target == "page" else calibrate_fleet
     return read_live if kind.startswith("live-") else read_file
 
 
 def is_for(kind: str, target: str) -> bool:
-    """Whether a sample is of use to a target."""
+    """Whether a sample is suitable for a target."""
     if target == "fleet":
-        return kind.startswith(FLEET)
+        return kind.startswith(FLEET_PREFIX)
     return target == "readers" or not kind.startswith("live-")
 
 
 def outcome(given: Input, folder: Path, target: str) -> str:
-    """Read an input: empty where all is well, else what went wrong."""
+    """Read an input, and return a description of a failure, or empty."""
     from flinders.errors import FlindersError
 
     begun, memory = time.process_time(), _memory_mb("VmRSS")
@@ -335,21 +334,21 @@ def outcome(given: Input, folder: Path, target: str) -> str:
             reader_of(given.kind, target)(given.content, folder, given.kind)
         except FlindersError as error:
             message = str(error)
-            if not message.isprintable() or len(message) > LONGEST:
-                return f"a message of {len(message)} characters: {message[:LONGEST]!r}"
+            if not message.isprintable() or len(message) > MAX_MESSAGE_LENGTH:
+                return f"a message of {len(message)} characters: {message[:MAX_MESSAGE_LENGTH]!r}"
         except BaseException as error:  # noqa: BLE001 - that is what is looked for
             return f"{type(error).__name__}: {str(error)[:200]} in {_place(error)}"
     if ours := [each for each in warned if "flinders" in each.filename]:
         return f"warning: {ours[0].message} in {Path(ours[0].filename).name}:{ours[0].lineno}"
-    if _memory_mb("VmHWM") - memory > MOST_GROWTH_MB:
+    if _memory_mb("VmHWM") - memory > MAX_GROWTH_MB:
         return "more memory than it may take"
-    if time.process_time() - begun > MOST_CPU_S:
+    if time.process_time() - begun > MAX_CPU_S:
         return "more time than it may take"
     return ""
 
 
 def _place(error: BaseException) -> str:
-    """The last lines that an exception passed."""
+    """Last lines in the traceback of an exception."""
     frames = traceback.extract_tb(error.__traceback__)[-6:]
     return " ".join(f"{Path(frame.filename).name}:{frame.lineno}" for frame in frames)
 
@@ -364,7 +363,7 @@ def _memory_mb(name: str) -> float:
 
 
 def in_child(inputs: Sequence[Input], target: str) -> Iterator[str]:
-    """Read inputs in a child, and yield what went wrong with each; one that ends the child is the last."""
+    """Read inputs in a child, and yield the outcome of each; one that ends the child is the last."""
     reading, writing = os.pipe()
     child = os.fork()
     if not child:
@@ -390,14 +389,14 @@ def _serve(inputs: Sequence[Input], target: str, writing: int) -> None:
         os.dup2(silence.fileno(), 1)
         os.dup2(silence.fileno(), 2)
         for given in inputs:
-            signal.setitimer(signal.ITIMER_PROF, MOST_CPU_S)  # ends the child
-            signal.alarm(LONGEST_WAIT_S)  # and where it waits for something that does not come
+            signal.setitimer(signal.ITIMER_PROF, MAX_CPU_S)  # ends the child
+            signal.alarm(MAX_WAIT_S)  # and where it waits for something that does not come
             words = outcome(given, Path(folder), target)
             os.write(writing, json.dumps(words).encode() + b"\n")
 
 
 def findings(kinds: Mapping[str, bytes], target: str, seed: int, numbers: range) -> Iterator[Finding]:
-    """Read so many inputs, and yield those that go wrong."""
+    """Read inputs with some numbers, and yield findings."""
     start = numbers.start
     while start < numbers.stop:
         inputs = [mutated(kinds, seed, number) for number in range(start, min(start + BATCH, numbers.stop))]
@@ -409,7 +408,7 @@ def findings(kinds: Mapping[str, bytes], target: str, seed: int, numbers: range)
 
 
 def minimised(finding: Finding, target: str, tries: int = 300) -> Finding:
-    """Take out of an input what it does not need to go wrong in the same way."""
+    """Remove parts of an input that do not affect its failure."""
     content, step = finding.input.content, len(finding.input.content) // 2
     while step and tries > 0:
         for start in range(0, len(content), step):
@@ -431,12 +430,12 @@ def _alike(words: str, others: str) -> bool:
 
 
 def _kind(words: str) -> str:
-    """Shorten a finding to what it is and where."""
+    """Shorten a finding to its kind and place."""
     return f"{words.partition(':')[0]} {words.rpartition(' ')[2][:40]}"
 
 
 def preload() -> None:
-    """Import what readers need before children are made of this process."""
+    """Import modules that readers need before forking."""
     for name in ("h5py", "pyarrow.parquet", "pyarrow.ipc", "pyarrow.compute", "pyulog", "rosbags.highlevel",
                  "pymavlink.dialects.v20.common", "flinders.links.transcript",
                  "flinders.apps.vehicles.mavlink"):  # fmt: skip
@@ -445,9 +444,9 @@ def preload() -> None:
 
 
 def run(inputs: int, seed: int, target: str, into: Path | None = None, of: Sequence[Path] = ()) -> Counter[str]:
-    """Read inputs, and count the findings of each kind; what is new is printed, and written into a folder.
+    """Read inputs, count the findings of each kind, and print and write new ones.
 
-    They are made of the files `of`, or of all samples.
+    Inputs are mutations of the files `of`, or of all samples.
     """
     preload()
     with tempfile.TemporaryDirectory() as folder:
@@ -467,7 +466,7 @@ def run(inputs: int, seed: int, target: str, into: Path | None = None, of: Seque
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
-    """Run it from the command line."""
+    """Run the fuzzer from the command line."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--inputs", type=int, default=100_000)
     parser.add_argument("--seed", type=int, default=1)

@@ -1,14 +1,14 @@
-"""How often a calibration is within twice its claim until the time that is stated for that.
+"""Share of calibrations within twice their claim at the stated time of validity.
 
     python -m benchmarks.good_until [--units 300]
 
-Simulated units have an offset that walks at a rate drawn from what is usual of units, and a claim of 0.05° to 1°. *By
-what is usual* is the time by the middle of the usual rates, *its early end* that by their fast end; *by its history* is
-that by the walk that 40 estimates of the offset, four hours apart, tell of the unit. Counted are units whose heading is
-within the bound of 95 % of twice the claim at that time: a claim that has just doubled holds in 95 of 100.
+Simulated units have an offset with a random walk, its rate drawn from the usual distribution, and a claim of 0.05° to
+1°. *By what is usual* is the time for the median of the usual rates, *its early end* that for their fast end; *by its
+history* is that for the walk estimated from 40 offsets of the unit, four hours apart. Units count if their heading
+error is within the bound of 95 % of twice the claim at that time: expected are 95 of 100.
 
-Real pairs are of recordings of one board: calibrations made within a day, and six days apart. *Within* is whether the
-largest difference of the headings of the two is within the bound of 95 % of twice the first claim and the second.
+Real pairs are recordings of one board, with calibrations made within a day, and six days apart. *Within* states whether
+the largest difference of their headings is within the bound of 95 % of twice the first claim and the second.
 """
 
 from __future__ import annotations
@@ -36,14 +36,14 @@ if TYPE_CHECKING:
 FIELD_UT, LEVEL_UT = 50.0, 25.0
 BOUND: Final = 1.96
 RATES: Final = ((0.0003, 0.0006, 0.0012, 0.0025, 0.005, 0.01, 0.02), (0.05, 0.1, 0.2, 0.25, 0.2, 0.15, 0.05))
-"""Usual rates as a share of the field in an hour, and how probable each is: those of ``knowledge.c``."""
+"""Usual rates as a share of the field in an hour, and their probabilities, as in ``knowledge.c``."""
 ESTIMATES, EVERY_H = 40, 4.0
 BOARDS: Final = {
     "JHEF411, one session": ("CalCareful_2282320", "calTest1_198_253_-9", "calTest1_208_249_-2",
                              "calTest1_215_253_0", "calTest1_222_240_-8"),
     "apex5, one day": ("20231014_apex5_mag_on_tpu_02", "20231014_apex5_mag_gyro"),
 }  # fmt: skip
-LATER: Final = ("20231008_apex5_mag_gyro_dedup", "20231014_apex5_mag_on_tpu_02", 6.0)
+LATER_PAIR: Final = ("20231008_apex5_mag_gyro_dedup", "20231014_apex5_mag_on_tpu_02", 6.0)
 """Two recordings of one board, and the days between them."""
 
 
@@ -63,7 +63,7 @@ def main() -> None:
 
 
 def simulated(units: int) -> dict[tuple[str, int], float]:
-    """Share of units that are within twice their claim at the time that is stated."""
+    """Share of units within twice their claim at the stated time."""
     rng = np.random.default_rng(1)
     hits: dict[str, list[bool]] = {"by what is usual": [], "its early end": [], "by its history": []}
     for _ in range(units):
@@ -81,19 +81,19 @@ def simulated(units: int) -> dict[tuple[str, int], float]:
 
 
 def until_of(claim_deg: float, walk: Walk) -> GoodUntil:
-    """When a claim has doubled by a walk."""
+    """Time at which a claim doubles by a walk."""
     return GoodUntil(claim_deg, LEVEL_UT, walk, "prior", None, "prior")
 
 
 def history(rng: np.random.Generator, rate: float) -> Walk | None:
-    """The walk that estimates of an offset over a week tell, each known to 0.1 µT."""
+    """Walk from estimates of an offset over a week, each with 1 σ of 0.1 µT."""
     hours = EVERY_H * np.arange(ESTIMATES)
     truth = np.cumsum(rng.normal(0.0, rate * math.sqrt(EVERY_H), (ESTIMATES, 3)), axis=0)
     return walk_of(HOUR_S * hours, truth + rng.normal(0.0, 0.1, truth.shape), np.full(truth.shape, 0.1))
 
 
 def fitted(name: str) -> Fit | None:
-    """The calibration of a recording; None where there is none."""
+    """Fit of a recording; None without one."""
     (path,) = (FOLDER / "pichim_betaflight").glob(f"{name}.*")
     try:
         samples = flinders.read(path, columns=None if path.suffix == ".csv" else "1,2,3")
@@ -105,22 +105,22 @@ def fitted(name: str) -> Fit | None:
 
 
 def stated(fit: Fit) -> GoodUntil:
-    """When its claim has doubled."""
+    """Time at which the claim of a fit doubles."""
     until = good_until(fit)
     assert until is not None
     return until
 
 
 def is_within(first: Fit, second: Fit) -> bool:
-    """Whether the headings of two calibrations differ by no more than twice the first claim and the second allow."""
+    """Whether the headings of two calibrations agree within the bound of twice the first claim and the second."""
     apart = compare(first, second).heading_difference_deg.worst
     claims = (2.0 * first.heading_error_deg.worst, second.heading_error_deg.worst)
     return bool(apart < BOUND * math.hypot(*claims))
 
 
 def six_days() -> str:
-    """How far two calibrations of one board are apart, and what the older one claims then."""
-    earlier, later, days = LATER
+    """Sentence on the difference of two calibrations of one board, and the older one's claim by then."""
+    earlier, later, days = LATER_PAIR
     first, second = fitted(earlier), fitted(later)
     if first is None or second is None:
         return f"\n{earlier}: no calibration"

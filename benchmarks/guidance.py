@@ -1,14 +1,14 @@
-"""How much turning the advice saves: three users turn a sensor at 90° a second until the worst direction is within 1°.
+"""Turning saved by advice: three users turn a sensor at 90° a second until the worst direction is within 1°.
 
     python -m benchmarks.guidance [--seeds 50] [--noise 0.25,0.5,1] [--stray 0] [--processes 2]
 
-One tumbles it at random (`flinders.simulate.hand_tumble`, its mean rate 90° a second), one lets the field's direction
-walk straight to the best single direction (`flinders.heading.guidance.guide`), one follows the way that is planned
-ahead (`flinders.heading.path_planning`). Four times a second all readings so far (50 a second) are fitted and the
-advice is renewed. It ends when the fit is not refused and claims a direction error (1 σ) of at most 1° in the worst of
-100 directions. With `--stray DEG` the hand misses the way by a slowly changing angle of that standard deviation.
+One tumbles it at random (`flinders.simulate.hand_tumble`, its mean rate 90° a second), one moves the field's direction
+straight to the best single direction (`flinders.heading.guidance.guide`), one follows a planned path
+(`flinders.heading.path_planning`). Four times a second all readings so far (50 a second) are fitted and the advice is
+updated. A run ends when the fit is not refused and claims a direction error (1 σ) of at most 1° in the worst of 100
+directions. With `--stray DEG` the hand deviates from the path by a slowly changing angle of that standard deviation.
 
-Columns: medians over the seeds of the seconds, of the turning, and their ratio to those of chance; the largest
+Columns: medians over the seeds of the seconds and of the turning, with their ratios to random tumbling; the largest
 true direction error at the end, rms over the seeds.
 """
 
@@ -46,11 +46,11 @@ if TYPE_CHECKING:
 
 RATE_HZ: Final = 50.0
 TICK_S: Final = 0.24
-SPEED_DEG: Final = 90.0
+TURN_RATE_DEGPS: Final = 90.0
 TARGET_DEG: Final = 1.0
 FIELD: Final = 50.0
-LONGEST_S: Final = 60.0
-EVERYWHERE: Final = simulate.fibonacci(100)
+MAX_DURATION_S: Final = 60.0
+CHECKED_DIRECTIONS: Final = simulate.fibonacci(100)
 
 Who = Literal["chance", "advice", "route"]
 USERS: Final[tuple[Who, ...]] = ("chance", "advice", "route")
@@ -58,7 +58,7 @@ USERS: Final[tuple[Who, ...]] = ("chance", "advice", "route")
 
 @dataclass(frozen=True, slots=True)
 class Done:
-    """How long it took: seconds, degrees of turning, and the true worst error in the end."""
+    """Result of a run: seconds, degrees of turning, and the true worst error at the end."""
 
     seconds: float
     turned_deg: float
@@ -66,19 +66,19 @@ class Done:
 
 
 class User(Protocol):
-    """Turns the sensor for a tick."""
+    """User who turns the sensor."""
 
     def turn(self, field: Floats, fit: Fit | None, /) -> tuple[Floats, float]:
-        """(n, 3) directions of the field in body axes, and the degrees turned."""
+        """Turn for one tick: (n, 3) directions of the field in body axes, and the degrees turned."""
 
 
 class Chance:
-    """Tumbles it at random."""
+    """User who tumbles the sensor at random."""
 
     def __init__(self, seed: int) -> None:
         rng = np.random.default_rng([seed, 5])
-        speed = math.radians(SPEED_DEG)
-        turning = simulate.hand_tumble(rng, seconds=LONGEST_S + 1.0, rate_hz=RATE_HZ, speed=speed)
+        speed = math.radians(TURN_RATE_DEGPS)
+        turning = simulate.hand_tumble(rng, seconds=MAX_DURATION_S + 1.0, rate_hz=RATE_HZ, speed=speed)
         rates = np.linalg.norm(turning.rate, axis=1)
         steps = turns(turning.rate * (speed / rates.mean() / RATE_HZ))  # the same path, but for its mean rate
         attitudes = np.empty_like(steps)
@@ -90,13 +90,13 @@ class Chance:
         self._angles_deg = np.degrees(rates * (speed / rates.mean() / RATE_HZ))
 
     def turn(self, field: Floats, _fit: Fit | None, /) -> tuple[Floats, float]:
-        """Go on."""
+        """Continue the tumble."""
         now = slice(len(field), len(field) + round(TICK_S * RATE_HZ))
         return self._directions[now], float(self._angles_deg[now].sum())
 
 
 class Follower:
-    """Lets the field walk towards where the advice points; straight on where there is none."""
+    """User who follows the advice, or keeps the direction without advice."""
 
     def __init__(self, seed: int, rng: Generator, *, ahead: bool, stray_deg: float) -> None:
         start = np.random.default_rng([seed, 6])
@@ -105,7 +105,7 @@ class Follower:
         self._ahead, self._stray_deg, self._stray, self._rng = ahead, stray_deg, 0.0, rng
 
     def turn(self, field: Floats, fit: Fit | None, /) -> tuple[Floats, float]:
-        """A great circle, to where the advice points as far as the fit knows where that is."""
+        """Move along a great circle to the advised direction, as accurately as the fit determines it."""
         if len(field):
             self._axis = self._advised(field, fit)
         self._stray += 0.5 * (self._rng.standard_normal() * self._stray_deg * math.sqrt(0.75) * 2.0 - self._stray)
@@ -114,10 +114,10 @@ class Follower:
         across = np.cross(axis, self._at)
         aside = math.radians(self._stray)
         across = math.cos(aside) * across + math.sin(aside) * axis
-        angles = np.radians(SPEED_DEG) * np.arange(1, round(TICK_S * RATE_HZ) + 1)[:, np.newaxis] / RATE_HZ
+        angles = np.radians(TURN_RATE_DEGPS) * np.arange(1, round(TICK_S * RATE_HZ) + 1)[:, np.newaxis] / RATE_HZ
         walked: Floats = np.cos(angles) * self._at + np.sin(angles) * across
         self._at, self._axis = walked[-1], np.cross(walked[-2], walked[-1])
-        return walked, SPEED_DEG * TICK_S
+        return walked, TURN_RATE_DEGPS * TICK_S
 
     def _advised(self, field: Floats, fit: Fit | None) -> Floats:
         if self._ahead:
@@ -152,14 +152,14 @@ def until_done(who: Who, noise: float, seed: int, stray_deg: float = 0.0) -> Don
         Of a field of 50 µT.
     seed : int
     stray_deg : float
-        How far the hand strays from the way.
+        Deviation of the hand from the path, 1 σ.
     """
     rng = np.random.default_rng([seed, round(1000 * noise)])
     sensor = Sensor.random(np.random.default_rng(seed), noise=noise)
     user: User = Chance(seed) if who == "chance" else Follower(seed, rng, ahead=who == "route", stray_deg=stray_deg)
     field, fit = np.empty((0, 3)), None
     turned = 0.0
-    while len(field) < LONGEST_S * RATE_HZ:
+    while len(field) < MAX_DURATION_S * RATE_HZ:
         directions, angle = user.turn(field, fit)
         turned += angle
         field = np.concatenate([field, sensor.read(FIELD * directions, rng)])
@@ -170,7 +170,7 @@ def until_done(who: Who, noise: float, seed: int, stray_deg: float = 0.0) -> Don
 
 
 def fitted(field: Floats) -> Fit | None:
-    """The fit, also where it is refused."""
+    """Fit of readings, also a refused one."""
     try:
         return flinders.fit(field)
     except Refused as refusal:
@@ -180,17 +180,17 @@ def fitted(field: Floats) -> Fit | None:
 
 
 def worst_deg(fit: Fit) -> float:
-    """What the fit claims."""
-    return float(direction_errors_deg(fit.calibration.ellipsoid, fit.claim.covariance, EVERYWHERE).max())
+    """Claimed direction error, degrees."""
+    return float(direction_errors_deg(fit.calibration.ellipsoid, fit.claim.covariance, CHECKED_DIRECTIONS).max())
 
 
 def true_worst_deg(fit: Fit, sensor: Sensor) -> float:
-    """What is true, but for the rotation that no magnetometer sees."""
-    readings = FIELD * EVERYWHERE @ sensor.matrix.T + sensor.offset
+    """True direction error, degrees, without the rotation that a magnetometer cannot determine."""
+    readings = FIELD * CHECKED_DIRECTIONS @ sensor.matrix.T + sensor.offset
     corrected = fit.calibration.apply(readings)
     corrected /= np.linalg.norm(corrected, axis=1, keepdims=True)
-    turned = corrected @ best_rotation(corrected, EVERYWHERE).T
-    across = np.linalg.norm(np.cross(turned, EVERYWHERE), axis=1)
+    turned = corrected @ best_rotation(corrected, CHECKED_DIRECTIONS).T
+    across = np.linalg.norm(np.cross(turned, CHECKED_DIRECTIONS), axis=1)
     return float(np.degrees(np.arcsin(across.clip(max=1.0))).max())
 
 

@@ -1,11 +1,11 @@
-"""Whether a good result of the page is kept where the sensor rests in another field. Prints Markdown.
+"""Stability of a good result of the page while the sensor rests in another field. Prints Markdown.
 
     python -m benchmarks.kept [--sensors 40] [--processes 2]
 
-A sensor of unknown iron is turned for 25 s, and rests for 15 s before, in the middle or after, where the field is off
-by a share of itself in any direction. *Lost*: a session that was good shows another phase later. *Alarmed*: it says
-that something is wrong. *Ratio* is the true over the claimed worst level heading error of the calibration in the end,
-of those that are good. The physics are those of `benchmarks.adversary`.
+A sensor with unknown iron is turned for 25 s, and rests for 15 s before, in the middle or after, where the field
+differs by a share of itself in a random direction. *Lost*: a session that was good has another phase later. *Alarmed*:
+it has the phase *wrong*. *Ratio* is the true over the claimed worst level heading error of good final calibrations. The
+physics are those of `benchmarks.adversary`.
 """
 
 from __future__ import annotations
@@ -30,18 +30,18 @@ if TYPE_CHECKING:
 
 RATE_HZ: Final = 50.0
 TURNED_S, RESTED_S, STEP_S = 25.0, 15.0, 0.5
-WHEN: Final = ("before", "between", "after")
+REST_POSITIONS: Final = ("before", "between", "after")
 OFF: Final = (0.0, 0.01, 0.02, 0.03, 0.05, 0.2)
 
 
 @dataclass(frozen=True, slots=True)
 class Played:
-    """What a session came to."""
+    """Result of a session."""
 
     was_good: bool
     is_lost: bool
     is_alarmed: bool
-    ratio: float  # NaN where the calibration in the end is not good
+    ratio: float  # NaN unless the final calibration is good
 
 
 def played(seed: int, when: str, off: float) -> Played:
@@ -72,7 +72,7 @@ def _turned(seed: int, of: adversary.Sensor) -> Floats:
 
 
 def _with_rest(field: Floats, rng: np.random.Generator, of: adversary.Sensor, when: str, off: float) -> Floats:
-    """The readings with a rest at where they are then, in a field that is off by a share."""
+    """Readings with a rest at their present attitude, in a field that differs by a share."""
     at = {"before": 0, "between": len(field) // 2, "after": len(field)}[when]
     inside = np.linalg.solve(of.iron.T, field[min(at, len(field) - 1)] - of.offset)
     aside = rng.standard_normal(3)
@@ -82,7 +82,7 @@ def _with_rest(field: Floats, rng: np.random.Generator, of: adversary.Sensor, wh
 
 
 def _ratio(session: PageSession, seed: int, of: adversary.Sensor) -> float:
-    """True over claimed worst level heading error of the fit that is shown in the end."""
+    """True over claimed worst level heading error of the final fit."""
     view = session.view
     if view is None or view.verdict != "good":
         return np.nan
@@ -92,11 +92,11 @@ def _ratio(session: PageSession, seed: int, of: adversary.Sensor) -> float:
 
 
 def table(sensors: int, processes: int) -> Iterator[str]:
-    """A row for each place of the rest and each share that the field is off by."""
+    """Yield a row for each position of the rest and each change of the field."""
     yield "| rest | field off by | good | lost | alarmed | good in the end | ratio 50 / 90 % |"
     yield "|---|---:|---:|---:|---:|---:|---|"
     with ProcessPoolExecutor(processes) as pool:
-        for when in WHEN:
+        for when in REST_POSITIONS:
             for off in OFF:
                 done = list(pool.map(partial(played, when=when, off=off), range(sensors)))
                 ratios = [one.ratio for one in done if np.isfinite(one.ratio)]

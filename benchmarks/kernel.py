@@ -1,12 +1,12 @@
-"""What the core costs by the reading, beside the least that it can cost. Prints Markdown.
+"""Cost of the core per reading, compared with a lower bound. Prints Markdown.
 
     OPENBLAS_NUM_THREADS=1 python -m benchmarks.kernel
 
-The least is ``D @ D.T`` of ten rows, built and multiplied in blocks of 8,192 over the same readings: what any quadric
-fit has to do. The sums of one long recording are compared with it, those of many short ones one by one, and
-whole summaries. Then follow the stages of a fit and the readers, in microseconds a reading.
+The lower bound is ``D @ D.T`` of ten rows, built and multiplied in blocks of 8,192 over the same readings, as any
+quadric fit needs it. It is compared with the sums of one long recording, of many short ones, and with whole summaries.
+Further tables have the stages of a fit and the readers, in microseconds a reading.
 
-Times are medians of interleaved repeats in seconds of this process's CPU, so that other programs count for less.
+Times are medians of interleaved repeats, in CPU seconds of this process.
 """
 
 from __future__ import annotations
@@ -41,15 +41,15 @@ if TYPE_CHECKING:
     from flinders.core.samples import Samples
 
 LIMIT: Final = 1.5
-"""Of the sums to ``D @ D.T``."""
-UNITS, EACH = 2_000, 500
-"""Many short recordings: a million readings in all."""
-STAGED: Final = (500, 3_000, 30_000, 300_000)
-"""Readings of the fits that are taken apart."""
-AT_LEAST: Final = 9
-"""Repeats of each call."""
+"""Limit of the ratio of the sums to ``D @ D.T``."""
+UNITS, READINGS_PER_UNIT = 2_000, 500
+"""Number and length of the short recordings, a million readings in all."""
+STAGE_READINGS: Final = (500, 3_000, 30_000, 300_000)
+"""Readings of the fits whose stages are timed."""
+MIN_REPEATS: Final = 9
+"""Least repeats of each call."""
 SECONDS: Final = 3.0
-"""That the repeats of a row take together, unless those are too few."""
+"""Duration of all repeats of a row, s, unless these would be too few."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -61,9 +61,9 @@ class Compared:
     label : str
     ours, least : callable
     readings : int
-        That both go through.
+        Number of readings that both process.
     limit : float or None
-        Of their ratio.
+        Limit of their ratio.
     """
 
     label: str
@@ -88,42 +88,45 @@ def medians(calls: Sequence[Callable[[], object]]) -> list[float]:
         call()
     rounds: list[list[float]] = []
     end = process_time() + SECONDS
-    while len(rounds) < AT_LEAST or (process_time() < end and len(rounds) < 1000):
+    while len(rounds) < MIN_REPEATS or (process_time() < end and len(rounds) < 1000):
         rounds.append([_timed(call) for call in calls])
     found: list[float] = np.median(rounds, axis=0).tolist()
     return found
 
 
 def kernels() -> None:
-    """Print sums and summaries beside ``D @ D.T``."""
+    """Print sums and summaries compared with ``D @ D.T``."""
     print("| what ÷ `D @ D.T` | readings | ns a reading | `D @ D.T` | ratio | limit |\n|---|---:|---:|---:|---:|---:|")
     for count in (50_000, MILLION):
         field = readings(count)
         least = partial(blocked_products, field)
         print(Compared("`Moments.of`", partial(Moments.of, field), least, count, LIMIT).row(), flush=True)
         print(Compared("`Summary.of`", partial(Summary.of, field), least, count).row(), flush=True)
-    short = readings(UNITS * EACH).reshape(UNITS, EACH, 3)
+    short = readings(UNITS * READINGS_PER_UNIT).reshape(UNITS, READINGS_PER_UNIT, 3)
     least = partial(blocked_products, short.reshape(-1, 3))
     rows: list[tuple[str, Callable[[], object], float | None]] = [
         ("`Moments.of` one by one", partial(_one_by_one, Moments.of, short), None),
         ("`Summary.of` one by one", partial(_one_by_one, Summary.of, short), None),
     ]
     for label, ours, limit in rows:
-        print(Compared(f"{UNITS:,} × {EACH}, {label}", ours, least, UNITS * EACH, limit).row(), flush=True)
+        print(
+            Compared(f"{UNITS:,} × {READINGS_PER_UNIT}, {label}", ours, least, UNITS * READINGS_PER_UNIT, limit).row(),
+            flush=True,
+        )
 
 
 def stages() -> None:
-    """Print what each part of a fit costs, in microseconds a reading."""
-    tables = [_stages_of(count) for count in STAGED]
-    print("\n| stage, µs a reading | " + " | ".join(f"{count:,}" for count in STAGED) + " |")
-    print("|---|" + "---:|" * len(STAGED))
+    """Print the cost of each stage of a fit, in microseconds a reading."""
+    tables = [_stages_of(count) for count in STAGE_READINGS]
+    print("\n| stage, µs a reading | " + " | ".join(f"{count:,}" for count in STAGE_READINGS) + " |")
+    print("|---|" + "---:|" * len(STAGE_READINGS))
     for name in tables[0]:
-        cells = (f"{table[name] / count * 1e6:.3g}" for table, count in zip(tables, STAGED, strict=True))
+        cells = (f"{table[name] / count * 1e6:.3g}" for table, count in zip(tables, STAGE_READINGS, strict=True))
         print(f"| {name} | " + " | ".join(cells) + " |", flush=True)
 
 
 def readers() -> None:
-    """Print what reading costs, in microseconds a reading, beside pyarrow's own reader into NumPy."""
+    """Print the cost of readers, in microseconds a reading, compared with pyarrow's reader into NumPy."""
     from pyarrow import csv, parquet
 
     print("\n| reading, µs a reading | Flinders | pyarrow into NumPy | ratio |\n|---|---:|---:|---:|")
@@ -145,7 +148,7 @@ def main() -> None:
 
 
 def _stages_of(count: int) -> Mapping[str, float]:
-    """CPU seconds of the parts of a fit of so many readings that come as a hand turns a sensor."""
+    """CPU seconds of the stages of a fit of some readings of a tumble by hand."""
     samples: Samples = tumble(seed=count, n=count).samples
     held = Readings.of(samples)
     found = Likelihood().estimate(held)
@@ -170,12 +173,12 @@ def _one_by_one(call: Callable[[Floats], object], clouds: Floats) -> None:
 
 
 def _columns(plain: Callable[[Path], object], path: Path) -> list[Floats]:
-    """The columns of a table of Arrow, as NumPy has them."""
+    """Columns of an Arrow table as NumPy arrays."""
     return [column.to_numpy() for column in plain(path).columns]  # type: ignore[attr-defined]
 
 
 def _timed(call: Callable[[], object]) -> float:
-    """CPU seconds that one call takes."""
+    """CPU seconds of one call."""
     begin = process_time()
     call()
     return process_time() - begin

@@ -1,12 +1,12 @@
-"""A vehicle that cannot be turned over, at a known place: what a level turn says, true against claimed.
+"""Level turns of a vehicle at a known site: true errors compared with claims.
 
     python -m benchmarks.level [--tables turn,aids,strength] [--trials 200]
 
 turn      S7 and turns like it: 1,000 readings at 50 Hz, σ = 0.5 µT, dip 60°, sensors with soft iron whose mean gain is
-          1 give or take 5 %. Heading error (rms over headings, sides to lean to and trials; its mean while level taken
-          off) at some tilts, what is claimed, their ratio trial by trial (rms), and the largest tilt within 1°.
-aids      The same with an accelerometer and a gyro, by name and by ``auto``: what was run, and how true it is.
-strength  S4t with the site's strength to 1 % and a gain as well known: heading error as a fraction of that without.
+                    1 ± 5 %. Heading error (rms over headings, directions of tilt and trials; less its mean while level)
+                    at some tilts, the claim, their ratio by trial (rms), and the largest tilt within 1°.
+aids      The same with an accelerometer and a gyro, by name and by ``auto``: the aids used, and the truth of claims.
+strength  S4t with the site's strength and the gain known to 1 %: heading error as a share of that without.
 """
 
 from __future__ import annotations
@@ -46,17 +46,17 @@ GAIN_SIGMA: Final = 0.05
 
 @dataclass(frozen=True, slots=True)
 class Turned:
-    """How a vehicle was turned.
+    """Turn of a vehicle.
 
     Attributes
     ----------
     arc_deg : float
     wobble_deg : float
-        Roll and pitch on the way, rms each.
+        Roll and pitch during the turn, rms each.
     slope_deg : float
-        Of the floor, to whatever side.
+        Slope of the floor, in a random direction.
     mounted_deg : float
-        How far the sensor's x and y are turned about, one σ each.
+        Mounting errors about the sensor's x and y, 1 σ each.
     """
 
     arc_deg: float = 360.0
@@ -65,9 +65,9 @@ class Turned:
     mounted_deg: float = 0.0
 
     def record(self, seed: int, n: int = 1000) -> tuple[Simulated, Site]:
-        """Record it with accelerometer and gyro, at a site that is known as the model knows it.
+        """Recording of the turn with accelerometer and gyro, and the site with the model's uncertainty.
 
-        The sensor of the truth has its mounting in its matrix: what it makes of the field in the vehicle's axes.
+        The true sensor's matrix includes the mounting, so it converts the field in the vehicle's axes.
         """
         rng = np.random.default_rng([SEED, seed])
         sensor = simulate.Sensor.random(rng, noise=0.5)
@@ -112,12 +112,12 @@ TURNS: Final = {
     "slope 10°": Turned(slope_deg=10.0, mounted_deg=2.0),
 }
 
-KNOWN: Final = {"nothing": (False, None), "site": (True, None), "site, mounting to 2°": (True, 2.0)}
-"""What is known beside the readings: whether the site, and how well the mounting."""
+KNOWN_FACTS: Final = {"nothing": (False, None), "site": (True, None), "site, mounting to 2°": (True, 2.0)}
+"""Known facts: whether the site, and the uncertainty of the mounting in degrees."""
 
 
 def recorded(title: str, number: int) -> tuple[Simulated, Site]:
-    """One recording; S7 itself has its own sensors, whose mean gain is off by 8 % (rms)."""
+    """One recording; S7 has its own sensors, with an error of the mean gain of 8 % (rms)."""
     if title != "S7":
         return TURNS[title].record(number)
     rng = np.random.default_rng([SEED, 1, number])
@@ -126,7 +126,7 @@ def recorded(title: str, number: int) -> tuple[Simulated, Site]:
 
 
 def tried(samples: Samples, **options: object) -> Fit | str:
-    """A fit, or the code of what refuses it."""
+    """Fit, or the code of the refusal."""
     try:
         return flinders.fit(samples, **options)  # type: ignore[arg-type]
     except Refused as refused:
@@ -143,19 +143,19 @@ def scored(found: Fit, truth: Simulated) -> tuple[list[float], list[float]]:
 
 
 def row(scores: Sequence[tuple[list[float], list[float]]]) -> str:
-    """True, claimed and their ratio, of all trials."""
+    """Cells: true and claimed error, and their ratio, over all trials."""
     true, claimed = np.array([one for one, _ in scores]), np.array([one for _, one in scores])
     parts = _rms(true), _rms(claimed), _rms(true / claimed)
     return " | ".join(" / ".join(f"{value:.2g}" for value in part) for part in parts)
 
 
 def turn_table(trials: int) -> Iterator[str]:
-    """Yield what `level` says, with what is known beside the readings."""
+    """Yield the table of `level`, with known facts."""
     tilts = " / ".join(f"{tilt:g}" for tilt in TILTS_DEG)
     yield f"| turn | known | true at {tilts}° | claimed | ratio | usable to 1° | refused |"
     yield "|---|---|---|---|---|---:|---:|"
     for title in ("S7", *TURNS):
-        for known, (at_site, mounting) in KNOWN.items():
+        for known, (at_site, mounting) in KNOWN_FACTS.items():
             scores, limits, refused = [], [], 0
             for number in range(trials):
                 truth, site = recorded(title, number)
@@ -171,7 +171,7 @@ def turn_table(trials: int) -> Iterator[str]:
 
 
 def aids_table(trials: int) -> Iterator[str]:
-    """Yield what `fit` makes of the same turns with accelerometer and gyro."""
+    """Yield the table of `fit` on the same turns with accelerometer and gyro."""
     tilts = " / ".join(f"{tilt:g}" for tilt in TILTS_DEG)
     yield f"| turn | asked for | run | true at {tilts}° | claimed | ratio | largest ratio |"
     yield "|---|---|---|---|---|---|---:|"
@@ -191,7 +191,7 @@ def aids_table(trials: int) -> Iterator[str]:
 
 
 def strength_table(trials: int) -> Iterator[str]:
-    """Yield what the strength alone does for S4t."""
+    """Yield the table of the strength's effect on S4t."""
     yield "| known | level heading error, rms ° | of magnitude alone | true over claimed |"
     yield "|---|---:|---:|---:|"
     alone = math.nan
@@ -211,7 +211,7 @@ def strength_table(trials: int) -> Iterator[str]:
 
 
 def _rms(values: Floats) -> Floats:
-    """Over the first axis."""
+    """Root mean square over the first axis."""
     root: Floats = np.sqrt(np.mean(values**2, axis=0))
     return root
 

@@ -1,19 +1,18 @@
-"""The live page under load, with a real browser: processor time, memory, latency, and whether anything gets lost.
+"""The live page under load in a real browser: processor time, memory, latency, and lost readings.
 
     python -m benchmarks.live [--seconds 60] [--minutes 10] [--tables start,page,turn,wire]
 
-A board on a pseudo-terminal talks like MotionCal's sketches, `flinders live` listens, and Chromium shows the page at
-1280 × 800 with software rendering.
+A simulated board on a pseudo-terminal prints lines like MotionCal's sketches, `flinders live` reads them, and Chromium
+shows the page at 1280 × 800 with software rendering.
 
-*start*: from starting the program to its address, and from asking for the page to its first drawn state; the bytes of
-the page without the 3-D view, as they are sent.
-*page*: 20,000 points are shown, and readings come at 100 a second for so many seconds. Processor time is the program's,
-in shares of a core, and with it the browser's for comparison; an update is a frame of readings that the page received,
-drawn when WebGL has drawn after it; a page that cannot keep up draws several at once. Latency is counted for each
-reading from its sending to the frame after the one in which WebGL drew it, when the picture is out of the page's hands.
-*turn*: pictures a second of the sphere, and of both clouds, with so many points while somebody turns the view by keys.
-*wire*: 1 kHz for so many minutes, sent at ten times that rate; each reading is numbered, and the numbers in the
-recording are counted. The page looks on.
+*start*: time from the start of the program to its address, and from the request of the page to its first drawn state;
+size of the page without the 3-D view, as sent. *page*: 20,000 points are shown, and readings arrive at 100 a second for
+some seconds. Processor time is the program's, in shares of a core, and the browser's for comparison. An update is a
+received frame of readings; it counts as drawn when WebGL has drawn after it; a slow page draws several at once. The
+latency of a reading is the time from its sending to the frame after the one in which WebGL drew it, when the picture
+has left the page. *turn*: frames a second of the sphere, and of both clouds, while keys turn the view. *wire*: 1 kHz
+for some minutes, sent at ten times that rate, with numbered readings that are counted in the recording while the page
+is open.
 """
 
 from __future__ import annotations
@@ -45,7 +44,7 @@ CPU_LIMIT: Final = 10.0
 LATENCY_LIMIT_MS: Final = 150.0
 START_LIMIT_S: Final = 1.5
 PICTURES_HZ: Final = 20.0
-SHOWN: Final = 20_000
+SHOWN_POINTS: Final = 20_000
 RATE_HZ: Final = 100.0
 FAST_HZ: Final = 10_000.0
 WIRE_HZ: Final = 1000.0
@@ -53,7 +52,7 @@ PARTS: Final = (
     "", "static/theme.js", "static/page.css", "static/compass.svg", "static/page.js", "page.json", "static/worker.js",
     "flinders.wasm",
 )  # fmt: skip
-"""What a browser asks for before it draws the sphere."""
+"""Files that a browser requests before it draws the sphere."""
 KB_LIMIT: Final = 250.0
 TICKS_A_SECOND: Final = os.sysconf("SC_CLK_TCK") if hasattr(os, "sysconf") else 100
 WATCH: Final = """() => {
@@ -82,8 +81,8 @@ WATCH: Final = """() => {
         };
     }
 }"""
-"""Watches a page from outside: when WebGL draws newer readings, and when the frame after that begins. The page hands
-its newest reading to the view in one frame, just before this looks at it, and the view draws in the next."""
+"""Observes a page: when WebGL draws newer readings, and when the next frame begins. The page passes its newest reading
+to the view in one frame, just before this code reads it, and the view draws in the next."""
 
 
 @dataclass(slots=True)
@@ -96,7 +95,7 @@ class Load:
     memory: list[float] = field(default_factory=list)
 
     def __post_init__(self) -> None:
-        """Begin to count."""
+        """Start the measurement."""
         self.used = seconds_used(self.pids)
 
     def look(self) -> None:
@@ -105,12 +104,12 @@ class Load:
 
     @property
     def share(self) -> float:
-        """Percent of a core since the beginning."""
+        """Percent of a core since the start."""
         return 100.0 * (seconds_used(self.pids) - self.used) / (time.monotonic() - self.begun)
 
 
 def seconds_used(pids: Iterable[int]) -> float:
-    """Seconds of processor time that processes have used; those that have gone count for nothing."""
+    """Processor time of processes, s; 0 for ended ones."""
     return sum(map(_seconds, pids))
 
 
@@ -123,7 +122,7 @@ def _seconds(pid: int) -> float:
 
 
 def resident_mb(pid: int) -> float:
-    """Memory that a process holds, in MB; 0 where it has gone."""
+    """Resident memory of a process, MB; 0 if it has ended."""
     try:
         pages = int(Path(f"/proc/{pid}/statm").read_text(encoding="utf-8").split()[1])
     except OSError:
@@ -132,7 +131,7 @@ def resident_mb(pid: int) -> float:
 
 
 def descendants(pid: int) -> list[int]:
-    """A process and all that it has started."""
+    """A process and its descendants."""
     parents: dict[int, list[int]] = {}
     for folder in Path("/proc").glob("[0-9]*"):
         try:
@@ -147,7 +146,7 @@ def descendants(pid: int) -> list[int]:
 
 
 class Stamped:
-    """Sends readings to a program, all of them different, and notes when each was sent."""
+    """Sends distinct readings to a program, and notes the time of each."""
 
     def __init__(self, board: Board) -> None:
         self._board = board
@@ -156,16 +155,16 @@ class Stamped:
         self._thread = threading.Thread(target=self._send, daemon=True)
 
     def start(self) -> None:
-        """Send one after the other."""
+        """Start sending."""
         self._thread.start()
 
     def stop(self) -> None:
-        """Send no more."""
+        """Stop sending."""
         self._stopped.set()
         self._thread.join()
 
     def _send(self) -> None:
-        field = tumbling(SHOWN)
+        field = tumbling(SHOWN_POINTS)
         begun = time.monotonic()
         for number, line in enumerate(motioncal(field)):
             if self._stopped.wait(max(begun + number / RATE_HZ - time.monotonic(), 0.0)):
@@ -181,13 +180,13 @@ def tumbling(count: int) -> Floats:
 
 
 def latencies_ms(sent: Sequence[tuple[float, tuple[int, int, int]]], frames: Sequence[Sequence[float]]) -> Floats:
-    """Milliseconds from sending each reading to the frame after the one that drew it.
+    """Latencies, ms: from sending each reading to the frame after the one that drew it.
 
     Parameters
     ----------
     sent : list of (ms, counts)
     frames : list of (ms, x, y, z)
-        When a frame was out, and the newest reading that it showed, in µT.
+        Time of a frame, and its newest reading, in µT.
 
     Examples
     --------
@@ -209,7 +208,7 @@ def latencies_ms(sent: Sequence[tuple[float, tuple[int, int, int]]], frames: Seq
 
 
 def median_and_p95(values: Floats) -> str:
-    """Both, in milliseconds."""
+    """Median and 95th percentile in words."""
     return f"{np.median(values):.0f} ms, p95 {np.percentile(values, 95):.0f} ms"
 
 
@@ -231,7 +230,7 @@ def opened(browser: Browser, program: Program, size: tuple[int, int] = (1280, 80
 
 
 def start(browser: Browser, folder: Path, times: int = 5) -> list[str]:
-    """Lines on how long it takes until the page is there."""
+    """Rows on the time until the page is shown."""
     programs, pages, size = [], [], 0
     for turn in range(times):
         place = folder / str(turn)
@@ -255,7 +254,7 @@ def start(browser: Browser, folder: Path, times: int = 5) -> list[str]:
 
 
 def sent_bytes(address: str) -> int:
-    """How many bytes a browser gets for an address."""
+    """Bytes that a browser receives for an address."""
     asked = urllib.request.Request(address, headers={"Accept-Encoding": "gzip"})
     with urllib.request.urlopen(asked) as answer:
         return len(answer.read())
@@ -271,11 +270,11 @@ READY: Final = """() => new Promise(resolve => {
 
 
 def page_load(browser: Browser, folder: Path, seconds: float) -> list[str]:
-    """Lines on a page with many points while readings come."""
+    """Rows on a page with many points while readings arrive."""
     with Board(folder / "ttyBoard") as board, Program(folder, "--serial", str(board.port)) as program:
         page = opened(browser, program)
-        board.play(motioncal(tumbling(SHOWN)), 4000.0)
-        until(page, f"flinders.store.points.count >= {SHOWN}")
+        board.play(motioncal(tumbling(SHOWN_POINTS)), 4000.0)
+        until(page, f"flinders.store.points.count >= {SHOWN_POINTS}")
         board.stop()
         page.wait_for_timeout(2000)
         page.evaluate(WATCH)
@@ -326,9 +325,9 @@ TURN_S: Final = 4.0
 
 
 def turned(browser: Browser, folder: Path) -> list[str]:
-    """Lines on how often the 3-D view is drawn while it is turned."""
+    """Rows on the frame rate of the 3-D view while it turns."""
     log = folder / "turned.csv"
-    rows = np.column_stack([np.arange(SHOWN) / RATE_HZ, tumbling(SHOWN)])
+    rows = np.column_stack([np.arange(SHOWN_POINTS) / RATE_HZ, tumbling(SHOWN_POINTS)])
     np.savetxt(log, rows, fmt="%.4f", delimiter=",", header="t_s,mx_uT,my_uT,mz_uT", comments="")
     with Program(folder, "--replay", str(log), "--speed", "1000") as program:
         return [line for size in ((1280, 800), (1920, 1080)) for line in _turned(browser, program, size)]
@@ -336,7 +335,7 @@ def turned(browser: Browser, folder: Path) -> list[str]:
 
 def _turned(browser: Browser, program: Program, size: tuple[int, int]) -> list[str]:
     page = opened(browser, program, size)
-    until(page, f"flinders.store.points.count >= {SHOWN} && Boolean(flinders.store.view?.shown)")
+    until(page, f"flinders.store.points.count >= {SHOWN_POINTS} && Boolean(flinders.store.view?.shown)")
     lines = []
     for mode in ("sphere", "clouds"):
         page.locator(f"input[value={mode}]").check(force=True)
@@ -355,15 +354,15 @@ def _turned(browser: Browser, program: Program, size: tuple[int, int]) -> list[s
 
 
 def browser_pids(program: Program) -> list[int]:
-    """The processes of the browser: all that this one has started, but for the program."""
+    """Processes of the browser: descendants of this process except the program."""
     theirs = set(descendants(os.getpid())) - set(descendants(program.pid)) - {os.getpid()}
     return sorted(theirs)
 
 
 def wire(browser: Browser, folder: Path, minutes: float) -> list[str]:
-    """Lines on whether each of many readings is in the recording."""
+    """Rows on lost readings in the recording."""
     count = round(minutes * 60 * WIRE_HZ)
-    field = motioncal(tumbling(SHOWN))
+    field = motioncal(tumbling(SHOWN_POINTS))
     with Board(folder / "ttyBoard") as board, Program(folder, "--serial", str(board.port)) as program:
         page = opened(browser, program)
         load = Load([program.pid])
@@ -392,7 +391,7 @@ def wire(browser: Browser, folder: Path, minutes: float) -> list[str]:
 
 
 def _numbered(board: Board, lines: Sequence[bytes], count: int) -> None:
-    """Send readings with a number of 15 bits in each of two axes of the gyro."""
+    """Send readings numbered with 15 bits in each of two axes of the gyro."""
     begun = time.monotonic()
     block = round(FAST_HZ / 200)
     for first in range(0, count, block):
@@ -406,7 +405,7 @@ def _with_number(line: bytes, number: int) -> bytes:
 
 
 def _missing(recording: Path, count: int) -> tuple[int, int]:
-    """How many numbers of readings are not in the recording, and how many readings are."""
+    """Count of missing numbers, and of readings in the recording."""
     rate = flinders.read(recording).rate
     if rate is None:
         return count, 0
@@ -418,7 +417,7 @@ COUNTS_PER_DPS: Final = 16.0
 
 
 def _judged(value: float, limit: float, unit: str) -> str:
-    """A limit, in bold where it is missed."""
+    """A limit in words, in bold if missed."""
     told = f"≤ {limit:g} {unit}".strip()
     return told if value <= limit else f"**{told}: missed**"
 

@@ -1,10 +1,10 @@
-"""A recording while its program is being killed at random moments: what is lost, and whether it is gone on with.
+"""Losses of a recording whose program is killed at random moments, and its continuation.
 
     python -m benchmarks.live_kills [--times 20]
 
 A board sends 500 lines a second over UDP; `flinders record` and `flinders live` are killed by SIGKILL within two
-seconds of their first reading and started again with ``--resume``. Lost is the time from the last line in the file to
-the kill. Prints Markdown.
+seconds of their first reading and started again with ``--resume``. The loss is the time from the last line in the file
+to the kill. Prints Markdown.
 """
 
 from __future__ import annotations
@@ -30,14 +30,14 @@ COMMANDS: Final = {
     "live": ("live", "--port", "0", "--no-open", "--unit", "uT", "--udp"),
 }
 LINES: Final = 600_000
-"""Of the board: for twenty minutes."""
-LONGEST_S: Final = 2.0
-"""Before a program is killed that has recorded something."""
+"""Lines of the board, for twenty minutes."""
+MAX_DELAY_S: Final = 2.0
+"""Longest time from the first recorded reading to the kill."""
 
 
 @dataclass(frozen=True)
 class Kill:
-    """How it went: readings by then, seconds lost, and whether what was there before has the same bytes."""
+    """Result: readings so far, seconds lost, and whether the earlier bytes are unchanged."""
 
     readings: int
     lost_s: float
@@ -45,7 +45,7 @@ class Kill:
 
 
 def killed(words: Sequence[str], path: Path, board: UdpBoard, seconds: float) -> Kill:
-    """Start a program that records into a file, and kill it so long after its first reading."""
+    """Start a program that records to a file, and kill it some seconds after its first reading."""
     before = path.read_bytes() if path.exists() else b""
     rows = len(recorded(path))
     output = ["--resume", str(path)] if words[0] == "live" else ["--resume", "-o", str(path)]
@@ -61,19 +61,19 @@ def killed(words: Sequence[str], path: Path, board: UdpBoard, seconds: float) ->
     after = recorded(path)
     lines = set(after)
     lost = moment - max(at for at, line in board.sent if line in lines)
-    whole = before[: before.rfind(b"\n") + 1]  # a line that was being written is cut off
+    whole = before[: before.rfind(b"\n") + 1]  # without a partial last line
     return Kill(len(after), lost, path.read_bytes().startswith(whole) and len(after) > rows)
 
 
 def kills(command: str, times: int) -> list[Kill]:
-    """Kill a command so many times."""
+    """Kill a command several times."""
     rng, port = random.Random(1), free_port()
     board = UdpBoard(port, LINES)
     board.start()
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "session.csv"
         words = (*COMMANDS[command], str(port))
-        made = [killed(words, path, board, rng.uniform(0.0, LONGEST_S)) for _ in range(times)]
+        made = [killed(words, path, board, rng.uniform(0.0, MAX_DELAY_S)) for _ in range(times)]
     board.stop()
     return made
 

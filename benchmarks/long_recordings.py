@@ -1,13 +1,13 @@
-"""Claims of long recordings: noise that ends, axes that are late, and currents, of which ten minutes show enough.
+"""Claims on recordings of ten minutes and more: noise with an end, lagging axes, and currents.
 
     python -m benchmarks.long_recordings [--trials 40] [--effects "one axis late by 20 ms" …] [--processes 2]
 
-A sensor is tumbled by hand for ten minutes, or flies aerobatics as long; a tag is worn for an hour by an animal that
+A sensor is tumbled by hand or flies aerobatics for ten minutes; a tag is worn for an hour by an animal that
 turns, pitches and rolls. The physics are those of `benchmarks.adversary`, which shares no code with
-`flinders.simulate`. A throttle's field is taken about its mean, which is part of the offset in flight.
+`flinders.simulate`. The field of a throttle is relative to its mean, which is part of the offset in flight.
 
-*Claim over true* is that of the worst level heading error, over all fits, refused ones as well: a true claim has 0.8 in
-the median. *Within two* is the share whose error is at most twice the claim.
+*Claim over true* is the ratio for the worst level heading error, over all fits, also refused ones: true claims have 0.8
+in the median. *Within two* is the share with an error of at most twice the claim.
 """
 
 from __future__ import annotations
@@ -53,13 +53,13 @@ STEP_S: Final = 1.0 / (FINE * RATE_HZ)
 
 
 def aerobatics(rng: Generator) -> Path:
-    """Rolls and loops, with less yaw."""
+    """Path of rolls and loops, with less yaw."""
     rates = np.array([1.2, 0.5, 0.3]) * smooth(rng, round(MINUTES / STEP_S), STEP_S, 2.0)
     return turned(rng, rates, STEP_S)
 
 
 def worn(rng: Generator) -> Path:
-    """On an animal, with ten readings a second: it turns at will, pitches by 34° (rms) and rolls by 23°."""
+    """Path of an animal with random turns, pitch of 34° (rms) and roll of 23°, at ten readings a second."""
     step_s = 10.0 * STEP_S
     steps = round(HOUR / step_s)
     pitch, roll = (size * smooth(rng, steps, step_s, 8.0, 1)[:, 0] for size in (0.6, 0.4))
@@ -74,7 +74,7 @@ def worn(rng: Generator) -> Path:
 
 
 def throttle(rng: Generator, path: Path, *, full: float) -> Floats:
-    """The field of a motor current that changes in seconds, about its mean; `full` µT at full throttle."""
+    """Field of a motor current that varies within seconds, less its mean; `full` µT at full throttle."""
     step_s = path.time[1] - path.time[0]
     share = np.clip(0.5 + 0.3 * smooth(rng, len(path.time), step_s, 2.0, 1)[:, 0], 0.0, 1.0) ** 1.5
     along = rng.standard_normal(3)
@@ -87,7 +87,7 @@ PATHS: Final[dict[str, Callable[[Generator], Path]]] = {
     "aerobatics, 10 min": aerobatics,
     "animal, 1 h": worn,
 }
-OURS: Final = {
+EXTRA_EFFECTS: Final = {
     name: EFFECTS[name]
     for name in (
         "nothing",
@@ -105,10 +105,10 @@ def tried(case: tuple[str, str, int]) -> tuple[str, float, float, str] | None:
     """Verdict, claim and true error, degrees, and the first finding, of one fit of an effect on a path with a seed."""
     name, path, seed = case
     of = sensor(stream(seed, "sensor"))
-    fit = fitted(recorded(seed, of, OURS[name], PATHS[path](stream(seed, f"path {path}"))))
+    fit = fitted(recorded(seed, of, EXTRA_EFFECTS[name], PATHS[path](stream(seed, f"path {path}"))))
     if fit is None:
         return None
-    true = float(np.abs(headings(fit.calibration.apply(level(seed, of, OURS[name])))).max())
+    true = float(np.abs(headings(fit.calibration.apply(level(seed, of, EXTRA_EFFECTS[name])))).max())
     return fit.verdict, fit.heading_error_deg.worst, true, fit.findings[0].code
 
 
@@ -145,7 +145,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     """Print the table."""
     parser = argparse.ArgumentParser(description=(__doc__ or "").partition("\n")[0])
     parser.add_argument("--trials", type=int, default=40, help="fits of each effect on each path")
-    parser.add_argument("--effects", nargs="+", default=list(OURS), choices=OURS, metavar="EFFECT")
+    parser.add_argument("--effects", nargs="+", default=list(EXTRA_EFFECTS), choices=EXTRA_EFFECTS, metavar="EFFECT")
     parser.add_argument("--processes", type=int, default=2)
     chosen = parser.parse_args(arguments)
     for line in table(chosen.effects, chosen.trials, chosen.processes):

@@ -1,23 +1,23 @@
-"""MAGYC's simulation: what the aid of the angular rate makes of it, and what the published package makes of the same.
+"""Results of the angular rate's aid on MAGYC's simulation, and of the published package on the same recordings.
 
     python -m benchmarks.magyc [--seeds 20] [--motions WAM,MAM,LAM,5/5/90] [--data ours,package] [--package uv]
 
 One recording is ten minutes of sines in roll, pitch and heading: 6,000 readings at 10 Hz with 10 mG of noise, and a
 gyro with a bias and 10 mrad/s of noise. Of each method, medians over seeds:
 
-offset           of the hard iron found from the true one, in mG, and the worst seed
+offset           error of the hard iron, mG, and the worst seed
 soft iron        Frobenius norm of the difference of matrix logarithms, determinants taken out
-gyro bias        in mrad/s; – where the method has none
-heading          rms with the true attitude, over that which noise alone leaves in perfectly corrected readings
-CPU s            of the fit by itself
+gyro bias        error in mrad/s; – for methods without
+heading          rms error with the true attitude, over the error by noise alone in perfectly corrected readings
+CPU s            CPU time of the fit alone
 
-Asked for (literature, section 8.3): 45 mG with 5° of roll and pitch and full yaw (MAM), 5 mG with wide motion (WAM) and
-with little yaw (LAM), and a heading within 1.15 times of what noise leaves; 5/5/90 is shown beside them.
+Required (literature, section 8.3): 45 mG with 5° of roll and pitch and full yaw (MAM), 5 mG with wide motion (WAM) and
+with little yaw (LAM), and a heading within 1.15 times the error by noise; 5/5/90 is shown in addition.
 
-``--data package`` fits recordings of the package's own simulator. ``--package`` says where the package ``magyc`` is:
-``uv`` makes an environment for it (``uv run --with magyc==1.0.0``), a path is that of a Python which has it, ``none``
-leaves it out. Where it cannot be run, the reason stands in place of its figures. It is given readings in gauss, and
-each rate as that of the step which ends there, as its own simulator has them.
+``--data package`` fits recordings of the package's own simulator. ``--package`` locates the package ``magyc``: ``uv``
+creates an environment for it (``uv run --with magyc==1.0.0``), a path names a Python that has it, ``none`` leaves it
+out. If it cannot be run, the table has the reason. It receives readings in gauss, and each rate as that of the step
+that ends there, as in its own simulator.
 """
 
 from __future__ import annotations
@@ -69,15 +69,15 @@ MOTIONS: Final = {
 }
 """Roll, pitch and heading, in degrees."""
 
-ASKED_MG: Final = {"WAM": 5.0, "MAM": 45.0, "LAM": 5.0}
-ASKED_HEADING: Final = 1.15
+MAX_OFFSET_MG: Final = {"WAM": 5.0, "MAM": 45.0, "LAM": 5.0}
+MAX_HEADING_RATIO: Final = 1.15
 LEVELS: Final = {"WAM": "high", "MAM": "mid", "LAM": "low", "5/5/90": "tiny"}
-"""What the package calls them."""
+"""The package's names of the motions."""
 
 PACKAGE: Final = "magyc==1.0.0"
 PROGRAM: Final = Path(__file__).with_name("magyc_package.py")
 PATIENCE_S: Final = 900.0
-"""For another program to be fetched and to be done."""
+"""Longest wait for another program, with its download."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -116,14 +116,14 @@ class Score:
 
 
 class NoPackage(Exception):
-    """Why the package cannot be run."""
+    """The package cannot be run, with the reason."""
 
 
 # the simulation
 
 
 def rocked(motion: str, seed: int) -> Rocked:
-    """6,000 readings at 10 Hz: 10 mG and 10 mrad/s of noise, a gyro with a bias."""
+    """Recording of 6,000 readings at 10 Hz, with 10 mG and 10 mrad/s of noise and a gyro bias."""
     rng = np.random.default_rng([SEED, seed])
     turning = simulate.rocked(rng, seconds=600.0, rate_hz=10.0, amplitudes_deg=MOTIONS[motion])
     true = simulate.seen_from(turning.attitudes, FIELD_MG)
@@ -133,7 +133,7 @@ def rocked(motion: str, seed: int) -> Rocked:
 
 
 def of_the_package(data: Mapping[str, Floats], motion: str, seed: int) -> Rocked:
-    """One recording of the package's own simulator; a rate moves to the reading that its step begins with."""
+    """One recording of the package's own simulator, with rates moved to the beginning of their steps."""
     level = LEVELS[motion]
     field, rate, clock, true, angles = (
         data[f"{level}_{column}"][seed] for column in ("field", "rate", "time", "true", "angles")
@@ -147,7 +147,7 @@ def of_the_package(data: Mapping[str, Floats], motion: str, seed: int) -> Rocked
 
 
 def by_rate(samples: Samples, *, window_s: float) -> Answer:
-    """The aid of the angular rate."""
+    """Answer of the fit with the angular rate."""
     begun = time.process_time()
     found = solve(samples, ("rate",), window_s=window_s)
     seconds = time.process_time() - begun
@@ -155,7 +155,7 @@ def by_rate(samples: Samples, *, window_s: float) -> Answer:
 
 
 def by_ellipsoid(samples: Samples, *, method: Callable[[Samples], Ellipsoid]) -> Answer:
-    """One of `benchmarks.emulations`, or a method of Flinders."""
+    """Answer of one of `benchmarks.emulations`, or of a method of Flinders."""
     begun = time.process_time()
     ellipsoid = method(samples)
     seconds = time.process_time() - begun
@@ -163,13 +163,13 @@ def by_ellipsoid(samples: Samples, *, method: Callable[[Samples], Ellipsoid]) ->
 
 
 def by_magyc(samples: Samples, *, window: int) -> Answer:
-    """MAGYC's differentiated form, with the bias that it finds on the way."""
+    """Answer of MAGYC's differentiated form, with its gyro bias."""
     answer = by_ellipsoid(samples, method=partial(magyc_ls, window=window))
     return replace(answer, gyro_bias=gyro_bias(samples, window))
 
 
 def likelihood(samples: Samples) -> Ellipsoid:
-    """The magnetometer alone."""
+    """Ellipsoid of the magnetometer alone."""
     return Likelihood().estimate(Readings.of(samples)).ellipsoid
 
 
@@ -189,12 +189,12 @@ CONTESTANTS: Final[Mapping[str, Callable[[Samples], Answer]]] = {
 
 
 def interpreter(where: str) -> list[str]:
-    """The words that start a Python which has the package.
+    """Command that starts a Python with the package.
 
     Raises
     ------
     NoPackage
-        Where there is none.
+        If the package is missing.
     """
     if where != "uv":
         return [where]
@@ -205,12 +205,12 @@ def interpreter(where: str) -> list[str]:
 
 
 def run_there(where: str, *words: str) -> None:
-    """Run the program beside this one where the package is.
+    """Run `magyc_package.py` in the package's environment.
 
     Raises
     ------
     NoPackage
-        With the last line of what it says.
+        With the last line of its output.
     """
     try:
         done = subprocess.run(
@@ -225,7 +225,7 @@ def run_there(where: str, *words: str) -> None:
 
 
 def package_answers(where: str, recordings: Sequence[Rocked]) -> dict[str, list[Answer | None]]:
-    """What each function of the package says of each recording; None where it raises.
+    """Answers of each function of the package for each recording; None if it raises.
 
     Raises
     ------
@@ -278,7 +278,7 @@ def _answer(told: Mapping[str, object]) -> Answer | None:
 
 
 def scored(answer: Answer | None, recording: Rocked) -> Score:
-    """How far an answer is off the truth; NaN of none, and of numbers that are none."""
+    """Errors of an answer; NaN without one, or for NaN in it."""
     if answer is None or not (np.isfinite(answer.offset).all() and np.isfinite(answer.matrix).all()):
         return Score()
     corrected = (recording.samples.field - answer.offset) @ answer.matrix.T
@@ -296,7 +296,7 @@ def scored(answer: Answer | None, recording: Rocked) -> Score:
 
 
 def score(contestant: Callable[[Samples], Answer], recording: Rocked) -> Score:
-    """Run one contestant on one recording; NaN where it refuses."""
+    """Run one contestant on one recording; NaN if it refuses."""
     try:
         answer = contestant(recording.samples)
     except FlindersError:
@@ -314,7 +314,7 @@ HEAD: Final = (
 
 
 def line(motion: str, title: str, scores: Sequence[Score]) -> str:
-    """One row: medians over the seeds that gave an answer, and how many did not.
+    """One row: medians over the seeds with an answer, and the number without.
 
     >>> line("WAM", "`rate`", [Score(1.0, 0.01, 0.1, 1.001, 0.2), Score(3.0, 0.03, 0.3, 1.003, 0.4), Score()])
     '| WAM | `rate` (1 of 3 refused) | 2 | 3 | 0.020 | 0.20 | 1.002 | 0.30 |'
@@ -331,7 +331,7 @@ def line(motion: str, title: str, scores: Sequence[Score]) -> str:
 
 
 def table(pool: ProcessPoolExecutor, recordings: Mapping[str, Sequence[Rocked]], where: str | None) -> Iterator[str]:
-    """Yield the rows of each motion, and last whether what was asked for is reached."""
+    """Yield the rows of each motion, then whether the requirements are met."""
     yield HEAD
     reached = []
     for motion, some in recordings.items():
@@ -351,11 +351,11 @@ def table(pool: ProcessPoolExecutor, recordings: Mapping[str, Sequence[Rocked]],
 
 
 def asked_of(motion: str, scores: Sequence[Score]) -> str:
-    """Say what was asked for and what the aid reaches."""
+    """Line on the requirements and the results with the aid."""
     offset, heading = (float(np.median([getattr(one, name) for one in scores])) for name in ("offset", "heading"))
-    limit = ASKED_MG.get(motion)
+    limit = MAX_OFFSET_MG.get(motion)
     of_offset = "" if limit is None else f" (asked: {limit:g}, {_met(offset <= limit)})"
-    of_heading = f"asked: {ASKED_HEADING:g}, {_met(heading <= ASKED_HEADING)}"
+    of_heading = f"asked: {MAX_HEADING_RATIO:g}, {_met(heading <= MAX_HEADING_RATIO)}"
     return f"- {motion}: {offset:.2g} mG{of_offset}, heading {heading:.3f} ({of_heading})"
 
 
@@ -417,14 +417,14 @@ def wrapped_rms(angles: Floats) -> float:
 
 
 def _symmetric(iron: Floats) -> Floats:
-    """(3, 3) symmetric root of AAᵀ: a rotation is no soft iron."""
+    """(3, 3) symmetric root of AAᵀ, without the rotation."""
     values, axes = np.linalg.eigh(iron @ iron.T)
     root: Floats = (axes * np.sqrt(values)) @ axes.T
     return root
 
 
 def _log(matrix: Floats) -> Floats:
-    """(3, 3) logarithm of a symmetric positive matrix, its determinant taken out."""
+    """(3, 3) logarithm of a symmetric positive matrix with its determinant removed."""
     values, axes = np.linalg.eigh(matrix / np.cbrt(np.linalg.det(matrix)))
     log: Floats = (axes * np.log(values)) @ axes.T
     return log

@@ -1,11 +1,11 @@
-"""What the published package `magyc` makes of recordings: run by `benchmarks.magyc` where that package is.
+"""Runs the published package `magyc` on recordings, for `benchmarks.magyc`, in the package's environment.
 
     python magyc_package.py recordings.npz answers.json        # field, rate and time of any number of recordings
     python magyc_package.py --simulate recordings.npz SEEDS    # recordings of its own simulator
 
-It needs the package and NumPy alone, and nothing of Flinders, whose environment may be another one. Field in gauss, as
-in the package's own data, since the tolerances of its factor graphs are absolute; a rate is that of the step that ends
-with its reading.
+It needs the package and NumPy, and not Flinders, whose environment may be another one. The field is in gauss, as in the
+package's own data, since the tolerances of its factor graphs are absolute; a rate is that of the step that ends with
+its reading.
 """
 
 import importlib
@@ -17,10 +17,10 @@ from pathlib import Path
 import numpy as np
 
 FUNCTIONS = ("magyc_ls", "magyc_nls", "magyc_bfg", "magyc_ifg", "sar_ls", "sar_kf", "sar_aid", "ellipsoid_fit")
-"""Those that are fitted, with the options that they have by themselves."""
+"""Functions to run, with their default options."""
 
 GYRO_BIAS = {"magyc_nls": 2, "magyc_bfg": 2, "magyc_ifg": 2}
-"""Where the bias of the gyro stands among their answers."""
+"""Index of the gyro bias in the functions' answers."""
 
 HARD_ONLY = ("sar_ls", "sar_kf", "sar_aid")
 LEVELS = ("high", "mid", "low", "tiny")
@@ -28,12 +28,12 @@ LEVELS = ("high", "mid", "low", "tiny")
 
 
 def answer(name: str, field: np.ndarray, rate: np.ndarray, clock: np.ndarray) -> dict[str, object]:
-    """Offset, soft iron and gyro bias that one function finds, and CPU seconds; what it raises instead."""
+    """Offset, soft iron and gyro bias of one function, and CPU seconds; or its exception."""
     function = getattr(importlib.import_module("magyc"), name)
     begun = time.process_time()
     try:
         found = function(field) if name == "ellipsoid_fit" else function(field, rate, clock)
-    except Exception as error:  # noqa: BLE001 - whatever another program raises is its answer
+    except Exception as error:  # noqa: BLE001 - any error of the package is a result
         return {"refused": f"{type(error).__name__}: {error}"}
     seconds = time.process_time() - begun
     soft = np.eye(3) if name in HARD_ONLY else np.asarray(found[1], float)
@@ -43,7 +43,7 @@ def answer(name: str, field: np.ndarray, rate: np.ndarray, clock: np.ndarray) ->
 
 
 def answers(recordings: str, output: str) -> None:
-    """Fit all recordings of a file with all functions, and write what was found."""
+    """Fit all recordings of a file with all functions, and write the results."""
     data = np.load(recordings)
     found: dict[str, list[dict[str, object]]] = {}
     for name in FUNCTIONS:

@@ -1,13 +1,13 @@
-"""The page that needs no program, in a real browser: bytes on the wire, first paint, memory, and how long a fit takes.
+"""The page without a server in a real browser: bytes on the wire, first paint, memory, and duration of a fit.
 
     python -m benchmarks.page [--minutes 10] [--speed 20]
 
-*wire*: the files that a first visit needs, each as gzip packs it; the 3-D view comes after them, and is counted apart.
+*wire*: files that a first visit needs, compressed by gzip; the 3-D view loads later, and is counted separately.
 *paint*: first contentful paint of five visits by a browser without a cache, from a web server on this machine.
-*worker*: from the readings to fit, verdict and view of 3,000 of them, thirty times, while the sensor is paused; the fit
-alone is in ``python -m benchmarks.page_verdict``.
-*memory*: so many minutes of 50 readings a second from the simulated sensor, played so many times as fast as by the
-clock; the heap of the page after a collection of garbage, a tenth of the way and at the end.
+*worker*: time from 3,000 readings to fit, verdict and view, thirty times, while the sensor is paused; for the fit alone
+see ``python -m benchmarks.page_verdict``.
+*memory*: some minutes of 50 readings a second from the simulated sensor, at a multiple of real time; heap of the page
+after garbage collection, after a tenth of the time and at the end.
 """
 
 from __future__ import annotations
@@ -49,12 +49,12 @@ FIT: Final = """async (count) => {
 
 
 def wire() -> dict[str, int]:
-    """Bytes of each file of a first visit, and of the 3-D view, as gzip packs them."""
+    """Compressed bytes of each file of a first visit, and of the 3-D view."""
     return {name: len(gzip.compress(content)) for name, content in package.contents().items() if "LICENSE" not in name}
 
 
 def paint_ms(browser: Browser, site: Site) -> float:
-    """First contentful paint of a visit by a browser that has nothing of the page."""
+    """First contentful paint of a visit with an empty cache, ms."""
     context = browser.new_context(service_workers="block")
     page = context.new_page()
     page.goto(site.address)
@@ -74,7 +74,7 @@ def until(page: Page, expression: str) -> None:
 
 
 def heap_mb(page: Page) -> float:
-    """Heap of the page after a collection of garbage, with its buffers."""
+    """Heap of the page after garbage collection, with its buffers, MB."""
     session = page.context.new_cdp_session(page)
     session.send("HeapProfiler.collectGarbage")
     usage = session.send("Runtime.getHeapUsage")
@@ -83,7 +83,7 @@ def heap_mb(page: Page) -> float:
 
 
 def simulated(browser: Browser, site: Site, speed: float) -> Page:
-    """A page that plays the simulated sensor so many times as fast as by the clock."""
+    """Open a page that plays the simulated sensor at a multiple of real time."""
     page = browser.new_context(service_workers="block", viewport={"width": 1280, "height": 800}).new_page()
     page.goto(f"{site.address}?speed={speed:g}")
     until(page, "window.flinders?.store.hello")
@@ -112,7 +112,7 @@ def main() -> None:
 
 
 def measure(page: Page, readings: float) -> None:
-    """Fits and memory of a page whose sensor runs."""
+    """Measure fits and memory of a page with a running sensor."""
     until(page, f"flinders.store.state.readings > {READINGS}")
     page.locator("#pause").click()
     until(page, "!flinders.connection.session.isFitting")

@@ -1,4 +1,4 @@
-/** Evaluates recordings as the page that needs no program does: JSON on standard input, an answer for each on output. */
+/** Evaluates recordings as the page without a server does: reads JSON on standard input, writes a result for each. */
 
 import { readFileSync } from "node:fs";
 import { pathToFileURL } from "node:url";

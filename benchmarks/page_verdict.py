@@ -1,4 +1,4 @@
-"""How far the page that needs no program is off the program: ``python -m benchmarks.page_verdict``.
+"""Differences of the page without a server from the program: ``python -m benchmarks.page_verdict``.
 
 Recordings of the shared data, thinned to 5,000 readings, and simulated ones are evaluated by the page's modules under
 Node.js, and by `flinders.fit` with the same readings. Compared are the numbers of the engine, in standard deviations or
@@ -50,19 +50,19 @@ if TYPE_CHECKING:
     from flinders.report.view import View
 
 PROGRAM: Final = Path(__file__).with_suffix(".mjs")
-MOST: Final = 5_000
-"""Readings of a recording."""
+MAX_READINGS: Final = 5_000
+"""Most readings of a recording."""
 SIGMA: Final = 0.5
 RELATIVE: Final = ("noise", "radius", "level_worst_deg", "level_rms_deg", "correlation_time", "prior_influence")
-"""Numbers of a record that are compared by their size."""
+"""Numbers of a record that are compared by relative difference."""
 TURNS: Final = 3
 
 
 @dataclass(frozen=True, slots=True)
 class Case:
-    """Readings on a timeline, and what is asked of their fit.
+    """Readings on a timeline, with settings of their fit.
 
-    Somebody may be turning the sensor just now; there may be a calibration from before, which may be renewed.
+    The user may be turning the sensor; there may be an earlier calibration, to be renewed or not.
     """
 
     samples: Samples
@@ -75,7 +75,7 @@ class Case:
 
     @property
     def fit(self) -> Fit | None:
-        """What the program makes of them, also where it refuses that; None where there is no fit."""
+        """Fit by the program, also a refused one; None without a fit."""
         renewed = self.previous if self.is_renewed else None
         fitted = flinders.fit if renewed is None else partial(refresh, previous=renewed)
         try:
@@ -87,7 +87,7 @@ class Case:
 
     @property
     def asked(self) -> dict[str, Any]:
-        """What the page is asked."""
+        """Request to the page."""
         dip_deg, is_assumed = judged_dip(self.site)
         return {
             "field": _packed(self.samples.field),
@@ -107,29 +107,28 @@ class Case:
 
 @dataclass(frozen=True, slots=True)
 class Compared:
-    """What page and program make of the same readings.
+    """Results of page and program for the same readings.
 
     Attributes
     ----------
     name : str
     rows : int
     method : str
-        Of the program; empty where it refuses to fit.
+        Method of the program; empty without a fit.
     verdicts : tuple of str
-        Of the program and of the page; empty where there is no fit.
+        Of the program and of the page; empty without a fit.
     findings : tuple of list of (code, severity)
         Of both, most severe first.
     sentences : tuple of list of str
         The sentence of the verdict and the advice of each finding, of both.
     reasons : list of str
-        Codes of what speaks against the calibration, of the page.
+        Codes of the page's reasons against the calibration.
     claim : float
-        Heading error of the page over that of the program; NaN where there is none.
+        Heading error of the page over that of the program; NaN without both.
     engine_off : float
         Largest difference of a number of the engine, in standard deviations, or relative.
     fit_ms, evaluate_ms : float
-        Processor time that the page takes: for the engine's fit alone, and for all that it shows. 0 where it is not
-        measured.
+        Processor time of the page: for the engine's fit alone, and for the whole evaluation. 0 if not measured.
     """
 
     name: str
@@ -145,7 +144,7 @@ class Compared:
     evaluate_ms: float
 
 
-def thinned(samples: Samples, most: int = MOST) -> Samples:
+def thinned(samples: Samples, most: int = MAX_READINGS) -> Samples:
     """Field and time of every second, third … reading."""
     stride = max(1, -(-len(samples) // most))
     time = None if samples.time is None else samples.time[::stride]
@@ -153,7 +152,7 @@ def thinned(samples: Samples, most: int = MOST) -> Samples:
 
 
 def case_of(samples: Samples, target_deg: float = 1.0, goal: Goal = "heading", *, is_followed: bool = False) -> Case:
-    """Readings as a session has them: with times, which never go back."""
+    """Case of readings as in a session, with ascending times."""
     times = np.arange(float(len(samples))) if samples.time is None else samples.time
     unit = flinders.Unit.of(samples.unit.inside)
     there = Samples(samples.field, unit=unit, axes=samples.axes, time=Timeline()(times)[0], source=samples.source)
@@ -161,7 +160,7 @@ def case_of(samples: Samples, target_deg: float = 1.0, goal: Goal = "heading", *
 
 
 def site_of(known: Site | None) -> dict[str, float | None] | None:
-    """What counts of a site, as the page asks its engine."""
+    """Site for the page's engine."""
     if known is None:
         return None
     names = ("strength", "gain_sigma", "inclination_deg", "inclination_sigma_deg")
@@ -178,7 +177,7 @@ def _packed(numbers: Floats) -> str:
 
 
 def page_answers(cases: Sequence[Case], turns: int = 0) -> dict[str, Any]:
-    """What the page's modules answer for each case, under Node.js; and the names that their sentences know."""
+    """Answers of the page's modules under Node.js for each case, and the names of values in their sentences."""
     given = {
         "modules": str(files("flinders.apps.live").joinpath("static", "standalone")),
         "wasm": str(build.library(target=build.WEB)),
@@ -198,7 +197,7 @@ def page_answers(cases: Sequence[Case], turns: int = 0) -> dict[str, Any]:
 
 
 def compared(names: Sequence[str], cases: Sequence[Case], turns: int = 0) -> list[Compared]:
-    """Evaluate cases by both, and put them side by side."""
+    """Evaluate cases by page and program, and compare the results."""
     answers = page_answers(cases, turns)["answers"]
     return [_compared(*each) for each in zip(names, cases, answers, strict=True)]
 
@@ -247,7 +246,7 @@ def _claim(program: View | None, page: dict[str, Any]) -> float:
 
 
 def engine_off(record: Records, page: dict[str, Any]) -> float:
-    """Largest difference of a record of the page from that of the program; infinite where only one has a fit."""
+    """Largest difference of the page's record from the program's; infinite if only one has a fit."""
     if record["status"] or page["status"]:
         return 0.0 if record["status"] == page["status"] else math.inf
     sigma = np.sqrt(np.abs(record["covariance"].reshape(9, 9).diagonal()))
@@ -261,18 +260,18 @@ def engine_off(record: Records, page: dict[str, Any]) -> float:
 
 
 def simulated() -> Iterator[tuple[str, Samples]]:
-    """Simulated recordings by their names."""
+    """Yield simulated recordings by name."""
     yield from ((f"{name} {seed}", world(seed).samples) for name, world in WORLDS.items() for seed in (0, 1))
     yield from ((name, dataset(name, trial=0, sigma=SIGMA).samples) for name in SETS)
 
 
 def real() -> Iterator[tuple[str, Samples]]:
-    """Recordings of the shared data by their names."""
+    """Yield recordings of the shared data by name."""
     yield from ((name, flinders.read(FOLDER / name)) for name in recordings())
 
 
 def report(title: str, rows: Sequence[Compared]) -> None:
-    """Print how many agree in what, and what each of the others is."""
+    """Print the number of agreements, and each disagreement."""
     full = [row for row in rows if row.verdicts[0]]
     judged = [row for row in full if row.verdicts[0] != "refused"]
     alike = [row for row in full if row.verdicts[0] == row.verdicts[1]]
@@ -294,7 +293,7 @@ def report(title: str, rows: Sequence[Compared]) -> None:
 
 
 def main() -> int:
-    """Compare, and print."""
+    """Compare, and print the report."""
     try:
         build.library(target=build.WEB)
     except build.NoCompiler as error:

@@ -1,18 +1,19 @@
-"""Public recordings with a truth of the orientation: what is claimed of each, and what the truth says.
+"""Public recordings with true orientations: claims compared with the truth.
 
     python -m benchmarks.public FOLDER
 
-Nothing is fetched. FOLDER has a sub-folder for each set, named as in `SETS`; ``docs/public-data.md`` says where to get
-each, under which licence, and what its truth is worth. Of each recording:
+FOLDER has a sub-folder for each set, named as in `SETS`; nothing is downloaded. ``docs/public-data.md`` states source
+and licence of each set, and the quality of its truth. Columns:
 
-claimed            worst level heading error, 1 σ, at the inclination that the truth shows; none of a refused fit
-true               the same of the corrected readings, from the affine map that carries the field of the truth to them:
-                   a level turn through it, less the mean and the rotation, which a magnetometer cannot see
-ratio              true over claimed: 1.2 in the median and 2.1 at 90 % where claims are true
-single readings    root mean square heading error of the corrected readings by themselves
-after the map      the same of readings that the affine map of the truth corrects: noise of the sensor, delays of the
-                   truth, and the field of the room, which no calibration removes. Where it is not well below the
-                   single readings, or a field differs with the attitude, as indoors, the truth says little.
+claimed            worst level heading error, 1 σ, at the true inclination; none for a refused fit
+true               the same of the corrected readings, from the affine map of the true field to them: a level turn
+                                      through it, less the mean and the rotation, which a magnetometer cannot determine
+ratio              true over claimed: 1.2 in the median and 2.1 at 90 % for true claims
+single readings    root mean square heading error of single corrected readings
+after the map      the same of readings corrected by the true affine map: noise of the sensor, delays of the truth, and
+                                      variation of the field, which no calibration removes. If it is not well below the
+                                      single readings, or the field varies with the attitude, as indoors, the truth is
+                                      of little use.
 """
 
 from __future__ import annotations
@@ -43,17 +44,17 @@ if TYPE_CHECKING:
     from flinders.arrays import Floats
 
 GRAVITY: Final = 9.80665
-STARTS: Final = np.array([
+START_ROTATIONS: Final = np.array([
     rotation
     for axes in permutations(np.eye(3))
     for signs in product((1.0, -1.0), repeat=3)
     if np.linalg.det(rotation := np.array(axes) * signs) > 0.0
 ])  # fmt: skip
-"""(24, 3, 3) mountings to begin with: all rotations by quarter turns."""
+"""(24, 3, 3) start values of the mounting: all rotations by quarter turns."""
 ROUNDS: Final = 30
-"""Of mounting, field and calibration, each from the others."""
-MOST: Final = 20_000
-"""Readings that a truth is compared at."""
+"""Iterations over mounting, field and calibration, each from the others."""
+MAX_READINGS: Final = 20_000
+"""Most readings to compare with a truth."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -62,13 +63,13 @@ class Trial:
 
     name: str
     samples: Samples
-    #: (N, 4): quaternion w, x, y, z between the axes of a body with the sensor and those of a room; NaN without a truth
+    #: (N, 4): quaternion w, x, y, z between the axes of the body and of the room; NaN without a truth
     attitude: Floats
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Truth:
-    """What the truth says of corrected readings."""
+    """Errors of corrected readings by the truth."""
 
     worst_deg: float  #: of a level turn
     single_deg: float  #: root mean square of single readings
@@ -78,7 +79,7 @@ class Truth:
 
 
 class Unread(Exception):
-    """Why a recording cannot be read or compared."""
+    """A recording cannot be read or compared, with the reason."""
 
 
 # evaluation
@@ -103,10 +104,10 @@ def judged(trial: Trial) -> str:
 
 
 def compared(fit: Fit, trial: Trial) -> Truth:
-    """Hold the corrected readings of a fit against the truth; the mounting and the direction of the field are fitted.
+    """Compare the corrected readings of a fit with the truth, with a fitted mounting and direction of the field.
 
-    c = (I + E) Mᵀ Rᵀ h + f of corrected readings c, attitudes R of the truth, the mounting M, the field h of the room,
-    and the errors E and f that the calibration leaves, by turns until all agree.
+    c = (I + E) Mᵀ Rᵀ h + f with corrected readings c, true attitudes R, mounting M, field h of the room, and remaining
+    errors E and f of the calibration, solved alternately until convergence.
     """
     samples, attitude = _thinned(trial)
     corrected = fit.calibration.apply(samples.field)
@@ -135,18 +136,18 @@ def compared(fit: Fit, trial: Trial) -> Truth:
 
 
 def _thinned(trial: Trial) -> tuple[Samples, Floats]:
-    """Readings with a truth, at most `MOST`."""
+    """Readings with a truth, at most `MAX_READINGS`."""
     rows = np.flatnonzero(np.isfinite(known(trial.attitude)).all(axis=1))
-    rows = rows[:: 1 + len(rows) // MOST]
-    if len(rows) < len(STARTS):
-        raise Unread(f"a truth at {len(rows)} readings, need {len(STARTS)}")
+    rows = rows[:: 1 + len(rows) // MAX_READINGS]
+    if len(rows) < len(START_ROTATIONS):
+        raise Unread(f"a truth at {len(rows)} readings, need {len(START_ROTATIONS)}")
     return trial.samples[rows.tolist()], trial.attitude[rows]
 
 
 def _mounting(corrected: Floats, attitude: Floats) -> tuple[Floats, Floats]:
-    """(N, 3, 3) rotations of the truth and (3, 3) the mounting that agree best to begin with.
+    """(N, 3, 3) true rotations and (3, 3) mounting as start values.
 
-    Not every set says whether its quaternions turn the sensor into the room or back: both are tried.
+    Some sets do not state the direction of their quaternions, sensor to room or back: both are tried.
     """
     turns = rotated(attitude[:, np.newaxis], np.eye(3)).transpose(0, 2, 1)
     starts = [*_starts(corrected, turns), *_starts(corrected, turns.transpose(0, 2, 1))]
@@ -155,8 +156,8 @@ def _mounting(corrected: Floats, attitude: Floats) -> tuple[Floats, Floats]:
 
 
 def _starts(vectors: Floats, turns: Floats) -> Iterator[tuple[float, Floats, Floats]]:
-    """Yield the length of the mean of (N, 3) vectors in the room, the rotations, and each of `STARTS`."""
-    for start in STARTS:
+    """Yield the length of the mean of (N, 3) vectors in the room, the rotations, and each of `START_ROTATIONS`."""
+    for start in START_ROTATIONS:
         yield float(np.linalg.norm(_turned(turns, vectors @ start.T).mean(axis=0))), turns, start
 
 
@@ -174,7 +175,7 @@ def _rotation(matrix: Floats) -> Floats:
 
 
 def _up(samples: Samples, turns: Floats) -> Floats:
-    """(3,) the vertical of the room: the mean of the accelerometer in axes of its own, else its z axis."""
+    """(3,) vertical of the room: the mean acceleration in its axes, else its z axis."""
     if samples.acceleration is None:
         return np.array([0.0, 0.0, 1.0])
     force = np.nan_to_num(samples.acceleration)
@@ -208,10 +209,10 @@ def _about_deg(seen: Floats, field: Floats, up: Floats) -> float:
 
 
 def broad(folder: Path) -> Iterator[Trial]:
-    """BROAD: HDF5 or MATLAB; readings with quaternions of OptiTrack (w, x, y, z), NaN where it lost them.
+    """BROAD: HDF5 or MATLAB; readings with quaternions of OptiTrack (w, x, y, z), NaN if lost.
 
     Names as in ``example_code/process_data.py`` of https://github.com/dlaidig/broad; in HDF5 the rate is an attribute.
-    A trial that is there in both formats counts once.
+    A trial in both formats counts once.
     """
     either = {path.stem: path for path in (*folder.rglob("*.hdf5"), *folder.rglob("*.mat"))}
     for _, path in sorted(either.items()):
@@ -311,7 +312,7 @@ SETS: Final[Mapping[str, Callable[[Path], Iterator[Trial]]]] = {
 def _trial(
     name: str, field: Floats, unit: str, time: Floats, acceleration: Floats, rate: Floats, attitude: Floats
 ) -> Trial:
-    """Make a trial of columns, without the rows that have no field or none but zeros."""
+    """Trial from columns, without rows whose field is missing or zero."""
     rows = np.isfinite(field).all(axis=1) & np.any(field != 0.0, axis=1)
     samples = Samples.of(
         field[rows], unit=unit, time=time[rows], acceleration=acceleration[rows], rate=rate[rows], source=name
@@ -326,7 +327,7 @@ def _matlab(path: Path, what: str) -> dict[str, Any]:
 
 
 def _needed(module: str, what: str) -> Any:  # noqa: ANN401 - a module without types
-    """Import what reads a format."""
+    """Import the module that reads a format."""
     try:
         return import_module(module)
     except ImportError:
@@ -352,7 +353,7 @@ def _variables(columns: Mapping[str, Any], path: Path, *names: str) -> Iterator[
 
 
 def main() -> None:
-    """Print the table of what is in the folder."""
+    """Print the table of the sets in the folder."""
     parser = argparse.ArgumentParser(description=(__doc__ or "").partition("\n")[0])
     parser.add_argument("folder", type=Path, help="has a sub-folder for each set: docs/public-data.md")
     folder = parser.parse_args().folder

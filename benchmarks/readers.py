@@ -2,12 +2,11 @@
 
     FLINDERS_DATA=… python -m benchmarks.readers
 
-Each reader is compared with what else reads such a file, both to the end: every magnetometer with the columns that
-stand beside it, in arrays. "We use" are the messages and fields that Flinders takes of a file, and behind the ÷ stands
-what the other side reads of it. CSV is a million rows of four columns, and
-the labelled lines are 300,000, written for the purpose. Times are medians of
-interleaved repeats, on one thread but those of pyarrow, from a file that the system has in its cache. A row is left
-out, with a word why, where the recording or the other package is not there.
+Each reader is compared with another reader of the format; both read the whole file: every magnetometer with its
+auxiliary columns, into arrays. "We use" means the messages and fields that Flinders needs; the text after ÷ states the
+part that the other package reads. CSV is a generated file of a million rows of four columns, and there are 300,000
+generated labelled lines. Times are medians of interleaved repeats, on one thread except for pyarrow, from a cached
+file. If the recording or the other package is missing, the row states the reason.
 """
 
 from __future__ import annotations
@@ -31,7 +30,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable
 
 SECONDS: Final = 6.0
-"""That the repeats of a row take."""
+"""Duration of the repeats of a row, s."""
 
 DATAFLASH_FIELDS: Final = {
     **dict.fromkeys(
@@ -46,7 +45,7 @@ DATAFLASH_FIELDS: Final = {
     "GPS": ("Status", "TimeMS", "Week", "Lat", "Lng", "Alt", "T"),
     "MSG": ("Message",),
 }
-"""What our reader takes of the recording, by name of the message."""
+"""Fields that Flinders reads, by name of the message."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -57,13 +56,13 @@ class Row:
     ----------
     label : str
     recording : str
-        In the folder of recordings; `CSV` is made.
+        Path in the folder of recordings; `CSV` is generated.
     package : str
-        That it is compared with.
+        The other package.
     ours, other : callable
         Read the file.
     limit : float
-        Of time ours ÷ theirs.
+        Limit of the ratio of times, ours ÷ theirs.
     """
 
     label: str
@@ -75,12 +74,12 @@ class Row:
 
 
 def every_instrument(path: Path) -> object:
-    """Each magnetometer of a log with what is beside it, un-applied."""
+    """Each magnetometer of a log with its auxiliary columns, un-applied."""
     return [list(instrument.blocks()) for instrument in open_log(path).instruments]
 
 
 def by_pymavlink(path: Path) -> object:
-    """The same fields as arrays, by pymavlink's reader, which skips the messages that are not asked for."""
+    """The same fields as arrays, by pymavlink's reader, which skips other messages."""
     from pymavlink import DFReader
 
     columns: dict[str, dict[str, list[Any]]] = {
@@ -94,7 +93,7 @@ def by_pymavlink(path: Path) -> object:
 
 
 def all_by_pymavlink(path: Path) -> object:
-    """All messages of the log with all their fields, as tools that look for what they need afterwards do."""
+    """All messages of the log with all fields, as read by tools that select later."""
     from pymavlink import DFReader
 
     messages = []
@@ -105,14 +104,14 @@ def all_by_pymavlink(path: Path) -> object:
 
 
 def by_pyulog(path: Path) -> object:
-    """The whole log, as pyulog gives it unless it is told what to leave out."""
+    """The whole log by pyulog with default options."""
     import pyulog
 
     return pyulog.ULog(str(path)).data_list
 
 
 def by_rosbags(path: Path) -> object:
-    """Messages of all topics, decoded, as a script with rosbags does."""
+    """Messages of all topics, decoded by rosbags."""
     from rosbags.highlevel import AnyReader
 
     with AnyReader([path]) as bag:
@@ -120,18 +119,18 @@ def by_rosbags(path: Path) -> object:
 
 
 def without_pyarrow(path: Path) -> object:
-    """Read text as where pyarrow is not installed."""
+    """Read text as without pyarrow."""
     with patch.object(text, "LEAST_FOR_ARROW", sys.maxsize):
         return read(path)
 
 
 def by_loadtxt(path: Path) -> object:
-    """The table below the header, by NumPy."""
+    """The table below the header by NumPy."""
     return np.loadtxt(path, delimiter=",", skiprows=1)
 
 
 def by_pyarrow(path: Path) -> object:
-    """The table as pyarrow reads it by default, on all cores, left in its own columns."""
+    """The table by pyarrow with default options, on all cores, in Arrow columns."""
     from pyarrow import csv
 
     return csv.read_csv(path)
@@ -173,7 +172,7 @@ def write_csv(path: Path, rows: int = 1_000_000) -> None:
 
 
 def labelled(folder: Path, rows: int = 300_000) -> str:
-    """Say how many labelled lines are read in a second, the best of three."""
+    """Sentence on the labelled lines read per second, the best of three runs."""
     field = np.random.default_rng(0).normal(0.0, 30.0, (rows, 3))
     path = folder / "print.txt"
     path.write_text("".join(f"X: {x:.2f} Y: {y:.2f} Z: {z:.2f} uT\n" for x, y, z in field), encoding="utf-8")

@@ -1,13 +1,12 @@
-"""What a simple recipe costs in degrees: every method on the data sets and on real recordings, beside `auto`.
+"""Accuracy of simple recipes in degrees: every method on the data sets and on real recordings, compared with `auto`.
 
     python -m benchmarks.recipes [--trials 40] [--sigma 0.5] [--methods auto,minmax] [--processes 2]
 
 First table: true heading error of a level turn (rms over trials and headings, its mean removed) on the sets of
-`benchmarks.datasets`; in brackets how many of the trials gave no calibration at all, if any. The emulations that need
-no gyro (`benchmarks.emulations`) are in it, too. Second table: real
-recordings, whose truth nobody knows: the cross-validated heading error (rms, ten blocks of time), and in brackets how
-far the heading is from that of `auto`. The recordings are looked for as `benchmarks.recordings` does. An angle of
-more than 90° is as good as none.
+`benchmarks.datasets`, with the number of trials without a calibration in brackets; it includes the emulations without a
+gyro (`benchmarks.emulations`). Second table: real recordings without a known truth: the cross-validated heading error
+(rms, ten blocks of time), and in brackets the difference from the heading of `auto`. Recordings are searched as by
+`benchmarks.recordings`. Angles of more than 90° count as undetermined.
 """
 
 from __future__ import annotations
@@ -48,14 +47,14 @@ RECORDINGS: Final = {
 """Five sensors, by name and file."""
 
 EMULATED: Final = ("ladder", "forgetting")
-"""Emulations that look at the magnetometer alone."""
+"""Emulations that use the magnetometer alone."""
 
-HOPELESS: Final = 90.0
-NOTHING: Final = 1e-3
+MAX_ANGLE_DEG: Final = 90.0
+MIN_ANGLE_DEG: Final = 1e-3
 
 
 def error_deg(method: str, name: str, sigma: float, trial: int) -> float:
-    """Heading error of one trial; NaN where the method gives nothing."""
+    """Heading error of one trial; NaN without a result."""
     recording = dataset(name, trial, sigma)
     try:
         found = ellipsoid_by(method, Samples(recording.samples.field))
@@ -65,12 +64,12 @@ def error_deg(method: str, name: str, sigma: float, trial: int) -> float:
 
 
 def ellipsoid_by(method: str, samples: Samples) -> Ellipsoid:
-    """What a method or an emulation finds.
+    """Ellipsoid by a method or an emulation.
 
     Raises
     ------
     FitError
-        Where it finds nothing.
+        Without a result.
     """
     if method in EMULATIONS:
         return EMULATIONS[method](samples)
@@ -78,7 +77,7 @@ def ellipsoid_by(method: str, samples: Samples) -> Ellipsoid:
 
 
 def true_rows(methods: Sequence[str], sigma: float, trials: int, processes: int) -> Iterator[str]:
-    """Write the lines of the first table, each as soon as it is measured."""
+    """Yield the lines of the first table."""
     yield f"| method | {' | '.join(SETS)} |"
     yield "|---|" + "---:|" * len(SETS)
     with ProcessPoolExecutor(processes) as pool:
@@ -91,7 +90,7 @@ def true_rows(methods: Sequence[str], sigma: float, trials: int, processes: int)
 
 
 def real_rows(methods: Sequence[str]) -> Iterator[str]:
-    """Write the lines of the second table."""
+    """Yield the lines of the second table."""
     yield f"| method | {' | '.join(RECORDINGS)} |"
     yield "|---|" + "---:|" * len(RECORDINGS)
     columns = []
@@ -122,7 +121,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
 
 
 def _rms(errors: Sequence[float]) -> str:
-    """Write the rms of those that are there, and how many are not."""
+    """Write the rms of finite errors, and the number of others."""
     found = [error for error in errors if not math.isnan(error)]
     if not found:
         return "none"
@@ -140,10 +139,10 @@ def _cell(entry: Entry) -> str:
 
 
 def _angle(angle: float) -> str:
-    """Two digits, and no more than mean something."""
-    if angle > HOPELESS:
+    """Write an angle with two significant digits."""
+    if angle > MAX_ANGLE_DEG:
         return "> 90°"
-    if angle < NOTHING:
+    if angle < MIN_ANGLE_DEG:
         return "0°"
     return f"{angle:.0f}°" if angle >= 9.95 else f"{angle:.1f}°" if angle >= 0.995 else f"{angle:.2g}°"
 

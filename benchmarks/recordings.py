@@ -1,10 +1,9 @@
-"""Real recordings: what another tool made of them, and what `auto` makes of each.
+"""Real recordings: comparison with other tools, and results of `auto`.
 
-``python -m benchmarks.recordings`` prints two tables. The recordings are not part of the project; they are looked for
-in the folder that ``FLINDERS_DATA`` names, else in ``shared/data`` beside the project. A reference comes from the same
-readings by a similar method, so agreement checks code, not truth. In the second table the worst level heading error is
-what is claimed, beside what the textbook covariance for independent residuals would claim; findings that are mere
-notes are in brackets.
+``python -m benchmarks.recordings`` prints two tables. The recordings are not part of the project; their folder is
+``FLINDERS_DATA``, else ``shared/data`` next to the project. A reference comes from the same readings by a similar
+method, so agreement checks code, not truth. The second table has the claimed worst level heading error, and that by the
+textbook covariance for independent residuals; notes are in brackets.
 """
 
 from __future__ import annotations
@@ -28,12 +27,12 @@ NO_RECORDINGS: Final = {
     "icm_20948_get_cal_data_OUTPUT.txt", "reference_mag3_out.txt", "reference_paramters_mag.csv",
     "reference_20231014_online_bias_est.txt", "repeat_calibrations_20231225.txt",  # results
 }  # fmt: skip
-ALWAYS: Final = {"scale-unknown", "rotation-unknown", "unit-unknown"}
+USUAL_FINDINGS: Final = {"scale-unknown", "rotation-unknown", "unit-unknown"}
 """Findings of every recording here."""
 
 
 class Reference(NamedTuple):
-    """An offset that another tool found, in the unit of the recording."""
+    """Offset by another tool, in the unit of the recording."""
 
     recording: str
     tool: str
@@ -49,7 +48,7 @@ REFERENCES: Final = (
 
 
 def text_recordings() -> list[Path]:
-    """All files in the folder that may be text recordings of a magnetometer."""
+    """Files in the folder that may be text recordings of a magnetometer."""
     return [path for path in sorted(FOLDER.glob("*/*")) if path.suffix in TEXT and path.name not in NO_RECORDINGS]
 
 
@@ -66,7 +65,7 @@ def row(reference: Reference) -> str:
 
 
 def judged(path: Path) -> str | None:
-    """Fit one recording and write its row of the second table; None for what is no recording."""
+    """Fit one recording and write its row of the second table; None for other files."""
     name = str(path.relative_to(FOLDER))
     try:
         samples = flinders.read(path)
@@ -80,7 +79,7 @@ def judged(path: Path) -> str | None:
         return f"| {name} | {len(samples):,} | refused |  |  | {refusal.code} |"
     error, textbook = fit.heading_error_deg, fit.claim.textbook_heading_error_deg
     codes = [finding.code if finding.severity != "note" else f"({finding.code})" for finding in fit.findings]
-    told = ", ".join(code for code in codes if code.strip("()") not in ALWAYS)
+    told = ", ".join(code for code in codes if code.strip("()") not in USUAL_FINDINGS)
     claimed = "" if fit.verdict == "refused" else f"{error.worst:.2g}°"
     white = "" if fit.verdict == "refused" or textbook is None else f"{textbook.worst:.2g}°"
     return (

@@ -1,17 +1,17 @@
-"""How good a refreshed calibration is: errors beside the bound with the earlier soft iron, and beside what it claims.
+"""Accuracy of refreshed calibrations: errors compared with the bound for a known soft iron, and with claims.
 
     python -m benchmarks.refresh [--trials 200]
 
 Vehicles are calibrated by a tumble of a minute, then an offset of 10 µT an axis is added (1 σ) and the calibration is
-refreshed from ten seconds. The bound is the Cramér-Rao bound with the earlier calibration's covariance of the shape,
-and the strength of the field known to 1 %, as prior. Errors are those of a level heading, rms over all headings; a
-ratio to the claim is a root mean square over the trials, and 1 where claims are true.
+refreshed from ten seconds. The bound is the Cramér-Rao bound with the earlier covariance of the shape, and the strength
+of the field to 1 %, as prior. Errors are those of a level heading, rms over all headings; a ratio to the claim is a
+root mean square over the trials, and 1 for true claims.
 
 The last line is of real repeats: five tumbles of one compass, each calibrated with all its readings, and each ten
-seconds of them refreshed with the calibration of another one; how far both are apart beside what both claim.
+seconds of them refreshed with the calibration of another one: difference of both over their combined claim.
 
-A second table is of vehicles that stand still, at known headings: headings, tilts and dip are off by 1° (1 σ), the
-strength of the field by 1 %. Courses over ground have a crab of their own, as steady wind makes it.
+A second table is of vehicles at rest at known headings: headings, tilts and dip have errors of 1° (1 σ), the strength
+of the field of 1 %. Courses over ground have a crab angle, as from steady wind.
 """
 
 from __future__ import annotations
@@ -44,28 +44,28 @@ if TYPE_CHECKING:
     from flinders.fitting.result import Fit
     from flinders.simulate import Simulated
 
-FIELD_UT, MOVED_UT = 50.0, 10.0
+FIELD_UT, MOVE_UT = 50.0, 10.0
 
 MOTIONS: Final = {
     "10 s of ±30°": ("wobble", ()),
     "the same, with its gyro": ("wobble", ("rate",)),
     "level turn": ("level", ()),
 }
-"""Motion of `flinders.simulate.tumble`, and what else was recorded and counts."""
+"""Motion of `flinders.simulate.tumble`, and the aiding sensors."""
 
 HEADINGS: Final = (1, 2, 4, 8)
 CRABS_DEG: Final = (0.0, 2.0)
-"""By which courses are off from the headings, 1 σ of each amplitude over the heading."""
-DIP_DEG, STILL = 60.0, 100
-"""Degrees, and readings of a pose."""
+"""Crab angles of courses, 1 σ of each amplitude over the heading."""
+DIP_DEG, POSE_READINGS = 60.0, 100
+"""Dip, degrees, and readings of a pose."""
 
 CHANGES: Final = (0.0, 0.003, 0.01, 0.02, 0.05)
-"""Of the soft iron, root mean square of the entries."""
+"""Changes of the soft iron, root mean square of the entries."""
 
 
 @dataclass(frozen=True, slots=True)
 class Trial:
-    """A refreshed calibration: heading errors in degrees, rms, and what was said of it."""
+    """A refreshed calibration: heading errors in degrees, rms, and its verdict."""
 
     error: float
     claim: float
@@ -98,7 +98,7 @@ def main() -> None:
 
 
 def repeats() -> Floats:
-    """(K,) differences at the worst heading over what both claim, of ten seconds of the real repeats."""
+    """(K,) differences at the worst heading over the combined claim, for ten seconds of the real repeats."""
     recordings = [flinders.read(path) for path in sorted((FOLDER / "pichim_betaflight").glob("Cal*.csv"))]
     recordings += [flinders.read(path) for path in sorted((FOLDER / "pichim_betaflight").glob("calTest*.csv"))]
     ratios = []
@@ -117,21 +117,21 @@ def repeats() -> Floats:
 
 
 def stood(seed: int, headings: int, crab_deg: float = 0.0) -> Trial | None:
-    """Calibrate a vehicle, change it, and refresh it from poses at some headings; None where these contradict.
+    """Calibrate a vehicle, change it, and refresh from poses at some headings; None if these contradict.
 
-    Courses have a crab of their own, by a steady wind.
+    Courses have a crab angle by a steady wind.
     """
     rng = np.random.default_rng([seed, 26])
     first = tumble(seed)
     earlier = flinders.fit(first.samples, site=flinders.Site(strength=FIELD_UT))
-    sensor = replace(first.sensor, offset=first.sensor.offset + rng.normal(0.0, MOVED_UT, 3))
+    sensor = replace(first.sensor, offset=first.sensor.offset + rng.normal(0.0, MOVE_UT, 3))
     magnetic = rng.uniform(0.0, 360.0) + np.arange(headings) * 360.0 / headings
     world = FIELD_UT * rng.normal(1.0, 0.01) * north_and_down(DIP_DEG + rng.normal())
     angles = np.radians(np.stack([magnetic + rng.normal(size=headings), *rng.normal(size=(2, headings))]))
     fields = seen_from(posed(*angles), world)
     wind = crab_deg * np.random.default_rng([seed, 27]).standard_normal(2)
     courses = magnetic + wind @ [np.sin(np.radians(magnetic)), np.cos(np.radians(magnetic))]
-    poses = [sensor.read(np.tile(field, (STILL, 1)), rng) for field in fields]
+    poses = [sensor.read(np.tile(field, (POSE_READINGS, 1)), rng) for field in fields]
     try:
         fit = refresh_at_headings(
             poses,
@@ -154,12 +154,12 @@ def _in_microtesla(fit: Fit) -> Fit:
 
 
 def tried(seed: int, motion: str, aiding: Sequence[str], change: float) -> Trial | None:
-    """Calibrate a vehicle, change it, and refresh; None where there is no fit at all."""
+    """Calibrate a vehicle, change it, and refresh; None without a fit."""
     rng = np.random.default_rng([seed, 24])
     first = tumble(seed)
     earlier = flinders.fit(first.samples, site=flinders.Site(strength=FIELD_UT))
     matrix = soft_iron(rng, change) @ first.sensor.matrix
-    offset = first.sensor.offset + rng.normal(0.0, MOVED_UT, 3)
+    offset = first.sensor.offset + rng.normal(0.0, MOVE_UT, 3)
     sensor = Sensor((matrix + matrix.T) / 2.0, offset, first.sensor.noise)
     short = tumble(np.random.default_rng([seed, 25]), motion=motion, n=500, sensor=sensor)
     try:
@@ -180,7 +180,7 @@ def tried(seed: int, motion: str, aiding: Sequence[str], change: float) -> Trial
 
 
 def soft_iron(rng: np.random.Generator, change: float) -> Floats:
-    """(3, 3) what a change of the soft iron does to a field: symmetric, without a change of its mean strength."""
+    """(3, 3) factor of a change of the soft iron: symmetric, without a change of the mean strength."""
     entries = rng.standard_normal(6)
     deviator = symmetric(entries) - np.eye(3) * entries[:3].mean()
     added: Floats = change * deviator / np.sqrt(np.mean(upper(deviator) ** 2))
@@ -193,12 +193,12 @@ def parameters(ellipsoid: Ellipsoid) -> Floats:
 
 
 def heading_deg(truth: Ellipsoid, error: Floats) -> float:
-    """Error of a level heading, rms over all headings, of (9,) errors of the parameters."""
+    """Error of a level heading, rms over all headings, for (9,) errors of the parameters."""
     return level_error(truth, np.outer(error, error)).rms
 
 
 def bound_deg(short: Simulated, truth: Ellipsoid, earlier: Fit) -> float:
-    """The same at the bound, by the true directions."""
+    """Bound of that error, from the true directions."""
     directions = np.linalg.solve(truth.shape, (short.samples.field - truth.centre).T).T
     rows = information(directions / np.linalg.norm(directions, axis=1, keepdims=True), truth)
     matrix = rows.T @ rows / short.sensor.noise**2

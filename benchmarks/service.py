@@ -1,26 +1,25 @@
-"""What a calibration that goes on while a vehicle works says, and whether it is true, over whole lives. Markdown.
+"""Truth of online calibration's claims over whole lives of a vehicle. Prints Markdown.
 
     python -m benchmarks.service [--days 1] [--lives 2] [--bodies robot …] [--events walk …] [--estimators once …]
                                  [--alone] [--detail] [--processes 2]
 
-Lives are those of `benchmarks.service_lives`, estimators those of `benchmarks.service_peers`. Each estimator is asked
-at random moments of a life, one each five minutes and 200 at least, also where no readings come, and once while each
-piece of steel passes. *Error* is the true worst heading error of a level vehicle at a dip of 60°, its mean over the
-turn removed, with the soft iron and the offset of that moment.
+Lives are those of `benchmarks.service_lives`, estimators those of `benchmarks.service_peers`. Each estimator is
+evaluated at random moments of a life, one each five minutes and at least 200, also without readings, and once during
+each passage of steel. *Error* is the true worst heading error of a level vehicle at a dip of 60°, less its mean over
+the turn, with the soft iron and the offset of that moment.
 
-*In force* is the share of moments at which there is a correction, and all other columns are of these. *Within* is the
-share whose error is within the bound of 95 %, which is 1.96 claims where an estimator has no bound of its own; then
-85 % are within where an offset is uncertain by the same in all directions, since a claim is one σ at the worst heading
-and an error is the largest. *Error ÷ claim* is a median, 1.2 there. Moments are, the first that fits: while steel
-passes or a magnet is near; after a step, until an hour after the first reading that has it; in a gap or ten minutes
-after; else calm. The moments while steel passes are in no other row.
+*In force* is the share of moments with a correction; all other columns are for these. *Within* is the share with an
+error within the bound of 95 %, or within 1.96 claims for an estimator without a bound; then 85 % are expected for an
+isotropic uncertainty of the offset, since a claim is 1 σ at the worst heading and an error is the largest. *Error ÷
+claim* is a median, expected 1.2. The kind of a moment is the first of: steel passes or a magnet is near; step, until an
+hour after the first reading with it; gap, or ten minutes after; else calm. Moments with steel are in no other row.
 
-After a step the estimator is asked after 0, 5, 10, 20 … 1280 s of turning, until the next step; *covered* is the first
-of two in a row at which the error is within the bound, *back* at which it is below 2° or 1.5 times what it was; never,
-where it is not so in the turning that there is. A false report has `moved` in its code and no step in the hour before.
+After a step the estimator is evaluated after 0, 5, 10, 20 … 1280 s of turning, until the next step; *covered* is the
+first of two consecutive times with an error within the bound, *back* with one below 2° or 1.5 times the earlier error;
+never, if that is not reached. A false report has `moved` in its code and no step in the hour before.
 
-``--events`` leaves out the other kinds of events; ``--alone`` tables each kind alone. ``--detail`` adds a row for each
-estimator, body and kind of moment.
+``--events`` leaves out other kinds of events; ``--alone`` has a table of each kind alone. ``--detail`` adds a row for
+each estimator, body and kind of moment.
 """
 
 from __future__ import annotations
@@ -48,20 +47,20 @@ if TYPE_CHECKING:
     from benchmarks.service_lives import Event, Life
     from benchmarks.service_peers import Correction, Estimator
 
-EACH_S, FEWEST = 300.0, 200
-"""Seconds of life between two moments, and moments of a life at least."""
+MOMENT_PERIOD_S, MIN_MOMENTS = 300.0, 200
+"""Seconds of life between two moments, and least number of moments of a life."""
 STEP_S, GAP_S = HOUR, 600.0
-"""How long a moment counts as after a step, and after a gap."""
+"""Times for which a moment counts as after a step, and after a gap."""
 TURNED_S: Final = (0.0, *(5.0 * 2.0**power for power in range(9)))
 """Seconds of turning after a step."""
 FIRST_SEED: Final = 300
-"""Of the first life: those before were looked at while the estimators were made."""
+"""Seed of the first life; earlier ones were used during the development of the estimators."""
 MOMENTS: Final = ("calm", "step", "gap", "steel")
 
 
 @dataclass(frozen=True, slots=True)
 class Moment:
-    """When an estimator is asked, and why: `step` and `turned` where it follows one."""
+    """Moment of an evaluation with its kind; `step` and `turned` if it follows a step."""
 
     seconds: float
     kind: str
@@ -72,7 +71,7 @@ class Moment:
 
 @dataclass(frozen=True, slots=True)
 class Answer:
-    """A moment, and what an estimator said; NaN where it said nothing. Degrees."""
+    """Answer of an estimator at a moment, degrees; NaN without one."""
 
     moment: Moment
     error: float
@@ -81,13 +80,13 @@ class Answer:
 
     @property
     def is_within(self) -> bool:
-        """The truth is within the bound."""
+        """Whether the error is within the bound."""
         return self.error <= self.bound
 
 
 @dataclass(frozen=True, slots=True)
 class Step:
-    """A step of the offset: its size, µT, and the seconds of turning until the bound holds and the error is back."""
+    """A step of the offset: size in µT, and seconds of turning until the bound holds and the error is back."""
 
     size: float
     covered: float
@@ -97,23 +96,23 @@ class Step:
 
 @dataclass(frozen=True, slots=True)
 class Score:
-    """An estimator on a life."""
+    """Results of an estimator on a life."""
 
     body: str
     estimator: str
     answers: tuple[Answer, ...]
     steps: tuple[Step, ...]
-    calm_hours: float  #: of life without a step in the hour before
+    calm_hours: float  #: hours of life without a step in the hour before
     false_reports: int
     codes: tuple[str, ...]
-    seconds: float  #: of the processor
+    seconds: float  #: processor time
     readings: int
 
 
 def moments_of(life: Life) -> list[Moment]:
-    """When estimators are asked, ascending."""
+    """Moments of evaluation, ascending."""
     rng = stream(life.seed, f"moments of {life.body}")
-    count = max(FEWEST, round(life.end_s / EACH_S))
+    count = max(MIN_MOMENTS, round(life.end_s / MOMENT_PERIOD_S))
     found = [Moment(at, kind_of(life, at)) for at in rng.uniform(FIRST_S, life.end_s, count).tolist()]
     within = [float(rng.uniform(event.begin, event.end)) for event in life.of_kind("steel")]
     found += [Moment(at, "steel", is_random=False) for at in within]
@@ -130,12 +129,12 @@ def moments_of(life: Life) -> list[Moment]:
 
 
 def steps_of(life: Life) -> tuple[Event, ...]:
-    """Moments at which the offset moved."""
+    """Steps of the offset."""
     return life.of_kind("step", "magnetised")
 
 
 def unsettled(life: Life) -> list[tuple[float, float]]:
-    """For each step, its moment and an hour after the first reading that has it."""
+    """For each step, its time and an hour after the first reading with it."""
     begins = [step.begin for step in steps_of(life)]
     rows = np.minimum(np.searchsorted(life.seconds, begins), len(life.seconds) - 1)
     return [(begin, float(life.seconds[row]) + STEP_S) for begin, row in zip(begins, rows, strict=True)]
@@ -153,7 +152,7 @@ def kind_of(life: Life, at: float) -> str:
 
 
 def scored(life: Life, name: str, make: Callable[[], Estimator]) -> Score:
-    """Hand a life over to an estimator, and ask it."""
+    """Run an estimator on a life, and evaluate it."""
     began = clock.process_time()
     moments, estimator = moments_of(life), make()
     said: list[Correction | None] = []
@@ -185,7 +184,7 @@ def scored(life: Life, name: str, make: Callable[[], Estimator]) -> Score:
 
 
 def claims_of(said: Correction | None) -> tuple[float, float]:
-    """Claim and bound, NaN where there is none."""
+    """Claim and bound; NaN if missing."""
     if said is None or said.claim_deg is None or said.bound is None:
         return math.nan, math.nan
     return said.claim_deg, said.bound
@@ -200,7 +199,7 @@ def error_deg(life: Life, at: float, said: Correction | None) -> float:
 
 
 def stepped(life: Life, number: int, answers: Sequence[Answer], is_reported: bool) -> Step:
-    """What followed a step."""
+    """Result after a step."""
     step = steps_of(life)[number]
     before = [answer.error for answer in answers if answer.moment.seconds < step.begin]
     was = before[-1] if before else math.nan
@@ -211,7 +210,7 @@ def stepped(life: Life, number: int, answers: Sequence[Answer], is_reported: boo
 
 
 def first_of_two(after: Sequence[Answer], holds: Sequence[bool]) -> float:
-    """Seconds of turning at the first of two moments in a row at which something holds; infinite where none is."""
+    """Seconds of turning at the first of two consecutive moments with a condition; infinite without."""
     for place, answer in enumerate(after):
         if all(holds[place : place + 2]):
             return answer.moment.turned
@@ -225,7 +224,7 @@ def tried(case: tuple[str, int], *, days: float, kinds: Collection[str], names: 
 
 
 def share(values: Sequence[bool]) -> str:
-    """A share in percent; a dash of none."""
+    """A share in percent; a dash without values."""
     return f"{np.mean(values):.0%}" if len(values) else "–"
 
 
@@ -258,7 +257,7 @@ def cells(answers: Sequence[Answer]) -> str:
 
 
 def chosen(scores: Sequence[Score], kind: str = "") -> list[Answer]:
-    """Answers at random moments of a kind, or of all but steel; those of steel with the additional moments."""
+    """Answers at random moments of a kind, or of all kinds except steel; for steel with the additional moments."""
     answers = [answer for score in scores for answer in score.answers]
     if kind == "steel":
         return [answer for answer in answers if answer.moment.kind == "steel"]
@@ -303,13 +302,13 @@ REPORTS: Final = (
 
 
 def mean_error(scores: Sequence[Score]) -> str:
-    """Mean error at the random moments, and how often there is none."""
+    """Mean error at the random moments, and the share without one."""
     errors = [answer.error for answer in chosen(scores) if math.isfinite(answer.error)]
     return f"{np.mean(errors):.2f}°" if errors else "–"
 
 
 def step_cells(scores: Sequence[Score]) -> str:
-    """What followed the steps."""
+    """Cells of the results after steps."""
     steps = [step for score in scores for step in score.steps]
     if not steps:
         return "0 | – | – | – | – | –"
@@ -326,7 +325,7 @@ def delays(seconds: Sequence[float]) -> tuple[str, str]:
 
 
 def report_cells(scores: Sequence[Score]) -> str:
-    """What was reported, and the time that it took."""
+    """Cells of reports and processor time."""
     large = [step.is_reported for score in scores for step in score.steps if step.size >= 3.0]
     codes = [code for score in scores for code in score.codes]
     counts = ", ".join(f"{code} {codes.count(code)}" for code in sorted(set(codes)))
@@ -350,7 +349,7 @@ def run(
 def alone(
     bodies: Sequence[str], lives: int, processes: int, *, days: float, kinds: Sequence[str], names: Sequence[str]
 ) -> Iterator[str]:
-    """A row for each kind of event and estimator: no other kind happens."""
+    """Yield a row for each kind of event and estimator, with no other kind of event."""
     yield from (f"| events | estimator | {HEAD}", RULE)
     for kind in ("none", *kinds):
         some = run(bodies, lives, processes, days=days, kinds=[kind] if kind in KINDS else [], names=names)

@@ -1,8 +1,8 @@
-"""How a board goes on beside this program: ``python -m benchmarks.service_board --lives 4``.
+"""Online calibration on a board compared with this program: ``python -m benchmarks.service_board --lives 4``.
 
-The lives and tables of `benchmarks.service` for the bodies that turn in all directions, with the firmware as one more
-estimator: its C in single precision, compiled for this machine. A board calibrates itself first, and states no bound:
-2.4 claims stand for it, as for an offset alone.
+Lives and tables are those of `benchmarks.service` for bodies that turn in all directions, with the firmware as another
+estimator: its C in single precision, compiled for this machine. A board calibrates itself first, and states no bound;
+2.4 claims replace it, as for an offset alone.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ ANSWER: Final = firmware.answer_layout(firmware.HOST.real)
 BEFORE_ANSWER: Final = 12
 """Bytes of `flinders_board` before its answer: dip, target and unit."""
 LARGEST: Final = 16384
-"""Bytes that hold a board, or its answer."""
+"""Size of a buffer for a board, or its answer."""
 GOOD: Final = 1
 BODIES: Final = ("drone", "wrist", "phone")
 
@@ -48,7 +48,7 @@ def library() -> ctypes.CDLL:
 
 
 class Board:
-    """A board that calibrates itself, and goes on when that is good."""
+    """A board that calibrates itself, then continues online."""
 
     def __init__(self) -> None:
         self._board, self._service = ctypes.create_string_buffer(LARGEST), ctypes.create_string_buffer(LARGEST)
@@ -57,7 +57,7 @@ class Board:
         np.frombuffer(memoryview(self._board), "<f4", 2)[:] = DIP_DEG, TARGET_DEG
 
     def add(self, chunk: Chunk) -> tuple[Report, ...]:
-        """Each reading with the milliseconds of the board's clock."""
+        """Add readings with the milliseconds of the board's clock."""
         found = []
         for time, field in zip(chunk.time.tolist(), chunk.field.astype(np.float32), strict=True):
             if not self._is_on:
@@ -78,7 +78,7 @@ class Board:
             self._is_on = library().flinders_service_begin(self._service, self._board, _ms(time)) == 0
 
     def correction(self, time: float) -> Correction | None:
-        """What is in force, and its claim."""
+        """Return the correction in force, with its claim."""
         if not self._is_on:
             return None
         answer = ctypes.create_string_buffer(LARGEST)

@@ -1,7 +1,7 @@
-"""Days of five bodies: how a robot, a boat, a drone, a wrist and a phone turn, and through which fields they go.
+"""Days of five bodies, robot, boat, drone, wrist and phone: their rotations and the fields around them.
 
-Each day is a list of spells; a body that lies still for long gives a reading each ten seconds. A life begins with the
-turn that its maker asks for, `FIRST_S` long: a robot spins on the spot, a boat goes in circles, the others are
+Each day is a list of spells, periods with one activity; a body at rest for long gives a reading each ten seconds. A
+life begins with a calibration turn of `FIRST_S`: a robot spins on the spot, a boat goes in circles, the others are
 tumbled by hand. Yaw, pitch and roll turn north, east, down into forward, right, down.
 """
 
@@ -22,25 +22,25 @@ if TYPE_CHECKING:
 HOUR: Final = 3600.0
 DAY: Final = 24.0 * HOUR
 FIRST_S: Final = 180.0
-"""Length of the turn that a maker asks for."""
+"""Duration of the calibration turn."""
 FIRST_HOUR: Final = 5.0
 """Hour of the day at which a life begins."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Spell:
-    """What a body does for a while."""
+    """A period with one activity of a body."""
 
     seconds: Floats  #: (n,) s of life
     angles: Floats  #: (n, 3) rad: yaw, pitch, roll
-    place: Floats  #: (n, 3) µT, world axes: the field of the place beside the earth's
+    place: Floats  #: (n, 3) µT, world axes: local field in addition to the earth's
     load: Floats  #: (n,) share of the largest current
-    near: Floats  #: (n, 3) µT, body axes: a magnet beside the sensor, or the steel of a car
+    near: Floats  #: (n, 3) µT, body axes: field of a magnet near the sensor, or of the steel of a car
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Rooms:
-    """A field without sources that varies over metres: waves over the floor that fade upwards.
+    """Source-free field that varies over metres: waves over the floor that decay upwards.
 
     ``B = Σ a exp(-κ h) (k̂ sin θ, -cos θ)``, θ = k·x + φ, κ = |k|: north, east, down.
     """
@@ -70,7 +70,7 @@ class Rooms:
 
 @dataclass(slots=True, eq=False)
 class Diary:
-    """Spells that are appended to each other until the end of the last day."""
+    """List of consecutive spells, until the end of the last day."""
 
     rng: Generator
     end_s: float
@@ -80,7 +80,7 @@ class Diary:
 
     @property
     def hour(self) -> float:
-        """Hours since the day began: a life begins five hours into one, so that a night is amid it."""
+        """Hour of the day; a life begins at five o'clock, so that it contains a night."""
         return (self.now / HOUR + FIRST_HOUR) % 24.0
 
     def times(self, lasts: float, rate_hz: float) -> Floats:
@@ -96,7 +96,7 @@ class Diary:
         load: Floats | float = 0.0,
         near: Floats | None = None,
     ) -> None:
-        """Append a spell; two seconds later the next one begins."""
+        """Append a spell; the next one begins two seconds later."""
         if not len(seconds):
             return
         zero, rooms = np.zeros((len(seconds), 3)), "rooms" in self.kinds
@@ -115,14 +115,14 @@ class Diary:
         near: Floats | None = None,
         sway: float = 0.0,
     ) -> None:
-        """Still: a reading a second for five minutes, then each ten seconds. `sway` in rad."""
+        """Append a rest: a reading a second for five minutes, then one each ten seconds. `sway` in rad."""
         lasts = min(lasts, self.end_s - self.now)
         seconds = np.concatenate([np.arange(0.0, min(lasts, 300.0)), np.arange(300.0, lasts, 10.0)])
         swayed = sway * course(self.rng, seconds, 100.0, 900.0) if sway else np.zeros((len(seconds), 3))
         self.put(seconds, angles + swayed * [1.0, 0.2, 0.2], place=place, load=load, near=near)
 
     def off(self, lasts: float, angles: Floats, place: Floats | None = None) -> None:
-        """Switched off; still, where gaps are left out."""
+        """Append a time switched off; a rest if gaps are left out."""
         if "gaps" in self.kinds:
             self.now = min(self.now + lasts, self.end_s)
         else:
@@ -130,7 +130,7 @@ class Diary:
 
 
 def course(rng: Generator, seconds: Floats, shortest: float, longest: float, columns: int = 3) -> Floats:
-    """(n, columns) smooth random courses of unit variance: twelve sines with periods between two limits, s."""
+    """(n, columns) smooth random series of unit variance: twelve sines with periods between two limits, s."""
     total = np.zeros((len(seconds), columns))
     for _ in range(12):
         period = np.exp(rng.uniform(np.log(shortest), np.log(longest), columns))
@@ -163,14 +163,14 @@ def rates_of(seconds: Floats, angles: Floats) -> Floats:
 
 
 def keyed(seconds: Floats, lasts: Floats, steps: Floats) -> Floats:
-    """(n, columns) courses that change by each of (m, columns) steps, one after the other, in (m,) s each."""
+    """(n, columns) series that change by (m, columns) steps one after the other, each in (m,) s."""
     at = np.concatenate([[0.0], np.cumsum(lasts)])
     values = np.concatenate([np.zeros((1, steps.shape[1])), np.cumsum(steps, axis=0)])
     return np.stack([np.interp(seconds, at, column) for column in values.T], axis=1)
 
 
 def tumbled(rng: Generator, seconds: Floats, shortest: float = 2.0) -> Floats:
-    """(n, 3) yaw, pitch, roll of a body that a hand turns to all attitudes."""
+    """(n, 3) yaw, pitch, roll of a body turned by hand to all attitudes."""
     turned: Floats = course(rng, seconds, shortest, 12.0) * [2.5, 0.6, 2.0]
     turned[:, 1] = np.clip(turned[:, 1], -1.4, 1.4)
     return turned
@@ -191,7 +191,7 @@ def strolled(rng: Generator, seconds: Floats, speed: float) -> tuple[Floats, Flo
 
 
 def robot(diary: Diary) -> None:
-    """Level, indoors: drives with turns and stops in four rooms, an hour at a time, then charges; off at night."""
+    """Day of a robot, level, indoors: an hour of driving in one of four rooms, then charging; off at night."""
     rng = diary.rng
     rooms, dock = [Rooms.random(rng) for _ in range(4)], rng.standard_normal(3) * rng.uniform(2.0, 10.0)
     seconds = diary.times(FIRST_S, 10.0)
@@ -214,7 +214,7 @@ def robot(diary: Diary) -> None:
 
 
 def boat(diary: Diary) -> None:
-    """Rolls and pitches by some degrees: long legs and turns at sea for nine hours, then a berth near steel.
+    """Day of a boat with some degrees of roll and pitch: nine hours of long legs and turns, then a berth near steel.
 
     Under sail it heels by up to 12° away from the wind.
     """
@@ -243,7 +243,7 @@ def boat(diary: Diary) -> None:
 
 
 def drone(diary: Diary) -> None:
-    """Flights of 4 to 10 min, tilted by up to 25°: one to three in a row, with the ground between, then off."""
+    """Day of a drone: one to three flights of 4 to 10 min, tilted by up to 25°, with landings between, then off."""
     rng = diary.rng
     diary.put(seconds := diary.times(FIRST_S, 50.0), tumbled(rng, seconds))
     while diary.now < diary.end_s:
@@ -263,7 +263,7 @@ def drone(diary: Diary) -> None:
 
 
 def flown(rng: Generator, seconds: Floats, yaw: float) -> tuple[Floats, Floats]:
-    """(n, 3) yaw, pitch, roll of a flight, and (n,) how far it is up, 0 to 1."""
+    """(n, 3) yaw, pitch, roll of a flight, and (n,) relative height, 0 to 1."""
     tilt = np.clip(np.radians(8.0) * course(rng, seconds, 1.5, 15.0, columns=2), -0.44, 0.44)
     count = int(seconds[-1] / 5.0) + 2
     turns = np.where(rng.random(count) < 0.5, rng.uniform(-2.5, 2.5, count), 0.0)
@@ -281,7 +281,7 @@ def swung(rng: Generator, seconds: Floats, yaw: Floats) -> Floats:
 
 
 def wrist(diary: Diary) -> None:
-    """A watch: at a desk, at work with the hands, on the way indoors and outdoors; off at night."""
+    """Day of a watch: at a desk, in manual work, walking indoors and outdoors; off at night."""
     rng = diary.rng
     rooms = [Rooms.random(rng) for _ in range(4)]
     diary.put(seconds := diary.times(FIRST_S, 20.0), tumbled(rng, seconds))
@@ -315,7 +315,7 @@ def wrist(diary: Diary) -> None:
 
 
 def phone(diary: Diary) -> None:
-    """On a table, in a pocket, in a car, on a magnet; turned by hand for half a minute now and then. Always on."""
+    """Day of a phone: on a table, in a pocket, in a car, on a magnet; turned by hand now and then; always on."""
     rng = diary.rng
     rooms = [Rooms.random(rng) for _ in range(4)]
     car = rng.standard_normal(3) * rng.uniform(3.0, 12.0)
@@ -350,18 +350,18 @@ def phone(diary: Diary) -> None:
 
 @dataclass(frozen=True, slots=True)
 class Body:
-    """A body and what happens to it."""
+    """A body with the rates of its events."""
 
     day: Callable[[Diary], None]
     is_level: bool
     iron: float  #: share of the soft iron of `benchmarks.adversary`, which is ± 25 %
-    current_ut: float  #: of the largest load, at most
+    current_ut: float  #: largest field of the current, at full load
     steel_per_hour: float
     steps_per_day: float
     swapped: float  #: probability of a step in a gap: another battery
 
     def spells(self, rng: Generator, days: float, kinds: Collection[str]) -> list[Spell]:
-        """What it does for some days."""
+        """Spells of some days."""
         diary = Diary(rng, days * DAY, kinds)
         self.day(diary)
         return diary.spells

@@ -1,9 +1,9 @@
-"""Lives of a magnetometer: the readings of days at work, and the soft iron and the offset of each moment.
+"""Simulated lives of a magnetometer: readings over days of use, with the true soft iron and offset at each moment.
 
-A life has the schedule of one of `benchmarks.service_bodies`, a sensor as in `benchmarks.adversary`, and what happens
-to it, each kind of which can be left out:
+A life has the schedule of one of `benchmarks.service_bodies`, a sensor as in `benchmarks.adversary`, and events, each
+kind of which can be left out:
 
-walk          the offset of each axis walks at random, 0.02 to 0.5 µT/√h (the unit's own)
+walk          random walk of the offset of each axis, 0.02 to 0.5 µT/√h by unit
 temperature   days and hours of ± 8 K, with an offset of up to 0.2 µT/K
 steps         the offset moves by 0.5 to 20 µT at random moments: a battery exchanged, a part moved
 magnetised    a magnet passes in 4 s and leaves 2 to 20 µT, half of which fades in hours
@@ -14,9 +14,9 @@ gaps          switched off, for minutes to a night
 clock         stamps repeat, jump back by a second, or jump ahead by seconds or minutes
 
 Readings are ``iron @ field + offset`` with white noise of 0.2 to 0.5 µT and slow noise of 0.05 to 0.2 µT, whose periods
-are 5 s to 5 min. The truth has the walk, temperature, steps and what magnetisation leaves; what passes, what belongs
-to a place and what a current makes are disturbances. The field outdoors is 50 µT with a dip of 60°. Nothing here is
-shared with `flinders.simulate`.
+are 5 s to 5 min. The true offset includes walk, temperature, steps and remaining magnetisation; passing steel, fields
+of places and of currents are disturbances. The field outdoors is 50 µT with a dip of 60°. The code is independent of
+`flinders.simulate`.
 
 >>> life = live("drone", 1, days=0.02, kinds=())
 >>> corrected = (life.field - life.offset_at(life.seconds)) @ np.linalg.inv(life.iron)
@@ -50,20 +50,20 @@ NORTH_DOWN: Final = STRENGTH_UT * np.array([np.cos(np.radians(DIP_DEG)), 0.0, np
 START_S: Final = 1.75e9
 """Stamp of the first reading: seconds since 1970."""
 GRID_S: Final = 10.0
-"""Between two nodes of the walk and the temperature."""
+"""Time between two nodes of the walk and the temperature."""
 FADE_S: Final = 3.0 * HOUR
-"""In which what fades of a magnetisation falls to 1/e."""
+"""Time constant of a fading magnetisation."""
 CHUNK: Final = 200
-"""Readings that are handed over at once, at most."""
+"""Most readings per chunk."""
 GYRO_NOISE, GYRO_BIAS = 0.005, 0.002
 """rad/s: white noise of an angular rate, and one σ of its bias."""
 TURNING_RAD_S: Final = 0.04
-"""Yaw rate of a level body from which on it turns; four times that about any axis for others."""
+"""Least yaw rate that counts as turning for a level body; four times that about any axis for others."""
 
 
 @dataclass(frozen=True, slots=True)
 class Event:
-    """What happened, from when to when in seconds of life; `size` in µT, or in seconds of a gap or a clock."""
+    """Event with begin and end in seconds of life; `size` in µT, or in seconds for a gap or a clock."""
 
     begin: float
     end: float
@@ -73,12 +73,12 @@ class Event:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Chunk:
-    """Readings as a driver hands them over."""
+    """Readings of one batch of a driver."""
 
     time: Floats  #: (n,) s, stamps
     field: Floats  #: (n, 3) µT
     rate: Floats  #: (n, 3) rad/s, body axes, with noise and a bias
-    down: Floats  #: (n, 3) unit vectors of gravity in body axes, as an accelerometer gives them
+    down: Floats  #: (n, 3) unit vectors of gravity in body axes, as from an accelerometer
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -88,7 +88,7 @@ class Offsets:
     grid: Floats  #: (m,) s
     slow: Floats  #: (m, 3): hard iron, walk and temperature at the nodes
     at_s: Floats  #: (k,) s: moments of steps
-    moves: Floats  #: (k, 3): what each adds
+    moves: Floats  #: (k, 3): change by each step
     fading: Floats  #: (k,): share of each that fades
 
     def at(self, seconds: Floats) -> Floats:
@@ -111,18 +111,18 @@ class Life:
     field: Floats  #: (n, 3) µT
     rate: Floats  #: (n, 3) rad/s
     down: Floats  #: (n, 3)
-    turning: Floats  #: (n,) s of turning until then
+    turning: Floats  #: (n,) s of turning so far
     iron: Floats  #: (3, 3)
     offsets: Offsets
     events: tuple[Event, ...]  #: in the order of their beginning
     end_s: float  #: length of the life, which may end in a gap
 
     def offset_at(self, seconds: Floats) -> Floats:
-        """(n, 3) true offsets at (n,) moments, readings or not."""
+        """(n, 3) true offsets at (n,) moments, also without readings."""
         return self.offsets.at(seconds)
 
     def clock_at(self, seconds: Floats) -> Floats:
-        """(n,) what the clock says at (n,) moments."""
+        """(n,) times of the clock at (n,) moments."""
         shifts = [np.where(seconds >= jump.begin, jump.size, 0.0) for jump in self.of_kind("jump")]
         return START_S + np.asarray(seconds, float) + sum(shifts)
 
@@ -131,7 +131,10 @@ class Life:
         return tuple(event for event in self.events if event.kind in kinds)
 
     def chunks(self, stops: Floats) -> Iterator[tuple[int, Chunk | None]]:
-        """Readings in their order, and between them each of the ascending moments `stops`: its number, and no chunk."""
+        """Yield chunks of readings in order and, between them, None at each of the ascending times `stops`.
+
+        With each of them comes the index of the next stop.
+        """
         cuts = np.searchsorted(self.seconds, stops, side="right").tolist()
         begin = 0
         for number, cut in enumerate([*cuts, len(self.seconds)]):
@@ -144,7 +147,7 @@ class Life:
 
 
 def live(name: str, seed: int, *, days: float = 1.0, kinds: Collection[str] = KINDS) -> Life:
-    """The life of a body, the same for the same seed; one kind of event less leaves the others as they are."""
+    """Life of a body, determined by the seed; leaving out a kind of event does not change the others."""
     body = BODIES[name]
     spells = body.spells(stream(seed, name), days, kinds)
     seconds, angles, place, load, near = (
@@ -205,7 +208,7 @@ def steel(rng: Generator, body: Body, seconds: Floats, place: Floats) -> list[Ev
 
 
 def passing(rng: Generator, seconds: Floats, place: Floats, middle: float, lasts: float, peak: float) -> Event:
-    """Add a dipole on a straight way, unless it comes while the maker's turn is made."""
+    """Add a dipole on a straight line, unless it falls into the calibration turn."""
     event, direction = Event(middle - lasts / 2.0, middle + lasts / 2.0, "steel", peak), unit(rng)
     if event.begin > FIRST_S:
         rows = slice(*np.searchsorted(seconds, [event.begin, event.end]))
@@ -260,7 +263,7 @@ def unit(rng: Generator) -> Floats:
 
 
 def stamped(rng: Generator, seconds: Floats) -> tuple[Floats, list[Event]]:
-    """(n,) stamps of a clock with faults, and these."""
+    """(n,) time stamps of a clock with faults, and the events of these."""
     per_day = max(1.0, 3.0 * seconds[-1] / (DAY))
     back = [-1.0] * rng.poisson(per_day)
     ahead = np.exp(rng.uniform(np.log(2.0), np.log(600.0), rng.poisson(per_day / 2.0)))

@@ -1,8 +1,8 @@
-"""Estimators that go on while a vehicle works, as other projects have them, and the adapter of Flinders' own.
+"""Online estimators as in other projects, and the adapter of Flinders' own.
 
-Each takes readings as they come and gives the correction ``matrix @ (reading - offset)`` when asked, with a claim
-where it has one. `once` is what most products do; `refit`, `px4` and `kalman` begin with the same fit, since their
-projects calibrate the vehicle first. The others learn from the raw readings, as their projects do.
+Each receives readings as they arrive and returns the correction ``matrix @ (reading - offset)`` at any time, with a
+claim if it has one. `once` is common in products; `refit`, `px4` and `kalman` begin with the same fit, since their
+projects calibrate the vehicle first. The others use raw readings only, like their projects.
 """
 
 from __future__ import annotations
@@ -40,16 +40,16 @@ EYE: Final = np.eye(3)
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Correction:
-    """What an estimator says at a moment: ``corrected = matrix @ (reading - offset)``."""
+    """Correction of an estimator at a moment: ``corrected = matrix @ (reading - offset)``."""
 
     matrix: Floats
     offset: Floats
     claim_deg: float | None = None  #: worst heading error, one σ
-    bound_deg: float | None = None  #: the same, 95 %; 1.96 claims where it is left out
+    bound_deg: float | None = None  #: bound, 95 %; by default 1.96 claims
 
     @property
     def bound(self) -> float | None:
-        """95 % of the worst heading error."""
+        """Bound of the worst heading error, 95 %, degrees."""
         return 1.96 * self.claim_deg if self.bound_deg is None and self.claim_deg is not None else self.bound_deg
 
 
@@ -62,17 +62,17 @@ class Report:
 
 
 class Estimator(Protocol):
-    """A calibration that goes on."""
+    """An online calibration."""
 
     def add(self, chunk: Chunk) -> tuple[Report, ...]:
-        """Take readings; what it has to report."""
+        """Add readings, and return reports."""
 
     def correction(self, time: float) -> Correction | None:
-        """What it says at a stamp, at or after the last reading's; None where nothing is in force."""
+        """Return the correction at a time stamp not before the last reading; None without one in force."""
 
 
 def fitted(time: Floats, field: Floats) -> Fit | None:
-    """The fit of some readings, refused or not; None where there is none."""
+    """Fit of some readings, also a refused one; None without a fit."""
     try:
         return flinders.fit(flinders.Samples.of(field, unit="uT", time=time), target_deg=TARGET_DEG)
     except Refused as refused:
@@ -82,7 +82,7 @@ def fitted(time: Floats, field: Floats) -> Fit | None:
 
 
 class Once:
-    """One fit of the first three minutes, never again; its claim grows as an offset that walks by `walk` µT/√h.
+    """One fit of the first three minutes; its claim grows with a random walk of the offset of `walk` µT/√h.
 
     σ(t)² = σ(0)² + (walk √t / horizontal field)². The common practice: a calibration command, then constants.
     """
@@ -93,7 +93,7 @@ class Once:
         self._held: list[Chunk] = []
 
     def add(self, chunk: Chunk) -> tuple[Report, ...]:
-        """Hold readings until there are three minutes, then fit."""
+        """Collect readings of three minutes, then fit."""
         if self.fit is None:
             self._held.append(chunk)
             if chunk.time[-1] - self._held[0].time[0] > FIRST_S:
@@ -103,7 +103,7 @@ class Once:
         return ()
 
     def correction(self, time: float) -> Correction | None:
-        """The fit, and a claim that has grown."""
+        """Return the correction of the fit, with the grown claim."""
         if self.fit is None:
             return None
         grown = math.degrees(self._walk * math.sqrt(max(time - self._begun, 0.0) / HOUR) / LEVEL_UT)
@@ -112,10 +112,10 @@ class Once:
 
 
 class Refit(Once):
-    """`Once`, then a fit of the last half hour of readings while the gyro says more than 6° a second, each ten minutes.
+    """`Once`, then each ten minutes a fit of the last half hour of readings with more than 6° a second.
 
-    One that is not refused and claims less than what is in force takes its place. No project's settings: what
-    `flinders.fit` gives without more.
+    A fit replaces the one in force if it is not refused and claims less. It uses the defaults of `flinders.fit`, not
+    the settings of any project.
     """
 
     LASTS_S, EACH_S = 0.5 * HOUR, 600.0
@@ -125,7 +125,7 @@ class Refit(Once):
         self._time, self._field, self._tried = np.empty(0), np.empty((0, 3)), -math.inf
 
     def add(self, chunk: Chunk) -> tuple[Report, ...]:
-        """Hold what turns, and fit it."""
+        """Collect readings of turns, and fit them."""
         super().add(chunk)
         turns, now = turning(chunk), float(chunk.time[-1])
         self._time = np.concatenate([self._time, chunk.time[turns]])
@@ -146,9 +146,9 @@ class Refit(Once):
 class Pypilot:
     """A sphere over spread points of the last hour, as the autopilot pypilot calibrates in the background.
 
-    Up to 64 points 1.6 µT apart, each the mean of its readings and of gravity beside them; older than an hour they go.
+    Up to 64 points 1.6 µT apart, each the mean of its readings and of gravity; points older than an hour are dropped.
     Each minute a sphere is fitted to nine or more, then offset, radius r and the sine s of the dip together:
-    ``Σ (r² - |m - b|²)² + (600 (s - (m - b)·d / |m - b|))²``. It is taken where r is 9 to 70 µT, headings cover
+    ``Σ (r² - |m - b|²)² + (600 (s - (m - b)·d / |m - b|))²``. It is accepted if r is 9 to 70 µT, headings cover
     60° or more, both centres agree within 5 µT and the offset moved by 0.32 µT or more. No soft iron, no claim.
 
     pypilot, ``calibration_fit.py`` of 2017 (commit f37e0e8): `SigmaPoints`, `FitPoints`, `CalibrationProcess`. Readings
@@ -176,7 +176,7 @@ class Pypilot:
         return ()
 
     def correction(self, time: float) -> Correction | None:  # noqa: ARG002 – it does not age
-        """The last offset that was taken."""
+        """Return the last accepted offset."""
         return None if self._offset is None else Correction(EYE, self._offset)
 
     def _put(self, time: float, row: Floats) -> None:
@@ -233,7 +233,7 @@ def _near(one: Floats, other: Floats) -> bool:
 
 
 def _levelled(field: Floats, down: Floats) -> Floats:
-    """Vectors turned by the smallest rotation that turns gravity (n, 3) into z."""
+    """Vectors turned by the smallest rotation of gravity (n, 3) to z."""
     axis = np.cross(down, [0.0, 0.0, 1.0])
     cosine = down[:, 2:] / np.linalg.norm(down, axis=1, keepdims=True)
     along = (axis * field).sum(axis=1, keepdims=True)
@@ -242,16 +242,16 @@ def _levelled(field: Floats, down: Floats) -> Floats:
 
 
 class Observer:
-    """PX4's observer of the offset, driven by the gyro, on readings that the first fit corrects.
+    """PX4's observer of the offset by the gyro, on readings corrected by the first fit.
 
-    ``b⁺ = b + g Δt (-ω × (x - p))`` with ``p = x⁻ - ω × (x⁻ - b) Δt`` and g = 18 (MBE_LEARN_GAIN). It starts anew from
-    zero where Δt is above 0.2 s or below 1 ms. An offset is valid once it is above 4 µT (0.04 G) and one axis
+    ``b⁺ = b + g Δt (-ω × (x - p))`` with ``p = x⁻ - ω × (x⁻ - b) Δt`` and g = 18 (MBE_LEARN_GAIN). It restarts from
+    zero if Δt is above 0.2 s or below 1 ms. An offset is valid once it is above 4 µT (0.04 G) and one axis
     turns twenty times faster, in rad/s, than the offset moves across it, in G/s, 0.02 G/s at the least. The last valid
     one is subtracted. The Δt of the gain is 20 ms, at which PX4 runs it, whatever the rate of the readings. No claim.
 
     PX4 Autopilot, ``MagBiasEstimator.cpp``, ``params.c`` (MBE_LEARN_GAIN 18), ``FieldSensorBiasEstimator.hpp``; after
-    Troni and Whitcomb (2013). PX4 runs it before take-off only; here it runs always. That its consumer subtracts a
-    valid offset was not seen in a source.
+    Troni and Whitcomb (2013). PX4 runs it before take-off only; here it runs always. That PX4 subtracts a valid offset
+    is an assumption.
     """
 
     GAIN, SMALLEST_UT = 18.0, 4.0
@@ -262,7 +262,7 @@ class Observer:
         self._time = -math.inf
 
     def add(self, chunk: Chunk) -> tuple[Report, ...]:
-        """Observe; the recursion is linear in b, in plain numbers for speed."""
+        """Update the offset with readings; the linear recursion uses plain numbers for speed."""
         self._first.add(chunk)
         fit = self._first.fit
         if fit is None:
@@ -297,7 +297,7 @@ class Observer:
                 self._valid = self._bias
 
     def correction(self, time: float) -> Correction | None:
-        """The first fit, moved by the valid offset."""
+        """Return the first fit with the valid offset added."""
         first = self._first.correction(time)
         if first is None or self._first.fit is None:
             return None
@@ -306,7 +306,7 @@ class Observer:
 
 
 def turning(chunk: Chunk) -> NDArray[np.bool_]:
-    """(n,) whether the gyro says more than 6° a second: a recursion that forgets while nothing turns runs away."""
+    """(n,) whether the gyro reads more than 6° a second, as a recursion with forgetting diverges at rest."""
     turns: NDArray[np.bool_] = np.linalg.norm(chunk.rate, axis=1) > 0.1
     return turns
 
@@ -318,8 +318,8 @@ class Betaflight:
 
     Betaflight, ``sensors/compass.c``: `compassBiasEstimatorApply`, `LAMBDA_MIN`, `P0`; in counts of the sensor, here
     0.1 µT; P in place of its factors U D Uᵀ. Betaflight runs it while a pilot turns the craft; here it runs always
-    where the gyro says more than 6° a second, and at ten readings a second at most, the slowest that its authors call
-    usable. No soft iron, no claim.
+    while the gyro reads more than 6° a second, and at ten readings a second at most, the lowest rate that its authors
+    call usable. No soft iron, no claim.
     """
 
     FORGET, START = 0.95, 100.0
@@ -330,7 +330,7 @@ class Betaflight:
         self._offset: Floats | None = None
 
     def add(self, chunk: Chunk) -> tuple[Report, ...]:
-        """One step for each reading."""
+        """Update with each reading."""
         counts = 10.0 * chunk.field
         rows = np.hstack([(counts**2).sum(axis=1, keepdims=True), counts])
         for time, row, turns in zip(chunk.time.tolist(), rows, turning(chunk).tolist(), strict=True):
@@ -348,15 +348,15 @@ class Betaflight:
         return ()
 
     def correction(self, time: float) -> Correction | None:  # noqa: ARG002 – it does not age
-        """The offset of now."""
+        """Return the present offset."""
         return None if self._offset is None else Correction(EYE, self._offset)
 
 
 class Forgetting:
     """Least squares of a general ellipsoid with exponential forgetting: a memory of 10,000 readings.
 
-    The sums of `benchmarks.emulations.forgetting`, of readings while the gyro says more than 6° a second, fitted each
-    half minute; the last ellipsoid that was closed and whose field is 22 to 67 µT counts. No project's settings;
+    The sums of `benchmarks.emulations.forgetting`, of readings while the gyro reads more than 6° a second, fitted each
+    half minute; the last closed ellipsoid with a field of 22 to 67 µT counts. Not the settings of any project;
     L. Ljung, "System Identification" (2nd ed. 1999), 11.2. No claim.
     """
 
@@ -367,7 +367,7 @@ class Forgetting:
         self._found: Ellipsoid | None = None
 
     def add(self, chunk: Chunk) -> tuple[Report, ...]:
-        """Fade the sums, add to them, and fit each half minute."""
+        """Scale the sums down, add readings, and fit each half minute."""
         field = chunk.field[turning(chunk)]
         ages = np.arange(len(field))[::-1] / self.MEMORY
         self._sums = self._sums * math.exp(-len(ages) / self.MEMORY) + Moments.of(field, weight=np.exp(-ages))
@@ -382,13 +382,13 @@ class Forgetting:
         return ()
 
     def correction(self, time: float) -> Correction | None:  # noqa: ARG002 – it does not age
-        """The ellipsoid of now."""
+        """Return the present ellipsoid."""
         found = self._found
         return None if found is None else Correction(np.linalg.inv(found.shape) * STRENGTH_UT, found.centre)
 
 
 class Kalman:
-    """An extended Kalman filter of offset and soft iron, nine parameters, each of which walks at random.
+    """Extended Kalman filter of offset and soft iron, nine parameters with random walks.
 
     ``|(I + D) m - b|² = F²`` with noise of each reading; b and D walk. The equation is that of Crassidis, Lai and
     Harman, "Real-time attitude-independent three-axis magnetometer calibration", J. Guid. Control Dyn. 28 (2005),
@@ -396,7 +396,7 @@ class Kalman:
     (EKF2_MAG_NOISE), walk 0.01 µT/s in steps of 10 ms, which is 0.06 µT/√h (EKF2_MAG_B_NOISE), a gate of three σ
     (EKF2_MAG_GATE), at most 15 readings a second (EKF2_MAG_RATE; from ``params_magnetometer.yaml``; that the noise is
     one of steps of 10 ms is from memory). D walks by 10⁻⁴/√h. It starts from the first fit, with σ of 5 µT and 2 %, and
-    does so again where an entry of D is above 0.2: level turns alone have a second solution, I + D = 0 and |b| = F.
+    restarts if an entry of D exceeds 0.2: level turns alone have a second solution, I + D = 0 and |b| = F.
     F is 50 µT. The claim is that of its covariance. Ten readings are linearised at once.
     """
 
@@ -455,7 +455,7 @@ class Kalman:
                 self._start()
 
     def correction(self, time: float) -> Correction | None:
-        """The state, and the heading error of its covariance."""
+        """Return the state, with the heading error of its covariance."""
         fit = self._first.fit
         if fit is None:
             return None
@@ -466,7 +466,7 @@ class Kalman:
 
 
 def worst_deg(spread: Floats) -> float:
-    """σ of the level heading error at the worst heading, of the covariance (9, 9) of an offset and a soft iron."""
+    """Largest 1 σ of the level heading error over all headings, degrees, for a covariance (9, 9) of a calibration."""
     turn = np.radians(np.arange(0.0, 360.0, 5.0))
     north, east, down = np.cos(turn), -np.sin(turn), np.full_like(turn, math.tan(math.radians(DIP_DEG)))
     zero = np.zeros_like(turn)
@@ -484,11 +484,11 @@ class Ours:
         self._online = flinders.OnlineCalibration(unit="uT", target_deg=TARGET_DEG)
 
     def add(self, chunk: Chunk) -> tuple[Report, ...]:
-        """Readings with their stamps."""
+        """Add readings with their time stamps."""
         return tuple(Report(one.time_s, one.code) for one in self._online.add(chunk.field, time=chunk.time))
 
     def correction(self, time: float) -> Correction | None:
-        """The calibration in force and the state of that moment."""
+        """Return the calibration in force with its state at that moment."""
         calibration = self._online.calibration
         state = self._online.at(time)
         if calibration is None:

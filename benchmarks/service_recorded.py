@@ -1,11 +1,11 @@
-"""What a calibration that goes on says of recordings of one sensor, one after the other. Markdown.
+"""Online calibration on real recordings of one sensor, one after the other. Prints Markdown.
 
     python -m benchmarks.service_recorded
 
 The recordings are those of the folder of `benchmarks.recordings`, an hour apart; one without times has 50 readings a
 second.
-*In force* is the claim at the end of each, *its own* the claim of a fit of that recording alone, and *apart* the
-largest difference of headings between the two, over the larger claim (a true pair of claims makes 1.2 in the median).
+*In force* is the claim at the end of each recording, *its own* the claim of a fit of that recording alone, and *apart*
+the largest difference of headings between the two over the larger claim (1.2 in the median for true claims).
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ LIVES: Final = {
     ),
     "sunsided_hmc5883l": ("full-sphere.csv", "roll-and-tilt-at-45-90.csv", "unmoved-10min_dec8.csv"),
 }
-APART_S: Final = 3600.0
+PAUSE_S: Final = 3600.0
 RATE_HZ: Final = 50.0
 
 HEAD: Final = "| life | recording | what happened | in force | its own | apart |\n|---|---|---|---:|---:|---:|"
@@ -49,7 +49,7 @@ def replayed(folder: str, names: tuple[str, ...]) -> list[str]:
         )
         time = np.arange(len(samples)) / RATE_HZ if samples.time is None else samples.time - samples.time[0]
         events = online.add(samples.field / samples.unit.scale, time=begin + time)
-        begin += float(time[-1]) + APART_S
+        begin += float(time[-1]) + PAUSE_S
         codes = [event.code for event in events]
         said = ", ".join(f"{code} {codes.count(code)}" for code in dict.fromkeys(codes)) or "nothing"
         try:

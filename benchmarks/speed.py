@@ -1,13 +1,12 @@
-"""Speed, as ratios measured in one run, so that a slow machine does not matter; and memory. Prints Markdown.
+"""Speed as ratios measured in one run, independent of the machine, and memory. Prints Markdown.
 
     python -m benchmarks.speed
 
-A fit is compared with the least that a fit can be: build the N × 9 design in NumPy in one go and solve the normal
-equations; and with itself without its honest covariance, its search for outliers and its verdict. Sums and summaries
-are compared with ``D @ D.T`` of ten rows, built and multiplied in blocks of 8,192.
-Times are medians of interleaved repeats, processor time of one thread: other work on the machine hardly counts.
-Of shorter recordings there are several, fitted in turn: residuals of one in seven look correlated by chance, and to
-tell whether they are takes 4 ms.
+A fit is compared with a minimal fit, which builds the N × 9 design in NumPy and solves the normal equations; and with
+itself without its covariance for correlated residuals, its search for outliers and its verdict. Sums and summaries are
+compared with ``D @ D.T`` of ten rows, built and multiplied in blocks of 8,192.
+Times are medians of interleaved repeats, in processor time of one thread. Several short recordings are fitted in turn,
+since the residuals of one in seven look correlated by chance, and the check of that takes 4 ms.
 """
 
 from __future__ import annotations
@@ -47,14 +46,14 @@ MEMORY_OPTION: Final = "--memory"
 
 
 def normal_equations(field: Floats) -> Floats:
-    """(9,) coefficients of the quadric through (N, 3) readings with constant −1, the plainest way."""
+    """(9,) coefficients of the quadric of (N, 3) readings with constant −1, by normal equations."""
     x, y, z = field.T
     design = np.column_stack([x * x, y * y, z * z, x * y, x * z, y * z, x, y, z])
     return np.linalg.solve(design.T @ design, design.sum(axis=0))
 
 
 def ellipsoid_alone(field: Floats) -> object:
-    """The ellipsoid of (N, 3) readings with its textbook covariance: no honest one, no verdict."""
+    """Ellipsoid of (N, 3) readings with its textbook covariance, without verdict."""
     return Likelihood(bias_correction=False).estimate(Readings.of(field))
 
 
@@ -81,7 +80,7 @@ def interleaved(
     seconds: float = 3.0,
     clock: Callable[[], float] = perf_counter,
 ) -> tuple[float, float]:
-    """Median seconds of each of two calls, made in turn, at least seven times each and for some seconds."""
+    """Median seconds of two alternating calls, at least seven times each and for some seconds."""
     first(), second()
     times: list[tuple[float, float]] = []
     end = perf_counter() + seconds
@@ -102,7 +101,7 @@ def compared(
 
 
 def readings(n: int, seed: int = 0) -> Floats:
-    """(n, 3) readings in µT of a random sensor, all directions alike."""
+    """(n, 3) readings in µT of a random sensor, in uniform directions."""
     return tumble(seed=seed, motion="uniform", n=n).samples.field
 
 
@@ -129,7 +128,7 @@ def linearity() -> None:
 
 
 def memory() -> None:
-    """Print the memory that a fit of a million readings needs beside them, from a process of its own."""
+    """Print the memory of a fit of a million readings in addition to these, from its own process."""
     command = [sys.executable, "-m", "benchmarks.speed", MEMORY_OPTION]
     extra = float(subprocess.run(command, check=True, capture_output=True, text=True).stdout)
     print("\n| extra memory at the peak | MB | limit |\n|---|---:|---:|")
@@ -139,7 +138,7 @@ def memory() -> None:
 def extra_megabytes() -> float:
     """Peak of what NumPy and Python allocate during a fit of a million readings (NumPy reports to tracemalloc)."""
     field = readings(MILLION)
-    flinders.fit(field[:1000])  # what is imported and cached once is not of the fit
+    flinders.fit(field[:1000])  # exclude one-time imports and caches
     tracemalloc.start()
     flinders.fit(field)
     return tracemalloc.get_traced_memory()[1] / 1e6
@@ -156,14 +155,14 @@ def main() -> None:
 
 
 def _timed(call: Callable[[], object], clock: Callable[[], float] = thread_time) -> float:
-    """Seconds that one call takes, by a clock."""
+    """Seconds of one call, by a clock."""
     begin = clock()
     call()
     return clock() - begin
 
 
 def _judged(value: float, limit: float | None) -> str:
-    """Write a number beside its limit, in bold where it is beyond."""
+    """Write a number with its limit, in bold if beyond."""
     if limit is None:
         return f"{value:.2f} | –"
     return f"{value:.2f} | {limit:g}" if value <= limit else f"**{value:.2f}** | {limit:g}"

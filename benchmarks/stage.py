@@ -1,7 +1,7 @@
-"""A real program, a real browser and a board that is none: what browser tests, benchmark and screenshots drive.
+"""A real program, a real browser and a simulated board, for browser tests, benchmarks and screenshots.
 
-`Program` is ``flinders live`` in a process of its own, `Site` a folder on a web server, `chromium` a browser without a
-screen that reaches nothing but it, and `Board` the other end of a pseudo-terminal that talks like MotionCal's sketches.
+`Program` is ``flinders live`` in its own process, `Site` a folder on a web server, `chromium` a headless browser
+without network access, and `Board` the other end of a pseudo-terminal that prints lines like MotionCal's sketches.
 """
 
 from __future__ import annotations
@@ -39,28 +39,28 @@ FLAGS: Final = (
     "--disable-sync",
     "--no-first-run",
 )
-"""WebGL in software, and a browser that asks nobody for anything."""
+"""Options for WebGL in software and no requests of the browser's own."""
 STARTING_S: Final = 60.0
 STOPPING_S: Final = 60.0
-FULL_S: Final = 0.002
-"""Seconds until a full port is tried again."""
+RETRY_S: Final = 0.002
+"""Seconds until writing to a full port is tried again."""
 COUNTS_PER_UT: Final = 10
-"""Of the readings in a ``Raw:`` line."""
+"""Counts per µT in a ``Raw:`` line."""
 
 
 def chromium_path() -> str | None:
-    """Find Chromium or Chrome; None where there is neither."""
+    """Path of Chromium or Chrome; None without either."""
     return next((found for name in NAMES if (found := shutil.which(name))), None)
 
 
 @contextlib.contextmanager
 def chromium() -> Iterator[Browser]:
-    """Run a browser without a screen.
+    """Run a headless browser.
 
     Raises
     ------
     FileNotFoundError
-        Where none is installed.
+        If no browser is installed.
     """
     from playwright.sync_api import sync_playwright
 
@@ -81,11 +81,11 @@ class Program:
     Parameters
     ----------
     folder : Path
-        To run in.
+        Working directory.
     options : str
-        As on the command line.
+        Options of the command line.
     command : str
-        What to run in place of ``live``.
+        Command in place of ``live``.
 
     Attributes
     ----------
@@ -96,7 +96,7 @@ class Program:
     Raises
     ------
     RuntimeError
-        Where it ends before it has a page; with what it said.
+        If it ends before it has a page; with its output.
     """
 
     def __init__(self, folder: Path, *options: str, command: str = "live") -> None:
@@ -118,16 +118,16 @@ class Program:
 
     @property
     def said(self) -> str:
-        """All it has printed so far."""
+        """Output so far."""
         return "".join(self._said)
 
     def kill(self) -> None:
-        """End it at once, as a power failure does."""
+        """Kill the program, like a power failure."""
         self._process.kill()
         self.stop()
 
     def stop(self) -> int:
-        """Interrupt it as Ctrl-C does, and return its exit status."""
+        """Interrupt the program like Ctrl-C, and return its exit status."""
         if self._process.poll() is None:
             self._process.send_signal(signal.SIGINT)
         status = self._process.wait(STOPPING_S)
@@ -154,13 +154,13 @@ class Program:
 
 
 class Site:
-    """A folder served as any web server does, under a path at `address`.
+    """A folder on a web server, under a path at `address`.
 
     Parameters
     ----------
     folder : Path
     path : str
-        Under which it is served; begins and ends with a slash.
+        Path of the site; begins and ends with a slash.
     """
 
     def __init__(self, folder: Path, path: str = "/tools/compass/") -> None:
@@ -171,7 +171,7 @@ class Site:
         self.address = f"http:{'/' * 2}127.0.0.1:{self._server.server_port}{path}"
 
     def stop(self) -> None:
-        """Answer nobody from now on."""
+        """Stop the server."""
         self._server.shutdown()
         self._server.server_close()
         self._thread.join()
@@ -184,7 +184,7 @@ class Site:
 
 
 class _Files(SimpleHTTPRequestHandler):
-    """Answers for files under a path only, and says nothing of it."""
+    """Request handler for files under a path, without a log."""
 
     def __init__(self, path: str, *given: Any, **options: Any) -> None:
         self._path = path
@@ -195,21 +195,21 @@ class _Files(SimpleHTTPRequestHandler):
         return super().translate_path(f"/{inside}" if inside != path else "/elsewhere")
 
     def log_message(self, *_: object) -> None:
-        """Nothing."""
+        """Log nothing."""
 
 
 class Board:
-    """A board on a pseudo-terminal, under a name that stays when it is plugged in again.
+    """A simulated board on a pseudo-terminal, under a name that stays the same after plugging in again.
 
     Parameters
     ----------
     port : Path
-        Its name.
+        Name of the port.
 
     Attributes
     ----------
     heard : bytes
-        What was sent to it.
+        Bytes sent to it.
     """
 
     def __init__(self, port: Path) -> None:
@@ -221,7 +221,7 @@ class Board:
         self.plug()
 
     def plug(self) -> None:
-        """Plug it in."""
+        """Connect the board."""
         import tty
 
         with self._lock:
@@ -231,7 +231,7 @@ class Board:
             self.port.symlink_to(os.ttyname(self._ends[1]))
 
     def unplug(self) -> None:
-        """Pull the plug; it goes on measuring, and nobody hears it."""
+        """Disconnect the board, which continues to measure."""
         with self._lock:
             self.port.unlink(missing_ok=True)
             for end in self._ends or ():
@@ -239,24 +239,24 @@ class Board:
             self._ends = None
 
     def send(self, content: bytes) -> None:
-        """Print something; waits for room, and what it prints while it is unplugged is lost."""
+        """Print bytes, waiting for buffer space; bytes printed while unplugged are lost."""
         while content:
             with self._lock, contextlib.suppress(BlockingIOError):
                 if self._ends is None:
                     return
                 content = content[os.write(self._ends[0], content) :]
-            if content and self._stopped.wait(FULL_S):
+            if content and self._stopped.wait(RETRY_S):
                 return
 
     def play(self, lines: Sequence[bytes], rate_hz: float) -> None:
-        """Print lines at a rate, again and again, until the next call of this or `stop`."""
+        """Print lines at a rate repeatedly, until the next call or `stop`."""
         self.stop()
         self._stopped.clear()
         self._sender = threading.Thread(target=self._play, args=(list(lines), rate_hz), daemon=True)
         self._sender.start()
 
     def stop(self) -> None:
-        """Print nothing more."""
+        """Stop printing."""
         self._stopped.set()
         if self._sender is not None:
             self._sender.join()

@@ -1,9 +1,9 @@
-"""Whether ``apply`` and ``heading`` notice readings that do not suit a calibration, and how often wrongly. Markdown.
+"""Detection of readings that do not suit a calibration by ``apply`` and ``heading``, and false alarms. Prints Markdown.
 
     python -m benchmarks.suitability [--trials 1000]
 
-A sensor is calibrated from 1,000 readings by hand with 0.1 to 2 µT of noise, of which a tenth has slow noise as well.
-Then it is recorded anew, after what the row says, by hand, while level or tilted by 35°.
+A sensor is calibrated from 1,000 readings by hand with 0.1 to 2 µT of noise; one recording in ten has slow noise, too.
+After the change in the row, it is recorded again by hand, level, or tilted by 35°.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ FIELD: Final = 50.0
 
 
 def moved(sensor: Sensor, rng: np.random.Generator, share: float) -> Sensor:
-    """The sensor with an offset moved by a share of the field, whichever way."""
+    """The sensor with its offset moved by a share of the field in a random direction."""
     way = rng.normal(size=3)
     return replace(sensor, offset=np.asarray(sensor.offset) + share * FIELD * way / np.linalg.norm(way))
 
@@ -48,7 +48,7 @@ ROWS: Final[dict[str, Callable[[Sensor, np.random.Generator], Sensor]]] = {
 
 
 def slow(rng: np.random.Generator, readings: Floats) -> Floats:
-    """Readings with half a µT of noise that wanders, in one recording of ten."""
+    """Readings with 0.5 µT of slow noise in one recording of ten."""
     if rng.random() > 0.1:
         return readings
     wandering = np.cumsum(rng.normal(size=readings.shape), axis=0)
@@ -57,7 +57,7 @@ def slow(rng: np.random.Generator, readings: Floats) -> Floats:
 
 
 def calibrated(rng: np.random.Generator, sensor: Sensor) -> Fit | None:
-    """A calibration of a sensor from a tumble by hand; one that was refused has none."""
+    """Fit of a sensor from a tumble by hand; None if refused."""
     readings = slow(rng, simulate.tumble(rng, motion="hand", n=COUNT, sensor=sensor).samples.field)
     try:
         return flinders.fit(readings)
@@ -66,7 +66,7 @@ def calibrated(rng: np.random.Generator, sensor: Sensor) -> Fit | None:
 
 
 def is_doubted(fit: Fit, readings: Floats) -> bool:
-    """The readings are said not to suit, or refused."""
+    """Whether readings are reported as unsuitable, or refused."""
     corrector = CorrectionMonitor(fit, "readings")
     try:
         corrector(readings)
@@ -76,7 +76,7 @@ def is_doubted(fit: Fit, readings: Floats) -> bool:
 
 
 def row(name: str, trials: int) -> str:
-    """How many recordings are doubted after what a row names."""
+    """Row with the number of doubted recordings after a change."""
     doubted = fits = 0
     for seed in range(trials):
         rng = np.random.default_rng([seed, 20])

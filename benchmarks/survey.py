@@ -1,15 +1,15 @@
-"""How good a calibration of a survey instrument is: its errors beside the bound, and beside what it claims.
+"""Accuracy of calibrations of survey instruments: errors compared with the bound and with claims.
 
     python -m benchmarks.survey [--trials 200] [--shots 24] [--aim 0.1] [--curve 0.03 [--linear]] [--recordings FOLDER]
 
-Instruments have gains that are off by up to 2 %, axes that lean by up to 1°, offsets of up to a tenth, and noise of
+Instruments have gain errors of up to 2 %, axis errors of up to 1°, offsets of up to a tenth, and noise of
 0.2 % of the field and of gravity; shots are aimed to 0.1° (1 σ about each axis). Errors are those of shots
 within 30° of level at all azimuths and rolls, root mean square. The bound is the Cramér-Rao bound at the true
-parameters and noises, with the prior of the fit, which is no narrower than 10 % and 20°. Ratios are root mean squares
-over the trials: 1 for an efficient estimate, and for true claims.
+parameters and noises, with the prior of the fit, at least 10 % and 20°. Ratios are root mean squares over the trials: 1
+for an efficient estimate, and for true claims.
 
-`--curve` bends accelerometers by up to so much of gravity at 1 g, axis by axis, and fits quadratic terms; `--linear`
-fits none to them.
+`--curve` gives each axis of accelerometers a nonlinearity of up to this share of gravity at 1 g, and fits quadratic
+terms; `--linear` fits none.
 
 `--recordings` fits real shots too: a folder of JSON files of mag-cal, such as tests/fixtures/SAP6 of
 https://github.com/furbrain/CircuitPython_mag_cal (four instruments aimed at the same two targets).
@@ -51,7 +51,7 @@ SHOTS: Final = (12, 24, 56)
 NOISE: Final = 0.002
 POSES: Final = tuple(axis.ravel() for axis in np.meshgrid(AZIMUTHS_DEG, INCLINATIONS_DEG, ROLLS_DEG, indexing="ij"))
 SAP6_AXES: Final = ("x,y,-z", "-y,-x,z")
-"""Of its magnetometer and accelerometer."""
+"""Axes of its magnetometer and accelerometer."""
 
 
 class Trial(NamedTuple):
@@ -88,7 +88,7 @@ def main() -> None:
 
 
 def tried(seed: int, shots: int, aim_deg: float, curve: float, non_linear: bool) -> Trial:
-    """Simulate an instrument, fit it, and hold it against the truth."""
+    """Simulate an instrument, fit it, and compare with the truth."""
     simulated = survey_shots(seed, shots=shots, noise=NOISE, aim_deg=aim_deg)
     quadratic = np.random.default_rng([seed, 9]).uniform(-curve, curve, 3)
     bent = replace(simulated.shots, gravity=curved(simulated.shots.gravity, quadratic))
@@ -109,7 +109,7 @@ def errors_deg(fit: SurveyFit, simulated: SimulatedSurvey, quadratic: Floats) ->
 
 
 def bound_deg(simulated: SimulatedSurvey, aim_deg: float, quadratic: Floats) -> Floats:
-    """(2,) the same at the bound, with quadratic terms where there are some."""
+    """(2,) bounds of these errors, with quadratic terms if fitted."""
     shots = simulated.shots
     assert shots.groups is not None
     gravity = curved(shots.gravity, quadratic)
@@ -153,7 +153,7 @@ def _row(trials: list[Trial], angle: int) -> str:
 
 
 def _means(fit: SurveyFit) -> str:
-    """Azimuth of each direction with several shots, and how far those are apart."""
+    """Words on the azimuth of each direction with several shots, and their spread."""
     shots = fit.shots
     groups = [group for group in np.unique(shots.groups) if np.count_nonzero(shots.groups == group) > 1]
     azimuths = [float(np.mean(shots.angles.azimuth_deg[shots.groups == group])) for group in groups]

@@ -1,4 +1,6 @@
-"""What each aid is worth beside the magnitude of the field: tables as Markdown. MAGYC's simulation: `benchmarks.magyc`.
+"""Benefit of each aid in addition to the magnitude of the field, as Markdown.
+
+`benchmarks.magyc` has MAGYC's simulation.
 
     python -m benchmarks.terms [--tables sim,aids,nees,level,magnet,drives,attitudes,real,time] [--trials N] [--seeds N]
     python -m benchmarks.terms --tables nees --motions rocked --cases "rate; attitude"
@@ -6,15 +8,14 @@
 sim     SIM1 and SIM2 of Troni and Whitcomb, a bare sensor; the motions are ours, see `sim`.
 aids    S4t, `simulate.tumble(motion="swayed")`: level heading error of each aid and of all of them.
 nees    Squared error over claimed variance for each parameter, mean over trials: 1 is true; and the heading error
-        (rms) over the claim. On S4t, on a tumble by hand and on MAGYC's MAM, 1,500 readings each; the
-        gyro's scales, the accelerometer's bias, axes and site differ from trial to trial by as much as the fit
-        believes they may.
+                (rms) over the claim. On S4t, on a tumble by hand and on MAGYC's MAM, 1,500 readings each; the gyro's
+                scales, the accelerometer's bias, axes and site vary between trials by the priors of the fit.
 level   S7, a level turn, with the field of the site known: heading error level and tilted.
 magnet  A magnet of up to 100 µT passes: heading error, offset and rotation over the claims of `flinders.fit`.
 drives  Drives of half a minute: level heading error over the claim of `flinders.fit`, without and with an aid.
-attitudes  Drives and flights with attitudes whose errors last, or that are late: verdicts and claims of `flinders.fit`.
+attitudes  Drives and flights with slow errors or a lag of the attitude: verdicts and claims of `flinders.fit`.
 real    Real recordings: see `benchmarks.terms_recordings`.
-time    CPU seconds, and peak memory of a process of its own.
+time    CPU seconds, and peak memory of a separate process.
 """
 
 from __future__ import annotations
@@ -75,7 +76,7 @@ SIGMA: Final = 0.5
 
 TILTS_DEG: Final = (0.0, 2.0, 5.0, 10.0, 20.0)
 ATTITUDE_NOISE_DEG: Final = 0.5
-"""About each axis, of an attitude that a log tells."""
+"""Noise of a logged attitude about each axis."""
 
 Answer = tuple["Floats", "Floats"]
 """Offset (3,) and matrix (3, 3) up to a factor: corrected = matrix @ (raw − offset)."""
@@ -85,7 +86,7 @@ Answer = tuple["Floats", "Floats"]
 
 
 def sim(name: str, seed: int) -> Samples:
-    """60 s at 100 Hz, 1 mG and 5 mrad/s; SIM1 is tumbled slowly, SIM2 rocked by 5°, 5° and 90° (their own not read)."""
+    """Recording of 60 s at 100 Hz, 1 mG and 5 mrad/s; SIM1 tumbles slowly, SIM2 rocks by 5°, 5° and 90°."""
     rng = np.random.default_rng([SEED, seed])
     turning: Trajectory
     if name == "SIM2":
@@ -104,12 +105,12 @@ def by_ellipsoid(samples: Samples, *, method: Callable[[Samples], Ellipsoid]) ->
 
 
 def level_turn_alone(samples: Samples, *, dip_deg: float) -> Ellipsoid:
-    """The level turn by itself."""
+    """Ellipsoid of the level turn alone."""
     return Level(dip_deg=dip_deg).estimate(Readings.of(samples)).ellipsoid
 
 
 def by_aids(samples: Samples, *, terms: Sequence[str], site: Site | None = None, window_s: float = 5.0) -> Answer:
-    """Offset and matrix of the joint fit, rotation and all."""
+    """Offset and matrix of the joint fit, with its rotation."""
     found = solve(samples, terms, site=site, window_s=window_s)
     return found.parameters.offset, found.matrix
 
@@ -146,9 +147,9 @@ def sim_table(pool: ProcessPoolExecutor, seeds: int) -> Iterator[str]:
 
 
 def swayed(trial: int) -> tuple[Simulated, Samples, Site]:
-    """S4t: 60 s at 50 Hz, the attitude as a log tells it, and a site whose strength is known to 1 %, in a true unit.
+    """S4t: 60 s at 50 Hz in µT, with a logged attitude, and a site whose strength is known to 1 %.
 
-    The mean gain of the sensor is one: otherwise the strength of the site says nothing.
+    The mean gain of the sensor is 1, so that the strength of the site is useful.
     """
     rng = np.random.default_rng([SEED, 1, trial])
     imu = simulate.Imu(gyro_bias=rng.normal(0.0, 0.01, 3))
@@ -165,7 +166,7 @@ def swayed(trial: int) -> tuple[Simulated, Samples, Site]:
 
 
 CALIBRATED: Final[dict[str, Any]] = {"gyro_scale": 0.0, "acceleration_bias": 0.0}
-"""Instruments that are known to be right, as those of S4t are, but for their noise and the gyro's bias."""
+"""Uncertainties of calibrated instruments as in S4t, which have only noise and a gyro bias."""
 
 AIDED: Final[Mapping[str, tuple[tuple[str, ...], str, dict[str, Any]]]] = {
     "none: magnitude alone": ((), "", {}),
@@ -182,13 +183,13 @@ AIDED: Final[Mapping[str, tuple[tuple[str, ...], str, dict[str, Any]]]] = {
     "attitude": (("attitude",), "", {}),
     "rate, attitude, the site's field": (("rate", "attitude"), "both", {}),
 }
-"""Terms, what of the site is known, and what is known of the instruments."""
+"""Terms, known facts on the site, and uncertainties of the instruments."""
 
 
 def trial(title: str, number: int) -> tuple[float, float] | None:
     """Level heading errors in degrees of one S4t recording, in axes of the body and in the magnetometer's own.
 
-    None where that is refused.
+    None if refused.
     """
     recording, samples, site = swayed(number)
     terms, known, instruments = AIDED[title]
@@ -205,12 +206,12 @@ def trial(title: str, number: int) -> tuple[float, float] | None:
 
 @cache
 def trials_of(pool: ProcessPoolExecutor, title: str, trials: int) -> list[tuple[float, float] | None]:
-    """All trials with some aids."""
+    """Results of all trials with some aids."""
     return list(pool.map(trial, repeat(title), range(trials), chunksize=4))
 
 
 def aids_table(pool: ProcessPoolExecutor, trials: int) -> Iterator[str]:
-    """Yield what each aid leaves of the heading error."""
+    """Yield the heading error with each aid."""
     yield "| aiding | heading error level, rms ° | of magnitude alone | in own axes ° | of magnitude alone | refused |"
     yield "|---|---:|---:|---:|---:|---:|"
     alone = math.nan
@@ -237,15 +238,15 @@ CASES: Final[Mapping[str, tuple[tuple[str, ...], bool, float]]] = {
     "attitude": (("attitude",), False, 0.5),
     "rate, attitude, site": (("rate", "attitude"), True, 0.5),
 }
-"""Terms, whether the site is known, and the noise of the logged attitude about each axis in degrees."""
+"""Terms, whether the site is known, and the noise of the logged attitude about each axis, degrees."""
 
-MOUNTED_RAD: Final = 0.1
-"""How far the axes of magnetometer and body are apart, about each."""
+MOUNTING_RAD: Final = 0.1
+"""Rotation of the magnetometer's axes to the body's, 1 σ about each axis."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Known:
-    """A recording, what is known of its site, and the truth."""
+    """A recording, its site with uncertainties, and the truth."""
 
     samples: Samples
     site: Site
@@ -255,14 +256,14 @@ class Known:
 def known(motion: str, attitude_deg: float, number: int) -> Known:
     """Draw sensor, gyro, mounting, site and motion.
 
-    The site's strength is that of the field to 1 %, its dip to a degree, and the mean gain of the sensor is one.
+    The site's strength is known to 1 %, its dip to 1°, and the mean gain of the sensor is 1.
     """
     rng = np.random.default_rng([SEED, 3, MOTIONS.index(motion), number])
     sensor = simulate.Sensor.random(rng)
     sine, strength = math.sin(math.radians(60.0)), FIELD_STRENGTH * (1.0 + rng.normal(0.0, 0.01))
     true = replace(
         Parameters.at(sensor.offset, 3.0 * FIELD_STRENGTH * sensor.matrix / np.trace(sensor.matrix)),
-        rotation=simulate.turns(rng.normal(0.0, MOUNTED_RAD, (1, 3)))[0],
+        rotation=simulate.turns(rng.normal(0.0, MOUNTING_RAD, (1, 3)))[0],
         gyro_bias=rng.normal(0.0, 0.01, 3),
         gyro_scale=rng.normal(0.0, SCALE_SIGMA, 6),
         gyro_turn=rng.normal(0.0, SCALE_SIGMA, 3),
@@ -290,19 +291,19 @@ def known(motion: str, attitude_deg: float, number: int) -> Known:
 
 
 def in_own_unit(errors: Floats, acceleration: Floats) -> Floats:
-    """(9,) errors of an accelerometer whose unit is the median length of its readings, as a fit takes it."""
+    """(9,) errors of an accelerometer in the unit of a fit, the median length of its readings."""
     unit = float(np.median(np.linalg.norm(acceleration, axis=1))) / GRAVITY
     return np.concatenate([errors[:3] / unit, upper(unit * (np.eye(3) + symmetric(errors[3:])) - np.eye(3))])
 
 
 def felt_by(force: Floats, errors: Floats) -> Floats:
-    """(N, 3) what an accelerometer of some errors reads of a force."""
+    """(N, 3) readings of an accelerometer with errors for a force."""
     read: Floats = force @ np.linalg.inv(np.eye(3) + symmetric(errors[3:])) + GRAVITY * errors[:3]
     return read
 
 
 def _motion(motion: str, rng: np.random.Generator) -> tuple[Trajectory, float, float]:
-    """1,500 readings; noise in µT and of the gyro in rad/s, that of MAGYC's for as long a step."""
+    """Path of 1,500 readings, noise in µT, and noise of the gyro in rad/s, scaled to the step for MAGYC's."""
     if motion == "rocked":
         turning = simulate.rocked(rng, seconds=600.0, rate_hz=2.5, amplitudes_deg=MOTIONS_DEG["MAM"])
         return turning, 1.0, 0.01 * math.sqrt(2.5 / 10.0)
@@ -322,7 +323,7 @@ class Scored:
 
 
 def scored_trial(motion: str, title: str, number: int) -> Scored | None:
-    """Fit one recording; None where that is refused."""
+    """Result of one trial; None if refused."""
     terms, is_known, attitude_deg = CASES[title]
     drawn = known(motion, attitude_deg, number)
     try:
@@ -340,14 +341,14 @@ def scored_trial(motion: str, title: str, number: int) -> Scored | None:
 
 
 def in_axes_of_gyro(true: Parameters) -> Parameters:
-    """The truth where the gyro alone tells the axes of the body: they are its own."""
+    """Truth in the axes of the gyro, if the gyro alone defines the axes of the body."""
     left, scales, right = np.linalg.svd(grown(true.gyro))
     turn, growth = left @ right, (right.T * scales) @ right
     return replace(true, rotation=turn.T @ true.rotation, gyro_scale=upper(growth - np.eye(3)), gyro_turn=np.zeros(3))
 
 
 def errors_of(found: Aided, true: Parameters) -> Floats:
-    """(P,) what was found less the truth; a rotation as the turn that is left, a direction along its own steps."""
+    """(P,) errors of the parameters; a rotation as the remaining turn, a direction along its own steps."""
     if "gyro_bias" in found.layout.columns and "gyro_turn" not in found.layout.columns:
         true = in_axes_of_gyro(true)
     at, errors = found.parameters, np.zeros(found.layout.size)
@@ -368,13 +369,13 @@ BLOCKS: Final = {
     "gyro bias": ("gyro_bias",), "gyro scales": ("gyro_scale",), "gyro mounting": ("gyro_turn",), "delay": ("delay",),
     "accelerometer": ("accelerometer",),
 }  # fmt: skip
-"""Columns of the table, and which blocks of parameters each holds."""
+"""Columns of the table, with their blocks of parameters."""
 
 
 def nees_table(
     pool: ProcessPoolExecutor, trials: int, motions: Sequence[str] = MOTIONS, cases: Sequence[str] | None = None
 ) -> Iterator[str]:
-    """Yield the squared errors over what was claimed: least and most of the parameters of each block."""
+    """Yield the squared errors over claimed variances: least and most of the parameters of each block."""
     yield "| motion | aiding | " + " | ".join(BLOCKS) + " | b and S together | all together | heading over claim |"
     yield "|---|---|" + "---:|" * (len(BLOCKS) + 3)
     for motion, title in product(motions, cases or CASES):
@@ -391,7 +392,7 @@ def nees_table(
 
 
 def _least_and_most(means: Floats, layout: ParameterLayout, names: Sequence[str]) -> str:
-    """Of the parameters of some blocks."""
+    """Least and most of the means of some blocks."""
     some = [value for name in names if name in layout for value in means[layout.columns[name]].tolist()]
     if not some:
         return "–"
@@ -399,7 +400,7 @@ def _least_and_most(means: Floats, layout: ParameterLayout, names: Sequence[str]
 
 
 def _together(one: Scored, size: int) -> float:
-    """Squared length of the first errors in their claimed covariance, for each."""
+    """Squared length of the first errors in units of their claimed covariance, per parameter."""
     errors = one.errors[:size]
     return float(errors @ np.linalg.solve(one.covariance[:size, :size], errors)) / size
 
@@ -408,7 +409,7 @@ def _together(one: Scored, size: int) -> float:
 
 
 def tilted_error_deg(answer: Answer, recording: Simulated, tilt_deg: float) -> float:
-    """Heading error (rms, less its mean) over headings and sides to lean to, with the true tilt removed."""
+    """Heading error (rms, less its mean) over headings and directions of tilt, with the true tilt removed."""
     offset, matrix = answer
     heading, side = (grid.ravel() for grid in np.meshgrid(np.arange(36) * np.pi / 18, np.arange(8) * np.pi / 4))
     leans = math.radians(tilt_deg) * np.stack([np.cos(side), np.sin(side), np.zeros(len(side))], axis=1)
@@ -449,9 +450,9 @@ def level_table(pool: ProcessPoolExecutor, trials: int) -> Iterator[str]:
 
 
 def magnet_trial(motion: str, aiding: str, number: int) -> tuple[str, float, float, float]:
-    """Verdict; level heading error (rms) in the sensor's own axes, largest of offset and rotation, all over claims.
+    """Verdict, and errors over claims: level heading (rms) in the sensor's own axes, largest of offset and rotation.
 
-    NaN where a fit is refused, or claims no rotation.
+    NaN for a refused fit, or one without a rotation.
     """
     recording = simulate.tumble(number, motion=motion, n=10_000, disturbances=(simulate.PassingMagnet(100.0),))
     assert recording.attitudes is not None
@@ -467,7 +468,7 @@ def magnet_trial(motion: str, aiding: str, number: int) -> tuple[str, float, flo
 
 
 def _rotation_ratio(fit: Fit) -> float:
-    """Largest component of the rotation, which is none in truth, over its claim; NaN where nothing saw it."""
+    """Largest component of the rotation, truly 0, over its claim; NaN if undetermined."""
     aiding = fit.evidence.aiding
     if aiding is None or aiding.rotation is None or aiding.rotation_covariance is None:
         return math.nan
@@ -502,7 +503,7 @@ DRIVES: Final[Mapping[str, tuple[str, str]]] = {
     "gyro with a constant bias": ("rate", ""),
     "the same, and a bias that walks by 0.5 mrad/s in a second": ("rate", "walk"),
 }
-"""Aid, and what disturbs it."""
+"""Aid, and its disturbance."""
 
 
 def short_drive(disturbed: str, number: int) -> tuple[Simulated, Samples]:
@@ -522,16 +523,16 @@ def short_drive(disturbed: str, number: int) -> tuple[Simulated, Samples]:
 
 
 def make_lasting(errors: Floats, readings: float) -> None:
-    """Let (N, k) errors of single readings last for so many, as large as they are."""
+    """Convert (N, k) independent errors to slow ones of the same size, with a time constant in readings."""
     stays = math.exp(-1.0 / readings)
     for before, error in pairwise(errors):
         error[:] = stays * before + math.sqrt(1.0 - stays**2) * error
 
 
 def drive_trial(title: str, number: int) -> tuple[float, float, bool, bool]:
-    """Level heading error (rms) over the claim without and with the aid, refused or not; NaN where there is no fit.
+    """Level heading error (rms) over the claim without and with the aid, also for refused fits; NaN without a fit.
 
-    Whether the aid was used, and whether the magnetometer alone makes a level turn of the drive.
+    Also whether the aid was used, and whether the drive is a level turn for the magnetometer alone.
     """
     aiding, disturbed = DRIVES[title]
     recording, samples = short_drive(disturbed, number)
@@ -546,7 +547,7 @@ def drive_trial(title: str, number: int) -> tuple[float, float, bool, bool]:
 
 
 def _judged(samples: Samples, aiding: str | tuple[()]) -> Fit | None:
-    """A fit, also one that is refused."""
+    """Fit of a recording, also a refused one."""
     try:
         return flinders.fit(samples, aiding=aiding)
     except Refused as refused:
@@ -586,7 +587,7 @@ def _rms_and_beyond(ratios: Floats) -> str:
 
 @dataclass(frozen=True, slots=True)
 class AttitudeErrors:
-    """Of a logged attitude, beside half a degree about each axis at each reading."""
+    """Errors of a logged attitude in addition to 0.5° about each axis at each reading."""
 
     yaw_deg: float = 0.0  # 1 σ, lasting for half a minute
     mounting_deg: float = 0.0  # 1 σ about each axis
@@ -603,7 +604,7 @@ ATTITUDE_RATE_HZ: Final = 10.0
 
 
 def erring(motion: str, errors: AttitudeErrors, number: int) -> tuple[Simulated, Samples]:
-    """150 s at 10 Hz, and an attitude with errors."""
+    """Recording of 150 s at 10 Hz with an erroneous attitude."""
     rng = np.random.default_rng([SEED, 5, number])
     recording = simulate.tumble(rng, motion=motion, n=1500, rate_hz=ATTITUDE_RATE_HZ)
     assert recording.attitudes is not None
@@ -617,7 +618,7 @@ def erring(motion: str, errors: AttitudeErrors, number: int) -> tuple[Simulated,
 
 
 def erring_trial(motion: str, title: str, number: int) -> list[tuple[str, float, float, bool, bool]]:
-    """Without the attitude and with it: verdict, claim, level heading error over it, a gap named, attitude used."""
+    """Results without and with the attitude: verdict, claim, error over claim, whether a gap is named, and use."""
     recording, samples = erring(motion, ATTITUDES[title], number)
     found = []
     for aiding in ((), "attitude"):
@@ -651,7 +652,7 @@ def attitudes_table(pool: ProcessPoolExecutor, trials: int) -> Iterator[str]:
 
 
 def timed(seconds: float, rate_hz: float, terms: tuple[str, ...]) -> tuple[int, float, float]:
-    """Readings, CPU seconds and MiB that a fit adds to what its process had; run it in a process of its own."""
+    """Readings, CPU seconds and additional MiB of a fit; run in a separate process."""
     recording = simulate.tumble(1, motion="swayed", n=round(seconds * rate_hz), rate_hz=rate_hz)
     before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
     begun = time.process_time()
@@ -661,7 +662,7 @@ def timed(seconds: float, rate_hz: float, terms: tuple[str, ...]) -> tuple[int, 
 
 
 def time_table() -> Iterator[str]:
-    """Yield seconds and memory."""
+    """Yield the table of CPU seconds and memory."""
     yield "| recording | terms | readings | CPU s | MiB more at most |"
     yield "|---|---|---:|---:|---:|"
     cases = (("60 s at 100 Hz", 60.0, 100.0), ("1 h at 50 Hz", 3600.0, 50.0))

@@ -2,14 +2,14 @@
 
 ``python -m benchmarks.terms --tables real`` prints the tables.
 
-The recordings are not part of the project; `benchmarks.recordings` says where they are looked for.
+The recordings are not part of the project; `benchmarks.recordings` states their folder.
 
-dip        Angle between the field and the accelerometer's vertical: how far it spreads with the magnetometer alone, and
-           with the dip aid, which also finds how the one is turned against the other.
-third      Each third of a recording, with the gyro and without, against the whole by its magnitude alone: offset in
-           standard deviations of both together, level heading, and what the gyro's scales are off by.
+dip        Spread of the angle between the field and the accelerometer's vertical, with the magnetometer alone, and with
+                      the dip aid, which also estimates the rotation between both sensors.
+third      Each third of a recording, with and without the gyro, compared with the whole by its magnitude alone: offset
+                      in combined standard deviations, level heading, and errors of the gyro's scales.
 scripted   Headings of a sensor that was rolled and tilted at 0°, 45° and 90°.
-auto       What ``--with auto`` keeps of each.
+auto       Aids that ``--with auto`` keeps for each.
 """
 
 from __future__ import annotations
@@ -59,16 +59,16 @@ AUTOMATIC: Final = (
 SCRIPTED: Final = "sunsided_hmc5883l/roll-and-tilt-at-45-90.csv"
 
 MIRRORED: Final = {"timspi_imu_gnss/imu_gnss_data.csv": np.array([-1.0, 1.0, 1.0])}
-"""Signs of magnetometer axes against those of the accelerometer; this one's own calibration turns x round."""
+"""Signs of magnetometer axes relative to the accelerometer's; this recording has an inverted x."""
 
 NO_ERRORS: Final = np.zeros(9)
-QUIET: Final = 0.05
-"""Of gravity: readings whose acceleration is that close to its median tell the vertical."""
+MAX_ACCELERATION_SHARE: Final = 0.05
+"""Share of gravity: readings with an acceleration this close to the median show the vertical."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Dip:
-    """What the dip aid finds.
+    """Results of the dip aid.
 
     Attributes
     ----------
@@ -85,7 +85,7 @@ class Dip:
 
 
 def read(name: str) -> Samples:
-    """Take a recording from the folder; a magnetometer that is a mirror image of its accelerometer is mirrored back."""
+    """Read a recording from the folder; axes mirrored relative to the accelerometer are mirrored back."""
     samples = flinders.read(FOLDER / name)
     return replace(samples, field=samples.field * MIRRORED[name]) if name in MIRRORED else samples
 
@@ -104,13 +104,13 @@ def dip_of(samples: Samples) -> Dip:
 
 
 def dip_spread_deg(samples: Samples, offset: Floats, matrix: Floats, errors: Floats = NO_ERRORS) -> float:
-    """Spread of the angle between the corrected field and the vertical, where the sensor is hardly accelerated.
+    """Spread of the angle between the corrected field and the vertical, at readings with little acceleration.
 
-    The errors are the (9,) of the accelerometer.
+    `errors`: (9,) errors of the accelerometer.
     """
     assert samples.acceleration is not None
     size = np.linalg.norm(samples.acceleration, axis=1)
-    still = np.abs(size / np.median(size) - 1.0) < QUIET
+    still = np.abs(size / np.median(size) - 1.0) < MAX_ACCELERATION_SHARE
     down, _ = upright(-samples.acceleration[still] / size[still, np.newaxis], errors)
     field = (samples.field[still] - offset) @ matrix.T
     cosine = np.einsum("ni,ni->n", field, down) / np.linalg.norm(field, axis=1) / np.linalg.norm(down, axis=1)
@@ -120,18 +120,18 @@ def dip_spread_deg(samples: Samples, offset: Floats, matrix: Floats, errors: Flo
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Third:
-    """What the gyro makes of a third of a tumble, held against the whole by its magnitude alone.
+    """A third of a tumble with the gyro, compared with the whole by its magnitude alone.
 
     Attributes
     ----------
     surprise : float
         √(eᵀC⁻¹e / 3) for the difference e of the offsets and the sum C of both covariances.
     without_deg, with_deg : float
-        Level heading of the third against the whole, rms, without the gyro and with it.
+        Level heading difference of the third and the whole, rms, without and with the gyro.
     claimed_deg : float
-        The same as it is claimed with the gyro, from both covariances.
+        Claim of that difference with the gyro, from both covariances.
     scale : (6,) float
-        What the gyro's scales are off by, x, y and z first.
+        Errors of the gyro's scales, x, y and z first.
     """
 
     surprise: float
@@ -148,7 +148,7 @@ def thirds_of(samples: Samples) -> list[Third]:
 
 
 def third_of(whole: Aided, third: Samples) -> Third:
-    """Hold one third against the whole."""
+    """Compare one third with the whole."""
     aided = solve(third, ("rate",))
     alone = Auto().estimate(Readings.of(third)).ellipsoid
     covariance = whole.covariance[:9, :9] + aided.covariance[:9, :9]
@@ -163,7 +163,7 @@ def third_of(whole: Aided, third: Samples) -> Third:
 
 
 def between_deg(offset: Floats, shape: Floats, other_offset: Floats, other_shape: Floats) -> float:
-    """Root mean square difference of level headings that two ellipsoids give, less its mean, in degrees."""
+    """Root mean square difference of the level headings of two ellipsoids, less its mean, degrees."""
     _, field = level_turn(60.0)
     moved = np.linalg.solve(other_shape, shape @ field + (offset - other_offset)[:, np.newaxis])
     phasors = (moved[0] - 1j * moved[1]) * (field[0] + 1j * field[1])
@@ -176,13 +176,13 @@ def scripted_deg(offset: Floats, matrix: Floats) -> list[tuple[float, float]]:
     samples = read(SCRIPTED)
     assert samples.acceleration is not None
     size = np.linalg.norm(samples.acceleration, axis=1)
-    still = np.abs(size / np.median(size) - 1.0) < QUIET
+    still = np.abs(size / np.median(size) - 1.0) < MAX_ACCELERATION_SHARE
     headings = magnetic_heading_deg((samples.field[still] - offset) @ matrix.T, samples.acceleration[still])
     return clusters(headings[np.isfinite(headings)])
 
 
 def clusters(headings: Floats, spacing: float = 45.0) -> list[tuple[float, float]]:
-    """Middle and spread (from median distances) of three groups of headings, `spacing` degrees apart to begin with."""
+    """Middle and spread (from median distances) of three groups of headings, initially `spacing` degrees apart."""
     fits = [
         np.sum(np.min(_off(headings, start + spacing * np.arange(3)) ** 2, axis=1).clip(max=400.0))
         for start in range(360)
@@ -241,7 +241,7 @@ def tables() -> Iterator[str]:
 
 
 def automatic(name: str) -> tuple[str, str]:
-    """What `auto` keeps of a recording, each with its worth in degrees, and what it leaves out."""
+    """Aids that `auto` keeps for a recording, with their benefit in degrees, and aids left out."""
     try:
         fit = flinders.fit(flinders.read(FOLDER / name), aiding="auto")
     except Refused as refusal:

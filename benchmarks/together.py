@@ -1,12 +1,12 @@
-"""What several magnetometers of one body are worth together: tables as Markdown.
+"""Benefit of a joint fit of several magnetometers on one body, as Markdown.
 
     python -m benchmarks.together [--tables nees,gain,disagreements,real,time] [--trials 200]
 
 nees        Squared error over claimed covariance of offsets, shapes and rotations, mean over trials: 1 is true.
 gain        Level heading error (rms over trials, after its mean) of each sensor alone and together.
-disagreements  A disturbance of four seconds: how often it is found, and laid to the right sensor; and how often in
-            an undisturbed minute something is found.
-real        `dronekit_log171` and `leiria_robot`, where `FLINDERS_DATA` names the folder.
+disagreements  Detection of a disturbance of four seconds and its attribution to the right sensor; and false alarms in
+                       an undisturbed minute.
+real        `dronekit_log171` and `leiria_robot` in the folder `FLINDERS_DATA`.
 time        CPU seconds.
 """
 
@@ -52,7 +52,7 @@ BODIES: Final = {
     "tilt ≤ 35°, 1,000": ("tilted", 1000),
     "flight, 30 s": ("flight", 1500),
 }
-"""What is done with a body: the motion, and readings at 50 Hz."""
+"""Motion of a body, and number of readings at 50 Hz."""
 
 NOISES: Final = {"0.5, 0.5": (0.5, 0.5), "0.5, 2": (0.5, 2.0), "0.5, 0.5, 0.5": (0.5, 0.5, 0.5)}
 """µT, of its sensors."""
@@ -71,7 +71,7 @@ class Body:
 
 
 def body(motion: str, n: int, noises: tuple[float, ...], seed: int) -> Body:
-    """Draw sensors, turned in any way but for the first, and record them on one path."""
+    """Draw sensors, randomly rotated except the first, and record them on one path."""
     rng = np.random.default_rng([SEED, seed])
     path = simulate.tumble(seed=seed, motion=motion, n=n)
     turns = [np.eye(3), *rotations(rng.normal(size=(len(noises) - 1, 3)))]
@@ -83,7 +83,7 @@ def body(motion: str, n: int, noises: tuple[float, ...], seed: int) -> Body:
 
 
 def weighed(error: Floats, covariance: Floats) -> float:
-    """Squared error in claimed standard deviations, over the parameters: 1 on average where the claim is true."""
+    """Squared error in claimed standard deviations per parameter: 1 on average for a true claim."""
     return float(error @ np.linalg.solve(covariance, error)) / len(error)
 
 
@@ -100,7 +100,7 @@ def scores(found: Several, true: Body) -> Iterator[tuple[str, float]]:
 
 
 def nees_table(trials: int) -> Iterator[str]:
-    """Yield whether claims are true."""
+    """Yield the table of squared errors over claims."""
     yield "| body | noises, µT | offsets | shapes | rotations | left open |"
     yield "|---|---|---:|---:|---:|---:|"
     for name, (motion, n) in BODIES.items():
@@ -125,7 +125,7 @@ def heading_deg(estimate: Estimate, sensor: Sensor, path: Simulated) -> float:
 
 
 def gain_table(trials: int) -> Iterator[str]:
-    """Yield what sensors are worth alone and together; median over trials, as a few are left open."""
+    """Yield errors of sensors alone and together; median over trials, as a few are undetermined."""
     yield "| body | noises, µT | alone, ° | together, ° |"
     yield "|---|---|---:|---:|"
     for name, (motion, n) in BODIES.items():
@@ -145,7 +145,7 @@ def gain_table(trials: int) -> Iterator[str]:
 
 
 def disagreements_table(trials: int) -> Iterator[str]:
-    """Yield how often a disturbance of four seconds in half a minute is found."""
+    """Yield detection rates of a disturbance of four seconds in half a minute."""
     yield "| disturbance, µT | sensors | found | attributed to the right one | runs with a false one |"
     yield "|---:|---:|---:|---:|---:|"
     for strength in DISTURBANCES_UT:
@@ -200,7 +200,7 @@ def _rows(found: Together) -> Iterator[str]:
 
 
 def time_table() -> Iterator[str]:
-    """Yield CPU seconds of the joint fit, without what each sensor finds by itself."""
+    """Yield CPU seconds of the joint fit, without the fits of single sensors."""
     yield "| sensors | moments | CPU s |"
     yield "|---:|---:|---:|"
     for sensors in (2, 3):
@@ -213,7 +213,7 @@ def time_table() -> Iterator[str]:
 
 
 def main() -> None:
-    """Print the tables that are asked for."""
+    """Print the chosen tables."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--tables", default="nees,gain,disagreements,real,time")
     parser.add_argument("--trials", type=int, default=200)

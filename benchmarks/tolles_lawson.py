@@ -1,14 +1,13 @@
-"""How good a Tolles–Lawson compensation is on other flights: errors beside the claim, and figures of merit.
+"""Accuracy of Tolles–Lawson compensations on other flights: errors compared with claims, and figures of merit.
 
     python -m benchmarks.tolles_lawson [--trials 200]
 
 Each simulated aircraft makes a calibration flight, another flight of the same manoeuvres on the same headings, and two
-on four headings between those. Errors are those of the compensation in the other flights, which the simulation knows
-without noise and ground, from 0.1 to 0.9 Hz, with a vector magnetometer without noise, which comes on top of the claim;
-a ratio to the claim is a root mean square over the trials, and 1 where claims are true. A figure of merit is the sum of
-the peak-to-peak interference of the twelve manoeuvres on the headings between, with all noise; its reduction is beside
-that of least squares fitted to these very manoeuvres, noise and ground included.
-Refused fits count in the last column alone.
+on four headings between those. Errors are those of the compensation in the other flights, from 0.1 to 0.9 Hz, without
+ground and noise, also of the vector magnetometer, which would add to the claim; a ratio to the claim is a root mean
+square over the trials, and 1 for true claims. A figure of merit is the sum of the peak-to-peak interference of the
+twelve manoeuvres on the headings between, with all noise; its reduction is compared with that of least squares fitted
+to the same manoeuvres, with noise and ground. Refused fits count in the last column only.
 """
 
 from __future__ import annotations
@@ -44,12 +43,12 @@ CASES: Final[Mapping[str, tuple[float, dict[str, Any]]]] = {
     "rolls alone": (1.0, {"manoeuvres": ("roll",)}),
     "north four times": (1.0, {"headings_deg": (0.0, 0.0, 0.0, 0.0)}),
 }
-"""How magnetic the aircraft is, and what is different about the calibration flight."""
+"""Magnetic strength of the aircraft, and changed arguments of the calibration flight."""
 
 
 @dataclass(frozen=True, slots=True)
 class Trial:
-    """One aircraft."""
+    """Result of one aircraft."""
 
     verdict: str
     before: float  # nT, on the calibration flight
@@ -58,7 +57,7 @@ class Trial:
     between: float
     merit: float  # nT, figure of merit before
     left: float  # and after
-    of_optimum: float  # its reduction beside that of the optimum
+    of_optimum: float  # its reduction over that of the optimum
 
 
 def main() -> None:
@@ -114,7 +113,7 @@ def in_band(flight: Flight, values: Floats) -> float:
 
 
 def merit_of(flight: Flight, values: Floats) -> float:
-    """Sum of the peak-to-peak values of each manoeuvre, without its straight line."""
+    """Sum of the peak-to-peak values of the manoeuvres, each less its straight line."""
     return sum(float(np.ptp(_without_line(values[each.rows]))) for each in flight.manoeuvres)
 
 
@@ -125,7 +124,7 @@ def _without_line(values: Floats) -> Floats:
 
 
 def _optimum(flight: Flight) -> Floats:
-    """(N,) what least squares of these very readings leave."""
+    """(N,) residuals of least squares fitted to the same readings."""
     signal = Signal.of(flight.samples)
     equations = Equations.of(signal.runs())
     coefficients = equations.fit(NO_RIDGE)

@@ -1,7 +1,7 @@
 /**
- * People who turn sensors as the page asks them: its session, its engine and its lead, in simulated time.
+ * Simulated people who turn sensors by the guidance of the page, with its session, engine and guidance.
  *
- * JSON on standard input, a row for each run on output. See turning.py for what is simulated.
+ * Reads JSON on standard input, and writes a row for each run. turning.py describes the simulation.
  */
 
 import { readFileSync } from "node:fs";
@@ -24,7 +24,7 @@ const UNIT = { inside: "uT", recorded: "uT", scale: 1 };
 const DEG = Math.PI / 180;
 const transposed = ([a, b, c]) => [0, 1, 2].map((i) => [a[i], b[i], c[i]]);
 
-/** Numbers of one seed: mulberry32. */
+/** Random numbers of a seed (mulberry32). */
 class Chance {
     constructor(seed) {
         this.state = seed >>> 0;
@@ -44,7 +44,7 @@ class Chance {
     }
 }
 
-/** Soft iron of 25 %, an offset of up to two fields an axis, white noise and slow noise. */
+/** Sensor with soft iron of 25 %, an offset of up to twice the field on each axis, white noise and slow noise. */
 class Sensor {
     constructor(chance) {
         this.chance = chance;
@@ -63,7 +63,7 @@ class Sensor {
     }
 }
 
-/** A hand with a body in it: where it is, and how it is moved. */
+/** A hand that holds a body, with the attitude of the body and the inaccuracy of its turns. */
 class Hand {
     constructor(chance) {
         this.chance = chance;
@@ -74,7 +74,7 @@ class Hand {
         this.sway = [0, 0, 0];
         this.turned = 0;
     }
-    /** Turn about an axis of the body, for one reading; the axis sways. */
+    /** Turn about an axis of the body during one reading period; the axis sways. */
     turn(axis, most = Infinity) {
         const keep = Math.exp(-1 / (RATE_HZ * 1));
         const width = (this.error / 2) * Math.sqrt(1 - keep * keep);
@@ -83,13 +83,13 @@ class Hand {
         this.attitude = product(this.attitude, rotation({ axis: unit(axis.map((part, i) => part + this.sway[i])), angle }));
         this.turned += angle;
     }
-    /** Turn towards an attitude; how far that is. */
+    /** Turn towards an attitude by at most one step; returns the angle that was left before. */
     towards(attitude) {
         const { axis, angle } = turnOf(product(transposed(this.attitude), attitude));
         if (angle > this.speed / RATE_HZ) this.turn(axis, angle);
         return angle;
     }
-    /** An axis, as far as a hand meets it. */
+    /** An axis with the error of the hand. */
     near(axis) {
         return rotated(rotation({ axis: this.chance.direction(), angle: this.error * Math.abs(this.chance.normal()) }), axis);
     }
@@ -101,7 +101,7 @@ function turnOf(r) {
     return { axis: unit([r[2][1] - r[1][2], r[0][2] - r[2][0], r[1][0] - r[0][1]]), angle };
 }
 
-/** Tumbles it at random: rates are white noise through two equal filters, of the mean rate of the hand. */
+/** Tumbles the body at random: its rates are white noise after two equal filters, with the mean rate of the hand. */
 class Tumbler {
     constructor(chance, hand) {
         Object.assign(this, { chance, hand, once: [0, 0, 0], twice: [0, 0, 0] });
@@ -124,7 +124,7 @@ class Tumbler {
     }
 }
 
-/** Does what the page asks. How somebody looks at it: always, at a glance now and then, or once a turn seems to be done. */
+/** Follows the page, looking always, at glances now and then, or when a turn seems complete. */
 class Follower {
     constructor(chance, hand, looks) {
         Object.assign(this, { chance, hand, looks, seen: [], now: null, nextLook: 0 });
@@ -133,7 +133,7 @@ class Follower {
         this.hold = null;
         this.left = 0;
     }
-    /** See the page; what it says is understood after a latency, the drawing is seen as it is now. */
+    /** Look at the page: its words are understood after a latency, its drawing at once. */
     look(at, lead) {
         this.seen.push([at, lead]);
         const isLooking = this.looks === "always" || (this.looks === "glances" ? at >= this.nextLook : this.left <= 0);
@@ -149,7 +149,7 @@ class Follower {
             this.again(at, lead);
         }
     }
-    /** Once more, as long as that is asked for; a direction that was missed, after another look. */
+    /** Repeat a turn while the page asks for it; aim again at a missed direction after another look. */
     again(at, { here }) {
         if (this.now.kind !== "arrow") {
             this.left = this.now.kind === "turn" ? this.whole : 2 * Math.PI;
@@ -159,7 +159,7 @@ class Follower {
         if (at < this.missedAt + this.hand.latency || !here) return;
         this.aim(this.now.target, here);
     }
-    /** Turn so that the field goes to where the drawing has its ghost, as far as the hand meets the axis. */
+    /** Begin a turn of the field to the target in the drawing, about an axis with the error of the hand. */
     aim(target, here) {
         const { axis, angle } = between(target, here);
         this.missedAt = null;
@@ -199,7 +199,7 @@ class Follower {
     }
 }
 
-/** Stops for seconds now and then. */
+/** A person who pauses for seconds now and then. */
 class Halting {
     constructor(chance, person, each) {
         Object.assign(this, { chance, person, each, rest: 0 });
@@ -214,7 +214,7 @@ class Halting {
     }
 }
 
-/** The page: a session, fits that take their time, the choreography and what it leads to. */
+/** The page: a session, fits that take a fixed time, the choreography and the guidance. */
 class Page {
     constructor(body) {
         this.session = new Session(data.session);
@@ -244,7 +244,7 @@ class Page {
     }
 }
 
-/** Turn a sensor until it is good. */
+/** Turn a sensor until its calibration is good. */
 function played({ seed, who, body, halts, dip, most_s }) {
     const chance = new Chance(7919 * seed + 17);
     const sensor = new Sensor(chance);

@@ -1,20 +1,20 @@
-"""How long people take who turn a sensor as the page asks them: ``python -m benchmarks.turning``.
+"""Duration of a calibration by simulated users who follow the page: ``python -m benchmarks.turning``.
 
     python -m benchmarks.turning [--sensors 200] [--body board] [--dip 60] [--processes 2]
 
 The session of the page, its engine as WebAssembly, its choreography and its lead run under Node.js in simulated time
-(`turning.mjs`), and a simulated person does what they say. Each has a speed of 30 to 90° a second, a latency of 0.3 to
-1.5 s, and a hand that misses attitude and axis by 10 to 20° and sways about the axis by half of that. One sees the page
-all the time; one glances at it every two to five seconds; one does not look, but turns it by feeling (0.8 to 1.25 of a
-turn) and looks up after each turn; the last tumbles it at random and never looks. In a second run each stops for one
-to three seconds, after ten seconds of turning in the mean.
+(`turning.mjs`), and a simulated user follows them. Each user has a speed of 30 to 90° a second, a latency of 0.3 to
+1.5 s, errors of attitude and axis of 10 to 20°, and sway about the axis of half of that. One watches the page all the
+time; one looks at it every two to five seconds; one turns without looking (0.8 to 1.25 of a turn) and looks after each
+turn; the last tumbles the sensor at random and never looks. In a second run each pauses for one to three seconds, after
+ten seconds of turning on average.
 
 Sensors: soft iron of 25 % (10 % across), an offset of up to two fields on each axis, white noise of 0.1 to 0.5 % of the
-field, slow noise of a fifth of that over five seconds; 50 readings a second. It ends when the page says *good*: within
-1°, and no region of more than 60° unseen.
+field, slow noise of a fifth of that over five seconds; 50 readings a second. A run ends with the phase *good*: within
+1°, and no uncovered region of more than 60°.
 
-Columns: seconds until good, median and for 98 %; shares that are good within 20 and 30 s; the same within 20 s of
-those who turn at 45° a second or faster; degrees of turning, median; changes of words, at most in a run, per minute.
+Columns: seconds until good, median and for 98 %; shares good within 20 and 30 s; the same within 20 s for users at 45°
+a second or faster; degrees of turning, median; most changes of words per minute in a run.
 """
 
 from __future__ import annotations
@@ -46,8 +46,8 @@ PEOPLE: Final = {
     "tumbles": "tumbles it freely",
 }
 STOPS_S: Final = (0.0, 10.0)
-LONGEST_S: Final = 90.0
-BRISK_DEG: Final = 45.0
+MAX_DURATION_S: Final = 90.0
+FAST_RATE_DEGPS: Final = 45.0
 MINUTE_S: Final = 60.0
 HEADER: Final = (
     "| person | stops | median | 98 % | ≤ 20 s | ≤ 30 s | ≤ 20 s, ≥ 45°/s | turned | words a minute |",
@@ -57,16 +57,16 @@ HEADER: Final = (
 
 @dataclass(frozen=True, slots=True)
 class Run:
-    """One person with one sensor."""
+    """Run of one user with one sensor."""
 
-    seconds: float  #: until good; infinite where it was not
+    seconds: float  #: until good; infinite if never
     speed_deg: float
     turned_deg: float
     words: int  #: changes of them
 
 
 def play(asked: Sequence[dict[str, Any]]) -> list[Run]:
-    """Have people turn sensors."""
+    """Simulate users who turn sensors."""
     given = {
         "modules": str(files("flinders.apps.live").joinpath("static")),
         "wasm": str(build.library(target=build.WEB)),
@@ -86,10 +86,10 @@ def play(asked: Sequence[dict[str, Any]]) -> list[Run]:
 def row_of(who: str, stops_s: float, runs: Sequence[Run]) -> str:
     """A line of the table."""
     seconds = np.array([run.seconds for run in runs])
-    brisk = np.array([run.speed_deg >= BRISK_DEG for run in runs])
-    words = max(run.words * MINUTE_S / max(min(run.seconds, LONGEST_S), MINUTE_S) for run in runs)
+    brisk = np.array([run.speed_deg >= FAST_RATE_DEGPS for run in runs])
+    words = max(run.words * MINUTE_S / max(min(run.seconds, MAX_DURATION_S), MINUTE_S) for run in runs)
     last = float(np.quantile(seconds, 0.98, method="higher"))
-    most = f"{last:.1f} s" if last < LONGEST_S else f"> {LONGEST_S:.0f} s"
+    most = f"{last:.1f} s" if last < MAX_DURATION_S else f"> {MAX_DURATION_S:.0f} s"
     return (
         f"| {PEOPLE[who]} | {'yes' if stops_s else ''} | {np.median(seconds):.1f} s | {most} "
         f"| {np.mean(seconds <= 20.0):.1%} | {np.mean(seconds <= 30.0):.1%} | {np.mean(seconds[brisk] <= 20.0):.1%} "
@@ -112,7 +112,7 @@ def main() -> int:
         print(error, file=sys.stderr)
         return 1
     print("\n".join(HEADER))
-    common = {"body": given.body, "dip": given.dip, "most_s": LONGEST_S}
+    common = {"body": given.body, "dip": given.dip, "most_s": MAX_DURATION_S}
     for who in given.people.split(","):
         for stops_s in STOPS_S:
             asked = [{"seed": seed, "who": who, "halts": stops_s, **common} for seed in range(given.sensors)]

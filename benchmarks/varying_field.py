@@ -1,16 +1,16 @@
-"""Claims where the field varies with the place: thin turns of a hand or an arm, and drives on level roads.
+"""Claims in a spatially varying field: turns of a hand or an arm about nearly one axis, and drives on level roads.
 
     python -m benchmarks.varying_field [--trials 100] [--paths "arc of 20°" …] [--felt] [--processes 2]
 
-A sensor on an arm is turned about nearly one axis, swung or waved for a minute. Four dipoles one to three metres away
+A sensor on an arm is turned about nearly one axis, swung or waved for a minute. Four dipoles at one to three metres
 make the field vary by 0.5 to 2 % (rms) within half a metre of the middle of its path. Half of the sensors were
-corrected before. A car drives straight on, changes lanes, turns and stands for five minutes on slopes of 1 to 3°
-(rms), and the field varies by 0.5 to 2 % along the road. ``--felt`` records an accelerometer as well. The physics are
-those of `benchmarks.adversary`, which shares no code with `flinders.simulate`.
+corrected before. A car drives straight, changes lanes, turns and stops for five minutes on slopes of 1 to 3° (rms), and
+the field varies by 0.5 to 2 % along the road. ``--felt`` records an accelerometer, too. The physics are those of
+`benchmarks.adversary`, which shares no code with `flinders.simulate`.
 
-*Ratio* is the true over the claimed worst level heading error of good and limited fits, and *within two* the share of
-them whose error is at most twice the claim. *Worse* counts those whose error is larger than that of the raw readings by
-more than the claim. A refusal counts by itself, with the same share for the fit that it carries.
+*Ratio* is the true over the claimed worst level heading error of good and limited fits, and *within two* their share
+with an error of at most twice the claim. *Worse* counts errors above that of the raw readings by more than the claim.
+Refusals are counted separately, with the same share for the fits that they carry.
 """
 
 from __future__ import annotations
@@ -55,9 +55,9 @@ if TYPE_CHECKING:
 
 VERDICTS: Final = ("good", "limited", "refused")
 REACH_M: Final = 0.5
-"""Radius of the ball in which the field varies by the stated share."""
+"""Radius of the region with the stated variation of the field."""
 VARIATION: Final = (0.005, 0.02)
-"""Of the strength, root mean square."""
+"""Range of the variation as a share of the strength, rms."""
 STEP_S: Final = 1.0 / (FINE * RATE_HZ)
 SECONDS: Final = 60.0
 
@@ -73,12 +73,12 @@ class Thin:
 
     @property
     def is_worse(self) -> bool:
-        """Worse than raw readings by more than the claim."""
+        """Whether the error exceeds that of raw readings by more than the claim."""
         return self.true > self.raw + self.claimed
 
 
 def swinging(rng: Generator, attitudes: Floats, arm_m: tuple[float, float]) -> Path:
-    """A sensor at the end of an arm that turns about a hand which drifts by 3 cm."""
+    """Path of a sensor at the end of an arm about a hand that drifts by 3 cm."""
     arm = rng.standard_normal(3)
     arm *= rng.uniform(*arm_m) / np.linalg.norm(arm)
     hand = 0.03 * smooth(rng, len(attitudes), STEP_S, 1.5)
@@ -86,13 +86,13 @@ def swinging(rng: Generator, attitudes: Floats, arm_m: tuple[float, float]) -> P
 
 
 def time_of(seconds: float = SECONDS) -> Floats:
-    """Fine steps of the time, s."""
+    """(M,) times in fine steps, s."""
     times: Floats = STEP_S * np.arange(round(seconds / STEP_S))
     return times
 
 
 def wobbled(rng: Generator, angles: Floats, wobble_deg: float) -> Floats:
-    """(M, 3, 3) attitudes: angles (M,) rad about one axis of a body in any attitude, which wobbles about all."""
+    """(M, 3, 3) attitudes for angles (M,) rad about one axis, with wobble about all axes."""
     axis = rng.standard_normal(3)
     axis /= np.linalg.norm(axis)
     shaken = np.radians(wobble_deg) * smooth(rng, len(angles), STEP_S, 1.0)
@@ -101,24 +101,24 @@ def wobbled(rng: Generator, angles: Floats, wobble_deg: float) -> Floats:
 
 
 def arc(rng: Generator, *, half_deg: float) -> Path:
-    """To and fro about one axis."""
+    """Path to and fro about one axis."""
     turn = 2 * np.pi * time_of() / rng.uniform(2.0, 6.0) + rng.uniform(0.0, 2 * np.pi)
     return swinging(rng, wobbled(rng, np.radians(half_deg) * np.sin(turn), 1.5), (0.1, 0.6))
 
 
 def one_axis(rng: Generator) -> Path:
-    """Full turns about nearly one axis."""
+    """Path of full turns about nearly one axis."""
     return swinging(rng, wobbled(rng, 2 * np.pi * time_of() / rng.uniform(4.0, 10.0), 4.0), (0.1, 0.6))
 
 
 def wand(rng: Generator) -> Path:
-    """Waved by the wrist: two axes by some 25°, the third by 10°."""
+    """Path waved by the wrist: two axes by about 25°, the third by 10°."""
     rates = np.radians([25.0, 25.0, 10.0]) * smooth(rng, len(time_of()), STEP_S, 0.4)
     return swinging(rng, anywhere(rng) @ about(rates), (0.2, 0.6))
 
 
 def pendulum(rng: Generator) -> Path:
-    """A pendulum that swings in a vertical plane by 30 to 70° and hardly turns out of it."""
+    """Path of a pendulum with swings of 30 to 70° in nearly one vertical plane."""
     length = rng.uniform(0.4, 1.0)
     swing = np.radians(rng.uniform(30.0, 70.0)) * np.cos(2 * np.pi * time_of() / (2.0 * np.sqrt(length)))
     axis = np.array([np.cos(turn := rng.uniform(0.0, 2 * np.pi)), np.sin(turn), 0.0])
@@ -129,13 +129,13 @@ def pendulum(rng: Generator) -> Path:
 
 
 def tumbled(rng: Generator) -> Path:
-    """Turned about all axes at the end of an arm."""
+    """Path with turns about all axes at the end of an arm."""
     rates = 1.8 * smooth(rng, len(time_of()), STEP_S, 0.6)
     return swinging(rng, chained(about(rates * STEP_S), anywhere(rng)), (0.1, 0.3))
 
 
 def drive(rng: Generator) -> Path:
-    """Five minutes of a car: straight on, lane changes, turns into other streets, and stops before some of them."""
+    """Path of a car for five minutes: straight, lane changes, turns into other streets, and stops before some."""
     rates, speeds = np.zeros(round(300.0 / STEP_S)), np.zeros(round(300.0 / STEP_S))
     at = 0
     while at < len(rates):
@@ -166,7 +166,7 @@ def drive(rng: Generator) -> Path:
 
 
 def road(rng: Generator, places: Floats, length_m: float) -> Floats:
-    """(M, 3) of unit variance that vary smoothly along a road."""
+    """(M, 3) smooth series of unit variance along a road."""
     waves = rng.standard_normal((40, 2)) / length_m
     phases, sizes = rng.uniform(0.0, 2 * np.pi, 40), rng.standard_normal((40, 3)) / np.sqrt(20.0)
     varying: Floats = np.cos(places[:, :2] @ waves.T + phases) @ sizes
@@ -174,7 +174,7 @@ def road(rng: Generator, places: Floats, length_m: float) -> Floats:
 
 
 def along(rng: Generator, path: Path, *, share: float) -> Floats:
-    """A field that varies by a share of its strength along a road."""
+    """(M, 3) field variation along a road, a share of the strength."""
     field: Floats = share * STRENGTH_UT / np.sqrt(3.0) * road(rng, path.places, 20.0)
     return field
 
@@ -191,7 +191,7 @@ PATHS: Final[dict[str, Callable[[Generator], Path]]] = {
 
 
 def dipoles(places: Floats, at: Floats, moments: Floats) -> Floats:
-    """(M, 3) field of dipoles (D, 3), but for a factor."""
+    """(M, 3) field of dipoles (D, 3), up to a factor."""
     total = np.zeros_like(places)
     for where, moment in zip(at, moments, strict=True):
         away = places - where
@@ -201,7 +201,7 @@ def dipoles(places: Floats, at: Floats, moments: Floats) -> Floats:
 
 
 def varied(rng: Generator, path: Path, *, share: float) -> Floats:
-    """A field that varies by a share of its strength within `REACH_M` of the middle of the path."""
+    """(M, 3) field variation within `REACH_M` of the middle of the path, a share of the strength."""
     directions = rng.standard_normal((4, 3))
     at = rng.uniform(1.0, 3.0, 4)[:, None] * directions / np.linalg.norm(directions, axis=1)[:, None]
     moments = rng.standard_normal((4, 3)) * np.linalg.norm(at, axis=1)[:, None] ** 3
@@ -215,13 +215,13 @@ def varied(rng: Generator, path: Path, *, share: float) -> Floats:
 
 
 def corrected_before(rng: Generator) -> Sensor:
-    """A sensor whose readings a driver corrects, but for 0.5 % of offset and of soft iron."""
+    """Sensor with readings already corrected, with remaining errors of 0.5 % of offset and soft iron."""
     mixed = 0.005 * rng.standard_normal((3, 3))
     return Sensor(np.eye(3) + (mixed + mixed.T) / 2, 0.005 * STRENGTH_UT * rng.standard_normal(3))
 
 
 def met(seed: int, of: Sensor, effect: Effect, fit: Fit) -> Floats:
-    """(72, 3) readings of a level turn with the field from below where the fit says that the sensor is upside down."""
+    """(72, 3) readings of a level turn; with the field inverted if the fit found an upside-down sensor."""
     if fit.heading_error_deg.dip_deg > 0.0:
         return level(seed, of, effect)
     return level(seed, Sensor(np.diag([1.0, 1.0, -1.0]) @ of.iron, of.offset), effect)
@@ -252,7 +252,7 @@ HEAD: Final = (
 
 
 def within_two(trials: Sequence[Thin]) -> str:
-    """Share of fits whose error is at most twice the claim."""
+    """Share of fits with an error of at most twice the claim."""
     return f"{np.mean([trial.true <= 2.0 * trial.claimed for trial in trials]):.0%}" if trials else "–"
 
 

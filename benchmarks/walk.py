@@ -1,13 +1,12 @@
-"""How many files of the project one thing passes on its way: a reading, a line on a wire, a row group.
+"""Number of the project's files in the call path of one operation, such as a reading, a line on a wire, a row group.
 
     python -m benchmarks.walk            # the counts
     python -m benchmarks.walk --list     # and the files, in the order in which they are entered
     python -m benchmarks.walk --sizes    # instead: files, lines of code and lines of docstrings of each package, and
                                          # of all JavaScript and C that is not of others
 
-Counts are of the distinct files of `flinders` in which a traced run enters a function, and of the functions that are
-called from a lower package, as a callback or a recording that wraps another; what runs when a module is imported does
-not count.
+Counted are the distinct files of `flinders` in which a traced run enters a function, and the functions called from a
+lower package, such as callbacks; code that runs at the import of a module does not count.
 
 reading     from a CSV file to the exported header: ``calibrate`` and ``export --for arduino``
 line        from a line of a serial port to the frame that pages are sent; the session is theirs, in JavaScript
@@ -48,21 +47,21 @@ if TYPE_CHECKING:
 
 ROOT: Final = Path(flinders.__file__).parent
 LANGUAGES: Final = {".js": "JavaScript", ".c": "C", ".h": "C"}
-PASSING: Final = {"<module>", "__getattr__"}
-"""What runs when a module is imported, or hands a name on."""
+IMPORT_FUNCTIONS: Final = {"<module>", "__getattr__"}
+"""Functions that run at the import of a module, or forward a name."""
 
 
 @dataclass(frozen=True)
 class Walk:
-    """Files of the project that a run enters, in that order, and calls of a function by one of a lower package."""
+    """Files that a run enters, in order, and calls from a lower package to a higher one."""
 
     files: dict[str, None] = field(default_factory=dict)
     climbs: dict[str, None] = field(default_factory=dict)
 
     def look(self, frame: FrameType, event: str, _: object) -> None:
-        """Note a call; for `sys.setprofile`."""
+        """Record a call; for `sys.setprofile`."""
         own = _own_file(frame)
-        if event != "call" or own is None or frame.f_code.co_name in PASSING:
+        if event != "call" or own is None or frame.f_code.co_name in IMPORT_FUNCTIONS:
             return
         self.files.setdefault(own)
         caller = frame.f_back
@@ -74,14 +73,14 @@ class Walk:
 
 
 def _own_file(frame: FrameType) -> str | None:
-    """The file of a frame below the package; None for those of others."""
+    """File of a frame, relative to the package; None for other code."""
     path = Path(frame.f_code.co_filename)
     return str(path.relative_to(ROOT)) if path.is_relative_to(ROOT) else None
 
 
 @functools.cache
 def _layers() -> dict[str, int]:
-    """Packages and modules by their layer in pyproject.toml, the highest 0."""
+    """Layer of each package and module in pyproject.toml, the highest 0."""
     project = tomllib.loads((Path(__file__).parents[1] / "pyproject.toml").read_text("utf-8"))
     layers = project["tool"]["importlinter"]["contracts"][0]["layers"]
     return {name: place for place, names in enumerate(layers) for name in names.split(" | ")}
@@ -93,7 +92,7 @@ def _layer(file: str) -> int:
 
 
 def walked(run: Callable[[Path], None]) -> Walk:
-    """The walk of a run in an empty folder; all is imported before."""
+    """Trace a run in an empty folder, with all imports done before."""
     walk = Walk()
     with tempfile.TemporaryDirectory() as folder:
         run(Path(folder))
@@ -119,18 +118,18 @@ def a_reading(folder: Path) -> None:
 
 @functools.cache
 def _tumble() -> Samples:
-    """600 readings; made in the run that is not traced, as no part of the walk."""
+    """600 readings, cached in the untraced run."""
     return simulate.tumble(seed=1, n=600).samples
 
 
 @functools.cache
 def _three_tumbles() -> Floats:
-    """(900, 3) readings, in the same way."""
+    """(900, 3) readings, cached in the untraced run."""
     return np.concatenate([simulate.tumble(seed=seed, n=300).samples.field for seed in range(3)])
 
 
 def a_row_group(folder: Path, workers: int = 1) -> None:
-    """From a row group of a Parquet file to a row of the table; a worker is another process, and not traced."""
+    """From a row group of a Parquet file to a row of the table; a worker process is not traced."""
     import pyarrow as pa
     from pyarrow import parquet
 
@@ -143,7 +142,7 @@ def a_row_group(folder: Path, workers: int = 1) -> None:
 
 
 def a_line(_: Path) -> None:
-    """From a line of a serial port to the frame that pages are sent: all but the port, the recorder and the socket."""
+    """From a line of a serial port to the frame for pages, without port, recorder and socket."""
     from flinders.apps.live.buffer import ReadingBuffer, Timeline, rows_of
     from flinders.apps.live.messages import readings_frame
     from flinders.links.transcript import Transcript
@@ -169,7 +168,7 @@ def an_array(_: Path) -> None:
 
 
 def a_session(_: Path) -> None:
-    """From the readings of a session to the calibration that it is finished with."""
+    """From the readings of a session to its final calibration."""
     from flinders.apps.live.buffer import ReadingBuffer, rows_of
     from flinders.apps.live.finished import Wanted, finished
     from flinders.apps.live.messages import Edits
@@ -195,7 +194,7 @@ def sizes() -> dict[str, list[int]]:
 
 
 def foreign_sizes() -> dict[str, list[int]]:
-    """Files, lines of code and lines of comments of JavaScript and of C; tables of C that are made from rows apart."""
+    """Files, lines of code and lines of comments of JavaScript and of C, with generated tables of C separately."""
     counts: dict[str, list[int]] = {}
     for path in sorted(ROOT.rglob("*.*")):
         name = LANGUAGES.get(path.suffix, "")

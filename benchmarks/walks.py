@@ -1,11 +1,11 @@
-"""What `flinders drift` says of histories of `flinders watch`: how fast units walk, and which moved. Markdown.
+"""Results of `flinders drift` on histories of `flinders watch`: rates of random walks, and steps. Prints Markdown.
 
     python -m benchmarks.walks [--units 12] [--days 2 10] [--processes 2]
 
-Each unit is tumbled for half a minute each half to whole hour, and its offset walks; one in twelve walks four times as
-fast, and one in six has a step of 3 µT. Calibrations are `flinders.OnlineCalibration`, in a field of 50 µT with a noise
-of 0.3 µT. *Found* is the median rate over the true one, *within* the share of units whose rate is in its 95 % interval,
-*interval* the median of its ends' ratio.
+Each unit is tumbled for half a minute every 30 to 60 min, and its offset has a random walk; one in twelve has four
+times the rate, and one in six a step of 3 µT. Calibrations are `flinders.OnlineCalibration`, in a field of 50 µT with a
+noise of 0.3 µT. *Found* is the median rate over the true one, *within* the share of units with the rate in its 95 %
+interval, *interval* the median ratio of the interval's ends.
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ STEP = np.array([2.0, -2.0, 1.0])
 
 @dataclass(frozen=True)
 class Unit:
-    """A unit and what is true of it."""
+    """A unit with its truth."""
 
     number: int
     days: float
@@ -43,22 +43,22 @@ class Unit:
 
     @property
     def is_faster(self) -> bool:
-        """Whether it walks four times as fast."""
+        """Whether its rate is four times the usual."""
         return self.number % 12 == 5
 
     @property
     def has_step(self) -> bool:
-        """Whether its offset moves once, after half of the time."""
+        """Whether its offset has a step after half of the time."""
         return self.number % 6 == 2
 
     @property
     def true_walk(self) -> float:
-        """µT in an hour."""
+        """True walk in one hour, µT."""
         return 4.0 * self.walk if self.is_faster else self.walk
 
 
 def write(unit: Unit, folder: str) -> None:
-    """Live, and save the state."""
+    """Simulate the unit, and save the state."""
     time, field, *_ = walked_days(1000 + unit.number, days=unit.days, walk=unit.true_walk)
     if unit.has_step:
         field[time > unit.days * 43200.0] += STEP

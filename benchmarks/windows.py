@@ -1,17 +1,17 @@
-"""Parts of real recordings against the whole: what a short or lopsided recording claims, and what it is off by.
+"""Parts of real recordings compared with the whole: claims and errors of short or one-sided recordings.
 
     python -m benchmarks.windows
 
-Each recording that gives a calibration to 1.3° is cut into 2, 4 and 8 parts, each is fitted by itself, and its heading
-error is that against the fit of the whole: an eighth of a tumble is often a turn about nearly one axis. *Corrected
-before* are the same parts with the readings corrected by the whole first, *offset alone* with its offset removed, as
-much firmware does: what is then applied should make no compass worse.
+Each recording with a calibration to 1.3° is cut into 2, 4 and 8 parts, each part is fitted alone, and its heading error
+is the difference from the fit of the whole: an eighth of a tumble is often a turn about nearly one axis. *Corrected
+before* are the same parts with readings corrected by the whole first, *offset alone* with its offset removed, as in
+much firmware: a further calibration should not make such a compass worse.
 
-*Ratio* is the worst level heading difference over the combined claim of part and whole: where claims are true, 1.2 in
-the median and 2.1 at 90 %. *Made worse* counts parts whose calibration is off by more than the readings themselves, by
-more than twice that claim. Recordings are looked for as `benchmarks.recordings` does; what a place does to the strength
-of the field is removed. The first table has whole recordings of one board: the root mean square of their difference
-over the claim of it: of all nine parameters, of the eight without the strength, of groups of those, of the strength.
+*Ratio* is the worst level heading difference over the combined claim of part and whole: for true claims, 1.2 in the
+median and 2.1 at 90 %. *Made worse* counts parts whose error exceeds that of the readings themselves by more than twice
+that claim. Recordings are searched as by `benchmarks.recordings`; local changes of the strength of the field are
+removed. The first table compares whole recordings of one board: root mean square of the difference over its claim, of
+all nine parameters, of the eight without the strength, of groups of those, of the strength.
 """
 
 from __future__ import annotations
@@ -39,21 +39,21 @@ if TYPE_CHECKING:
 BOARD: Final = ("calTest1_198_253_-9", "calTest1_208_249_-2", "calTest1_215_253_0", "calTest1_222_240_-8",
                 "CalCareful_2282320")  # fmt: skip
 PARTS: Final = (2, 4, 8)
-WORST_DEG: Final = 1.3
+MAX_CLAIM_DEG: Final = 1.3
 KINDS: Final = ("as recorded", "offset alone", "corrected before")
 GROUPS: Final = {"offset": (slice(0, 3), 3), "gains": (slice(3, 6), 2), "cross-axis": (slice(6, 9), 3)}
-"""Of the nine parameters, with their degrees of freedom where the strength of the field is removed."""
+"""Groups of the nine parameters, with their degrees of freedom without the strength of the field."""
 SIZE: Final = np.array([0.0, 0.0, 0.0, 1.0, 1.0, 1.0, 0.0, 0.0, 0.0]) / 3.0
 
 
 class Part(NamedTuple):
-    """A part of a recording, degrees."""
+    """Result of a part of a recording, degrees."""
 
     verdict: str
-    off: float  # from the whole
-    combined: float  # claim of both
+    off: float  # difference from the whole
+    combined: float  # combined claim of part and whole
     claim: float
-    raw: float  # of the readings themselves
+    raw: float  # error of the readings themselves
 
     @property
     def is_worse(self) -> bool:
@@ -62,7 +62,7 @@ class Part(NamedTuple):
 
 
 def fitted(samples: Samples) -> Fit | None:
-    """The fit, refused or not; None where there is none."""
+    """Fit of readings, also a refused one; None without a fit."""
     try:
         return flinders.fit(samples)
     except Refused as refusal:
@@ -72,7 +72,7 @@ def fitted(samples: Samples) -> Fit | None:
 
 
 def off_deg(fit: Fit, whole: Fit) -> float:
-    """Worst level heading difference, the strength of the field removed."""
+    """Worst level heading difference, degrees, without the strength of the field."""
     ours, theirs = fit.calibration.ellipsoid.parameters, whole.calibration.ellipsoid.parameters
     apart = difference(ours, theirs)
     return level_error(whole.calibration.ellipsoid, np.outer(apart, apart), dip_deg=60.0).worst
@@ -86,7 +86,7 @@ def difference(ours: Floats, theirs: Floats) -> Floats:
 
 
 def of_kind(samples: Samples, whole: Fit, kind: str) -> Samples:
-    """The recording as it is, or corrected by the whole."""
+    """The recording, unchanged or corrected by the whole."""
     if kind == "as recorded":
         return samples
     if kind == "offset alone":
@@ -111,14 +111,19 @@ def parts_of(samples: Samples) -> Iterator[Part]:
 
 
 def recordings() -> Iterator[tuple[Samples, Fit]]:
-    """Recordings that give a calibration, with it."""
+    """Yield recordings with a calibration, and the calibration."""
     for path in text_recordings():
         try:
             samples = flinders.read(path)
         except FlindersError:
             continue
         whole = fitted(samples)
-        if whole and whole.verdict != "refused" and not whole.claim.plane and whole.heading_error_deg.worst < WORST_DEG:
+        if (
+            whole
+            and whole.verdict != "refused"
+            and not whole.claim.plane
+            and whole.heading_error_deg.worst < MAX_CLAIM_DEG
+        ):
             yield samples, whole
 
 
@@ -140,7 +145,7 @@ def windows() -> Iterator[str]:
 
 
 def scaled_off(fit: Fit) -> Floats:
-    """(9, 9) covariance of offset and shape, without what the strength of the field adds."""
+    """(9, 9) covariance of offset and shape without the part of the field's strength."""
     parameters, jacobian = fit.calibration.ellipsoid.parameters, np.eye(9)
     jacobian[3:] -= np.outer(parameters[3:], SIZE) / (SIZE @ parameters)
     scaled: Floats = jacobian @ fit.claim.covariance @ jacobian.T
@@ -166,7 +171,7 @@ def repeats() -> Iterator[str]:
 
 
 def ratios(first: Fit, second: Fit) -> list[float]:
-    """Difference over the claim of it: of all nine, without the strength, of each of `GROUPS` so, of the strength."""
+    """Difference over its claim: of all nine, without the strength, of each of `GROUPS`, of the strength."""
     ours, theirs = first.calibration.ellipsoid.parameters, second.calibration.ellipsoid.parameters
     whole, apart = first.claim.covariance + second.claim.covariance, difference(ours, theirs)
     scaled = scaled_off(first) + scaled_off(second)

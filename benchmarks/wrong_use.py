@@ -1,13 +1,13 @@
-"""Wrong use of what stands beside a magnetometer: how often it is named, and how often wrongly. A table as Markdown.
+"""Detection of wrong use of further sensors and of the site, and false alarms. Prints Markdown.
 
     python -m benchmarks.wrong_use [--seeds 20] [--motions swayed,hand] [--cases gyro,axes] [--rows]
 
-Each case does one thing to a simulated recording of 1,500 readings, of which all else is right, and looks for the
-finding that names it (``named``) and for others (``others``, which may be right as well: a gyro in degrees is noise to
-everything else). The case ``good`` does nothing wrong: a mounting a few degrees off, a gyro with a bias, a magnetometer
-that is behind, an attitude with noise, a site a degree off; whatever is named there is a false alarm.
+Each case makes one mistake in an otherwise correct simulated recording of 1,500 readings, and counts the finding that
+names it (``named``) and others (``others``, which may be right as well: a gyro in degrees acts like noise). The case
+``good`` has no mistake: a mounting error of a few degrees, a gyro with a bias, a magnetometer with a lag, an attitude
+with noise, a site wrong by a degree; any finding there is a false alarm.
 
-Motions: ``swayed`` all around and leaning, ``hand`` tumbled, ``rocked`` as MAGYC's (10 Hz), ``drive`` bends and hills,
+Motions: ``swayed`` all headings with tilt, ``hand`` tumbled, ``rocked`` as MAGYC's (10 Hz), ``drive`` bends and hills,
 6° at most (5 Hz), ``flight`` banked turns (5 Hz).
 """
 
@@ -55,14 +55,14 @@ KM: Final = 1.0 / 111.2
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Attack:
-    """What is fitted, and what it should be told.
+    """A recording with a mistake, and the expected finding.
 
     Attributes
     ----------
     samples : Samples
     aiding : tuple of str
     code : str
-        Of the finding; nothing for a good recording.
+        Code of the finding; empty for a good recording.
     site : Site, optional
     disturbances : tuple of str
     """
@@ -75,7 +75,7 @@ class Attack:
 
 
 def recorded(motion: str, seed: int) -> tuple[Simulated, Samples, np.random.Generator]:
-    """A good recording at home: a mounting within 5°, a gyro with a bias, an attitude with half a degree of noise."""
+    """Correct recording at `HOME`: mounting within 5°, a gyro with a bias, an attitude with 0.5° of noise."""
     rng = np.random.default_rng([SEED, seed])
     home = site_field(*HOME, year=YEAR)
     imu = simulate.Imu(gyro_bias=rng.normal(0.0, 0.01, 3))
@@ -96,11 +96,11 @@ def recorded(motion: str, seed: int) -> tuple[Simulated, Samples, np.random.Gene
     return true, samples, rng
 
 
-# what can be wrong
+# mistakes
 
 
 def good(motion: str, seed: int, strength: float) -> Attack:
-    """Nothing wrong: the site's dip off by one of its standard deviations, times the strength."""
+    """No mistake: error of the site's dip of one standard deviation, times the strength."""
     _, samples, rng = recorded(motion, seed)
     home = site_field(*HOME, year=YEAR)
     site = replace(Site.of(home), inclination_deg=home.inclination_deg + strength * rng.normal())
@@ -108,14 +108,14 @@ def good(motion: str, seed: int, strength: float) -> Attack:
 
 
 def gyro(motion: str, seed: int, strength: float) -> Attack:
-    """The rate times a factor: 57.3 in degrees, 1000 in mrad/s, −1 of the other sign."""
+    """Rate times a factor: 57.3 for degrees, 1000 for mrad/s, −1 for the wrong sign."""
     _, samples, _ = recorded(motion, seed)
     assert samples.rate is not None
     return Attack(replace(samples, rate=samples.rate * strength), ("rate", "dip"), "gyro-unit")
 
 
 def axes(motion: str, seed: int, strength: float) -> Attack:
-    """Axes exchanged, by any of 23 rotations: 0 of the gyro, 1 of the accelerometer, 2 of both alike."""
+    """Axes exchanged by one of 23 rotations: 0 of the gyro, 1 of the accelerometer, 2 of both alike."""
     _, samples, rng = recorded(motion, seed)
     turn = TURNS[rng.integers(1, len(TURNS))]
     columns = {0: ("rate",), 1: ("acceleration",), 2: ("rate", "acceleration")}[int(strength)]
@@ -124,7 +124,7 @@ def axes(motion: str, seed: int, strength: float) -> Attack:
 
 
 def mirrored(motion: str, seed: int, strength: float) -> Attack:
-    """One axis with the other sign: 0 of the gyro, 1 of the accelerometer, 2 of both."""
+    """One axis with the wrong sign: 0 of the gyro, 1 of the accelerometer, 2 of both."""
     _, samples, rng = recorded(motion, seed)
     signs = np.ones(3)
     signs[rng.integers(3)] = -1.0
@@ -134,7 +134,7 @@ def mirrored(motion: str, seed: int, strength: float) -> Attack:
 
 
 def left_handed(motion: str, seed: int, strength: float) -> Attack:
-    """The magnetometer on the body by any of 24 right angles, and one of its axes mirrored: x, y, z; 3 is none."""
+    """Magnetometer mounted by one of 24 rotations, with one axis mirrored: 0 to 2 for x, y, z, 3 for none."""
     _, samples, rng = recorded(motion, seed)
     turn = TURNS[rng.integers(len(TURNS))]
     mounted = turn.turned_over("xyz"[int(strength)]) if strength < 3 else turn
@@ -145,16 +145,16 @@ def left_handed(motion: str, seed: int, strength: float) -> Attack:
 
 
 def site(motion: str, seed: int, strength: float) -> Attack:
-    """A site so many km to the north, or to the south where that is negative."""
+    """Site displaced to the north by some km; to the south if negative."""
     _, samples, _ = recorded(motion, seed)
     other = site_field(HOME[0] + strength * KM, HOME[1], year=YEAR)
     return Attack(samples, ("rate", "dip"), "site-differs", Site.of(other))
 
 
 def leaning(motion: str, seed: int, strength: float) -> Attack:
-    """An accelerometer that is right, of a vehicle that drives or flies, and slow noise of so many µT.
+    """Correct accelerometer of a vehicle that drives or flies, with slow noise of some µT.
 
-    The other motions turn on the spot: what is named of those is a false alarm.
+    Other motions turn on the spot, so any finding on those is a false alarm.
     """
     _, samples, rng = recorded(motion, seed)
     memory = np.exp(-1.0 / (10.0 * RATES_HZ[motion]))
@@ -166,7 +166,7 @@ def leaning(motion: str, seed: int, strength: float) -> Attack:
 
 
 def compass(motion: str, seed: int, strength: float) -> Attack:
-    """A yaw from this very compass before it was calibrated, with an offset of so many µT; roll and pitch are right."""
+    """Yaw from the same compass before its calibration, with an offset of some µT; roll and pitch are right."""
     true, samples, rng = recorded(motion, seed)
     assert true.attitudes is not None
     around = rng.normal(size=3)
@@ -182,14 +182,14 @@ def compass(motion: str, seed: int, strength: float) -> Attack:
 
 
 def current(motion: str, seed: int, strength: float) -> Attack:
-    """A current that only varies by its noise, of so many A."""
+    """Current that varies only by its noise, of some A."""
     _, samples, rng = recorded(motion, seed)
     flat = 12.0 + rng.normal(0.0, strength, len(samples))
     return Attack(replace(samples, current=flat), (), "disturbance-constant", disturbances=("current",))
 
 
 def one_axis(motion: str, seed: int, strength: float) -> Attack:
-    """A turn about the vertical alone, rocked by so many degrees; the motion named says how fast it is recorded."""
+    """Turn about the vertical alone, rocked by some degrees; the motion gives the rate of readings."""
     rng = np.random.default_rng([SEED, seed])
     turning = simulate.rocked(
         rng, seconds=COUNT / RATES_HZ[motion], rate_hz=RATES_HZ[motion], amplitudes_deg=(5.0, 5.0, 360.0)
@@ -222,11 +222,11 @@ CASES: Final[Mapping[str, tuple[Callable[[str, int, float], Attack], tuple[float
 }
 
 
-# how it is told
+# evaluation
 
 
 def codes_of(attack: Attack) -> tuple[str, ...]:
-    """The findings that a fit has about its instruments; ``refused`` and why, where it has no fit."""
+    """Codes of findings on instruments; ``refused`` with the reason without a fit."""
     if attack.disturbances:
         try:
             findings = fit(attack.samples, disturbances=attack.disturbances).findings
@@ -243,14 +243,14 @@ def codes_of(attack: Attack) -> tuple[str, ...]:
 
 
 def _named(mistake: Mistake) -> str:
-    """Its code, and of a mirrored axis the mapping that mends it."""
+    """Code of a mistake, and for a mirrored axis the mapping that corrects it."""
     if mistake.code != "mirrored-axis":
         return mistake.code
     return f"{mistake.code} {mistake.finding.values['axes']}"
 
 
 def tried(case: str, strength: float, motion: str, seed: int) -> tuple[str, tuple[str, ...]]:
-    """The code that should be named, and those that are."""
+    """Expected code, and codes found."""
     attack = CASES[case][0](motion, seed, strength)
     return attack.code, codes_of(attack)
 
@@ -296,7 +296,7 @@ def _parser() -> argparse.ArgumentParser:
 
 
 def _attitude(true: Simulated, mounting: Floats, rng: np.random.Generator) -> Floats:
-    """(N, 4) as a log tells it, of the axes of gyro and accelerometer: half a degree of noise about each axis."""
+    """(N, 4) logged attitude of gyro and accelerometer, with 0.5° of noise about each axis."""
     assert true.attitudes is not None
     shaken = simulate.turns(rng.normal(0.0, np.radians(0.5), (len(true.attitudes), 3)))
     return of_matrix(true.attitudes @ mounting.T @ shaken)

@@ -60,6 +60,11 @@ PAGE: Final[Mapping[str, Mapping[str, str]]] = {
         "`accelerometer`, `gyro`": "core.inertial_record:TriadRecord",
         "`tilt_error_deg`": "core.inertial_record:TiltErrorRecord",
     },
+    "Plan of a recording": {
+        "`plan --json`": "workflows.planning:Plan",
+        "`expected`": "workflows.planned_fit:ExpectedFit",
+        "`alternatives`, each": "workflows.planning:Alternative",
+    },
     "Truth of a simulation": {
         "`recording.truth.json`": "simulate.truth:Truth",
         "`sensor`": "simulate.truth:SensorRecord",
@@ -153,6 +158,10 @@ PAGE: Final[Mapping[str, Mapping[str, str]]] = {
     "Recordings, targets, links": {
         "`info --json`": "workflows.recording_contents:Contents",
         "`sensors`, each": "workflows.recording_contents:RecordedSensor",
+        "`sensors`, each: `chip`": "workflows.chip_proposal:ChipProposal",
+        "`chip.candidates`, each": "workflows.chip_proposal:ChipCandidate",
+        "`chips --json`, by name": "core.chips:Chip",
+        "`settings`, each": "core.chips:ChipSetting",
         "`record --json`": "links.transcript:RecordingStatistics",
         "`watch --json`, `watch --status`": "apps.service.reports:Report",
         "`live --json`": "apps.live.cli.live:_as_dict",

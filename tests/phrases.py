@@ -39,7 +39,7 @@ const named = (prefix, table) => Object.entries(table).map(([key, english]) => [
 const turns = Object.entries(SEQUENCES).filter(([body]) => body !== "phone");
 return Object.fromEntries([
     ...named("phase", words.PHASES), ...named("fault", words.REASONS), ...named("verdict", words.VERDICTS),
-    ...named("name", words.SOURCES), ["verdict.while-level", words.whileLevelTitle()],
+    ...named("name", words.SOURCES), ...named("simulation", words.REMARKS), ["verdict.while-level", words.whileLevelTitle()],
     ...named("body", NAMES), ...named("front", FRONTS), ...named("pose", POSES), ...named("refusal", REFUSALS),
     ...turns.flatMap(([body, steps]) => steps.map(({ words }, i) => [`turn.${body}.${i + 1}`, words])),
     ...widgets.flatMap(({ name, title, enlarges, legend = [] }) => [

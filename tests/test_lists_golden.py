@@ -16,8 +16,10 @@ import pytest
 from tests.golden.sessions import ROOT, Golden, session
 
 from flinders.cli import main
+from flinders.core.chips import chips
 from flinders.estimators import table
 from flinders.readers import registry as readers
+from flinders.report.chip_pages import markdown
 from flinders.targets import registry
 
 if TYPE_CHECKING:
@@ -55,6 +57,16 @@ def test_the_table_of_methods_is_made_from_their_rows(request: pytest.FixtureReq
         page.write_text(text[:begin] + table() + text[end:], encoding="utf-8")
     else:
         assert text[begin:end] == table(), "docs/methods.md: `uv run pytest --regenerate`, then review the diff"
+
+
+def test_the_page_of_chips_is_made_from_their_table(request: pytest.FixtureRequest) -> None:
+    page = DOCS / "chips.md"
+    text = page.read_text(encoding="utf-8")
+    begin, made = text.index("| chip |"), markdown(chips())
+    if request.config.getoption("--regenerate", default=False):
+        page.write_text(text[:begin] + made, encoding="utf-8")
+    else:
+        assert text[begin:] == made, "docs/chips.md: `uv run pytest --regenerate`, then review the diff"
 
 
 # the pages of targets

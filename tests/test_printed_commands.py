@@ -28,6 +28,9 @@ if TYPE_CHECKING:
 BLOCK: Final = re.compile(r"^ *```sh\n(.*?)^ *```$", re.MULTILINE | re.DOTALL)
 SHOWN: Final = re.compile(r"^\s*(?:\$ )?(?:uv run )?(flinders .*)$", re.MULTILINE)
 NEXT: Final = re.compile(r"^(?:next: |   )(flinders .*)$", re.MULTILINE)
+CELL: Final = re.compile(r"^\|.*?`(flinders [^`]+)` \|", re.MULTILINE)
+IN_TABLES: Final = ("README.md", "wrong.md", "tools.md")
+"""Pages whose tables say what to type."""
 ENDS: Final = frozenset({"|", "&&", "&", ";"})
 WAITING: Final = frozenset({"--serial", "--udp", "--tcp", "--mavlink", "--ros2", "--port", "--scheduler"})
 
@@ -36,9 +39,10 @@ def shown() -> dict[str, str]:
     """Each line with a command once, and where it stands first."""
     lines: dict[str, str] = {}
     for path in (ROOT / "README.md", *sorted((ROOT / "docs").rglob("*.md"))):
-        for block in BLOCK.findall(path.read_text(encoding="utf-8")):
-            for line in SHOWN.findall(block):
-                lines.setdefault(" ".join(shlex.split(line, comments=True)), str(path.relative_to(ROOT)))
+        text = path.read_text(encoding="utf-8")
+        found = [line for block in BLOCK.findall(text) for line in SHOWN.findall(block)]
+        for line in [*found, *(CELL.findall(text) if path.name in IN_TABLES else [])]:
+            lines.setdefault(" ".join(shlex.split(line, comments=True)), str(path.relative_to(ROOT)))
     for name, command in commands(main, "flinders"):
         for line in SHOWN.findall(command.epilog or ""):
             lines.setdefault(" ".join(shlex.split(line, comments=True)), f"{name} --help")

@@ -76,7 +76,7 @@ def test_no_file_names_a_host_or_a_place_on_a_machine() -> None:
 def test_the_address_of_the_project_is_the_same_everywhere() -> None:
     urls = PYPROJECT["project"]["urls"]
     known = (urls["Source"], urls["Documentation"].rstrip("/"))
-    named = re.compile(r"https://[\w-]*(?:flinders|github\.com/[\w-]+/flinders)\b[\w.-]*(?:/flinders)?")
+    named = re.compile(r"https:/{2}[\w-]*(?:flinders|github\.com/[\w-]+/flinders)\b[\w.-]*(?:/flinders)?")
     files = [path for path in own_files() if path.suffix in {".cff", ".json", ".md", ".toml", ".yml", ".yaml"}]
     text = "\n".join(path.read_text(encoding="utf-8") for path in files if "golden" not in path.parts)
     assert {found for found in named.findall(text) if not found.startswith(known)} == set()

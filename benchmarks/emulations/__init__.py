@@ -1,6 +1,6 @@
-"""Algorithms of other projects, written again from their sources and papers: what Flinders is measured against.
+"""Algorithms of other projects, re-implemented from their sources and papers, for comparison with Flinders.
 
-They are no methods for users. Each takes a recording and gives an ellipsoid, without a claim of how far to trust it:
+They are not methods for users. Each returns the ellipsoid of a recording, without an uncertainty:
 
 >>> from flinders import simulate
 >>> samples = simulate.tumble(seed=1, motion="swayed", n=1500).samples
@@ -39,4 +39,4 @@ EMULATIONS: Final[Mapping[str, Callable[[Samples], Ellipsoid]]] = {
     "px4-observer": px4_observer,
     "magyc-ls": magyc_ls,
 }
-"""Each by the name that it had as a method."""
+"""Emulations by the names of the methods."""

@@ -1,7 +1,7 @@
-"""Least squares with exponential forgetting: the consistent ellipsoid of sums in which old readings fade.
+"""Least squares with exponential forgetting: the consistent ellipsoid of weighted sums.
 
-A reading of age a, in readings, weighs exp(−a/m) for a memory of m readings: Σ wᵢ xᵢʲyᵢᵏzᵢˡ in place of the sums of
-`flinders.estimators.consistent`. A recursion gives the same: multiply all sums by exp(−1/m) before each new reading.
+A reading of age a, in readings, has the weight exp(−a/m) for a memory of m readings: Σ wᵢ xᵢʲyᵢᵏzᵢˡ replaces the sums
+of `flinders.estimators.consistent`. A recursion is equivalent: multiply all sums by exp(−1/m) before each new reading.
 
 The offset moves by 30 in the middle of a recording:
 
@@ -36,13 +36,13 @@ if TYPE_CHECKING:
 
 
 def forgetting(samples: Samples, memory: float | None = None) -> Ellipsoid:
-    """The ellipsoid of what is remembered in the end.
+    """Ellipsoid of the weighted sums at the end of the recording.
 
     Parameters
     ----------
     samples : Samples
     memory : float, optional
-        Readings after which a weight has fallen to 1/e; None remembers all.
+        Readings after which a weight has fallen to 1/e; None for equal weights.
 
     Raises
     ------

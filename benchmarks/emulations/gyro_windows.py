@@ -1,15 +1,15 @@
-"""Readings beside the rate at which the body turned: what the emulations with a gyro look at.
+"""Steps of readings with the angular rate, as input of the emulations with a gyro.
 
 A field that is fixed in the world turns in the body, ẋ = −ω × (x − b). From one reading to the next, with the rate
 constant in between, u = x − b turns by the angle θ = |ω| Δt:
 
     x⁺ − x = −ω' Δt × ((x⁺ + x)/2 − b),     ω' = ω · tan(θ/2) / (θ/2)
 
-which is exact (Cayley's form of a rotation), so that no error of the difference quotient is left. The noise of the
-difference and that of the mean of two readings are independent, too.
+which is exact (Cayley's form of a rotation), without an error of the difference quotient. The noises of the difference
+and of the mean of two readings are independent.
 
-Time is used as it was recorded; where it stands still, goes back or jumps by more than three usual steps, one segment
-ends and the next begins.
+Times are used as recorded; a new segment begins where time stands still, goes back or jumps by more than three usual
+steps.
 
 >>> from flinders import simulate
 >>> recording = simulate.tumble(seed=1, n=500, noise=0.0, imu=simulate.Imu(gyro_noise=0.0), sensor=simulate.Sensor())
@@ -34,19 +34,19 @@ if TYPE_CHECKING:
     from flinders import Samples
     from flinders.arrays import Floats
 
-GAP: Final = 3.0
-"""Usual steps of time beyond which two readings do not follow each other."""
+MAX_GAP_STEPS: Final = 3.0
+"""Longest step between consecutive readings, in usual steps."""
 
-ACROSS: Final = 0.05
-"""Rates across the main axis of turning, over those about it, below which noise of the gyro passes for them."""
+MIN_RATE_RATIO: Final = 0.05
+"""Least ratio of rates across the main axis of turning to those about it; smaller ones may be noise of the gyro."""
 
 
 class NeedsRate(FitError):
-    """The recording has no angular rate, no times, or no two readings that follow each other."""
+    """The recording lacks an angular rate, times, or two consecutive readings."""
 
 
 class OneAxisTurned(FitError):
-    """The body turned about one axis alone, and the offset along it is unknown."""
+    """The body turned about one axis alone, so the offset along that axis is unknown."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -60,9 +60,9 @@ class Steps:
     last : (M, 3) float
         Reading at the end of each step.
     seconds : (M,) float, s
-        How long each takes.
+        Duration of each step.
     turn : (M, 3) float, rad/s
-        Angular rate, constant over the step: what the gyro read at its beginning.
+        Angular rate, constant over the step: the gyro's reading at its beginning.
     """
 
     first: Floats
@@ -86,25 +86,25 @@ class Steps:
 
     @property
     def slope(self) -> Floats:
-        """(M, 3) difference of the two readings, a second."""
+        """(M, 3) difference of the two readings per second."""
         slope: Floats = (self.last - self.begin) / self.seconds[:, np.newaxis]
         return slope
 
     @property
     def rate(self) -> Floats:
-        """(M, 3) ω' of the head of this module, rad/s."""
+        """(M, 3) ω' of the module's docstring, rad/s."""
         half = np.linalg.norm(self.turn, axis=1) * self.seconds / 2.0
         stretched: Floats = self.turn * np.where(half > 1e-8, np.tan(half) / np.maximum(half, 1e-8), 1.0)[:, np.newaxis]
         return stretched
 
 
 def steps_of(samples: Samples) -> list[Steps]:
-    """Take the steps out of a recording, without gaps; readings without a rate are left out.
+    """Steps of a recording, in segments without gaps; readings without a rate are left out.
 
     Raises
     ------
     NeedsRate
-        Without an angular rate, without times, or where no two readings follow each other.
+        Without an angular rate, without times, or without two consecutive readings.
     OneAxisTurned
         If the root mean square rate across the main axis is below a twentieth of that about it.
     """
@@ -119,12 +119,12 @@ def steps_of(samples: Samples) -> list[Steps]:
 
 
 def sphere_about(centre: Floats, samples: Samples) -> Ellipsoid:
-    """The sphere about a centre (3,), with the root mean square distance of the readings for its radius.
+    """Sphere about a centre (3,), with the root mean square distance of the readings as radius.
 
     Raises
     ------
     NotAnEllipsoid
-        For a centre that is no number, as of an observer that ran away.
+        For a centre that is not finite, as of a divergent observer.
     """
     moments = Moments.of(samples.field)
     with np.errstate(over="ignore"):
@@ -135,21 +135,21 @@ def sphere_about(centre: Floats, samples: Samples) -> Ellipsoid:
 
 
 def _require_two_axes(steps: list[Steps]) -> None:
-    """Refuse rates that are all about one axis."""
+    """Raise `OneAxisTurned` if all rates are about one axis."""
     square = sum((np.asarray(one.turn.T @ one.turn) for one in steps), np.zeros((3, 3)))
     values = np.maximum(np.linalg.eigvalsh(square), 0.0)
     across = float(np.sqrt(values[1] / values[2])) if values[2] > 0.0 else 0.0
-    if not across >= ACROSS:
-        raise OneAxisTurned(f"rates across the main axis are {across:.1%} of those about it: {ACROSS:.0%} are needed")
+    if not across >= MIN_RATE_RATIO:
+        raise OneAxisTurned(f"rates across the main axis are {across:.1%} of those about it, need {MIN_RATE_RATIO:.0%}")
 
 
 def _split(field: Floats, time: Floats, rate: Floats) -> list[Steps]:
-    """Consecutive readings, cut where time does not go on."""
+    """Segments of consecutive readings, split at irregular times."""
     seconds = np.diff(time)
     if not np.any(seconds > 0.0):
         return []
     usual = float(np.median(seconds[seconds > 0.0]))
-    broken = np.flatnonzero((seconds <= 0.0) | (seconds > GAP * usual)) + 1
+    broken = np.flatnonzero((seconds <= 0.0) | (seconds > MAX_GAP_STEPS * usual)) + 1
     rows = np.split(np.arange(len(time)), broken)
     return [
         Steps(field[some[0]], field[some[1:]], seconds[some[:-1]], rate[some[:-1]]) for some in rows if len(some) > 1

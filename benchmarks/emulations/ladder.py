@@ -1,17 +1,16 @@
-"""NXP's ladder: a sphere of few readings, an ellipsoid along the axes of more, a general one of many (4, 7, 10).
+"""NXP's solvers of 4, 7 and 10 elements: sphere, axis-aligned ellipsoid and general ellipsoid, as readings grow.
 
-What the Freescale and NXP sensor fusion libraries and MotionCal run on a microcontroller while the sensor is carried
-about. A buffer keeps up to 240 readings that are unlike each other. Every 20 readings the richest solver that the
-buffer allows is tried: 4 elements (a sphere, from 40 readings), 7 (an ellipsoid along the axes, from 100), 10 (a
-general one, from 150). A trial is accepted if its field is one of the earth's (22 to 67 µT, where the unit is
-known) and one of these holds:
+The Freescale and NXP sensor fusion libraries and MotionCal run them on a microcontroller while the sensor moves. A
+buffer holds up to 240 dissimilar readings. Every 20 readings the richest solver that the buffer allows is tried: 4
+elements (a sphere, from 40 readings), 7 (an ellipsoid along the axes, from 100), 10 (a general one, from 150). A trial
+is accepted if its field is in the range of the earth's (22 to 67 µT, if the unit is known) and one of these holds:
 
 * nothing was accepted yet;
-* its fit error ε is no larger than that of what is in use, which grows by 2 % with each trial;
+* its fit error ε is at most that of the solution in use, which grows by 2 % with each trial;
 * it comes from a higher rung, and ε is at most 4 %.
 
-ε is `fit_error`. A trial of 4 elements is credited with 12 % at the least, one of 7 with 7.5 %, and what is in use
-with 2 %, so that richer solvers and fresh readings take over.
+ε is `fit_error`. A trial of 4 elements has an error of at least 12 %, one of 7 of at least 7.5 %, and the solution in
+use of at least 2 %, so that richer solvers and newer readings replace it.
 
 Reproduced of ``magnetic.c``: the 12 × 24 bins by the tangents x/z and y/z of readings corrected with what is in
 use, the 240 latest of them, the mesh of 5 µT while the buffer fills [1]_; the numbers of readings, the interval,
@@ -70,11 +69,11 @@ class Rung:
     Attributes
     ----------
     elements : int
-        Its coefficients, and its name.
+        Number of coefficients, which names the solver.
     least : int
-        Readings in the buffer from which on it is run.
+        Least number of readings in the buffer to run it.
     floor : float
-        Fit error that it is credited with at the least, so that a richer one takes its place.
+        Least fit error assigned to it, so that a richer solver can replace it.
     """
 
     elements: int
@@ -89,41 +88,41 @@ BINS, FULL = 12, 240
 """Bins of a ratio of two axes (there are 12 × 24), and readings that the buffer holds."""
 
 MESH_UT, MESH_SHARE = 5.0, 0.1
-"""Readings nearer than that to another, |Δx| + |Δy| + |Δz|, are no new ones while the buffer fills: in µT; and as a
-share of the spread, where there is no unit."""
+"""Least distance |Δx| + |Δy| + |Δz| of a new reading from others while the buffer fills: in µT, and as a share of the
+spread without a unit."""
 
 INTERVAL: Final = 20
 """Readings from one trial to the next."""
 
 AGING: Final = 1.02
-"""Factor by which the fit error of what is in use grows with each trial."""
+"""Factor by which the fit error of the solution in use grows with each trial."""
 
 WEAKEST_UT, STRONGEST_UT = 22.0, 67.0
-"""The earth's field; outside nothing is accepted."""
+"""Range of the earth's field for accepted trials."""
 
-BETTER, GOOD_ENOUGH = 0.04, 0.02
-"""Fit error at which a higher rung is taken whatever the lower one had; and below which none is remembered."""
+MAX_UPGRADE_ERROR, MIN_STORED_ERROR = 0.04, 0.02
+"""Fit error at which a higher rung is accepted in any case; and the least stored fit error."""
 
 DEFAULT_UT: Final = 50.0
-"""What readings are divided by, as eigenvectors of unit length depend on it."""
+"""Divisor of readings, on which eigenvectors of unit length depend."""
 
 TANGENTS: Final = np.tan(np.pi * (np.arange(1, BINS) / BINS - 0.5))
 
 
 class NothingAccepted(FitError):
-    """No trial was accepted: too few unlike readings, an open surface, or no field of the earth's."""
+    """No trial was accepted: too few dissimilar readings, an open surface, or a field out of the earth's range."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Accepted:
-    """A calibration in use, and the solver that it comes from."""
+    """A calibration in use, and its solver."""
 
     ellipsoid: Ellipsoid
     elements: int
 
 
 def ladder(samples: Samples) -> Ellipsoid:
-    """What has been accepted at the end of the recording.
+    """Calibration in use at the end of the recording.
 
     Raises
     ------
@@ -137,7 +136,7 @@ def ladder(samples: Samples) -> Ellipsoid:
 
 
 def climbed(samples: Samples) -> Iterator[tuple[int, Accepted | None]]:
-    """Go through the recording: after each trial, and at the end, how many readings were seen and what is in use."""
+    """Yield the number of readings and the calibration in use after each trial and at the end."""
     is_known = samples.unit.inside == MICROTESLA
     spread = Moments.of(samples.field).spread
     climb = _Climb(MESH_UT if is_known else MESH_SHARE * spread, DEFAULT_UT if is_known else spread, is_known=is_known)
@@ -150,7 +149,7 @@ def climbed(samples: Samples) -> Iterator[tuple[int, Accepted | None]]:
 
 
 class _Climb:
-    """Buffer, what is in use, and its fit error as it ages."""
+    """Buffer, calibration in use, and its growing fit error."""
 
     def __init__(self, mesh: float, scale: float, *, is_known: bool) -> None:
         self.accepted: Accepted | None = None
@@ -159,7 +158,7 @@ class _Climb:
         self._error = np.inf
 
     def take(self, field: Floats) -> None:
-        """Let the buffer look at some readings, corrected with what is in use."""
+        """Offer some readings to the buffer, corrected with the calibration in use."""
         corrected = field
         if self.accepted is not None:
             found = self.accepted.ellipsoid
@@ -167,7 +166,7 @@ class _Climb:
         self._buffer.take(field, bins_of(corrected))
 
     def try_one(self) -> None:
-        """Run the richest solver that the buffer allows, and see whether it is to be accepted."""
+        """Run the richest solver that the buffer allows, and accept its result if it passes."""
         field = self._buffer.held
         rung = next((rung for rung in reversed(RUNGS) if len(field) >= rung.least), None)
         if rung is None:
@@ -181,13 +180,13 @@ class _Climb:
             return
         error = max(error, rung.floor)
         higher = self.accepted is not None and rung.elements > self.accepted.elements
-        if self.accepted is None or error <= self._error or (higher and error <= BETTER):
+        if self.accepted is None or error <= self._error or (higher and error <= MAX_UPGRADE_ERROR):
             self.accepted = Accepted(ellipsoid, rung.elements)
-            self._error = max(error, GOOD_ENOUGH)
+            self._error = max(error, MIN_STORED_ERROR)
 
 
 class _Buffer:
-    """Readings in 12 × 24 bins, the latest of each bin; while it fills, also elsewhere where they are far from all."""
+    """Latest reading of each of 12 × 24 bins; while it fills, free bins also hold readings far from all others."""
 
     def __init__(self, mesh: float) -> None:
         self._mesh = mesh
@@ -201,7 +200,7 @@ class _Buffer:
         return self._field[self._stamps >= 0]
 
     def take(self, field: Floats, bins: NDArray[np.int64]) -> None:
-        """Take (N, 3) readings whose (N,) bins are known; those without one, −1, are passed over."""
+        """Add (N, 3) readings with (N,) bins; skips readings with bin −1."""
         for reading, place in zip(field, bins.tolist(), strict=True):
             self._seen += 1
             if place >= 0:
@@ -220,7 +219,7 @@ class _Buffer:
         self._field[place], self._stamps[place] = reading, self._seen
 
     def _is_far(self, reading: Floats, places: NDArray[np.int64]) -> bool:
-        """Whether a reading is a mesh or more away from all in these places."""
+        """Whether a reading is at least a mesh away from the readings at some places."""
         return bool(np.abs(self._field[places] - reading).sum(axis=1).min() >= self._mesh)
 
 
@@ -238,14 +237,14 @@ def bins_of(corrected: Floats) -> NDArray[np.int64]:
 
 
 def solved(field: Floats, elements: int, scale: float) -> tuple[Ellipsoid, float]:
-    """The ellipsoid of 4, 7 or 10 elements through (M, 3) readings, and its fit error.
+    """Ellipsoid with 4, 7 or 10 elements of (M, 3) readings, and its fit error.
 
     Raises
     ------
     NotAnEllipsoid
         If the surface is open.
     LinAlgError
-        If the readings lie in one plane, and any sphere through their circle would do.
+        If the readings lie in one plane, so that many spheres fit.
 
     Examples
     --------

@@ -47,22 +47,22 @@ if TYPE_CHECKING:
     from flinders.arrays import Floats
 
 WINDOW: Final = 25
-"""Readings whose medians stand for them, as published for the factor graphs."""
+"""Readings per window, represented by their medians, as published for the factor graphs."""
 
 PARAMETERS: Final = 11
 
 STEPS: Final = 200
 """Levenberg–Marquardt steps; a dozen are usual."""
 
-SETTLED: Final = 1e-10
-"""Step, in the scale of the readings and in rad/s, below which none is taken."""
+MIN_STEP: Final = 1e-10
+"""Step, in the scale of the readings and in rad/s, at which the iteration ends."""
 
-MOST_UNEVEN: Final = 100.0
-"""Longest over shortest axis, beyond which the fit has run along what the motion does not tell."""
+MAX_AXIS_RATIO: Final = 100.0
+"""Largest ratio of longest to shortest axis; beyond it, the fit has diverged along an undetermined direction."""
 
 
 def magyc_ls(samples: Samples, window: int = WINDOW) -> Ellipsoid:
-    """Offset and shape.
+    """Ellipsoid of the fit.
 
     Raises
     ------
@@ -71,13 +71,13 @@ def magyc_ls(samples: Samples, window: int = WINDOW) -> Ellipsoid:
     TooFewSamples
         For fewer windows than determine the parameters.
     NotAnEllipsoid
-        If the fit runs away: its shape is a hundred times as long as wide.
+        If the fit diverges to a shape a hundred times as long as wide.
     """
     moments = Moments.of(samples.field)
     origin, scale = moments.mean, moments.spread
     ellipsoid = _ellipsoid(settled(windows_of(samples, window)), moments.about(origin, scale))
     axes = ellipsoid.semi_axes
-    if not axes[2] < MOST_UNEVEN * axes[0]:
+    if not axes[2] < MAX_AXIS_RATIO * axes[0]:
         raise NotAnEllipsoid(tuple(float(axis / axes[2]) for axis in axes), "magyc-ls")
     return ellipsoid.in_frame(origin, scale)
 
@@ -88,7 +88,7 @@ def gyro_bias(samples: Samples, window: int = WINDOW) -> Floats:
 
 
 def windows_of(samples: Samples, window: int) -> Windows:
-    """The medians of a recording, about its mean and in its spread.
+    """Windows of a recording, relative to its mean and spread.
 
     Raises
     ------
@@ -105,12 +105,12 @@ def windows_of(samples: Samples, window: int) -> Windows:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Windows:
-    """Medians of consecutive steps, in a frame in which readings are of the size of one.
+    """Medians of consecutive steps, scaled so that readings have a size of about one.
 
     Attributes
     ----------
     field, slope : (K, 3) float
-        m and ṁ, the latter a second.
+        m and ṁ, the latter per second.
     rate : (K, 3) float, rad/s
     """
 
@@ -120,7 +120,7 @@ class Windows:
 
     @classmethod
     def of(cls, steps: list[Steps], origin: Floats, scale: float, window: int) -> Self:
-        """Take the medians of so many steps each; the last few of a stretch that fill no window are left out."""
+        """Medians of windows of some steps; incomplete windows at the end of a segment are left out."""
         columns = [((one.middle - origin) / scale, one.slope / scale, one.rate) for one in steps]
         field, slope, rate = (
             np.concatenate([_medians(part, window) for part in parts]) for parts in zip(*columns, strict=True)
@@ -146,12 +146,12 @@ class Windows:
 
 
 def settled(windows: Windows) -> Floats:
-    """(11,) θ = (l, c, d) at the least sum of squares that Levenberg–Marquardt steps lead to from zero.
+    """(11,) θ = (l, c, d) at the minimum reached by Levenberg–Marquardt steps from zero.
 
     Raises
     ------
     NotAnEllipsoid
-        If a step leaves what numbers can hold.
+        If a step overflows.
     """
     theta, damping = np.zeros(PARAMETERS), 1e-3
     residual, jacobian = windows.residuals(theta)
@@ -164,7 +164,7 @@ def settled(windows: Windows) -> Floats:
             step = -np.linalg.solve(damped, gradient)
         except np.linalg.LinAlgError:
             raise NotAnEllipsoid((0.0, 0.0, 1.0), "magyc-ls") from None
-        if not np.all(np.abs((theta + step)[:5]) < 50.0):  # e⁵⁰ is no soft iron
+        if not np.all(np.abs((theta + step)[:5]) < 50.0):  # e⁵⁰ is not a realistic soft iron
             damping *= 10.0
             continue
         tried, slopes = windows.residuals(theta + step)
@@ -173,7 +173,7 @@ def settled(windows: Windows) -> Floats:
             theta, residual, jacobian, cost, damping = theta + step, tried, slopes, worth, max(damping / 10.0, 1e-12)
         else:
             damping *= 10.0
-        if np.abs(step).max() < SETTLED:
+        if np.abs(step).max() < MIN_STEP:
             break
     return theta
 
@@ -205,7 +205,7 @@ def _root(entries: Floats) -> tuple[Floats, Floats]:
 
 
 def _medians(rows: Floats, window: int) -> Floats:
-    """(K, 3) medians of so many rows each; the rest is left out."""
+    """(K, 3) medians of groups of rows; an incomplete last group is left out."""
     whole = len(rows) // window
     medians: Floats = np.median(rows[: whole * window].reshape(whole, window, 3), axis=1)
     return medians

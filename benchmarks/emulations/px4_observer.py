@@ -4,13 +4,13 @@ At each reading, with ω the rate and Δt the time since the last one
 
     p = x⁻ − ω × (x⁻ − b) Δt,     b⁺ = b + g Δt · (−ω × (x − p))
 
-x⁻ being the last reading: the field's half of the state of the published observer is replaced by what was measured. An
-error of the offset across ω decays at the rate g Δt |ω|², so PX4's gain is one for its rate of readings: at 50 Hz and
-1 rad/s it takes two and a half seconds, at 0.1 rad/s four minutes. It begins at zero; soft iron and the gyro's bias are
-not in it, and its straight step in place of a rotation leaves an error that grows with the square of |ω| Δt.
+where x⁻ is the last reading: the measured field replaces that part of the published observer's state. An error of the
+offset across ω decays at the rate g Δt |ω|², so PX4's gain depends on its rate of readings: at 50 Hz and 1 rad/s the
+decay takes 2.5 s, at 0.1 rad/s four minutes. The observer starts at zero and ignores soft iron and the gyro's bias. Its
+linear step in place of a rotation leaves an error that grows with the square of |ω| Δt.
 
-Left out are PX4's guards, which need gauss: it takes an offset for learnt once it is above 0.04 G and hardly moves
-while the vehicle turns, and starts again from zero beyond 5 G.
+PX4's guards, which need gauss, are left out: it accepts an offset once it is above 0.04 G and nearly constant while the
+vehicle turns, and restarts from zero beyond 5 G.
 
 PX4 Autopilot, ``FieldSensorBiasEstimator.hpp``, ``updateEstimate``; after G. Troni, L. L. Whitcomb, "Adaptive
 estimation of measurement bias in three-dimensional field sensors with angular-rate sensors", Robotics: Science and
@@ -40,14 +40,14 @@ GAIN: Final = 20.0
 
 
 def px4_observer(samples: Samples, gain: float = GAIN) -> Ellipsoid:
-    """A sphere about the offset at the end of the recording; `gain` is g, in 1/s.
+    """Sphere about the offset at the end of the recording; `gain` is g, in 1/s.
 
     Raises
     ------
     NeedsRate, OneAxisTurned
         See `benchmarks.emulations.gyro_windows.steps_of`.
     NotAnEllipsoid
-        If the gain is too large for these rates, and the observer runs away.
+        If the gain is too large for these rates, so that the observer diverges.
     """
     offset = np.zeros(3)
     with np.errstate(over="ignore", invalid="ignore"):

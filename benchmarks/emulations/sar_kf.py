@@ -2,10 +2,10 @@
 
     d/dt (x, b) = [[−W, W], [0, 0]] (x, b),     y = x + n,     W = [ω]×           (section IV.B)
 
-Over a step with a constant rate, x⁺ = E x + (1 − E) b with E = exp(−W Δt), exactly. It is linear in the state, so
-nothing is differentiated or linearised. Noise of the gyro moves x by σ_g Δt across x − b each step, at the b of that
-step. It starts from the first reading and the mean of all, the latter as uncertain as the readings are spread. Neither
-soft iron nor a bias of the gyro is in its state.
+Over a step with a constant rate, x⁺ = E x + (1 − E) b with E = exp(−W Δt), exactly. The model is linear in the state,
+so no linearisation is needed. Noise of the gyro moves x by σ_g Δt across x − b in each step, with the b of that step.
+The filter starts from the first reading and the mean of all, the latter with the spread of the readings as uncertainty.
+Its state has neither soft iron nor a gyro bias.
 
 G. Troni, L. L. Whitcomb (2019), see `benchmarks.emulations.sar_ls`; the published gains, one for the process and one
 for the measurement, are the two noises.
@@ -37,20 +37,20 @@ if TYPE_CHECKING:
 GYRO_NOISE: Final = 0.005
 """rad/s, one σ of each reading: that of the published simulation, and of ordinary MEMS gyros."""
 
-USUAL: Final = 1.5382
-"""Median length of three normal numbers."""
+MEDIAN_LENGTH: Final = 1.5382
+"""Median length of a vector of three standard normal numbers."""
 
 _EYE: Final = np.eye(3)
 
 
 def sar_kf(samples: Samples, noise: float | None = None, gyro_noise: float = GYRO_NOISE) -> Ellipsoid:
-    """A sphere about the offset at the end of the recording.
+    """Sphere about the offset at the end of the recording.
 
     Parameters
     ----------
     samples : Samples
     noise : float, optional
-        Of the readings, one σ an axis, in their unit; by default from their third differences.
+        Noise of the readings, 1 σ an axis, in their unit; by default from their third differences.
     gyro_noise : float, rad/s
         One σ an axis of each reading of the gyro.
 
@@ -71,14 +71,14 @@ def sar_kf(samples: Samples, noise: float | None = None, gyro_noise: float = GYR
 
 
 def _scaled(steps: Steps, origin: Floats, scale: float) -> Steps:
-    """The same steps with readings about the origin, in spreads."""
+    """Steps with readings relative to an origin, in units of their spread."""
     return type(steps)((steps.first - origin) / scale, (steps.last - origin) / scale, steps.seconds, steps.turn)
 
 
 def _filtered(
     steps: Steps, noise: float, gyro_noise: float, offset: Floats, covariance: Floats
 ) -> tuple[Floats, Floats]:
-    """Offset (3,) and its covariance after a segment, both in spreads of the readings."""
+    """Offset (3,) and its covariance after a segment, in units of the spread of the readings."""
     state = np.concatenate([steps.first, offset])
     known = np.zeros((6, 6))
     known[:3, :3], known[3:, 3:] = noise**2 * _EYE, covariance
@@ -99,7 +99,7 @@ def _filtered(
 
 
 def noise_of(steps: list[Steps]) -> float:
-    """White noise of the readings, one σ an axis, from their third differences: a smooth turn has next to none.
+    """White noise of the readings, 1 σ an axis, from their third differences, which are small in a smooth turn.
 
     >>> from benchmarks.emulations.gyro_windows import Steps
     >>> white = np.random.default_rng(1).normal(size=(2000, 3))
@@ -109,4 +109,4 @@ def noise_of(steps: list[Steps]) -> float:
     """
     third = np.concatenate([np.diff(one.last, n=3, axis=0) for one in steps])
     lengths = np.linalg.norm(third, axis=1)
-    return float(np.median(lengths) / (USUAL * np.sqrt(20.0))) if len(lengths) else 0.0
+    return float(np.median(lengths) / (MEDIAN_LENGTH * np.sqrt(20.0))) if len(lengths) else 0.0

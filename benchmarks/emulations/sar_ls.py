@@ -1,12 +1,12 @@
-"""SAR-LS: the offset by linear least squares from how readings change while the body turns.
+"""SAR-LS: the offset by linear least squares from the change of readings and the angular rate.
 
-Minimises ``Σ |ẋ + ω × (x − b)|²``. With W = [ω]× and y = ẋ + ω × x each reading says y = W b, so
+Minimises ``Σ |ẋ + ω × (x − b)|²``. With W = [ω]× and y = ẋ + ω × x each reading gives y = W b, so
 
     b = (Σ WᵀW)⁻¹ Σ Wᵀy                                             (section IV.A)
 
-ẋ is the difference of consecutive readings, as `benchmarks.emulations.gyro_windows` has it: exact without noise.
-Differences of readings are nearly all noise at high rates, a bias of the gyro moves the answer by about
-bias × field / rate, and soft iron is not in the model.
+ẋ is the difference of consecutive readings by `benchmarks.emulations.gyro_windows`, exact without noise. At high rates
+of readings, differences are mostly noise; a bias of the gyro changes the offset by about bias × field / rate; and the
+model has no soft iron.
 
 G. Troni, L. L. Whitcomb, "Field sensor bias calibration with angular-rate sensors: theory and experimental evaluation
 with application to magnetometer calibration", IEEE/ASME Trans. Mechatronics 24 (2019) 1698–1710. The equations as in an
@@ -37,7 +37,7 @@ if TYPE_CHECKING:
 
 
 def sar_ls(samples: Samples) -> Ellipsoid:
-    """A sphere about the offset.
+    """Sphere about the offset.
 
     Raises
     ------

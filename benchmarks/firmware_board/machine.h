@@ -1,5 +1,5 @@
-/* What the harnesses ask of a machine: files, a count of instructions and the stack used, on this machine or on a Cortex-M in
- * QEMU. */
+/* Services of the machine for the harnesses: files, a count of instructions and the used stack, on this machine or on a
+ * Cortex-M in QEMU. */
 #ifndef FIRMWARE_MACHINE_H
 #define FIRMWARE_MACHINE_H
 
@@ -17,7 +17,7 @@ enum { OPEN = 1, CLOSE = 2, WRITE = 5, READ = 6, EXIT = 0x20, EXITED = 0x20026, 
 
 extern uint32_t stack_bottom[], stack_marked[], stack_top[];
 
-/* Ask the debugger, QEMU, for what an operating system does. */
+/* Call a service of the debugger (QEMU) in place of an operating system. */
 static int ask(int what, const void *arguments)
 {
     register int r0 __asm__("r0") = what;
@@ -54,7 +54,7 @@ static inline void start_counting(void) { SYSTICK[1] = 0xFFFFFF, SYSTICK[2] = 0,
 
 static inline int32_t counted(void) { return (int32_t)((0xFFFFFF - SYSTICK[2]) & 0xFFFFFF) * PER_TICK; }
 
-/* Bytes of the stack that were ever written since `start` marked it. */
+/* Largest number of bytes of the stack in use since `start` marked it. */
 static inline int32_t stack_used(void)
 {
     const uint32_t *word = stack_bottom;
@@ -86,7 +86,7 @@ void start(void);
 void start(void)
 {
 #ifdef __ARM_FP
-    *(volatile uint32_t *)0xE000ED88 |= 0xF << 20; /* the floating-point unit may be used */
+    *(volatile uint32_t *)0xE000ED88 |= 0xF << 20; /* enable the floating-point unit */
     __asm__ volatile("dsb\n isb");
 #endif
     for (uint32_t *word = stack_bottom; word < stack_marked; word++) *word = MARK;

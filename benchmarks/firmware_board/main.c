@@ -1,7 +1,7 @@
 /* Runs the board's calibrator over a recording, on this machine or on a Cortex-M in QEMU, and counts instructions there.
  *
  * It reads `readings.bin`: dip, target, whether the unit is microtesla, and x, y, z of each reading. It solves after every
- * 250 readings and at the end, and writes `answer.bin`: the answer, the readings that it was fitted to, and the cost.
+ * 250 readings and at the end, and writes `answer.bin`: the result, the readings of its fit, and the cost.
  */
 #include "flinders_board.h"
 #include "machine.h"

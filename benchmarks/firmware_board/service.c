@@ -1,8 +1,8 @@
-/* Runs a calibration that goes on over steps, on this machine or on a Cortex-M in QEMU.
+/* Runs a continuous calibration over steps, on this machine or on a Cortex-M in QEMU.
  *
- * It reads `steps.bin`: what is in the two places of the EEPROM, and steps. It writes `answers.bin`, what is known after each step
- * at which something happened, and `cost.bin`, what that took and what is in the EEPROM then. With STORED defined it has no
- * calibrator, and begins with the EEPROM.
+ * It reads `steps.bin`: the contents of the two places in the EEPROM, and steps. It writes `answers.bin`, the results after each
+ * step except readings without an event, and `cost.bin`, the cost and the final contents of the EEPROM. With STORED defined it
+ * has no calibrator, and begins with the calibration in the EEPROM.
  */
 #include "flinders_service.h"
 #include "machine.h"
@@ -38,7 +38,7 @@ static union {
 static step next;
 static row out;
 
-/* Store what is in force. */
+/* Store the calibration in force. */
 __attribute__((noinline)) static void store(void)
 {
     flinders_stored record;
@@ -47,7 +47,7 @@ __attribute__((noinline)) static void store(void)
     out.stores++;
 }
 
-/* Take a reading, before the calibration is good and after. */
+/* Add a reading to the calibrator until its calibration is good, then to the service. */
 static void take_reading(int is_on)
 {
 #ifndef STORED
@@ -58,7 +58,7 @@ static void take_reading(int is_on)
     if (flinders_service_wants_storing(&memory.service)) store();
 }
 
-/* Begin with what is stored. */
+/* Restore the stored calibration. */
 static void restore(void)
 {
     flinders_service_clear(&memory.service);

@@ -1,4 +1,4 @@
-"""Flinders calibrates three-axis magnetometers, and says what heading error to expect.
+"""Flinders calibrates three-axis magnetometers, and states the heading error to expect.
 
 >>> import flinders
 >>> recording = flinders.simulate.tumble(seed=1)
@@ -7,7 +7,7 @@
 'good'
 >>> corrected = fit.calibration.apply(recording.samples.field)
 
-Names are looked up when they are first used, so that importing the package costs next to nothing.
+A name is imported at its first use, which keeps the import of the package fast.
 """
 
 from __future__ import annotations
@@ -47,6 +47,7 @@ if TYPE_CHECKING:
     from flinders.core import units as units
     from flinders.core.axes import Axes as Axes
     from flinders.core.calibration import Calibration as Calibration
+    from flinders.core.chips import find_chip as find_chip
     from flinders.core.figure import Figure
     from flinders.core.samples import Samples as Samples
     from flinders.core.units import Unit as Unit
@@ -78,6 +79,7 @@ if TYPE_CHECKING:
     from flinders.workflows.offset_history import OffsetHistory as OffsetHistory
     from flinders.workflows.onboard import judge_onboard as judge_onboard
     from flinders.workflows.online import OnlineCalibration as OnlineCalibration
+    from flinders.workflows.planning import plan as plan
     from flinders.workflows.recording_contents import contents as contents
     from flinders.workflows.recordings import AnyReadings
     from flinders.workflows.sensors import fit_each as fit_each
@@ -106,6 +108,7 @@ _HOMES: Final = {
     "errors": "errors",
     "estimators": "estimators",
     "explain": "findings.explanation",
+    "find_chip": "core.chips",
     "export": "workflows.exporting",
     "fit": "fitting.calibrate",
     "fit_multi": "comparison.multi_sensor",
@@ -120,6 +123,7 @@ _HOMES: Final = {
     "merge": "comparison.merging",
     "open_log": "readers",
     "open_recording": "readers",
+    "plan": "workflows.planning",
     "read": "readers",
     "refresh": "fitting.refreshing",
     "refresh_at_headings": "fitting.known_heading",
@@ -127,11 +131,11 @@ _HOMES: Final = {
     "simulate": "simulate",
     "units": "core.units",
 }
-"""Public names and the module each lives in; a module of that name is the thing itself."""
+"""Public names and the module that defines each; if the module has the same name, the name is the module."""
 
 
-def _public() -> dict[str, str]:
-    """Public names with the module of each: the library's, and those that packages of `flinders.apps` add."""
+def _public_names() -> dict[str, str]:
+    """Public names with their modules, of the library and of the packages of `flinders.apps`."""
     added = {name: f"{app}.{module}".removeprefix("flinders.") for name, app, module in plugins.app_rows("PUBLIC")}
     return {**_HOMES, **added, **{app: f"apps.{app}" for app in plugins.apps()}}
 
@@ -139,11 +143,11 @@ def _public() -> dict[str, str]:
 if not TYPE_CHECKING:
 
     def __getattr__(name: str) -> object:
-        return __dir__() if name == "__all__" else attributes(__name__, _public())(name)
+        return __dir__() if name == "__all__" else attributes(__name__, _public_names())(name)
 
 
-def _html_of(fit: Fit) -> str:
-    """What a notebook shows of a fit."""
+def _fit_html(fit: Fit) -> str:
+    """HTML of a fit for a notebook."""
     from flinders.report.notebook import html_of
 
     return html_of(fit)
@@ -152,21 +156,21 @@ def _html_of(fit: Fit) -> str:
 def _plot(
     fit: Fit, kind: str, recording: AnyReadings | None = None, *, ax: PlotAxes | None = None
 ) -> Figure | PlotAxes:
-    """Draw a fit, as `flinders.report.fit_figure.plot` does."""
+    """Draw a fit by `flinders.report.fit_figure.plot`."""
     from flinders.report.fit_figure import plot
 
     return plot(fit, kind, recording, ax=ax)
 
 
 def _correct_frame(calibration: Calibration, frame: Any, **options: Any) -> Any:  # noqa: ANN401 - any frame
-    """Correct a data frame, as `flinders.workflows.frames.correct_frame` does."""
+    """Correct a data frame by `flinders.workflows.frames.correct_frame`."""
     from flinders.workflows.frames import correct_frame
 
     return correct_frame(calibration, frame, **options)
 
 
 def __dir__() -> list[str]:
-    return sorted([*_public(), "__version__"])
+    return sorted([*_public_names(), "__version__"])
 
 
-ABOVE.update(html=_html_of, plot=_plot, correct_frame=_correct_frame)
+ABOVE.update(html=_fit_html, plot=_plot, correct_frame=_correct_frame)

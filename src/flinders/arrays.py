@@ -1,4 +1,4 @@
-"""The one gate for foreign arrays: floats of a known shape, or an error that names the shape and the row.
+"""Checks of arrays from outside: float64 of a known shape, or an error that names the shape or the row.
 
 >>> vectors([[1, 2, 3], [4, 5, 6]]).shape
 (2, 3)
@@ -22,25 +22,25 @@ if TYPE_CHECKING:
     from numpy.typing import ArrayLike
 
 Floats: TypeAlias = NDArray[np.floating[Any]]
-"""An array of double-precision numbers (of a solution of equations NumPy's types say no more than "floating").
+"""An array of float64 (NumPy's types of linear algebra say only "floating").
 
-Its shape and unit are in the docstring that uses it."""
+Docstrings state shape and unit of each array."""
 
-FOREIGN: Final = (
+ENTRY_MESSAGES: Final = (
     (str | bytes, "text ('{first}'): need real numbers; convert it to float"),
-    (type(None), "None for what is missing: need real numbers; write NaN in its place"),
+    (type(None), "None for missing values: need real numbers; write NaN instead"),
     (int, "a number of more than 64 bits ({first}), which no sensor reads: check the column"),
     (dict, "records: need columns of numbers; make a data frame of them"),
     (list | tuple | np.ndarray, "{count:,} arrays: need one of numbers; stack them, as numpy.stack({name}) does"),
 )
 """Types of array entries that are not real numbers, and the message for each."""
 
-FEW: Final = 9
-"""Numbers up to which Python is faster than NumPy."""
+MAX_PYTHON_ENTRIES: Final = 9
+"""Largest array, in entries, for which Python is faster than NumPy."""
 
 
 def floats(values: ArrayLike, name: str = "values") -> Floats:
-    """Turn anything array-like into float64 without copying where it is float64 already; masked values become NaN.
+    """Convert anything array-like to float64, without a copy if it is float64 already; masked values become NaN.
 
     Raises `ArrayError` for text, ragged lists, complex numbers, dates and objects.
 
@@ -53,19 +53,19 @@ def floats(values: ArrayLike, name: str = "values") -> Floats:
     try:
         array = np.asarray(values)
     except ValueError as error:
-        what = "has rows of different lengths" if "inhomogeneous" in str(error) else f"is no array: {error}"
+        what = "has rows of different lengths" if "inhomogeneous" in str(error) else f"is not an array: {error}"
         raise ArrayError(f"{name} {what}: need three numbers in each row") from None
     if array.dtype.kind not in "fiub":
-        raise ArrayError(f"{name} holds {_held(array, name)}")
+        raise ArrayError(f"{name} holds {_entry_message(array, name)}")
     return array.astype(np.float64, copy=False)
 
 
-def _held(array: NDArray[Any], name: str) -> str:
-    """What an array holds that is no real number, and what to do about it."""
+def _entry_message(array: NDArray[Any], name: str) -> str:
+    """Message about entries that are not real numbers: their kind, and the remedy."""
     if array.dtype.kind not in "OUS":
         return f"{array.dtype.name}: need real numbers"
     first = next((entry for entry in array.flat if not _is_number(entry)), None)
-    known = (words for kinds, words in FOREIGN if isinstance(first, kinds))
+    known = (words for kinds, words in ENTRY_MESSAGES if isinstance(first, kinds))
     words = next(known, f"{type(first).__name__} objects: need real numbers; convert them to float")
     return words.format(first=first, count=len(array) if array.ndim else 1, name=name)
 
@@ -76,22 +76,21 @@ def _is_number(entry: object) -> bool:
 
 
 def vectors(values: ArrayLike, name: str = "field", *, finite: bool = True) -> Floats:
-    """Let through an array of (..., 3) numbers, finite unless `finite` is False.
+    """Check an array of (..., 3) numbers, which must be finite unless `finite` is False.
 
-    Raises `ArrayError` with the shape that was found, or the first row that is not finite.
+    Raises `ArrayError` with the shape of the array, or the first row that is not finite.
     """
     array = floats(values, name)
     if array.ndim == 0 or array.shape[-1] != 3:
-        raise ArrayError(
-            f"{name} has shape {array.shape}: need (..., 3), one x, y, z triple a reading{_reshaped(array, name)}"
-        )
+        suggestion = _shape_suggestion(array, name)
+        raise ArrayError(f"{name} has shape {array.shape}: need (..., 3), one x, y, z triple a reading{suggestion}")
     if finite:
         refuse_gaps(array, name)
     return array
 
 
-def _reshaped(array: Floats, name: str) -> str:
-    """How an array of another shape may have been meant; nothing where no rule fits."""
+def _shape_suggestion(array: Floats, name: str) -> str:
+    """Suggestion for an array of another shape; empty if there is none."""
     if array.ndim == 2 and array.shape[0] == 3:
         return f"; transposed? give {name}.T"
     if array.ndim == 1 and array.size % 3 == 0 and array.size:
@@ -100,7 +99,7 @@ def _reshaped(array: Floats, name: str) -> str:
 
 
 def table(values: ArrayLike, name: str = "field", *, finite: bool = True) -> Floats:
-    """Let through an (N, 3) array; a single triple counts as one row.
+    """Check an (N, 3) array; a single triple becomes one row.
 
     Raises `ArrayError` as `vectors`, and for arrays of more than two dimensions.
     """
@@ -113,9 +112,9 @@ def table(values: ArrayLike, name: str = "field", *, finite: bool = True) -> Flo
 
 
 def triple(values: ArrayLike, name: str = "offset") -> Floats:
-    """Let through three finite numbers.
+    """Check three finite numbers.
 
-    Raises `ArrayError` for another shape, or what is not finite.
+    Raises `ArrayError` for another shape, or values that are not finite.
     """
     array = floats(values, name)
     if array.shape != (3,):
@@ -125,14 +124,14 @@ def triple(values: ArrayLike, name: str = "offset") -> Floats:
 
 
 def frozen(array: Floats) -> Floats:
-    """Copy an array and make the copy read-only."""
+    """Read-only float64 copy of an array."""
     copy = np.array(array, dtype=np.float64)
     copy.flags.writeable = False
     return copy
 
 
 class Value:
-    """Fields of a frozen dataclass with arrays, as a value: equal and hashed by its numbers, copied with arrays frozen.
+    """Base of frozen dataclasses with arrays: compared and hashed by value, and copied with read-only arrays.
 
     >>> from dataclasses import dataclass
     >>> @dataclass(frozen=True, eq=False)
@@ -151,18 +150,18 @@ class Value:
         return hash(self._numbers())
 
     def __reduce__(self) -> tuple[Any, ...]:
-        """Make copies by the constructor, which freezes their arrays."""
+        """Pickle and copy by the constructor, which makes arrays read-only."""
         return type(self), tuple(getattr(self, field.name) for field in fields(cast("Any", self)))
 
     def _numbers(self) -> tuple[object, ...]:
-        """All fields, those that are arrays as tuples."""
+        """Values of all fields, arrays as tuples."""
         return tuple(tuple(each.flat) if isinstance(each, np.ndarray) else each for each in self.__reduce__()[1])
 
 
 def column(values: ArrayLike, rows: int, name: str) -> Floats:
-    """Let through an (N,) array with one value a row.
+    """Check an array of one value for each of `rows` rows.
 
-    Raises `ArrayError` with the shape that was found.
+    Raises `ArrayError` with the shape of the array.
     """
     array = floats(values, name)
     if array.shape != (rows,):
@@ -171,7 +170,7 @@ def column(values: ArrayLike, rows: int, name: str) -> Floats:
 
 
 def matrix(values: ArrayLike, name: str = "matrix", size: int = 3) -> Floats:
-    """Let through a finite (size, size) array.
+    """Check a finite (size, size) array.
 
     Raises `ArrayError` with the shape, or the first row that is not finite.
     """
@@ -183,7 +182,7 @@ def matrix(values: ArrayLike, name: str = "matrix", size: int = 3) -> Floats:
 
 
 def positive(value: ArrayLike | float | None, name: str) -> float:
-    """Let through one positive finite number."""
+    """Check one positive finite number."""
     if isinstance(value, float) and 0.0 < value < math.inf:
         return float(value)
     number = floats(0.0 if value is None else value, name)
@@ -194,7 +193,7 @@ def positive(value: ArrayLike | float | None, name: str) -> float:
 
 def refuse_gaps(array: Floats, name: str) -> None:
     """Raise `ArrayError` naming the first row that is not finite."""
-    if array.size <= FEW and all(map(math.isfinite, array.ravel().tolist())):
+    if array.size <= MAX_PYTHON_ENTRIES and all(map(math.isfinite, array.ravel().tolist())):
         return
     is_finite = np.isfinite(array)
     if is_finite.all():
@@ -216,7 +215,7 @@ def four_digits(row: Floats) -> str:
 
 
 def runs(is_in: ArrayLike) -> list[slice]:
-    """Where (N,) booleans are true, one after the other.
+    """Slices of consecutive true values in (N,) booleans.
 
     >>> runs([False, True, True, False, True])
     [slice(1, 3, None), slice(4, 5, None)]

@@ -7,42 +7,42 @@
     │   ├── UnknownParameter         unknown-parameter 2    a keyword that a function does not have
     │   ├── UnitError                unit              2    an unknown unit, or units that contradict each other
     │   └── AxesError                axes              2    an axes mapping that is not a signed permutation
-    ├── InputError                   input             5    what was given cannot be read
+    ├── InputError                   input             5    input that cannot be read
     │   ├── ArrayError               array             5    an array of the wrong shape or with gaps
     │   ├── UnreadableInput          unreadable        5    a file that cannot be opened or decoded
     │   ├── NoMagnetometer           no-magnetometer   5    a readable file without a magnetometer in it
-    │   ├── NoAccelerometer          no-accelerometer  5    one without an accelerometer, where headings need it
-    │   ├── NoOnboardCalibration     no-onboard        5    a log that tells of no calibration in force
-    │   ├── ForeignAxes              foreign-axes      5    accelerometer and magnetometer with unlike axes
+    │   ├── NoAccelerometer          no-accelerometer  5    a file without an accelerometer, which headings need
+    │   ├── NoOnboardCalibration     no-onboard        5    a log that does not contain the onboard calibration
+    │   ├── ForeignAxes              foreign-axes      5    accelerometer and magnetometer with different axes
     │   ├── MissingExtra             missing-extra     5    a format whose optional package is not installed
-    │   ├── LinkError                link              5    a sensor or vehicle that is not there or is gone
-    │   ├── LostWorker               lost-worker       5    a file of a fleet that ends the workers which read it
+    │   ├── LinkError                link              5    a sensor or vehicle that is not connected
+    │   ├── LostWorker               lost-worker       5    a file of a fleet that crashes the workers which read it
     │   ├── NoUnit                   no-unit           5    readings of a fleet that name no unit
-    │   └── DocumentError            document          5    a calibration file that is not one
+    │   └── DocumentError            document          5    a file that is not a valid calibration file
     ├── FitError                     fit               4    no calibration can be given from this recording
     │   ├── TooFewSamples            too-few-samples   4
     │   ├── StuckAxis                stuck-axis        4    an axis that never changes
-    │   ├── NotTurned                not-turned        4    a still sensor, and readings that follow a disturbance
+    │   ├── NotTurned                not-turned        4    a still sensor whose readings follow a disturbance
     │   ├── FollowsAttitude          follows-attitude  4    a column that is a function of the direction of the field
     │   ├── Unmoved                  unmoved           4    a sensor that was hardly turned
-    │   ├── OutOfScale               out-of-scale      4    numbers that no magnetometer reads
+    │   ├── OutOfScale               out-of-scale      4    readings outside the range of any magnetometer
     │   ├── NotAnEllipsoid           not-an-ellipsoid  4    the quadric through the readings is open
-    │   ├── MissingPose              missing-pose      4    still poses that do not tell an accelerometer's errors
+    │   ├── MissingPose              missing-pose      4    still poses that do not determine an accelerometer's errors
     │   ├── Undetermined             undetermined      4    readings that leave parameters open, without a prior
     │   ├── NeedsSamples             needs-samples     4    sums were given where the method needs the readings
     │   ├── NeedsRecording           needs-recording   4    a calibration file was given, which keeps no readings
     │   └── Refused                  refused           4    a fit exists, its verdict is "refused"
     │       └── NotMerged            not-merged        4    calibrations that contradict each other
     ├── NotExportable                not-exportable    4    values that the target cannot hold
-    ├── NotSent                      not-sent          4    a vehicle that must not be given these values now
+    ├── NotSent                      not-sent          4    a vehicle that must not receive these values now
     ├── PluginError                  plugin           70    an installed package that adds to Flinders is broken
     ├── NoEngine                     no-engine        70    the engine is not compiled here, and cannot be
     └── OutputError                  output            6    the result cannot be written
-        ├── OutputExists             output-exists     6    a file is there already
-        └── NotConfirmed             not-confirmed     6    sent, and the other end did not confirm it
+        ├── OutputExists             output-exists     6    the file exists already
+        └── NotConfirmed             not-confirmed     6    sent values that the receiver did not confirm
 
-Every error has a stable `code`, the `exit_code` with which the command line ends, a `message`, and as `evidence` the
-numbers that the message states, by name.
+Every error has a stable `code`, the `exit_code` of the command line, a `message`, and as `evidence` the numbers in the
+message, by name.
 
 >>> error = TooFewSamples(found=5, needed=10, method="likelihood")
 >>> error.code, error.exit_code, error.evidence["found"]
@@ -50,8 +50,8 @@ numbers that the message states, by name.
 >>> print(error)
 5 usable readings, 'likelihood' needs at least 10: record for longer while turning the sensor through all directions
 
-A message names no argument. The arguments that mend an error are its `hint`, values by keyword, which each interface
-spells: Python in the text of the error, the command line as options.
+A message contains no names of arguments. The arguments that avoid an error are its `hint`, values by keyword, which
+each interface writes in its own form: Python as keywords, the command line as options.
 
 >>> error = OutputExists("log.csv")
 >>> error.message, error.hint
@@ -59,8 +59,8 @@ spells: Python in the text of the error, the command line as options.
 >>> print(error)
 log.csv exists: give another name, or overwrite it (force=True)
 
-Messages of all modules write counts, numbers and shares with `counted`, `figures` and `percent`. What other packages
-raise becomes one of these errors in `flinders.foreign_errors`.
+Messages of all modules write counts, numbers and fractions with `counted`, `figures` and `percent`.
+`flinders.foreign_errors` converts exceptions of other packages to these errors.
 """
 
 from __future__ import annotations
@@ -74,15 +74,16 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Iterable
 
 Hint: TypeAlias = Mapping[str, object]
-"""Arguments that carry out a remedy: values by keyword of the Python interface, None for any value. The value of a
-method's name is a mapping of its arguments."""
+"""Arguments of a remedy: values by keyword of the Python interface, None for any value.
+
+The value of a method's name is a mapping of its arguments."""
 
 Spelling: TypeAlias = "Callable[[Hint], str]"
-"""How an interface spells a hint, such as `in_python`."""
+"""Function that writes a hint in the form of an interface, such as `in_python`."""
 
 
 def counted(number: float, noun: str) -> str:
-    """Write how many there are of something.
+    """Write a count with its noun.
 
     >>> counted(1, "reading"), counted(24483, "usable reading")
     ('1 reading', '24,483 usable readings')
@@ -91,7 +92,7 @@ def counted(number: float, noun: str) -> str:
 
 
 def did_you_mean(word: str, known: Iterable[str]) -> str:
-    """Ask whether a word was meant for one of those that are known; nothing where none is like it.
+    """Question with the known word that is most similar to a mistyped one; empty if none is similar.
 
     >>> did_you_mean("micropythn", ["arduino", "micropython"]), did_you_mean("zzz", ["arduino"])
     (" (did you mean 'micropython'?)", '')
@@ -104,7 +105,7 @@ def did_you_mean(word: str, known: Iterable[str]) -> str:
 
 
 def figures(value: float, digits: int = 2) -> str:
-    """Write a number to so many significant digits or to the point, with an exponent only where it needs one.
+    """Write a number to `digits` significant digits, or as an integer if it has more, with an exponent only if needed.
 
     >>> figures(0.0321), figures(2.0), figures(324.7), figures(49.3, 4), figures(31072.3, 4), figures(3.2e9)
     ('0.032', '2.0', '325', '49.30', '31,072', '3.2e+09')
@@ -115,7 +116,7 @@ def figures(value: float, digits: int = 2) -> str:
 
 
 def percent(count: float, total: float) -> str:
-    """Write a share to a tenth of a per cent; 100 and 0 are all and none, and nothing else.
+    """Write a fraction to a tenth of a per cent; 100 % and 0 % stand for exactly all and none.
 
     >>> percent(3, 4), percent(2500, 2501), percent(1, 5000), percent(7, 7), percent(0, 0)
     ('75.0%', '> 99.9%', '< 0.1%', '100.0%', '0.0%')
@@ -127,7 +128,7 @@ def percent(count: float, total: float) -> str:
 
 
 def in_python(hint: Hint) -> str:
-    """Spell a hint as arguments of Python.
+    """Write a hint as arguments of Python.
 
     >>> in_python({"force": True, "columns": "4,5,6", "unit": None, "at": {"current": 0.0}})
     "force=True, columns='4,5,6', unit=, at(current=0.0)"
@@ -142,7 +143,7 @@ def _argument(keyword: str, value: object) -> str:
 
 
 def with_hint(sentence: str, spelled: str) -> str:
-    """Add a spelled hint to a sentence; an empty one adds nothing.
+    """Append a written hint, if any, to a sentence.
 
     >>> with_hint("name the unit", "--unit, --scale"), with_hint("name the unit", "")
     ('name the unit (--unit, --scale)', 'name the unit')
@@ -151,9 +152,9 @@ def with_hint(sentence: str, spelled: str) -> str:
 
 
 class FlindersError(Exception):
-    """The root of the tree: catching it catches all that this package raises on purpose.
+    """Base of all errors that this package raises on purpose.
 
-    `message` says what was found and what is needed, `hint` has the arguments that mend it, and `evidence` the numbers
+    `message` states the problem and the need, `hint` has the arguments that avoid the error, and `evidence` the numbers
     of the message by name.
     """
 
@@ -176,7 +177,7 @@ class UsageError(FlindersError):
 
 
 class UnknownParameter(UsageError, TypeError):
-    """A keyword that a function does not have; also a `TypeError`, as Python's own answer is."""
+    """A keyword that a function does not have; also a `TypeError`, as Python itself raises."""
 
     code = "unknown-parameter"
 
@@ -194,7 +195,7 @@ class AxesError(UsageError):
 
 
 class InputError(FlindersError):
-    """Something that was given cannot be read."""
+    """Input that cannot be read."""
 
     code, exit_code = "input", 5
 
@@ -206,7 +207,7 @@ class ArrayError(InputError, ValueError):
 
 
 class UnreadableInput(InputError):
-    """A file that cannot be opened, decoded or made sense of."""
+    """A file that cannot be opened, decoded or interpreted."""
 
     code = "unreadable"
 
@@ -218,19 +219,19 @@ class NoMagnetometer(InputError):
 
 
 class NoAccelerometer(InputError):
-    """A readable recording in which no accelerometer was recognised, and tilt cannot be removed without one."""
+    """A readable recording in which no accelerometer was recognised, which the tilt correction needs."""
 
     code = "no-accelerometer"
 
 
 class NoOnboardCalibration(InputError):
-    """A log that tells of no calibration in force, where that is to be judged or taken."""
+    """A log that does not contain the onboard calibration, which the operation needs."""
 
     code = "no-onboard"
 
 
 class MissingExtra(InputError):
-    """A format that needs a `package` that is not installed; `extra` is what to install for it."""
+    """A format whose `package` is not installed; `extra` is the extra of Flinders that installs it."""
 
     code = "missing-extra"
 
@@ -245,28 +246,27 @@ class MissingExtra(InputError):
 
 
 class LinkError(InputError):
-    """A port, sensor or vehicle that is not there, does not answer, or has gone away."""
+    """A port, sensor or vehicle that does not exist, does not answer, or was disconnected."""
 
     code = "link"
 
 
 class DocumentError(InputError):
-    """A calibration file that cannot be understood."""
+    """A calibration file that cannot be parsed."""
 
     code = "document"
 
 
 class FitError(FlindersError):
-    """No calibration can be given from this recording; `evidence` holds the numbers that say why."""
+    """A recording that gives no calibration; `evidence` holds the numbers of the reason."""
 
     code, exit_code = "fit", 4
 
 
 class TooFewSamples(FitError):
-    """Fewer usable readings (`found`) than the method has unknowns (`needed`); `skipped` says what was left out.
+    """Fewer usable readings (`found`) than the method needs (`needed`); `skipped` lists the rows that were skipped.
 
-    Where readings repeat each other, `found` of `among` are different. How the sensor should have been turned is `how`,
-    here and below.
+    If readings repeat, `found` of `among` readings are different. `how` is the motion to record, here and below.
     """
 
     code = "too-few-samples"
@@ -286,7 +286,7 @@ class TooFewSamples(FitError):
         readings = f"{different} among {among:,}" if among else usable
         self.skipped = tuple(map(str, skipped))
         besides = f" besides {' and '.join(self.skipped)}" if self.skipped else ""
-        check = "check what was left out, and " if self.skipped else ""
+        check = "check the rows that were left out, and " if self.skipped else ""
         super().__init__(
             f"{readings}{besides}, {method!r} needs at least {needed:,}: "
             f"{check}record for longer while turning the sensor {how}",
@@ -298,7 +298,7 @@ class TooFewSamples(FitError):
 
 
 class StuckAxis(FitError):
-    """Axes that have the same value in every reading (`axes`: their names; `values`: what they read)."""
+    """Axes that have the same value in every reading (`axes`: their names; `values`: their readings)."""
 
     code = "stuck-axis"
 
@@ -307,17 +307,17 @@ class StuckAxis(FitError):
         named = ", ".join(f"{axis} = {value:g}" for axis, value in zip(axes, values, strict=True))
         level = ". The method 'level' fits x and y of a level turn alone" if axes == ("z",) and not how else ""
         super().__init__(
-            f"never changes in this recording: {named}. "
+            f"axes that never change in this recording: {named}. "
             f"Check the wiring and the columns, and turn the sensor {how or 'about all three of its axes'}{level}",
             axes=axes,
             values=values,
         )
 
 
-def _rounded_up(angle: float) -> str:
-    """Write an angle as the next larger one of a single digit below 1°, of whole degrees above.
+def _round_up(angle: float) -> str:
+    """Write an angle rounded up: to one digit below 1°, to whole degrees above.
 
-    >>> _rounded_up(0.0), _rounded_up(0.011), _rounded_up(0.31), _rounded_up(3.0), _rounded_up(12.2)
+    >>> _round_up(0.0), _round_up(0.011), _round_up(0.31), _round_up(3.0), _round_up(12.2)
     ('0.01', '0.02', '0.4', '3', '13')
     """
     step = 10.0 ** min(math.floor(math.log10(max(angle, 0.01))), 0)
@@ -325,9 +325,9 @@ def _rounded_up(angle: float) -> str:
 
 
 class Unmoved(FitError):
-    """All readings lie within a small angle (`angle_deg`) of one direction: the sensor was hardly turned.
+    """All readings are within a small angle (`angle_deg`) of one direction: the sensor was hardly turned.
 
-    What the angle is measured from, see `flinders.diagnostics.unmoved`.
+    `flinders.diagnostics.unmoved` computes the angle.
     """
 
     code = "unmoved"
@@ -336,20 +336,20 @@ class Unmoved(FitError):
 
     def __init__(self, angle_deg: float, how: str = EVERY_WAY) -> None:
         self.angle_deg = angle_deg
-        super().__init__(self.SAID.format(angle=_rounded_up(angle_deg), how=how), angle_deg=angle_deg)
+        super().__init__(self.SAID.format(angle=_round_up(angle_deg), how=how), angle_deg=angle_deg)
 
 
 class NotTurned(FitError):
-    """The sensor was still, and a disturbance explains its readings (`left`: residual of an axis, in their unit)."""
+    """A still sensor whose readings follow a disturbance (`left`: residual of an axis, 1 σ, in the readings' unit)."""
 
     code = "not-turned"
 
     def __init__(self, left: float, disturbances: str) -> None:
         self.left, self.disturbances = left, disturbances
         super().__init__(
-            f"the sensor was not turned: its readings follow {disturbances} and hardly anything else ({figures(left)} "
-            "of their unit is left, 1 σ). That tells what the disturbance does, and no offset or matrix: turn the "
-            "sensor while recording, or give the calibration that it belongs to",
+            f"the sensor was not turned: its readings follow {disturbances} and hardly anything else (the residuals "
+            f"are {figures(left)} of their unit, 1 σ). Such a recording determines the effect of the disturbance, but "
+            "no offset or matrix: turn the sensor while recording, or give the calibration of this sensor",
             hint={"previous": None},
             left=left,
             disturbances=disturbances,
@@ -357,7 +357,7 @@ class NotTurned(FitError):
 
 
 class FollowsAttitude(FitError):
-    """A column follows the direction of the field (`share` of it), and cannot be told from soft iron."""
+    """A column that follows the direction of the field (`share` of its variance), like soft iron."""
 
     code = "follows-attitude"
 
@@ -365,29 +365,27 @@ class FollowsAttitude(FitError):
         self.column, self.share = column, share
         super().__init__(
             f"column {column} follows the attitude ({share:.0%} of it is a function of the direction of the field): "
-            "what it does cannot be told from soft iron. Change it in each attitude, not in step with the turning, and "
-            "record again; or leave the column out",
+            "its effect cannot be distinguished from soft iron. Record again and change it in each attitude, "
+            "independently of the turning; or leave the column out",
             column=column,
             share=share,
         )
 
 
 class OutOfScale(FitError):
-    """Readings as large or as small (`size`) as no magnetometer gives them."""
+    """Readings outside the range of any magnetometer (`size`: the largest)."""
 
     code = "out-of-scale"
-    NOTHING: ClassVar[float] = 1e-300
+    MIN_SIZE: ClassVar[float] = 1e-300
 
     def __init__(self, size: float) -> None:
         self.size = size
-        readings = f"readings of up to {size:.2g} are" if size > self.NOTHING else "readings that are all zero are"
-        super().__init__(
-            f"{readings} not those of a magnetometer: check which columns are read, and the unit", size=size
-        )
+        readings = f"readings of up to {size:.2g} are" if size > self.MIN_SIZE else "readings that are all zero are"
+        super().__init__(f"{readings} not those of a magnetometer: check the columns and the unit", size=size)
 
 
 class NotAnEllipsoid(FitError):
-    """The quadric that fits best is open (`eigenvalues` of its quadratic form, largest scaled to one, where known)."""
+    """The best quadric is open (`eigenvalues` of its quadratic form, relative to the largest, if known)."""
 
     code = "not-an-ellipsoid"
 
@@ -405,53 +403,53 @@ class NotAnEllipsoid(FitError):
 
 
 class Undetermined(FitError):
-    """Readings say nothing of `unseen` of the nine parameters, and no prior holds them."""
+    """Readings do not determine `unseen` of the nine parameters, and there is no prior on them."""
 
     code = "undetermined"
 
     def __init__(self, unseen: int) -> None:
         self.unseen = unseen
         super().__init__(
-            f"the readings leave {unseen} of nine parameters open, as rings of readings do: turn the sensor about "
-            "more of its axes, or let the prior hold what was not seen",
+            f"the readings do not determine {unseen} of nine parameters, as with turns about one axis: turn the sensor "
+            "about more of its axes, or use the prior for these parameters",
             unseen=unseen,
         )
 
 
 class MissingPose(FitError):
-    """Still poses leave offsets or gains of an accelerometer open; evidence `side`: the side to turn up next."""
+    """Still poses do not determine all offsets and gains of an accelerometer; evidence `side`: the next side up."""
 
     code = "missing-pose"
 
 
 class NeedsSamples(FitError):
-    """A method that looks at each reading was given their sums alone."""
+    """A method that needs each reading was given only their sums."""
 
     code = "needs-samples"
 
     def __init__(self, method: str) -> None:
         super().__init__(
-            f"{method!r} looks at each reading and was given a Summary: "
-            "give it the readings, or use a method that needs only their sums, such as 'consistent'",
+            f"{method!r} needs each reading and was given a Summary: "
+            "give the readings, or use a method that needs only their sums, such as 'consistent'",
             method=method,
         )
 
 
 class NeedsRecording(FitError):
-    """A fit that was loaded from a file was asked for something of its readings, which a file does not keep."""
+    """An operation on a fit from a file needs its readings, which the file does not contain."""
 
     code = "needs-recording"
 
     def __init__(self, what: str) -> None:
         super().__init__(
-            f"the calibration file keeps no readings, and {what} are needed: give the recording too, as "
-            "flinders report CALIBRATION RECORDING does, or fit it again",
+            f"the calibration file contains no readings, and {what} are needed: give the recording too, as in "
+            "flinders report CALIBRATION RECORDING, or fit it again",
             what=what,
         )
 
 
 class NotExportable(FlindersError):
-    """Values (`beyond`: their names) that the target's registers cannot hold; `evidence` holds what would be lost."""
+    """Values (`beyond`: their names) that the target cannot hold; `evidence` holds the parts that would be lost."""
 
     code, exit_code = "not-exportable", 4
 
@@ -461,13 +459,13 @@ class NotExportable(FlindersError):
 
 
 class NotSent(FlindersError):
-    """A vehicle that must not be given these values as it is: armed, or with another compass than is meant."""
+    """A vehicle that must not receive these values now: it is armed, or has another compass."""
 
     code, exit_code = "not-sent", 4
 
 
 class PluginError(FlindersError):
-    """An installed package registers readers or targets that cannot be used."""
+    """An installed package that registers readers or targets which cannot be used."""
 
     code = "plugin"
 
@@ -479,19 +477,19 @@ class PluginError(FlindersError):
 
 
 class NoEngine(FlindersError):
-    """The engine is not compiled for this machine, and cannot be: the message says what to install."""
+    """The engine is not compiled for this machine and cannot be compiled; the message says what to install."""
 
     code = "no-engine"
 
 
 class OutputError(FlindersError):
-    """A result that cannot be written where it was asked for."""
+    """A result that cannot be written to the given place."""
 
     code, exit_code = "output", 6
 
 
 class OutputExists(OutputError):
-    """A file that would have been overwritten."""
+    """A file that exists and would be overwritten."""
 
     code = "output-exists"
 
@@ -503,13 +501,13 @@ class OutputExists(OutputError):
 
 
 class NotConfirmed(OutputError):
-    """Values were sent and not confirmed; the message says what the other end holds now."""
+    """Values that were sent and not confirmed; the message states the values that the receiver has now."""
 
     code = "not-confirmed"
 
 
 def fault_words(error: Exception) -> str:
-    """Say that the fault is ours, where the program goes on.
+    """Message about a bug in Flinders after which the program continues.
 
     >>> fault_words(KeyError("mag"))
     "internal error (KeyError: 'mag'): a fault in Flinders; please report it with the recording"

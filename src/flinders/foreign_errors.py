@@ -1,4 +1,4 @@
-"""What other packages raise, as errors of this library: a package that is missing, a file that a parser cannot read.
+"""Conversion of exceptions of other packages to errors of Flinders: a missing package, a file that cannot be parsed.
 
 >>> needs("json", "hdf5", "an HDF5 file").loads("[1, 2]")
 [1, 2]
@@ -20,14 +20,14 @@ from flinders.errors import FlindersError, MissingExtra, UnreadableInput
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
-MAX_MESSAGE: Final = 120
-"""Characters of another package's message that are passed on."""
+MAX_MESSAGE_LENGTH: Final = 120
+"""Longest part of another package's message that is shown, in characters."""
 
 
 def needs(package: str, extra: str, what: str) -> Any:  # noqa: ANN401 - a module, and few of these have types
-    """Import an optional package such as ``h5py``, for `what` (with its article: ``an HDF5 file``).
+    """Import an optional package such as ``h5py``; `what` is its use, with an article: ``an HDF5 file``.
 
-    Where it is not installed, `MissingExtra` says to install the `extra`, ``hdf5``: ``pip install 'flinders[hdf5]'``.
+    Raises `MissingExtra`, with the command that installs the `extra`, if the package is not installed.
     """
     try:
         return import_module(package)
@@ -35,21 +35,21 @@ def needs(package: str, extra: str, what: str) -> Any:  # noqa: ANN401 - a modul
         raise MissingExtra(package.partition(".")[0], extra, what) from None
 
 
-OF_BYTES: Final = (
+INPUT_ERRORS: Final = (
     ValueError, LookupError, ArithmeticError, EOFError, OSError, MemoryError, RecursionError, struct.error, zlib.error,
 )  # fmt: skip
-"""What the bytes of a file make this program's own parsers raise; anything else that they raise is a fault of ours."""
+"""Exceptions that the bytes of a file can cause in Flinders' own parsers; any other exception there is a bug."""
 
 
-def _is_our_fault(error: Exception) -> bool:
-    """Whether this program raised it, or an array that it handled, and no bytes of a file are the cause.
+def _is_bug(error: Exception) -> bool:
+    """Whether an exception is a bug of Flinders: raised in its code or in NumPy, and not caused by bytes of a file.
 
     >>> def parsed(tag):
     ...     return tag.strip()
     >>> try:
     ...     parsed(1)
     ... except AttributeError as error:
-    ...     parsed.__globals__["__name__"], _is_our_fault(error)
+    ...     parsed.__globals__["__name__"], _is_bug(error)
     ('flinders.foreign_errors', True)
     """
     from traceback import walk_tb
@@ -57,15 +57,15 @@ def _is_our_fault(error: Exception) -> bool:
     modules = (str(frame.f_globals.get("__name__")) for frame, _ in walk_tb(error.__traceback__))
     packages = [module.partition(".")[0] for module in modules]
     raised_by = [package for package in packages if package != "numpy"][-1:]
-    return raised_by == ["flinders"] and not isinstance(error, OF_BYTES)
+    return raised_by == ["flinders"] and not isinstance(error, INPUT_ERRORS)
 
 
 @contextmanager
 def reading(name: str, kind: str, *, advice: str = "copy it again") -> Iterator[None]:
-    """Let a parser read a file, and turn whatever it raises into one line: on a broken file that is anything.
+    """Convert any exception of a parser in this context to an `UnreadableInput` of one line.
 
-    `kind` is what the file should be, with its article, and `advice` what to do about a broken one. Errors of Flinders
-    pass through, and so do faults of this program, which are no file's.
+    `kind` is the expected kind of file, with an article; `advice` is the remedy for a broken file. Errors and bugs of
+    Flinders itself pass through.
 
     >>> with reading("log.parquet", "a Parquet table"):
     ...     {}["mag_x"]
@@ -78,10 +78,10 @@ def reading(name: str, kind: str, *, advice: str = "copy it again") -> Iterator[
     except FlindersError:
         raise
     except Exception as error:
-        if _is_our_fault(error):
+        if _is_bug(error):
             raise
         said = " ".join(f"{type(error).__name__}: {error}".split()).removesuffix(":").removesuffix(": ")
         message = "".join(letter if letter.isprintable() else "\ufffd" for letter in said)
         raise UnreadableInput(
-            f"{name} cannot be read as {kind} ({message[:MAX_MESSAGE]}): it is broken or cut short; {advice}"
+            f"{name} cannot be read as {kind} ({message[:MAX_MESSAGE_LENGTH]}): it is broken or cut short; {advice}"
         ) from None

@@ -1,4 +1,4 @@
-"""The three verdicts: what each means, and how a command ends that gives it.
+"""The three verdicts: the meaning of each, and the exit code of a command that gives it.
 
 >>> {verdict: meaning.exit_code for verdict, meaning in MEANINGS.items()}
 {'good': 0, 'limited': 3, 'refused': 4}
@@ -12,7 +12,7 @@ Verdict = Literal["good", "limited", "refused"]
 
 
 class Meaning(NamedTuple):
-    """What a verdict means."""
+    """Meaning of a verdict."""
 
     exit_code: int  #: of the command that gives it
     title: str
@@ -22,8 +22,8 @@ class Meaning(NamedTuple):
 MEANINGS: Final[dict[Verdict, Meaning]] = {
     "good": Meaning(0, "Good", "the heading error is within the target; the calibration is written"),
     "limited": Meaning(
-        3, "Limited", "the calibration is written; its first sentence says what is not known, or above the target"
+        3, "Limited", "the calibration is written; its first sentence says what is unknown, or above the target"
     ),
     "refused": Meaning(4, "Refused", "no calibration is written; the first sentence says why, and what to do"),
 }
-"""The verdicts, for the terminal, pages, reports and fleets; `flinders.findings.headline` has their first sentences."""
+"""Verdicts for terminal, pages, reports and fleets; `flinders.findings.headline` writes their first sentences."""

@@ -21,7 +21,7 @@ def test_a_flight_log_from_file_to_vehicle(
     golden("cli/tour-info.txt", session("flinders info log171.bin"))
     golden("cli/tour-check.txt", session("flinders check log171.bin", code=4))
     golden("cli/tour-alone.txt", session("flinders calibrate log171.bin --sensor 1 -o alone.json", code=3))
-    aided = "flinders calibrate log171.bin --sensor 1 --with auto -o compass.json"
+    aided = "flinders calibrate log171.bin --sensor 1 --with current -o compass.json"
     golden("cli/tour-aided.txt", session(aided, code=3))
     golden("cli/tour-compare.txt", session("flinders compare alone.json compass.json", code=3))
     golden("cli/tour-export.txt", session("flinders export --for ardupilot compass.json -o compass.param"))

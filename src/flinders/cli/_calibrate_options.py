@@ -173,7 +173,7 @@ class Estimation(program.Group, heading=program.METHOD):
             )
 
     def _refuse_but_recipes(self) -> None:
-        """Refuse to show the numbers of a method whose refusal is meant."""
+        """Refuse ``--even-if-refused`` for a method that is not a published recipe."""
         from flinders.estimators import ROWS
 
         recipes = [name for name, row in ROWS.items() if row.is_recipe]

@@ -19,6 +19,7 @@ HEADINGS: Final = (
 """Headings of the list of commands, in their order; a heading without commands is omitted."""
 
 ROWS: Final = {
+    "plan": (USE, "plan", "Say how to turn a sensor, how long, and what error to expect."),
     "calibrate": (USE, "calibrate", "Fit recordings of a sensor and write its calibration."),
     "apply": (USE, "apply", "Correct a recording with a calibration file."),
     "heading": (USE, "heading", "Turn a recording into magnetic and true headings."),
@@ -34,6 +35,7 @@ ROWS: Final = {
     "report": (LOOK, "report", "Write a report of a calibration and a recording."),
     "compare": (LOOK, "compare", "Compare two calibrations by their headings, in degrees."),
     "methods": (LOOK, "methods", "List the methods and when to use each."),
+    "chips": (LOOK, "chips", "List magnetometer chips, and one with its settings and sources."),
     "targets": (LOOK, "targets", "List the tools that a calibration can be written for."),
     "demo": (TRY, "demo", "Simulate a tumbled sensor and calibrate it."),
     "simulate": (TRY, "simulate", "Simulate a recording with a known calibration."),
@@ -43,7 +45,7 @@ ROWS: Final = {
 
 OTHERWISE: Final = {
     "help": "each command has --help of its own",
-    "monitor": "flinders record keeps what a board prints, flinders live shows it",
+    "monitor": "flinders record saves the output of a board, flinders live shows it",
     "plot": "figures are in the reports of flinders report and of calibrate --report; in Python fit.plot draws them",
 }
 """Words that people type as a command, and the replacement for each."""

@@ -41,7 +41,7 @@ def import_log(
 
     with progress("reading") as watch:
         log = open_log(path, progress=watch)
-    chosen = _chosen(log, sensor)
+    chosen = _choose_magnetometers(log, sensor)
     is_all = len(chosen) != 1 or (sensor or "").strip().casefold() == "all"
     if is_all and output == "-":
         raise UsageError(
@@ -61,8 +61,8 @@ def import_log(
     outputs.say_written()
 
 
-def _chosen(log: Log, sensor: str | None) -> Sequence[Instrument]:
-    """The magnetometers to import: the one that is named, else the only one with a calibration, or all with `all`."""
+def _choose_magnetometers(log: Log, sensor: str | None) -> Sequence[Instrument]:
+    """The magnetometers to import: the named one, the only one with a calibration, or all of these for ``all``."""
     if sensor is not None and sensor.strip().casefold() != "all":
         return [log.sensor(sensor)]
     known = [each for each in log.instruments if each.onboard is not None]

@@ -334,7 +334,7 @@ def stated_site(recording: object, otherwise: str, **more: Any) -> Site | None:
 
     site, words = recorded_site(log, **more) or (None, "")
     if site is not None:
-        say(f"{getattr(recording, 'source', '')}: {words}, unless {otherwise} says otherwise")
+        say(f"{getattr(recording, 'source', '')}: {words}; used unless {otherwise} is given")
     return site
 
 

@@ -23,6 +23,10 @@ class Info(program.Group):
     log: str = program.argument("LOG")
     reading: option.ReadingOptions = program.group(option.ReadingOptions)
     place: option.Place = program.group(option.Place)
+    chip: str | None = program.member(
+        "--chip", metavar="NAME",
+        help="Magnetometer chip, or package that holds it, as flinders chips lists them [default: by names in LOG].",
+    )  # fmt: skip
     grid: bool = option.grid("Also give grid north of the map: UTM, or UPS around the poles.")
     as_json: bool = option.as_json()
 
@@ -60,7 +64,9 @@ def command(options: Info) -> None:
     with progress("reading") as watch:
         log = open_log(options.log, progress=watch, **reading.as_dict())
         columns, unit, site = reading.columns, reading.unit, _site(log, options.place)
-        held = contents(log, topic=reading.topic, columns=columns, unit=unit, site=site, spell=in_options)
+        held = contents(
+            log, topic=reading.topic, columns=columns, unit=unit, chip=options.chip, site=site, spell=in_options
+        )
     typed = [word for each in reading.typed().items() for word in _words(*each)]
     held = replace(held, commands=commands_for(options.log, held.sensors, typed))
     if options.grid and held.site is None:

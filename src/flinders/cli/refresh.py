@@ -218,8 +218,8 @@ def _courses(recording: Any, path: str | None) -> tuple[TimeSeries, object]:  # 
         return log.by_clock(start), log
     if (velocity := getattr(recording, "velocity", None)) is None:
         raise UsageError(
-            f"{recording.source} has no speed and course by satellites: give a log with them, "
-            f"{'a log of them beside it (--course-log), ' * READS_COURSES}or record poses at known headings (--heading)"
+            f"{recording.source} has no speed and course from satellites: give a log with them, "
+            f"{'a separate log with them (--course-log), ' * READS_COURSES}or record at known headings (--heading)"
         )
     return velocity, recording
 

@@ -1,1 +1,1 @@
-"""Two calibrations or more: held against each other, merged, cross-validated, and the sensors of one body."""
+"""Comparison of two or more calibrations, merging, cross-validation, and joint fits of the sensors of one body."""

@@ -1,13 +1,12 @@
-"""Several compasses of one body, held against each other: which one departs, when, and by how much.
+"""Comparison of several compasses of one body: which one deviates, when, and by how much.
 
-Corrected readings are of one field, seen in common axes. They are averaged over a second or so, and for each pair the
-difference of the means is held against what is usual for that pair. A sensor departs where it is far from more than
-half of the others while those agree: with three or more the majority tells, unless the lengths of the majority have
-changed and its own has not. Two that differ cannot tell which of them is wrong, unless the length of one has changed
-and that of the other has not.
+All corrected readings are of one field in common axes. They are averaged over about 1 s, and the difference of the
+means of each pair is compared with the usual difference of that pair. A sensor deviates if it is far from more than
+half of the others while those agree. So with three or more sensors the majority decides, unless the lengths of the
+majority have changed and that of the other has not. With two sensors it is unknown which one is wrong, unless the
+length of one has changed and that of the other has not.
 
-What a sensor is off by turns a level heading by up to asin(d / cos I), d the difference as a share of the field, I the
-dip.
+A difference d, as a share of the field, changes a level heading by up to asin(d / cos I) at the dip I.
 
 >>> rng = np.random.default_rng(1)
 >>> q = rng.normal(size=(600, 3)).cumsum(axis=0)
@@ -43,35 +42,35 @@ if TYPE_CHECKING:
     from flinders.arrays import Floats
 
 BLOCK_S: Final = 1.0
-"""Over which readings are averaged before they are held against each other."""
+"""Duration over which readings are averaged before the comparison."""
 
-FEWEST: Final = 5
-"""Readings in an average."""
+MIN_READINGS: Final = 5
+"""Smallest count of readings in an average."""
 
-UNUSUAL: Final = 4.0
-"""Times the usual difference of a pair, or the usual change of a length, from which on it is another matter."""
+MIN_UNUSUAL_RATIO: Final = 4.0
+"""Smallest ratio of an unusual difference of a pair, or of a length, to the usual one."""
 
 
 MEDIAN_LENGTH: Final = 1.538
-"""Of three independent components of one standard deviation."""
+"""Median length of three independent components with a standard deviation of 1."""
 
 MEDIAN_CHANGE: Final = 0.6745
-"""Of one of them, whatever its sign."""
+"""Median absolute value of one component."""
 
 
 @dataclass(frozen=True, slots=True)
 class Disagreement:
-    """A stretch of time in which a sensor does not agree with the others."""
+    """A stretch of time in which a sensor disagrees with the others."""
 
-    sensor: int | None  #: which one, counted from 0; None where that cannot be told
-    is_by_length: bool  #: the length of its readings told it, not the others
-    first: int  #: moment, counted from 0
-    last: int  #: the last one
-    start_s: float  #: time of the first
-    end_s: float  #: time of the last
-    angle_deg: float  #: largest angle between its direction and that of the others, averaged over a second
-    heading_deg: float  #: what it may turn a level heading by
-    #: by how much its readings are too long, as a share of the field, where that is farthest from none
+    sensor: int | None  #: index of the deviating sensor; None if unknown
+    is_by_length: bool  #: whether the length of its readings shows it, not the other sensors
+    first: int  #: index of the first reading
+    last: int  #: index of the last reading
+    start_s: float  #: time of the first reading
+    end_s: float  #: time of the last reading
+    angle_deg: float  #: largest angle between its direction and that of the others, averaged over 1 s
+    heading_deg: float  #: largest possible level heading error from it
+    #: largest error of the length of its readings, as a share of the field; positive if too long
     length_error: float
 
     def as_dict(self) -> dict[str, Any]:
@@ -79,17 +78,17 @@ class Disagreement:
         return {name: getattr(self, name) for name in self.__slots__}
 
     def of_sensor(self, places: Mapping[int, int]) -> Self:
-        """The same with the sensors counted anew."""
+        """The same with the sensors renumbered by `places`."""
         return replace(self, sensor=None if self.sensor is None else places[self.sensor])
 
     def __str__(self) -> str:
         if self.start_s <= self.end_s:
             return f"{self.start_s:.1f}–{self.end_s:.1f} s"
-        return f"readings {self.first + 1}–{self.last + 1}"  # the clock stepped back
+        return f"readings {self.first + 1}–{self.last + 1}"  # the clock has stepped back
 
 
 def heading_deg(difference: float, dip_deg: float) -> float:
-    """What a difference, as a share of the field, may turn a level heading by: 180 where it is beyond all bounds.
+    """Largest level heading error from a difference, as a share of the field; 180 if it exceeds the horizontal field.
 
     >>> round(heading_deg(0.1, 60.0), 1), heading_deg(0.6, 60.0)
     (11.5, 180.0)
@@ -105,38 +104,38 @@ def disagreements(
     Parameters
     ----------
     seen : (m, N, 3) float
-        Corrected readings over the field's strength, in common axes; NaN where a sensor has none.
+        Corrected readings over the field's strength, in common axes; NaN for missing readings.
     time : (N,) float, s
     limit_deg : float
-        Degrees of heading that are no matter.
+        Heading error in degrees below which a disagreement is ignored.
     dip_deg : float
         Inclination of the field.
     """
     edges = _edges(time)
     limit = float(np.sin(np.deg2rad(min(limit_deg, 90.0))) * np.cos(np.deg2rad(dip_deg)))
-    apart = _apart(seen, edges)  # (m, m, K)
+    apart = _differences(seen, edges)  # (m, m, K)
     usual = np.nanmedian(np.where(np.isfinite(apart), apart, np.nan), axis=2) if apart.shape[2] else apart[..., 0]
-    differ = apart > np.maximum(UNUSUAL * usual, limit)[..., np.newaxis]
+    differ = apart > np.maximum(MIN_UNUSUAL_RATIO * usual, limit)[..., np.newaxis]
     lengths = _lengths(seen, edges)
-    has_changed = _changed_length(differ, lengths, limit)
+    has_changed = _has_changed_nearby(differ, lengths, limit)
     blamed = [
-        _blamed(differ[..., block], apart[..., block], lengths, block, limit, has_changed[:, block])
+        _deviating_sensors(differ[..., block], apart[..., block], lengths, block, limit, has_changed[:, block])
         for block in range(len(edges) - 1)
     ]
-    return tuple(_runs(blamed, time, edges, apart, lengths, dip_deg))
+    return tuple(_merge_blocks(blamed, time, edges, apart, lengths, dip_deg))
 
 
 def scatter(seen: Floats, directions: Floats, time: Floats) -> Floats:
-    """(m,) what readings averaged over a second are usually off, a standard deviation of each component, as a share.
+    """(m,) usual standard deviation of a component of readings averaged over 1 s, as a share of the field.
 
-    From the median, so that a stretch in which a sensor departs does not count.
+    It comes from the median, so that a stretch in which a sensor deviates has no effect.
 
     Parameters
     ----------
     seen : (m, N, 3) float
         As for `disagreements`.
     directions : (N, 3) float
-        That all of them agree on best.
+        Common direction of the field, that all sensors agree with best.
     time : (N,) float, s
     """
     edges = _edges(time)
@@ -145,9 +144,9 @@ def scatter(seen: Floats, directions: Floats, time: Floats) -> Floats:
 
 
 def length_scatter(seen: Floats, time: Floats) -> Floats:
-    """(m,) what the length of readings averaged over a second is usually off, a standard deviation, as a share.
+    """(m,) usual standard deviation of the length of readings averaged over 1 s, as a share of the field.
 
-    By calibrations that a sensor found by itself this is its own witness: no other sensor has a part in it.
+    With separate calibrations of the sensors it depends on no other sensor.
 
     Parameters
     ----------
@@ -170,23 +169,25 @@ def length_scatter(seen: Floats, time: Floats) -> Floats:
 
 
 def _edges(time: Floats) -> NDArray[np.intp]:
-    """Where blocks of a second or so begin, and the end."""
+    """Indices at which blocks of about 1 s begin, and the end."""
     step = float(np.median(np.diff(time))) if len(time) > 1 else BLOCK_S
-    each = max(FEWEST, round(BLOCK_S / step) if step > 0.0 else FEWEST)
+    each = max(MIN_READINGS, round(BLOCK_S / step) if step > 0.0 else MIN_READINGS)
     return np.append(np.arange(0, max(len(time) - each + 1, 1), each), len(time)).astype(np.intp)
 
 
 def _means(values: Floats, edges: NDArray[np.intp]) -> Floats:
-    """(..., K, c) means over blocks of (..., N, c), of what is there; NaN where too little is."""
+    """(..., K, c) means of (..., N, c) over blocks, of finite values; NaN with too few."""
     there = np.isfinite(values)
     total = np.add.reduceat(np.where(there, values, 0.0), edges[:-1], axis=-2)
     count = np.add.reduceat(there.astype(float), edges[:-1], axis=-2)
-    means: Floats = np.where(count >= min(FEWEST, int(np.diff(edges).min())), total / np.maximum(count, 1.0), np.nan)
+    means: Floats = np.where(
+        count >= min(MIN_READINGS, int(np.diff(edges).min())), total / np.maximum(count, 1.0), np.nan
+    )
     return means
 
 
-def _apart(seen: Floats, edges: NDArray[np.intp]) -> Floats:
-    """(m, m, K) how far the mean readings of each two are apart, as a share of the field."""
+def _differences(seen: Floats, edges: NDArray[np.intp]) -> Floats:
+    """(m, m, K) distances between the mean readings of each pair, as a share of the field."""
     sensors = len(seen)
     apart = np.zeros((sensors, sensors, len(edges) - 1))
     for one in range(sensors):
@@ -197,32 +198,32 @@ def _apart(seen: Floats, edges: NDArray[np.intp]) -> Floats:
 
 
 def _lengths(seen: Floats, edges: NDArray[np.intp]) -> Floats:
-    """(m, K) mean length of the readings of each, less 1."""
+    """(m, K) mean length of the readings of each sensor, minus 1."""
     return _means(np.linalg.norm(seen, axis=2)[..., np.newaxis] - 1.0, edges)[..., 0]
 
 
-def _changed(lengths: Floats, limit: float) -> NDArray[np.bool_]:
-    """(m, K) blocks in which the length of a sensor is not what is usual for it."""
+def _has_unusual_length(lengths: Floats, limit: float) -> NDArray[np.bool_]:
+    """(m, K) whether the length of a sensor is unusual in a block."""
     usual = np.nanmedian(np.abs(lengths), axis=1, keepdims=True)
-    changed: NDArray[np.bool_] = np.abs(lengths) > np.maximum(UNUSUAL * usual, 0.5 * limit)
+    changed: NDArray[np.bool_] = np.abs(lengths) > np.maximum(MIN_UNUSUAL_RATIO * usual, 0.5 * limit)
     return changed
 
 
-def _changed_length(differ: NDArray[np.bool_], lengths: Floats, limit: float) -> NDArray[np.bool_]:
-    """(m, K) sensors whose length changes anywhere in the stretch of disagreement that a block is in."""
-    changed = _changed(lengths, limit)
+def _has_changed_nearby(differ: NDArray[np.bool_], lengths: Floats, limit: float) -> NDArray[np.bool_]:
+    """(m, K) whether the length of a sensor changes anywhere in the stretch of disagreement around a block."""
+    changed = _has_unusual_length(lengths, limit)
     has_changed = np.zeros_like(changed)
     for run in runs(differ.any(axis=(0, 1))):
         has_changed[:, run] = changed[:, run].any(axis=1, keepdims=True)
     return has_changed
 
 
-def _blamed(
+def _deviating_sensors(
     differ: NDArray[np.bool_], apart: Floats, lengths: Floats, block: int, limit: float, has_changed: NDArray[np.bool_]
 ) -> tuple[tuple[int | None, bool], ...]:
-    """Which sensors depart in a block: the few far from most others, else one whose length tells, else None."""
-    # Where those few kept their length all the while, and all of the others did not, it is the others: what is near two
-    # of three moves both alike. Where there is no majority, two or more that kept theirs and agree stand for one.
+    """Deviating sensors of a block: those far from most others, else one with a changed length, else None."""
+    # If the lengths of these few never changed and those of all others did, the others deviate: iron near two of three
+    # sensors affects both alike. Without a majority, two or more that agree with unchanged lengths count as one.
     if not differ.any():
         return ()
     sensors = len(differ)
@@ -239,12 +240,12 @@ def _blamed(
     steady = [sensor for sensor in range(sensors) if not has_changed[sensor] and np.isfinite(apart[sensor]).sum() > 1]
     if 2 <= len(steady) < there and not differ[np.ix_(steady, steady)].any():
         return tuple((int(sensor), True) for sensor in np.flatnonzero(has_changed))
-    changed = _changed(lengths, limit)[:, block]
+    changed = _has_unusual_length(lengths, limit)[:, block]
     longer = [int(sensor) for sensor in alone if changed[sensor]]
     return ((longer[0], True),) if len(longer) == 1 else ((None, False),)
 
 
-def _runs(
+def _merge_blocks(
     blamed: list[tuple[tuple[int | None, bool], ...]],
     time: Floats,
     edges: NDArray[np.intp],
@@ -252,7 +253,7 @@ def _runs(
     lengths: Floats,
     dip_deg: float,
 ) -> Iterator[Disagreement]:
-    """Put blocks of one sensor that follow each other together."""
+    """Merge consecutive blocks in which the same sensor deviates."""
     who = sorted(
         {each for block in blamed for each in block}, key=lambda each: (each[0] is None, each[0] or 0, each[1])
     )
@@ -260,7 +261,7 @@ def _runs(
         sensor, is_by_length = each
         for run in runs([each in those for those in blamed]):
             first, last = int(edges[run.start]), int(edges[run.stop]) - 1
-            farthest = float(np.nanmax(_off(apart[..., run], sensor)))
+            farthest = float(np.nanmax(_distances(apart[..., run], sensor)))
             length = lengths[:, run] if sensor is None else lengths[sensor, run]
             angle = 2.0 * np.rad2deg(np.arcsin(min(farthest / 2.0, 1.0)))
             yield Disagreement(
@@ -269,8 +270,8 @@ def _runs(
             )  # fmt: skip
 
 
-def _off(apart: Floats, sensor: int | None) -> Floats:
-    """(K,) how far a sensor is from the rest, the median of them; where none is to blame, how far any two are."""
+def _distances(apart: Floats, sensor: int | None) -> Floats:
+    """(K,) median distance of a sensor from the others; for None the largest distance of any pair."""
     if sensor is None:
         return np.asarray(np.nanmax(apart, axis=(0, 1)), float)
     others = np.delete(apart[sensor], sensor, axis=0)

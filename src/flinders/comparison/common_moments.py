@@ -1,4 +1,4 @@
-"""Readings of several magnetometers at common moments, and which of them repeat those of another.
+"""Readings of several magnetometers at common times, and detection of sensors that repeat those of another.
 
 >>> import numpy as np
 >>> fields = np.random.default_rng(1).normal(size=(2, 100, 3))
@@ -25,12 +25,12 @@ if TYPE_CHECKING:
     from flinders.core.samples import Recording, Samples
     from flinders.estimators import Estimate
 
-COPY: Final = 0.1
-"""Of their noise: what readings of two sensors differ by at most, turned and scaled, where they are one sensor's."""
+MAX_COPY_NOISE_RATIO: Final = 0.1
+"""Largest residual of an affine map between readings of two sensors, over their noise, if they are of one sensor."""
 
 
 def checked_reference(sources: Mapping[str, Recording], reference: str | None, field_strength: float | None) -> str:
-    """Name of the reference among sensors that can be taken together."""
+    """Name of the reference, after a check that the sensors can be combined."""
     names = list(sources)
     if len(names) < 2:
         raise UsageError(f"{len(names)} magnetometer: need two or more of one body; use flinders.fit for one")
@@ -43,7 +43,7 @@ def checked_reference(sources: Mapping[str, Recording], reference: str | None, f
 
 
 def in_order(source: Recording) -> Samples:
-    """All readings that are at no rail, in the order of time."""
+    """All readings that are not at a rail, in the order of time."""
     readings = within_range(Readings.of(source))
     readings.require(FEWEST, "together")
     recording = cast("Recording", readings.recording)
@@ -56,7 +56,7 @@ def in_order(source: Recording) -> Samples:
 
 
 def at_common_moments(samples: Sequence[Samples], reference: int) -> Paired:
-    """Readings of all at common moments."""
+    """Readings of all sensors at common times."""
     times = [each.time for each in samples if each.time is not None]
     fields = [each.field for each in samples]
     if len(times) == len(samples):
@@ -66,19 +66,19 @@ def at_common_moments(samples: Sequence[Samples], reference: int) -> Paired:
                               zip(samples, times, strict=True) if len(time))  # fmt: skip
             raise InputError(
                 f"{len(common.time)} moments are common to two magnetometers, {FEWEST} are needed ({spans}): "
-                "record them at the same time, by one clock"
+                "record them at the same time, with one clock"
             )
         return common
     lengths = {len(field) for field in fields}
     if times or len(lengths) > 1:
-        lack = "some have time and some have none" if times else f"without time they are {sorted(lengths)} long"
-        raise UsageError(f"readings of several magnetometers belong together by their time: {lack}; record time")
+        lack = "some have time and some have none" if times else f"without time they have {sorted(lengths)} readings"
+        raise UsageError(f"readings of several magnetometers are matched by time: {lack}; record time")
     zero = np.zeros(len(fields))
     return Paired(np.arange(lengths.pop(), dtype=float), np.stack(fields), zero, zero)
 
 
 def copies_of(fields: Floats, starts: Sequence[Estimate | None], reference: int) -> dict[int, int]:
-    """Which sensors repeat the readings of another, turned and scaled, and of which; never the reference of another."""
+    """Original of each sensor that repeats the readings of another, rotated and scaled; never for the reference."""
     order = [reference, *(place for place in range(len(fields)) if place != reference)]
     copies: dict[int, int] = {}
     for rank, place in enumerate(order):
@@ -89,11 +89,11 @@ def copies_of(fields: Floats, starts: Sequence[Estimate | None], reference: int)
 
 
 def _is_copy(first: Floats, second: Floats, start: Estimate | None) -> bool:
-    """Whether an affine map of one gives the other far better than the other's own noise lets it."""
+    """Whether an affine map of one sensor's readings gives the other's far better than its noise allows."""
     left = affine_residuals(first, second)
     if len(left) < FEWEST:
         return False
     there = second[np.isfinite(first).all(axis=1) & np.isfinite(second).all(axis=1)]
     width = float(np.sqrt(np.mean(np.var(there, axis=0))))
     noise = 1e-6 * width if start is None else max(start.noise, 1e-6 * width)
-    return float(np.sqrt(np.mean(left**2))) < COPY * noise
+    return float(np.sqrt(np.mean(left**2))) < MAX_COPY_NOISE_RATIO * noise

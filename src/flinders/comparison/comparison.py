@@ -1,6 +1,6 @@
-"""Do two calibrations of one sensor say the same? In degrees of heading, and against what they claim.
+"""Comparison of two calibrations of one sensor, in degrees of heading and against their claims.
 
-The engine answers (`flinders_holds` of ``compare.c``), as it does on the live page.
+The engine gives the answer (`flinders_holds` of ``compare.c``), as on the live page.
 
 >>> from dataclasses import replace
 >>> from flinders import simulate
@@ -49,51 +49,51 @@ if TYPE_CHECKING:
 Wider = Literal["a", "b"]
 
 CHANCE: Final = limit("CHANCE")
-"""A difference that chance makes less often than this is more than chance explains."""
+"""Largest p-value of a significant difference."""
 
 DIRECTIONS: Final = fibonacci(400).T
-"""(3, 400) unit vectors, over which the direction difference is taken."""
+"""(3, 400) unit vectors, over which the direction difference is computed."""
 
 
-ONE_SIDED: Final = limit("ONE_SIDED")
-"""Standard deviations that a normal error exceeds, on one side, with a probability of 5 %."""
+ONE_SIDED_SIGMAS: Final = limit("ONE_SIDED")
+"""Standard deviations that a normal error exceeds on one side with a probability of 5 %."""
 
-SAME_DEG: Final = 1e-6
-"""Rotations nearer than that are the same but for rounding."""
+MAX_ROUNDING_DEG: Final = 1e-6
+"""Largest angle between rotations that are equal except for rounding."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Comparison:
-    """How far two calibrations a and b are apart, and how far chance could have put them. Differences are b less a."""
+    """Differences of two calibrations, b minus a, and their standard deviations by both claims."""
 
     heading_difference_deg: HeadingError  #: of a level vehicle: rms over 72 headings and the worst, the mean removed
-    heading_mean_deg: float  #: that mean: it looks like a mounting that has turned
-    #: 1 σ of the heading difference, if both covariances are right; None where neither states one
+    heading_mean_deg: float  #: mean heading difference, which has the effect of a rotated mounting
+    #: 1 σ of the heading difference by both covariances; None if neither states one
     claimed_deg: HeadingError | None
-    #: what the heading difference exceeds at no heading with a probability of 95 %, likewise
+    #: bound of the heading difference at all headings, with a probability of 95 %; None if neither states a covariance
     claimed_bound_deg: float | None
-    own_bounds_deg: tuple[float, float] | None  #: the same of the claims of a and b alone
+    own_bounds_deg: tuple[float, float] | None  #: the same bound for the claims of a and of b alone
     #: angle between the corrected fields, rms over 400 directions spread evenly over the sphere
     direction_difference_deg: float
     offset_difference: Floats  #: (3,), in `unit`
-    offset_sigma: Floats | None  #: (3,), in `unit`: 1 σ of that, as claimed
-    #: in `unit`: radius of the sphere that both are brought to; what `offset_share` is a share of
+    offset_sigma: Floats | None  #: (3,), in `unit`: 1 σ of the offset difference, by both claims
+    #: in `unit`: common radius to which both are scaled; reference of `offset_share`
     field_strength: float
-    scale_difference: float  #: radius of b over that of a, less one; for one field strength where `is_scale_known`
-    #: both were given a field strength. If not, the scale is the strength of two unknown fields, and left out of all
-    #: that is compared but `scale_difference`.
+    scale_difference: float  #: radius of b over that of a, minus one; for one field strength if `is_scale_known`
+    #: whether both have a known field strength. If not, the scale depends on two unknown fields, and only
+    #: `scale_difference` includes it.
     is_scale_known: bool
     chi_square: float | None  #: of the difference in offset and shape, against the sum of the covariances
-    #: its degrees of freedom: the rank of that sum, 9, or 8 without the scale, less what both methods hold
+    #: its degrees of freedom: the rank of that sum, 9, or 8 without the scale, minus parameters that both methods fix
     freedom: int
     target_deg: float  #: the worst heading difference that is good enough
     unit: str  #: of offsets: ``uT`` or ``counts``
-    #: how far the rotations into the body are apart, where both know one. They are in none of the other numbers.
+    #: difference of the rotations into the body, if both have one; it is in none of the other numbers
     rotation: RotationDifference | None = None
-    omitted_rotation_deg: float | None = None  #: angle of the rotation, where one of both alone knows one
+    omitted_rotation_deg: float | None = None  #: angle of the rotation, if only one of both has one
 
     def _repr_html_(self) -> str:
-        """What a notebook shows."""
+        """HTML table for a notebook."""
         found, claimed, p_value = self.heading_difference_deg, self.claimed_deg, self.p_value
         offset = f"{figures(math.hypot(*self.offset_difference))} {label(self.unit)}"
         rows = [
@@ -101,7 +101,7 @@ class Comparison:
             ("heading, worst", _degrees(found.worst), "" if claimed is None else _degrees(claimed.worst)),
             ("offset", offset, ""),
         ]
-        chance = "no covariance is stated" if p_value is None else f"chance makes as much with p = {p_value:.2g}"
+        chance = "no covariance is stated" if p_value is None else f"by chance as much with p = {p_value:.2g}"
         words = [f"target {self.target_deg:g}°; {chance}"]
         return as_table(f"Comparison: {self.answer}", ("", "difference", "1 σ claimed"), rows, words)
 
@@ -112,22 +112,22 @@ class Comparison:
 
     @property
     def ratio(self) -> float | None:
-        """The heading difference (rms) over its claimed 1 σ: about 1 where the claims are true."""
+        """The heading difference (rms) over its claimed 1 σ: about 1 if the claims are right."""
         claimed = 0.0 if self.claimed_deg is None else self.claimed_deg.rms
         return self.heading_difference_deg.rms / claimed if claimed > 0.0 else None
 
     @property
     def p_value(self) -> float | None:
-        """How often chance alone makes a difference as large; None where neither covariance is stated."""
+        """Probability of a difference as large by chance; None if neither states a covariance."""
         return None if self.chi_square is None else chance_of(self.chi_square, self.freedom)
 
     @property
     def answer(self) -> Answer:
-        """Whether one holds where the other does: ``holds``, ``fails`` or ``cannot-tell``, with a confidence of 95 %.
+        """Whether the calibrations agree: ``holds``, ``fails`` or ``cannot-tell``, with a confidence of 95 %.
 
-        ``holds``: the heading difference is within the target together with its bound. ``fails``: it is beyond the
-        target by more than 1.645 σ, and more than chance explains (p < 0.01); or that of the rotations into the body
-        is. ``cannot-tell``: the claims are too wide for either. Without any covariance nothing is left to chance.
+        ``holds``: the heading difference plus its bound is within the target. ``fails``: it exceeds the target by more
+        than 1.645 σ and is significant (p < 0.01), or the same is true of the rotations into the body. ``cannot-tell``:
+        the claims are too wide for either. Without covariances the differences count as exact.
         """
         if self.is_turned_beyond_target:
             return "fails"
@@ -141,25 +141,25 @@ class Comparison:
 
     @property
     def is_turned_beyond_target(self) -> bool:
-        """Both know a rotation, and these alone part headings of the body by more than target and chance."""
+        """Whether the rotations of both alone change headings of the body by more than the target, significantly."""
         dip_deg = self.heading_difference_deg.dip_deg
         return self.rotation is not None and self.rotation.answer_to(self.target_deg, dip_deg) == "fails"
 
     @property
     def is_turned(self) -> bool:
-        """Both know a rotation, and theirs differ by more than chance explains; without any covariance, at all.
+        """Whether both have a rotation and these differ significantly; without covariances, whether they differ at all.
 
-        That is no verdict on the ellipsoids: a sensor that was turned in its mounting is still the same sensor.
+        The ellipsoids do not matter here: a sensor that was rotated in its mounting is still the same sensor.
         """
         if self.rotation is None:
             return False
         if self.rotation.p_value is None:
-            return self.p_value is None and self.rotation.angle_deg > SAME_DEG
+            return self.p_value is None and self.rotation.angle_deg > MAX_ROUNDING_DEG
         return self.rotation.p_value < CHANCE
 
     @property
     def worst_deg(self) -> float:
-        """The worst heading difference; where nothing is left to chance, with that of the rotations."""
+        """The worst heading difference; without covariances, including that of the rotations."""
         worst = self.heading_difference_deg.worst
         if self.rotation is None or self.p_value is not None:
             return worst
@@ -167,35 +167,35 @@ class Comparison:
 
     @property
     def largest_deg(self) -> float:
-        """What the heading difference is below with a probability of 95 %: it and its bound."""
+        """Upper limit of the heading difference with a probability of 95 %: the difference plus its bound."""
         return self.worst_deg + (self.claimed_bound_deg or 0.0)
 
     @property
     def telling_bound_deg(self) -> float | None:
-        """Widest claim (95 %) with which this difference would be answered; None where it is."""
+        """Widest bound (95 %) with which this difference could be decided; None if it is decided."""
         if self.answer != "cannot-tell" or self.claimed_deg is None or self.claimed_bound_deg is None:
             return None
         if self.worst_deg <= self.target_deg:
             return self.target_deg - self.worst_deg
-        narrower = (self.worst_deg - self.target_deg) / (ONE_SIDED * self.claimed_deg.worst)
+        narrower = (self.worst_deg - self.target_deg) / (ONE_SIDED_SIGMAS * self.claimed_deg.worst)
         return min(narrower * self.claimed_bound_deg, self.worst_deg)
 
     @property
     def wider_claim(self) -> Wider | None:
-        """Whose claim limits the answer, that of a or of b; None where there is one."""
+        """The wider claim, ``a`` or ``b``, that prevents a decision; None if there is a decision."""
         if self.answer != "cannot-tell" or self.own_bounds_deg is None:
             return None
         return "a" if self.own_bounds_deg[0] > self.own_bounds_deg[1] else "b"
 
     @property
     def is_nothing(self) -> bool:
-        """Whether they are the same calibration but for rounding."""
+        """Whether both are the same calibration except for rounding."""
         scale = abs(self.scale_difference) if self.is_scale_known else 0.0
         apart = max(math.radians(self.direction_difference_deg), self.offset_share, scale)
         return apart < 1e-9 and not self.is_turned
 
     def as_dict(self) -> dict[str, Any]:
-        """JSON-ready: what ``--json`` prints; no key of a rotation where nobody knows one."""
+        """JSON-ready, as printed by ``--json``; keys of a rotation only if there is one."""
         heading = self.heading_difference_deg
         return {
             "answer": self.answer,
@@ -222,31 +222,31 @@ class Comparison:
 
 @dataclass(frozen=True, slots=True)
 class Strength:
-    """How evenly long corrected readings are, as fractions of the calibration's field; sums that add.
+    """Statistics of the lengths of corrected readings, as fractions of the calibration's field, in sums that add.
 
     >>> Strength.of(np.array([0.9, 1.1])) + Strength.of(np.array([1.0, 1.0]))
     Strength(mean=1.000, spread=7.1%, readings=4)
     """
 
     readings: int = 0
-    total: float = 0.0  #: sum of the lengths less one
-    squares: float = 0.0  #: sum of the squares of that
+    total: float = 0.0  #: sum of the lengths minus one
+    squares: float = 0.0  #: sum of the squares of the lengths minus one
 
     @classmethod
     def of(cls, lengths: Floats) -> Self:
-        """Add up lengths (N,), as fractions of the field."""
+        """Sum up (N,) lengths, as fractions of the field."""
         excess = lengths - 1.0
         return cls(len(lengths), float(excess.sum()), float(excess @ excess))
 
     @classmethod
     def under(cls, calibration: Calibration, field: Floats) -> Self:
-        """Correct (N, 3) raw readings, in the calibration's unit and axes, and add up their lengths."""
+        """Correct (N, 3) raw readings, in the calibration's unit and axes, and sum up their lengths."""
         with np.errstate(over="ignore"):
             return cls.of(np.linalg.norm(calibration.apply(field), axis=1) / calibration.field_strength)
 
     @property
     def mean(self) -> float:
-        """Mean length: 1 where the field is as strong as that of the calibration."""
+        """Mean length: 1 if the field is as strong as that of the calibration."""
         return 1.0 + self.total / self.readings if self.readings else 0.0
 
     @property
@@ -272,45 +272,46 @@ class Strength:
 
 
 def _degrees(angle_deg: float) -> str:
-    """An angle of a table; rounding alone is none."""
+    """An angle of a table as text; 0° for rounding errors."""
     return f"{figures(angle_deg)}°" if angle_deg > 1e-6 else "0°"
 
 
 @spell_checked()
 def compare(a: Fit, b: Fit, *, dip_deg: float | None = None, target_deg: float = 1.0) -> Comparison:
-    """Say how far two calibrations of one sensor are apart, and whether that is more than chance.
+    """Compare two calibrations of one sensor, and decide whether their difference is significant.
 
-    Each corrects the readings that the other expects of a vehicle that turns, and what comes out is held against
-    the turn: so it makes no difference but of sign which comes first. The covariances are added, as those of
+    Each calibration corrects readings of a turning vehicle that were simulated with the other, and the result is
+    compared with the true heading: so their order only changes signs. The covariances are added, as those of
     independent recordings: two fits of one recording share its noise and agree better than this claims.
 
-    The scale: readings of one sensor are longer in a stronger field, which says nothing of the sensor. Unless
-    both calibrations were given the strength of their field, both ellipsoids are therefore brought to one radius,
-    their common scale is taken out of the covariances, and chi-square has a degree of freedom less.
+    The scale: readings of one sensor are longer in a stronger field, which is no property of the sensor. Unless the
+    field strength of both calibrations is known, both ellipsoids are therefore scaled to one radius, their common
+    scale is removed from the covariances, and chi-square has one degree of freedom less.
 
-    One that rests on a level turn knows x and y alone: both are then held against each other as that turn reads
-    them, at the dip of the level turn, and the direction is that of a level vehicle's horizontal field.
+    A calibration from a level turn is known in x and y alone: both are then compared for that turn, at its dip, and the
+    direction is that of a level vehicle's horizontal field.
 
-    The rotation: an ellipsoid knows none, and where an aid has found how the magnetometer's axes sit in the body, that
-    is no part of what the ellipsoids say. Both are held against each other in the magnetometer's own axes, degrees
-    as chi-square; where both know a rotation, `Comparison.rotation` says how far those are apart.
+    The rotation: an ellipsoid has none. If aiding sensors found the rotation of the magnetometer into the body, it is
+    not part of this comparison, whose degrees and chi-square are in the magnetometer's own axes. If both have a
+    rotation, `Comparison.rotation` has their difference.
 
     Parameters
     ----------
     a, b : Fit
-        Fitted or loaded from their files, in the same unit and axes. One that states no uncertainty is taken as exact.
+        Fitted or loaded from their files, in the same unit and axes. A fit without a stated uncertainty counts as
+        exact.
     dip_deg : float, optional
-        Inclination of the field, positive where it points along +z of the sensor's mapped axes; by default what `a`
-        was judged at, else what `b` was, else 60°.
+        Inclination of the field, positive if it points along +z of the sensor's mapped axes; by default that for which
+        `a` was judged, else `b`, else 60°.
     target_deg : float
         Worst heading difference that is good enough, in degrees.
 
     Raises
     ------
     UnitError
-        Where one is in µT and the other in counts.
+        If one is in µT and the other in counts.
     AxesError
-        Where their axes are mapped in different ways.
+        If their axes are mapped in different ways.
     UsageError
         For a target that is not positive, or a dip within a degree of the poles.
     """
@@ -320,31 +321,31 @@ def compare(a: Fit, b: Fit, *, dip_deg: float | None = None, target_deg: float =
         refuse_unlike(a, b)
         comparison = compare_level(_level(a, dip_deg), _level(b, dip_deg), dip_deg=dip_deg, target_deg=target_deg)
     else:
-        comparison = _compared(a, b, dip_deg=dip_deg, target_deg=target_deg, is_flat=False)
-    return replace(comparison, rotation=RotationDifference.of(a, b), omitted_rotation_deg=_left_out_deg(a, b))
+        comparison = _compare(a, b, dip_deg=dip_deg, target_deg=target_deg, is_flat=False)
+    return replace(comparison, rotation=RotationDifference.of(a, b), omitted_rotation_deg=_omitted_rotation_deg(a, b))
 
 
 def judged_at(*fits: Fit) -> float:
-    """Dip, with its side, that the first fit which states one was judged at, else 60°."""
+    """Signed dip at which the first fit that states one was judged, else 60°."""
     stated = [fit.heading_error_deg.dip_deg for fit in fits]
     return next((dip for dip in stated if math.isfinite(dip)), 60.0)
 
 
 def compare_level(a: Fit, b: Fit, *, dip_deg: float = 60.0, target_deg: float = 1.0) -> Comparison:
-    """Say how far two calibrations are apart of which both are the ellipse of a level turn, as an ellipsoid's equator.
+    """Compare two calibrations that are both ellipses of level turns, given as equators of ellipsoids.
 
     Parameters
     ----------
     dip_deg : float
-        Inclination of the field at the turn, in degrees; said, and in both ellipses already.
+        Inclination of the field at the turn, in degrees; it is reported, and both ellipses already include it.
     target_deg : float
-        As for `compare`, and so is what is raised.
+        As for `compare`, as are the errors raised.
     """
-    return _compared(a, b, dip_deg=dip_deg, target_deg=target_deg, is_flat=True)
+    return _compare(a, b, dip_deg=dip_deg, target_deg=target_deg, is_flat=True)
 
 
-def _compared(a: Fit, b: Fit, *, dip_deg: float, target_deg: float, is_flat: bool) -> Comparison:
-    """Compare two calibrations, whatever they rest on; `is_flat`: both are ellipses of a level turn."""
+def _compare(a: Fit, b: Fit, *, dip_deg: float, target_deg: float, is_flat: bool) -> Comparison:
+    """Compare two calibrations; `is_flat`: both are ellipses of a level turn."""
     if not target_deg > 0.0:
         raise UsageError(f"target is {target_deg:g}°: need a positive angle")
     turn_dip_deg = 0.0 if is_flat else dip_deg
@@ -354,7 +355,7 @@ def _compared(a: Fit, b: Fit, *, dip_deg: float, target_deg: float, is_flat: boo
     middle = Ellipsoid(pair.moved[0], pair.middle[0])
     bounds = [
         level_bound_deg(middle, each.covariance[0], dip_deg=turn_dip_deg)
-        for each in (pair, _pair(a, _exact(b))[0], _pair(_exact(a), b)[0])
+        for each in (pair, _pair(a, _without_covariance(b))[0], _pair(_without_covariance(a), b)[0])
     ]
     chi_square, freedom = pair.chi_square(IN_PLANE if is_flat else range(9))
     stated = a.claim.states_uncertainty or b.claim.states_uncertainty
@@ -377,13 +378,13 @@ def _compared(a: Fit, b: Fit, *, dip_deg: float, target_deg: float, is_flat: boo
     )
 
 
-def _exact(fit: Fit) -> Fit:
+def _without_covariance(fit: Fit) -> Fit:
     """The same fit without an uncertainty."""
     return replace(fit, claim=replace(fit.claim, covariance=np.zeros((9, 9)), structure_deg=0.0))
 
 
-def _left_out_deg(a: Fit, b: Fit) -> float | None:
-    """The angle of the rotation that one of both alone knows."""
+def _omitted_rotation_deg(a: Fit, b: Fit) -> float | None:
+    """Angle of the rotation that only one of both has; None otherwise."""
     knowing = [one for one in (a, b) if one.calibration.rotation != "symmetric"]
     if len(knowing) != 1:
         return None
@@ -391,8 +392,8 @@ def _left_out_deg(a: Fit, b: Fit) -> float | None:
 
 
 def _level(fit: Fit, dip_deg: float) -> Fit:
-    """What a fit says of a turn in x and y alone: an ellipsoid whose equator is the ellipse of that turn."""
-    # One that rests on a level turn has its own dip.
+    """A fit reduced to a level turn in x and y: an ellipsoid whose equator is the ellipse of that turn."""
+    # A fit to a level turn has its own dip.
     if fit.claim.plane is not None and math.isfinite(fit.heading_error_deg.dip_deg):
         dip_deg = fit.heading_error_deg.dip_deg
     strength = fit.calibration.field_strength * math.cos(math.radians(dip_deg))
@@ -405,7 +406,7 @@ def _level(fit: Fit, dip_deg: float) -> Fit:
 def as_equator(
     fit: Fit, rows: Floats, parameters: Floats, covariance: Floats, *, field_strength: float | None = None
 ) -> Fit:
-    """A fit whose (9,) parameters and their covariance are `rows` (9, K) of those (K,) that are given."""
+    """A fit whose nine parameters and their covariance are `rows` (9, K) times the given (K,) parameters."""
     flat, old = rows @ parameters, fit.calibration
     calibration = Calibration.from_ellipsoid(
         flat[:3], symmetric(flat[3:]), field_strength=field_strength, raw=old.raw, axes=old.axes, frame=old.frame
@@ -417,7 +418,7 @@ def as_equator(
 
 
 def _pair(a: Fit, b: Fit) -> tuple[Pairs, bool]:
-    """Both as a pair of one size, without rotations, and whether their field strengths are known."""
+    """Both fits as a pair of one size, without rotations, and whether their field strengths are known."""
     refuse_unlike(a, b)
     known = a.calibration.field_strength_known and b.calibration.field_strength_known
     strengths = np.array([a.calibration.field_strength]), np.array([b.calibration.field_strength])
@@ -425,16 +426,16 @@ def _pair(a: Fit, b: Fit) -> tuple[Pairs, bool]:
 
 
 def _one(fit: Fit) -> EllipsoidPairs:
-    """A fit as a batch of one; without a covariance it is exact."""
+    """A fit as a batch of one; without a covariance it counts as exact."""
     ellipsoid, covariance = fit.calibration.ellipsoid, fit.claim.claimed_covariance
     return EllipsoidPairs(ellipsoid.centre[np.newaxis], ellipsoid.shape[np.newaxis], covariance[np.newaxis])
 
 
 def refuse_unlike(a: Fit, b: Fit) -> None:
-    """Refuse calibrations whose numbers cannot be held against each other.
+    """Refuse calibrations whose numbers cannot be compared.
 
-    Raises `UnitError` where one is in µT and the other in counts; `AxesError` where their axes are mapped in different
-    ways; `UsageError` where one of them linearizes its axes.
+    Raises `UnitError` if one is in µT and the other in counts; `AxesError` if their axes are mapped in different ways;
+    `UsageError` if one of them linearizes its axes.
     """
     if a.calibration.unit != b.calibration.unit:
         raise UnitError(
@@ -445,8 +446,8 @@ def refuse_unlike(a: Fit, b: Fit) -> None:
     for one in (a, b):
         if one.calibration.linearization is not None:
             raise UsageError(
-                f"{one.provenance.name} linearizes its axes, and offset and matrix alone do not tell what it does to a "
-                "reading: compare it with a recording, flinders check CALIBRATION RECORDING"
+                f"{one.provenance.name} linearizes its axes, offset and matrix are only a part of its correction: "
+                "compare it with a recording, flinders check CALIBRATION RECORDING"
             )
     for what in ("axes", "frame"):
         ours, theirs = getattr(a.calibration, what), getattr(b.calibration, what)

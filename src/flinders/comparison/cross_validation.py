@@ -1,13 +1,13 @@
-"""Cross-validation by blocks of time: what readings that a method has not seen say of it, in degrees of heading.
+"""Cross-validation of a method by blocks of time, in degrees of heading.
 
-A residual of readings that were fitted says little, and one of readings held back says how far they are from the
-surface, noise included. Neither is a heading error. Here each block of time is held back in turn, and two things are
-asked. *Bias*: which change of offset and shape would the readings held back have asked for, all blocks together? A
-sphere through an ellipsoid is told what it cannot model, and what extremes overshoot is told to them. *Scatter*: how
-much do the answers differ when another block is missing? Both are carried over to a level heading.
+Residuals of fitted readings show little, and residuals of left-out readings include noise. Neither is a heading error.
+Here each block of time is left out in turn, and two errors are computed. *Bias*: the change of offset and shape that
+fits the left-out readings of all blocks best. It shows errors of the model, as of a sphere through an ellipsoid, and
+errors of the method, as of extremes that include noise. *Scatter*: the difference between the fits without different
+blocks. Both are propagated to a level heading.
 
-Blocks are stretches of time and not rows drawn at random: neighbouring readings share the errors of their
-place and their moment, and would vouch for each other.
+Blocks are stretches of time and not random rows: neighbouring readings share errors of their place and time, so that
+they are not independent.
 
 >>> from flinders import simulate
 >>> from flinders.estimators.auto import Auto
@@ -50,32 +50,32 @@ if TYPE_CHECKING:
     from flinders.heading.error_propagation import HeadingError
 
 BLOCKS: Final = 10
-"""Of ten a training set misses a tenth, and a minute of tumbling gives blocks that are longer than its memory."""
+"""Count of blocks: each fit lacks a tenth of the readings, and blocks are longer than the correlation time."""
 
 LEAST: Final = 4
-"""Readings of a block."""
+"""Smallest count of readings of a block."""
 
 
 @dataclass(frozen=True, slots=True, repr=False)
 class Validation(ShortRepr):
-    """What cross-validation found."""
+    """Result of a cross-validation."""
 
-    heading_error_deg: HeadingError  #: of a level vehicle, 1 σ: bias and scatter together
+    heading_error_deg: HeadingError  #: of a level vehicle, 1 σ: bias and scatter combined
     bias_deg: float  #: bias alone, rms over all headings
     scatter_deg: float  #: scatter alone
-    #: rms distance of the readings held back from the surface that the others gave, in their unit; noise included
+    #: rms distance of left-out readings from the surface fitted to the others, in their unit; noise included
     misfit: float
     blocks: int
 
 
 class NotValidated(FitError):
-    """A method cannot be asked about readings that it has not seen."""
+    """A method cannot be cross-validated."""
 
     code = "not-validated"
 
     @classmethod
     def without(cls, block: int, blocks: int, reason: str) -> NotValidated:
-        """It gives nothing comparable when one block of time is missing."""
+        """Create the error for a method that gives no comparable fit without one block."""
         return cls(
             f"not cross-validated, as it fails without block {block} of {blocks}: {reason}", block=block, blocks=blocks
         )
@@ -89,26 +89,27 @@ def cross_validated(
     dip_deg: float = 60.0,
     counted: NDArray[np.bool_] | None = None,
 ) -> Validation:
-    """Fit all blocks of time but one, in turn, and ask the one that was held back.
+    """Cross-validate a method: fit all blocks of time but one, in turn, and test the one that is left out.
 
-    With N = Σ JJᵀ and g = Σ J (s − σ²½∇²s) over all readings, s the distance of each from the surface of the fit
-    that has not seen it and J its Jacobian (`flinders.likelihood.magnitude`), the bias is δ = (N/σ² + Λ)⁻¹ g/σ²: what
-    least squares would change. The precision Λ of a change by three tenths of the radius keeps δ at zero where nothing
-    was seen. The scatter is that of the jackknife over K blocks, (K − 1)/K Σ (θₖ − θ̄)(θₖ − θ̄)ᵀ, all θₖ of one radius.
+    Let N = Σ JJᵀ and g = Σ J (s − σ²½∇²s) over all readings, where s is the distance of a reading from the surface
+    fitted without it and J its Jacobian (`flinders.likelihood.magnitude`). The bias is δ = (N/σ² + Λ)⁻¹ g/σ², the
+    change by least squares. Λ is the precision of a prior change of 0.3 radii, which keeps δ at zero in undetermined
+    directions. The scatter is that of the jackknife over K blocks, (K − 1)/K Σ (θₖ − θ̄)(θₖ − θ̄)ᵀ, with all θₖ scaled
+    to one radius.
 
-    Raises `NotValidated` if a fit fails where one block is missing, or the method is for readings of which none may be
-    missing; `UsageError` for fewer than two blocks, or fewer than four readings in each.
+    Raises `NotValidated` if a fit fails without one block, or if the method needs all readings; `UsageError` for fewer
+    than two blocks, or fewer than four readings in each.
 
     Parameters
     ----------
     samples : Samples
         In the order of time.
     blocks : int
-        Stretches of equally many readings.
+        Count of blocks, each with the same count of readings.
     dip_deg : float
-        Inclination of the field at the site, positive where it points along +z.
+        Inclination of the field at the site, positive if it points along +z.
     counted : (N,) bool, optional
-        Readings that are asked when their block is held back: not outliers, which a method may fit or not.
+        Readings to test in the left-out blocks, without outliers; these may be among the fitted readings.
 
     References
     ----------
@@ -117,7 +118,7 @@ def cross_validated(
     """
     _require_blocks(estimator, len(samples), blocks)
     inliers = np.ones(len(samples), dtype=bool) if counted is None else counted
-    folds = list(_fitted_folds(estimator, samples, inliers, blocks, dip_deg))
+    folds = list(_fit_folds(estimator, samples, inliers, blocks, dip_deg))
     equations, curvature = NormalEquations.empty(), np.zeros(9)
     for fold in folds:
         equations += magnitude.equations([fold.unused], fold.ellipsoid)
@@ -125,7 +126,7 @@ def cross_validated(
     middle, scatter = _jackknife([fold.ellipsoid for fold in folds])
     bias = _required_change(equations, curvature, middle)
     both = np.outer(bias, bias)
-    turn = _turn(folds[0].plane, dip_deg)
+    turn = _turn_options(folds[0].plane, dip_deg)
     return Validation(
         heading_error_deg=replace(level_error(middle, both + scatter, **turn), dip_deg=dip_deg),
         bias_deg=level_error(middle, both, **turn).rms,
@@ -136,7 +137,7 @@ def cross_validated(
 
 
 class _Fold(NamedTuple):
-    """A fit to all blocks but one, and the (m, 3) readings of that one, laid flat where the fit is of a plane."""
+    """A fit to all blocks but one, and the (m, 3) readings of that one, projected if the fit is of a plane."""
 
     ellipsoid: Ellipsoid
     plane: Plane | None
@@ -144,17 +145,19 @@ class _Fold(NamedTuple):
 
 
 def _require_blocks(estimator: Estimator, count: int, blocks: int) -> None:
-    """Refuse readings that do not make so many blocks, and a method of which no block may be missing."""
+    """Refuse too few readings for the blocks, and a method that needs all readings."""
     if blocks < 2 or count < LEAST * blocks:
         raise UsageError(f"{blocks} blocks of {count:,} readings: need 2 or more, of {LEAST} readings or more each")
     if getattr(estimator, "needs_even_turn", False):
-        raise NotValidated("not cross-validated: it takes points equally spaced around, and a block less is not")
+        raise NotValidated(
+            "not cross-validated: the method needs equally spaced points, which a missing block prevents"
+        )
 
 
-def _fitted_folds(
+def _fit_folds(
     estimator: Estimator, samples: Samples, inliers: NDArray[np.bool_], blocks: int, dip_deg: float
 ) -> Iterator[_Fold]:
-    """Fit without each block in turn; all have to be ellipsoids, or all ellipses of one plane."""
+    """Yield the fits without each block in turn; all must be ellipsoids, or all ellipses of one plane."""
     planes: set[Plane | None] = set()
     for number, (rest, rows) in enumerate(_blocks(samples, blocks), 1):
         try:
@@ -163,35 +166,35 @@ def _fitted_folds(
             raise NotValidated.without(number, blocks, error.message) from error
         planes.add(estimate.plane)
         if len(planes) > 1:
-            raise NotValidated.without(number, blocks, "it takes an ellipse for an ellipsoid, or the other way round")
-        unused = _of_one_strength(samples[rows][inliers[rows]], estimate)
+            raise NotValidated.without(number, blocks, "the fit is an ellipse in place of an ellipsoid, or the reverse")
+        unused = _scale_to_one_strength(samples[rows][inliers[rows]], estimate)
         if estimate.plane is None:
             yield _Fold(estimate.ellipsoid, None, unused)
         else:
             section = equator(estimate.ellipsoid, estimate.plane, dip_deg=getattr(estimator, "dip_deg", dip_deg))
-            yield _Fold(section, estimate.plane, _laid_flat(unused, estimate.plane))
+            yield _Fold(section, estimate.plane, _project(unused, estimate.plane))
 
 
-def _of_one_strength(samples: Samples, estimate: Estimate) -> Floats:
-    """(m, 3) unused readings, brought to one field strength where the method knows that of each."""
+def _scale_to_one_strength(samples: Samples, estimate: Estimate) -> Floats:
+    """(m, 3) left-out readings, scaled to one field strength if the method uses the strength of each."""
     alike = at_one_strength(Readings.of(samples), estimate)
     return np.concatenate([np.empty((0, 3)), *alike.blocks(estimate.method)])
 
 
-def _laid_flat(field: Floats, plane: Plane) -> Floats:
-    """(N, 3) readings without what they read along the axis that is turned about."""
+def _project(field: Floats, plane: Plane) -> Floats:
+    """(N, 3) readings without their component along the axis of rotation."""
     flat = field.copy()
     flat[:, order_of(plane)[2]] = 0.0
     return flat
 
 
-def _turn(plane: Plane | None, dip_deg: float) -> dict[str, Any]:
-    """How the vehicle turns whose heading is judged: level, or about the axis across a plane that was laid flat."""
+def _turn_options(plane: Plane | None, dip_deg: float) -> dict[str, Any]:
+    """Options for the heading error: of a level turn, or of a turn about the axis perpendicular to a plane."""
     return {"dip_deg": dip_deg} if plane is None else {"dip_deg": 0.0, "down": np.eye(3)[order_of(plane)[2]]}
 
 
 def _blocks(samples: Samples, blocks: int) -> Iterator[tuple[Recording, slice]]:
-    """Yield all other readings and the rows of each block."""
+    """Yield for each block the other readings, and its rows."""
     cuts = np.linspace(0, len(samples), blocks + 1).astype(int)
     for begin, end in pairwise(cuts):
         before, after = samples[:begin], samples[end:]
@@ -199,11 +202,11 @@ def _blocks(samples: Samples, blocks: int) -> Iterator[tuple[Recording, slice]]:
 
 
 def _required_change(equations: NormalEquations, curvature: Floats, ellipsoid: Ellipsoid) -> Floats:
-    """(9,) change of offset and shape that the unused readings require."""
+    """(9,) change of offset and shape that fits the left-out readings best."""
     variance = max(equations.cost / max(equations.count, 1), np.finfo(float).tiny)
     ridge = np.eye(9) * (variance / (SPREAD * ellipsoid.radius) ** 2)
     first = replace(equations, matrix=equations.matrix + ridge).step()
-    # what no change of offset and shape explains
+    # residuals that no change of offset and shape explains
     left = equations.cost - 2.0 * float(first @ equations.gradient) + float(first @ equations.matrix @ first)
     noise = max(left, 0.0) / max(equations.count - 9, 1)
     corrected = replace(equations, matrix=equations.matrix + ridge, gradient=equations.gradient - noise * curvature)
@@ -211,7 +214,7 @@ def _required_change(equations: NormalEquations, curvature: Floats, ellipsoid: E
 
 
 def _jackknife(ellipsoids: list[Ellipsoid]) -> tuple[Ellipsoid, Floats]:
-    """Their mean, and the (9, 9) variance of the jackknife; all brought to one radius, as scale turns no heading."""
+    """Mean and (9, 9) jackknife covariance of ellipsoids, all scaled to one radius, as scale changes no heading."""
     radius = float(np.exp(np.mean([np.log(one.radius) for one in ellipsoids])))
     each = np.array([Ellipsoid(one.centre, one.shape * (radius / one.radius)).parameters for one in ellipsoids])
     middle = each.mean(axis=0)

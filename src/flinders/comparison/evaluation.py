@@ -1,4 +1,4 @@
-"""A calibration against the truth: what it really costs in degrees, beside what it claims.
+"""Evaluation of a calibration against a known truth: true errors in degrees, and claimed errors.
 
 >>> from flinders import simulate
 >>> from flinders.fitting import calibrate
@@ -48,55 +48,55 @@ TARGET_DEG: Final = 1.0
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Evaluation:
-    """True errors of a calibration, and those that it claims.
+    """True errors of a calibration, and its claimed errors.
 
-    An ellipsoid knows no rotation: its claims are in the magnetometer's own axes, and so are the errors that are held
-    against them. Where an aiding sensor saw the rotation, its error is held against its own claim, and the heading of
-    the body, which has both, against both.
+    The claims of an ellipsoid are in the magnetometer's own axes, without a rotation, and so are the errors compared
+    with them. If an aiding sensor gave the rotation, its error is compared with its own claim, and the heading of the
+    body with both claims.
     """
 
     #: of a level vehicle, in the magnetometer's own axes: rms over 72 headings and the worst, the mean removed
     heading_error_deg: HeadingError
-    heading_mean_deg: float  #: that mean
-    #: (rms, worst): angle between the corrected and the true field over 400 directions, with the rotation in it
+    heading_mean_deg: float  #: the mean heading error that was removed
+    #: (rms, worst): angle between the corrected and the true field over 400 directions, rotation included
     direction_error_deg: DirectionError
     unrotated_direction_error_deg: DirectionError  #: (rms, worst): the same in the magnetometer's own axes
-    #: from the true rotation into the body to that of the calibration; with a covariance where one is claimed
+    #: from the true rotation into the body to that of the calibration; with a covariance if one is claimed
     rotation: RotationDifference
-    offset_error: Floats  #: (3,), in `unit`: offset less the true one
-    #: what the correction leaves of the soft iron, rotation and scale taken away: Frobenius norm of P − 1, where R P is
+    offset_error: Floats  #: (3,), in `unit`: offset minus the true one
+    #: remaining soft iron after the correction, without rotation and scale: Frobenius norm of P − 1, where R P is
     #: the polar decomposition of matrix × true matrix and P is scaled to determinant 1
     matrix_error: float
-    #: corrected length over the true one, less one; None where no field strength was given, and nothing is claimed
+    #: corrected length over the true one, minus one; None without a given field strength, as nothing is claimed
     scale_error: float | None
     field_strength: float  #: in `unit`: the true one
     target_deg: float
     unit: str  #: of offsets: ``uT`` or ``counts``
-    #: 1 σ that the calibration's covariance gives at the same dip; None where it states none
+    #: 1 σ by the calibration's covariance at the same dip; None if it states none
     claimed_heading_deg: HeadingError | None = None
-    claimed_bound_deg: float | None = None  #: what no heading exceeds with a probability of 95 %, as claimed
+    claimed_bound_deg: float | None = None  #: claimed bound of the error at all headings, with a probability of 95 %
     claimed_direction_deg: DirectionError | None = None  #: (rms, worst): 1 σ
     offset_sigma: Floats | None = None  #: (3,), in `unit`: 1 σ, as claimed
-    chi_square: float | None = None  #: of the level heading errors and of the rotation against their covariances
-    freedom: int = 0  # two for a circle, two for a figure of eight around the compass, three for a rotation
-    #: of the level body, with the rotation and nothing removed: true error, and 1 σ; None where no rotation is claimed
+    chi_square: float | None = None  #: χ² of the level heading errors and of the rotation against their covariances
+    freedom: int = 0  # two for each of the first two harmonics of the heading error, three for a rotation
+    #: of the level body, rotation included, without removing the mean: true error; None if no rotation is claimed
     body_heading_error_deg: HeadingError | None = None
-    claimed_body_heading_deg: HeadingError | None = None  #: what is claimed of that
+    claimed_body_heading_deg: HeadingError | None = None  #: claimed 1 σ of that error
 
     @property
     def p_value(self) -> float | None:
-        """How often chance alone makes the errors as large; None where nothing is claimed."""
+        """Probability of errors as large by chance; None if nothing is claimed."""
         return None if self.chi_square is None else chance_of(self.chi_square, self.freedom)
 
     @property
     def heading_ratio(self) -> float | None:
-        """True heading error over the claimed one, rms: about 1 on average where the claims are true."""
+        """True heading error over the claimed one, rms: about 1 on average if the claims are right."""
         claimed = self.claimed_heading_deg
         return None if claimed is None else _ratio(self.heading_error_deg.rms, claimed.rms)
 
     @property
     def body_heading_ratio(self) -> float | None:
-        """True heading error of the body over the claimed one, rms; None where no rotation is claimed."""
+        """True heading error of the body over the claimed one, rms; None if no rotation is claimed."""
         true, claimed = self.body_heading_error_deg, self.claimed_body_heading_deg
         return None if true is None or claimed is None else _ratio(true.rms, claimed.rms)
 
@@ -108,7 +108,7 @@ class Evaluation:
 
     @property
     def offset_ratio(self) -> float | None:
-        """Length of the offset error over that of its claimed 1 σ."""
+        """Length of the offset error over the length of its claimed 1 σ."""
         sigma = self.offset_sigma
         return None if sigma is None else _ratio(math.hypot(*self.offset_error), math.hypot(*sigma))
 
@@ -119,14 +119,14 @@ class Evaluation:
 
     @property
     def verdict(self) -> Claim:
-        """``worse than claimed`` where chance makes such errors less than once in a hundred times."""
+        """``worse than claimed`` if the probability of such errors by chance is below 1 %."""
         if self.p_value is None:
             return "unclaimed"
         return "as claimed" if self.p_value >= CHANCE else "worse than claimed"
 
     @property
     def is_on_target(self) -> bool:
-        """No heading is off by more than the target; of the body, where the calibration claims its rotation."""
+        """Whether no heading error exceeds the target; of the body if the calibration claims a rotation."""
         return (self.body_heading_error_deg or self.heading_error_deg).worst <= self.target_deg
 
     @property
@@ -135,7 +135,7 @@ class Evaluation:
         return self.rotation.angle_deg
 
     def as_dict(self) -> dict[str, Any]:
-        """JSON-ready: what ``--json`` prints."""
+        """JSON-ready, as printed by ``--json``."""
         heading = self.heading_error_deg
         return {
             "verdict": self.verdict,
@@ -152,7 +152,7 @@ class Evaluation:
         }
 
     def _body_as_dict(self) -> dict[str, Any]:
-        """JSON-ready: the rotation and the heading of the body; no key where no rotation is claimed."""
+        """Rotation and heading of the body, JSON-ready; empty if no rotation is claimed."""
         if self.body_heading_error_deg is None:
             return {}
         names = ("body_heading_error_deg", "claimed_body_heading_deg", "body_heading_ratio", "rotation")
@@ -167,17 +167,17 @@ class Evaluation:
 
 
 def evaluate(fit: Fit, truth: Truth, *, dip_deg: float | None = None, target_deg: float = TARGET_DEG) -> Evaluation:
-    """Hold a calibration against what is true of its sensor.
+    """Compute the true errors of a calibration from the truth of its sensor.
 
-    Raises `UnitError` where one is in µT and the other in counts; `UsageError` for a target that is not positive, or a
-    dip within a degree of the poles.
+    Raises `UnitError` if one is in µT and the other in counts; `UsageError` for a target that is not positive, or a dip
+    within a degree of the poles.
 
     Parameters
     ----------
     fit : Fit
-        Fitted or loaded from its file, in the unit of the truth. Where its axes are mapped, the truth is mapped alike.
+        Fitted or loaded from its file, in the unit of the truth. If its axes are mapped, the truth is mapped likewise.
     dip_deg : float, optional
-        Inclination of the field for headings; that of the truth unless another is given.
+        Inclination of the field for headings; by default that of the truth.
     target_deg : float
         Worst heading error that is good enough.
     """
@@ -199,14 +199,14 @@ def evaluate(fit: Fit, truth: Truth, *, dip_deg: float | None = None, target_deg
     values = np.linalg.svd(left, compute_uv=False)
     scale = float(np.cbrt(np.prod(values)))
     heading, directions = level_turn(dip_deg, down_of(fit.claim.plane))
-    errors, mean = heading_errors(_levelled(_corrected(fit, true, directions), fit.claim.plane), heading)
-    seen = fit.calibration.rotation_matrix @ _corrected(fit, true, true.rotation_matrix.T @ DIRECTIONS)
+    errors, mean = heading_errors(_in_level_axes(_correct_simulated(fit, true, directions), fit.claim.plane), heading)
+    seen = fit.calibration.rotation_matrix @ _correct_simulated(fit, true, true.rotation_matrix.T @ DIRECTIONS)
     rotation = RotationDifference.between(true, fit.calibration, rotation_covariance(fit))
     return Evaluation(
         heading_error_deg=HeadingError(*DirectionError.of(np.rad2deg(errors)), float(dip_deg)),
         heading_mean_deg=math.degrees(mean),
         direction_error_deg=_angles_deg(seen),
-        unrotated_direction_error_deg=_angles_deg(_corrected(fit, true, DIRECTIONS)),
+        unrotated_direction_error_deg=_angles_deg(_correct_simulated(fit, true, DIRECTIONS)),
         rotation=rotation,
         offset_error=np.asarray(fit.calibration.offset - true.offset),
         matrix_error=float(np.linalg.norm(values / scale - 1.0)),
@@ -215,12 +215,12 @@ def evaluate(fit: Fit, truth: Truth, *, dip_deg: float | None = None, target_deg
         target_deg=float(target_deg),
         unit=truth.unit,
         **(_claims(fit, dip_deg, errors, rotation) if fit.claim.states_uncertainty else {}),
-        **_of_the_body(fit, true, dip_deg),
+        **_body_errors(fit, true, dip_deg),
     )
 
 
 def mapped(truth: Truth, axes: Axes) -> tuple[Floats, Floats]:
-    """(3, 3) matrix and (3,) offset of the true sensor once its axes are turned: P A Pᵀ and P b.
+    """(3, 3) matrix and (3,) offset of the true sensor in mapped axes: P A Pᵀ and P b.
 
     >>> from flinders.core.axes import Axes
     >>> from flinders.simulate import Sensor, truth, tumble
@@ -235,28 +235,27 @@ def mapped(truth: Truth, axes: Axes) -> tuple[Floats, Floats]:
 
 
 def _true_calibration(truth: Truth, axes: Axes) -> Calibration:
-    """The calibration without any error, of readings whose axes are turned."""
+    """The exact calibration, for readings in mapped axes."""
     matrix, offset = mapped(truth, axes)
     return Calibration(np.linalg.inv(matrix), offset, truth.field.strength, rotation="composed")
 
 
-def _corrected(fit: Fit, true: Calibration, directions: Floats) -> Floats:
-    """(3, K) what comes out for (3, K) unit directions, both in the magnetometer's own axes."""
+def _correct_simulated(fit: Fit, true: Calibration, directions: Floats) -> Floats:
+    """(3, K) corrected fields for (3, K) true unit directions, both in the magnetometer's own axes."""
     moved = (true.offset - fit.calibration.offset)[:, np.newaxis]
     corrected: Floats = np.linalg.solve(fit.calibration.ellipsoid.shape, moved + true.ellipsoid.shape @ directions)
     return corrected
 
 
-def _levelled(field: Floats, plane: Plane | None) -> Floats:
-    """(3, K) fields in axes with z down, where a sensor turns in a plane."""
+def _in_level_axes(field: Floats, plane: Plane | None) -> Floats:
+    """(3, K) fields in axes with z down, for a sensor that turns in a plane."""
     down = down_of(plane)
     return field if down is None else upright(down).T @ field
 
 
 def _claims(fit: Fit, dip_deg: float, errors: Floats, rotation: RotationDifference) -> dict[str, Any]:
-    """What a fit claims, and how the level heading errors (72,) in rad, and the rotation's, bear it out."""
-    # A small error of the offset moves headings by a circle around the compass, one of the shape by a figure of eight:
-    # the first two harmonics are all there is to first order.
+    """Claims of a fit, and the test of its (72,) level heading errors in rad and of its rotation against them."""
+    # To first order an error of the offset causes the first harmonic of the heading error, one of the shape the second.
     heading, down = level_turn(dip_deg)[0], down_of(fit.claim.plane)
     waves = np.array([wave(order * heading) for order in (1, 2) for wave in (np.cos, np.sin)]) * (2 / len(heading))
     ellipsoid, covariance = fit.calibration.ellipsoid, fit.claim.claimed_covariance
@@ -273,13 +272,13 @@ def _claims(fit: Fit, dip_deg: float, errors: Floats, rotation: RotationDifferen
     }
 
 
-def _of_the_body(fit: Fit, true: Calibration, dip_deg: float) -> dict[str, Any]:
-    """The heading error of the level body and its claim, where a rotation is claimed."""
+def _body_errors(fit: Fit, true: Calibration, dip_deg: float) -> dict[str, Any]:
+    """Heading error of the level body and its claim; empty if no rotation is claimed."""
     covariance, turn = rotation_covariance(fit), fit.calibration.rotation_matrix
     if covariance is None or not fit.claim.states_uncertainty:
         return {}
     heading, directions = level_turn(dip_deg)
-    errors, mean = heading_errors(turn @ _corrected(fit, true, true.rotation_matrix.T @ directions), heading)
+    errors, mean = heading_errors(turn @ _correct_simulated(fit, true, true.rotation_matrix.T @ directions), heading)
     return {
         "body_heading_error_deg": HeadingError(*DirectionError.of(np.rad2deg(errors + mean)), float(dip_deg)),
         "claimed_body_heading_deg": body_error(
@@ -295,5 +294,5 @@ def _angles_deg(seen: Floats) -> DirectionError:
 
 
 def _ratio(error: float, claimed: float) -> float | None:
-    """An error over the claimed one; None where nothing is claimed."""
+    """An error over the claimed one; None if nothing is claimed."""
     return error / claimed if claimed > 0.0 else None

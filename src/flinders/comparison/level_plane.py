@@ -1,19 +1,19 @@
-"""A calibration held against a level turn: in the plane that was turned, and in what the turn tells.
+"""Comparison of a calibration with a level turn, in the plane of the turn.
 
-A level turn of a vehicle about its vertical is one about the sensor's z only where that is upright. Corrected with the
-right calibration its readings lie on a circle about the vertical, wherever that points in the sensor: the normal of
-their plane is the vertical d, and their height over it is F sin I. In axes with z along d the calibration expects
+The vertical axis of a level turn is the sensor's z only if the sensor is upright. Corrected with the right calibration,
+the readings lie on a circle about the vertical, whatever its direction in the sensor: the normal of their plane is the
+vertical d, and their height over the centre is F sin I. In axes with z along d the calibration predicts
 
     the circle 0 + F cos I (cos ψ, −sin ψ)
 
-and the turn's ellipse, found in the sensor's x and y, is an ellipse there. Both are held against each other: two
-numbers for the middle, three for the shape. What the turn does not tell, how the third column of the shape and the
-offset share the middle, is in neither. With y = V F S⁻¹ (x − b), an error δ of the calibration and
-X = V F S⁻¹ δS Vᵀ the calibration expects to first order
+and the turn's ellipse, fitted in the sensor's x and y, is an ellipse there. Both are compared in five numbers: two for
+the middle and three for the shape. The turn cannot separate the effects of offset and third column of the shape on the
+middle, and neither of both includes that. With y = V F S⁻¹ (x − b), an error δ of the calibration and X = V F S⁻¹ δS Vᵀ
+the calibration predicts to first order
 
     the middle V F S⁻¹ δb + sin I (X + Xᵀ) ẑ,        the shape cos I (F + (X + Xᵀ)/2)
 
-since the plane of the readings shows where d is: the antisymmetric part of X, a rotation, goes with it.
+since the plane of the readings gives d, and with it the antisymmetric part of X, a rotation.
 
 >>> from flinders import simulate
 >>> from flinders.fitting import calibrate
@@ -47,46 +47,46 @@ if TYPE_CHECKING:
     from flinders.core.samples import Recording
     from flinders.fitting.result import Fit
 
-STEP: Final = 1e-6
-"""Of the radius: by how much a number is changed to see what becomes of the ellipse."""
+DIFFERENCE_STEP: Final = 1e-6
+"""Step of numerical derivatives of the ellipse, as a share of the radius."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Levelled:
-    """A calibration and a turn, as ellipses in the plane that was turned."""
+    """A calibration and a level turn, as ellipses in the plane of the turn."""
 
-    known: Fit  #: in axes whose z is the vertical of the turn, as equators of ellipsoids
-    fresh: Fit  #: in the same axes
-    #: inclination of the field as the calibration sees it, positive where it points along +z of the mapped axes
+    known: Fit  #: calibration in axes with z along the vertical of the turn, as the equator of an ellipsoid
+    fresh: Fit  #: level turn in the same axes
+    #: inclination of the field by the calibration, positive if it points along +z of the mapped axes
     dip_deg: float
 
     @classmethod
     def of(cls, known: Fit, fresh: Fit, recording: Recording) -> Self:
-        """Find the plane of the turn, and take both there.
+        """Determine the plane of the turn, and convert both calibrations to it.
 
         Parameters
         ----------
         known : Fit
-            Of all attitudes.
+            Calibration for all attitudes.
         fresh : Fit
-            Of a level turn, `plane` xy.
+            Fit to a level turn, `plane` xy.
         recording : Recording
             The turn, in the unit and axes of both.
         """
         turn = _Turn.of(known, fresh, recording)
-        _, shape, height = turn.seen(turn.numbers)
+        _, shape, height = turn.ellipse_and_height(turn.numbers)
         dip = math.atan2(height, math.sqrt(float(np.linalg.det(shape))))
         level = known.calibration.field_strength * math.cos(dip)
         expected = np.array([0.0, 0.0, level, level, 0.0])
         return cls(
-            _flat(known, expected, turn.expected_covariance(dip)),
-            _flat(fresh, turn.ellipse(turn.numbers), turn.seen_covariance()),
+            _as_equator(known, expected, turn.expected_covariance(dip)),
+            _as_equator(fresh, turn.ellipse(turn.numbers), turn.measured_covariance()),
             math.degrees(dip),
         )
 
 
 def compare_turned(known: Fit, fresh: Fit, recording: Recording, *, target_deg: float = 1.0) -> Comparison:
-    """Say how far a calibration is from a level turn, as `flinders.compare` does for two calibrations.
+    """Compare a calibration with a level turn, as `flinders.compare` does for two calibrations.
 
     Parameters
     ----------
@@ -100,9 +100,9 @@ def compare_turned(known: Fit, fresh: Fit, recording: Recording, *, target_deg: 
 
 
 def compare_on(recording: Recording, known: Fit, fresh: Fit, *, dip_deg: float, target_deg: float) -> Comparison:
-    """Compare a calibration with a fit of a recording; where that is a level turn, in the plane that was turned.
+    """Compare a calibration with a fit of a recording; a level turn is compared in its plane.
 
-    `dip_deg` and `target_deg` are those of `flinders.compare`; of a level turn the dip is that of the fit.
+    `dip_deg` and `target_deg` are those of `flinders.compare`; for a level turn the dip is that of the fit.
     """
     if fresh.claim.plane == "xy" and known.claim.plane is None:
         return compare_turned(known, fresh, recording, target_deg=target_deg)
@@ -111,7 +111,7 @@ def compare_on(recording: Recording, known: Fit, fresh: Fit, *, dip_deg: float, 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Turn:
-    """A level turn beside a calibration."""
+    """A level turn and a calibration, with the joint parameters of both."""
 
     known: Fit
     numbers: Floats
@@ -119,7 +119,7 @@ class _Turn:
 
     @classmethod
     def of(cls, known: Fit, fresh: Fit, recording: Recording) -> Self:
-        """Lay a plane through the readings."""
+        """Fit a plane to the readings."""
         dip_deg = fresh.heading_error_deg.dip_deg if math.isfinite(fresh.heading_error_deg.dip_deg) else 60.0
         ellipse = equator(fresh.calibration.ellipsoid, "xy", dip_deg=dip_deg)
         noise = fresh.evidence.noise if math.isfinite(fresh.evidence.noise) else 0.0
@@ -138,34 +138,34 @@ class _Turn:
         return inverse
 
     def levelling(self, slopes: Floats) -> Floats:
-        """(3, 3) V, from the magnetometer's own axes, corrected, to those with z along the vertical."""
+        """(3, 3) rotation V from the magnetometer's own corrected axes to axes with z along the vertical."""
         normal = np.linalg.solve(self.inverse, np.append(-slopes, 1.0))  # symmetric: M⁻ᵀ n
         return upright(normal / np.linalg.norm(normal)).T
 
-    def seen(self, numbers: Floats) -> tuple[Floats, Floats, float]:
-        """Middle (2,) and shape (2, 2) of the ellipse about the vertical, and its height."""
+    def ellipse_and_height(self, numbers: Floats) -> tuple[Floats, Floats, float]:
+        """Middle (2,) and shape (2, 2) of the measured ellipse about the vertical, and its height."""
         turn = self.levelling(numbers[6:]) @ self.inverse
         centre = turn @ (np.append(numbers[:2], numbers[5]) - self.known.calibration.offset)
         along = (turn @ np.vstack([np.eye(2), numbers[6:]]))[:2]
         shape = along @ np.array([[numbers[2], numbers[4]], [numbers[4], numbers[3]]])
         return centre[:2], root(shape @ shape.T), float(centre[2])
 
-    def seen_covariance(self) -> Floats:
-        """(5, 5) of that middle and shape, as the turn claims them."""
-        scale = np.full(8, STEP * self.known.calibration.ellipsoid.radius)
-        scale[6:] = STEP
+    def measured_covariance(self) -> Floats:
+        """(5, 5) covariance of the measured middle and shape, as claimed by the turn."""
+        scale = np.full(8, DIFFERENCE_STEP * self.known.calibration.ellipsoid.radius)
+        scale[6:] = DIFFERENCE_STEP
         changes = [self.ellipse(self.numbers + step) - self.ellipse(self.numbers - step) for step in np.diag(scale)]
         jacobian = np.stack(changes, axis=1) / (2.0 * scale)
         covariance: Floats = jacobian @ self.covariance @ jacobian.T
         return covariance
 
     def ellipse(self, numbers: Floats) -> Floats:
-        """(5,) middle and shape (S₁₁, S₂₂, S₁₂) of the ellipse about the vertical."""
-        middle, shape, _ = self.seen(numbers)
+        """(5,) middle and shape (S₁₁, S₂₂, S₁₂) of the measured ellipse about the vertical."""
+        middle, shape, _ = self.ellipse_and_height(numbers)
         return np.array([*middle, shape[0, 0], shape[1, 1], shape[0, 1]])
 
     def expected_covariance(self, dip: float) -> Floats:
-        """(5, 5) of middle and shape that the calibration expects, as it claims."""
+        """(5, 5) covariance of the predicted middle and shape, as claimed by the calibration."""
         levelling = self.levelling(self.numbers[6:])
         turn = levelling @ self.inverse
         rows = np.zeros((5, 9))
@@ -180,18 +180,18 @@ class _Turn:
 
 
 _ENTRIES: Final = tuple(symmetric(entry) for entry in np.eye(6))
-"""The six symmetric matrices that S₁₁, S₂₂, S₃₃, S₁₂, S₁₃ and S₂₃ stand for."""
+"""The six symmetric basis matrices of S₁₁, S₂₂, S₃₃, S₁₂, S₁₃ and S₂₃."""
 
 
 class _Heights(NamedTuple):
-    """The plane that readings of a level turn lie in."""
+    """The plane of the readings of a level turn."""
 
-    numbers: Floats  # (3,): height at the middle of the ellipse, in the unit of the readings, and slopes along x and y
+    numbers: Floats  # (3,): height at the middle of the ellipse, in the unit of the readings, then slopes along x and y
     covariance: Floats  # (3, 3)
 
 
 def _heights(recording: Recording, middle: Floats, noise: float) -> _Heights:
-    """The plane of the readings; what sways counts for as many readings as are independent."""
+    """The plane of the readings; correlated residuals count as the equivalent number of independent ones."""
     parts = [np.concatenate([block.field for block in single.blocks()]) for single in singles(recording)]
     field = np.concatenate(parts)
     plane = engine().plane_of(field, middle, noise)
@@ -204,6 +204,6 @@ def _heights(recording: Recording, middle: Floats, noise: float) -> _Heights:
     return _Heights(numbers, alike * plane["covariance"].reshape(3, 3))
 
 
-def _flat(fit: Fit, numbers: Floats, covariance: Floats) -> Fit:
-    """The ellipse of (5,) numbers as the equator of an ellipsoid, whose third semi-axis is the mean of the two."""
+def _as_equator(fit: Fit, numbers: Floats, covariance: Floats) -> Fit:
+    """The ellipse of (5,) numbers as the equator of an ellipsoid with the mean semi-axis as its third."""
     return as_equator(fit, to_equator("xy", dip_deg=0.0)[:, IN_PLANE], numbers, covariance)

@@ -1,4 +1,4 @@
-"""Findings about a member of several magnetometers: what the others tell of its axes, its clock and its readings.
+"""Findings on one of several magnetometers by comparison with the others: its axes, its clock and its readings.
 
 >>> from flinders.comparison.members import Agreement, Member, Together
 >>> from flinders.errors import FitError
@@ -22,12 +22,12 @@ if TYPE_CHECKING:
     from flinders.comparison.agreement import Disagreement
     from flinders.comparison.members import Member, Together
 
-DECADE: Final = 0.25
-"""Of a power of ten: how far from it the sizes of two sensors' readings may be where their units differ by it."""
+DECADE_WIDTH: Final = 0.25
+"""Width, in decades, of the range around a power of ten in which the ratio of readings suggests another unit."""
 
 
 def judged_member(together: Together, place: int, target_deg: float) -> Member:
-    """Add to a member, and to its fit, what the others tell of it."""
+    """Add the findings by comparison with the others to a member and its fit."""
     member = together.members[place]
     findings = linked(_findings(together, place, target_deg))
     judged = fit_of(member.fit)
@@ -39,41 +39,41 @@ def judged_member(together: Together, place: int, target_deg: float) -> Member:
 
 
 def _findings(together: Together, place: int, target_deg: float) -> Iterator[Finding]:
-    """What there is to know of a member beside its own fit."""
+    """Findings on a member other than those of its own fit."""
     member, reference = together.members[place], together.reference
     if member.copy_of:
         yield certain({"is_copy": 1.0, "other": member.copy_of}, "copied-sensor")
         return
     if together.agreement.apart_deg:
-        yield _apart_throughout(together.agreement.apart_deg, target_deg)
+        yield _constant_disagreement(together.agreement.apart_deg, target_deg)
         return
     if member.is_kept:
         yield _better_alone(member)
     elif not together.is_joint:
         yield certain({"is_alone": 1.0, "together_deg": 0.0, "alone_deg": 0.0}, "not-together")
         return
-    yield from _of_axes(together, member)
-    yield from _of_clock(member, reference)
+    yield from _axes_findings(together, member)
+    yield from _clock_findings(member, reference)
     others = [other.scatter_deg for other in together.members if other is not member and not other.copy_of]
     numbers = {"scatter_deg": member.scatter_deg, "best_other_deg": min(others, default=math.inf)}
     yield from found_in({**numbers, "target_deg": target_deg}, "sensor-deviates-throughout")
-    yield from _of_disagreements(together, place, target_deg)
+    yield from _disagreement_findings(together, place, target_deg)
 
 
-def _apart_throughout(apart_deg: float, target_deg: float) -> Finding:
-    """Two that disagree all the time."""
+def _constant_disagreement(apart_deg: float, target_deg: float) -> Finding:
+    """Finding that two sensors disagree all the time."""
     numbers = {"apart_deg": apart_deg, "target_deg": target_deg, "apart_share": math.nan}
-    return certain({**numbers, **_when(())}, "disagree")
+    return certain({**numbers, **_stretch_values(())}, "disagree")
 
 
 def _better_alone(member: Member) -> Finding:
-    """One that would be known worse with the others."""
+    """Finding that a sensor is better calibrated alone than with the others."""
     worst = cast("Fit", fit_of(member.alone)).heading_error_deg.worst
     return certain({"is_alone": 1.0, "together_deg": member.joint_deg, "alone_deg": worst}, "not-together")
 
 
 def _left_handed(together: Together) -> list[str]:
-    """Which sensors are most likely not right-handed: those that are fewer, if any are."""
+    """Names of the sensors that are probably left-handed: the minority, if there are both."""
     turned = [member for member in together.members if member.rotation is not None and not member.copy_of]
     mirrored = sum(member.is_mirrored for member in turned)
     rest = len(turned) - mirrored
@@ -82,8 +82,8 @@ def _left_handed(together: Together) -> list[str]:
     return [member.name for member in turned if member.is_mirrored == (mirrored < rest)]
 
 
-def _of_axes(together: Together, member: Member) -> Iterator[Finding]:
-    """How it is turned, and in what it is written."""
+def _axes_findings(together: Together, member: Member) -> Iterator[Finding]:
+    """Findings on the axes and the unit of a member."""
     reference = together.reference
     if member.rotation is None or member.rotation_sigma_deg is None or member.name == reference:
         return
@@ -98,13 +98,13 @@ def _of_axes(together: Together, member: Member) -> Iterator[Finding]:
     }
     yield certain({**named, **turned}, "turned-to")
     decades = round(math.log10(member.length_ratio))
-    if decades and abs(math.log10(member.length_ratio) - decades) < DECADE * 0.5:
+    if decades and abs(math.log10(member.length_ratio) - decades) < DECADE_WIDTH * 0.5:
         numbers = {"is_decades_off": 1.0, "times_as_long": member.length_ratio, "decade": 10.0**decades}
         yield certain({**numbers, "reference": reference}, "unlike-units")
 
 
-def _of_clock(member: Member, reference: str) -> Iterator[Finding]:
-    """Whether its clock is another."""
+def _clock_findings(member: Member, reference: str) -> Iterator[Finding]:
+    """Finding that a member has another clock."""
     if member.delay_s:
         numbers = {
             "is_delayed": 1.0,
@@ -115,8 +115,8 @@ def _of_clock(member: Member, reference: str) -> Iterator[Finding]:
         yield certain({**numbers, "reference": reference}, "clock-differs")
 
 
-def _of_disagreements(together: Together, place: int, target_deg: float) -> Iterator[Finding]:
-    """When it deviates from the others, or one of two does of which it may be the one."""
+def _disagreement_findings(together: Together, place: int, target_deg: float) -> Iterator[Finding]:
+    """Findings on when a member deviates from the others, or may be the deviating one of two."""
     runs = [run for run in together.agreement.disagreements if run.sensor == place]
     if runs:
         numbers = {
@@ -125,21 +125,21 @@ def _of_disagreements(together: Together, place: int, target_deg: float) -> Iter
             "target_deg": target_deg,
         }
         told = {"is_by_length": all(run.is_by_length for run in runs), "is_alone": together.members[place].is_kept}
-        yield certain({**numbers, **told, **_when(runs)}, "sensor-deviates")
+        yield certain({**numbers, **told, **_stretch_values(runs)}, "sensor-deviates")
     unsettled = [run for run in together.agreement.disagreements if run.sensor is None]
     if unsettled and (len(together.members) == 2 or together.members[place].name == together.reference):
         worst, share = max(run.heading_deg for run in unsettled), _share(unsettled, together)
         numbers = {"apart_deg": worst, "target_deg": target_deg, "apart_share": share}
-        yield certain({**numbers, **_when(unsettled)}, "disagree")
+        yield certain({**numbers, **_stretch_values(unsettled)}, "disagree")
 
 
 def _share(runs: Sequence[Disagreement], together: Together) -> float:
-    """Of all moments, those of some stretches."""
+    """Share of all readings within some stretches."""
     return sum(run.last - run.first + 1 for run in runs) / max(together.agreement.instants, 1)
 
 
-def _when(runs: Sequence[Disagreement]) -> dict[str, Any]:
-    """The three that cost most heading, in the order of time, and how many there are."""
+def _stretch_values(runs: Sequence[Disagreement]) -> dict[str, Any]:
+    """The three stretches with the largest heading error, in the order of time, and the count of all."""
     chosen = sorted(runs, key=lambda run: -run.heading_deg)[:3]
     listed = sorted(chosen, key=lambda run: run.start_s)
     spans = [(run.first + 1, run.last + 1, run.start_s, run.end_s) for run in listed]

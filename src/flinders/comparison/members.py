@@ -1,4 +1,4 @@
-"""Magnetometers of one body, as values: each member, how well they agree, and all of them together.
+"""Results for several magnetometers of one body: each member, their agreement, and all together.
 
 >>> from flinders.errors import FitError
 >>> silent = Member("aft", FitError("no readings"), FitError("no readings"))
@@ -28,29 +28,30 @@ class Member:
     """One of the magnetometers."""
 
     name: str
-    #: Fit or error: with the others; `Refused` carries the fit where there is one that cannot be trusted
+    #: fit together with the others, or its error; `Refused` carries a fit that cannot be trusted
     fit: Fit | FlindersError
-    alone: Fit | FlindersError  #: Fit or error: what it finds by itself
-    #: (3, 3): from its axes into those of the reference; its determinant is −1 where they are mirror images. None where
-    #: it was not found.
+    alone: Fit | FlindersError  #: fit of its own readings alone, or its error
+    #: (3, 3): from its axes into those of the reference; its determinant is −1 if they are mirror images. None if
+    #: unknown.
     rotation: Floats | None = None
-    rotation_sigma_deg: Floats | None = None  #: (3,): standard deviation of that about the axes of the reference
-    axes: str = "x,y,z"  #: the nearest way to exchange axes: where each axis of the reference comes from
-    misalignment_deg: float = 0.0  #: how far the rotation is from that
+    rotation_sigma_deg: Floats | None = None  #: (3,): standard deviation of the rotation about the axes of the
+    #: reference
+    axes: str = "x,y,z"  #: nearest exchange of axes: the source of each axis of the reference
+    misalignment_deg: float = 0.0  #: angle between the rotation and that exchange of axes
     length_ratio: float = 1.0  #: length of its readings over that of the reference's
-    #: what its readings, averaged over a second, are usually off, in degrees of a level heading
+    #: usual error of its readings, averaged over 1 s, in degrees of a level heading
     scatter_deg: float = 0.0
-    delay_s: float = 0.0  #: by how much its clock is behind that of the reference, where that is proven
-    delay_sigma_s: float = 0.0  #: its standard deviation
-    copy_of: str = ""  #: the sensor whose readings it repeats; nothing where it has its own
-    #: `fit` is `alone`, since with the others it was known clearly worse: corrected readings are in its own axes
+    delay_s: float = 0.0  #: delay of its clock behind that of the reference, if proven
+    delay_sigma_s: float = 0.0  #: standard deviation of the delay
+    copy_of: str = ""  #: name of the sensor whose readings it repeats; empty if it has its own
+    #: whether `fit` is `alone`, as the joint fit was clearly worse for it; corrected readings are then in its own axes
     is_kept: bool = False
-    joint_deg: float = 0.0  #: worst heading error with the others, of one that was kept
-    findings: tuple[Finding, ...] = ()  #: what the others tell of it; those of `fit`, too, where that is a fit
+    joint_deg: float = 0.0  #: worst heading error of the joint fit, if `is_kept`
+    findings: tuple[Finding, ...] = ()  #: findings by comparison with the others; those of `fit`, too, if it is a fit
 
     @property
     def is_mirrored(self) -> bool:
-        """Its axes are a mirror image of those of the reference."""
+        """Whether its axes are a mirror image of those of the reference."""
         return self.rotation is not None and bool(np.linalg.det(self.rotation) < 0.0)
 
     def as_dict(self) -> dict[str, Any]:
@@ -60,7 +61,7 @@ class Member:
                 self, "rotation", "rotation_sigma_deg", "axes", "misalignment_deg", "length_ratio", "scatter_deg"
             ),
             **printed(self, "delay_s", "copy_of"),
-            # worst heading error that it claims by itself
+            # claimed worst heading error of the fit alone
             "alone_heading_error_deg": self.alone.heading_error_deg.worst if isinstance(self.alone, Fit) else None,
             **printed(self, "findings"),
         }
@@ -68,12 +69,12 @@ class Member:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Agreement:
-    """How well the magnetometers agree."""
+    """Agreement of the magnetometers over time."""
 
-    instants: int  #: at which two or more were read
-    seconds: float  #: from the first of those to the last
-    disagreements: tuple[Disagreement, ...] = ()  #: stretches in which they do not, in the order of time
-    #: of two: how far apart they are all the time, in degrees of heading, 1 σ, where nothing tells which is off; else 0
+    instants: int  #: count of times at which two or more were read
+    seconds: float  #: duration from the first to the last of these times
+    disagreements: tuple[Disagreement, ...] = ()  #: stretches of disagreement, in the order of time
+    #: of two: constant difference in degrees of heading, 1 σ, if it is unknown which one is wrong; else 0
     apart_deg: float = 0.0
 
 
@@ -82,20 +83,20 @@ class Together:
     """Several magnetometers of one body."""
 
     members: tuple[Member, ...]
-    reference: str  #: whose axes corrected readings of all are in
+    reference: str  #: name of the sensor whose axes all corrected readings have
     agreement: Agreement
-    #: the fits rest on all of them, but for those that are kept. Where the body was turned too little for that, none
-    #: but one is left, or two disagree all the time, each has what it finds by itself.
+    #: whether the fits use the readings of all, except those that are kept. If the body was turned too little, only one
+    #: sensor remains, or two disagree all the time, each has the fit of its own readings.
     is_joint: bool
-    #: corrected readings of all are in the axes of gyro and accelerometer, and not in those of the reference
+    #: whether corrected readings are in the axes of gyro and accelerometer, and not in those of the reference
     in_body: bool = False
 
     def __getitem__(self, name: str) -> Member:
-        """One of them, by its name."""
+        """The member with a name."""
         return next(member for member in self.members if member.name == name)
 
     def as_dict(self) -> dict[str, Any]:
-        """JSON-ready: what there is beside the fit of each."""
+        """JSON-ready, without the fits of the members."""
         names = [member.name for member in self.members]
         runs = [
             {**run.as_dict(), "sensor": None if run.sensor is None else names[run.sensor]}

@@ -1,8 +1,8 @@
-"""Several calibrations of one sensor put together into one, where the recordings are gone or too many to fit at once.
+"""Merging of several calibrations of one sensor, if the recordings are lost or too many for one fit.
 
-Each is weighted with the covariance that it claims; as far as they scatter beyond their claims, something changed from
-one to the next, and the scatter goes into the covariance of what they say together. Those that contradict each
-other are not averaged: the merger is limited or refused, and says which of them is off, by how many degrees.
+Each is weighted with its claimed covariance. A scatter beyond the claims shows that something changed between
+recordings, and is added to the covariance of the result. Contradicting calibrations are not averaged: the result is
+limited or refused, and states which of them deviates, by how many degrees.
 
 >>> from flinders import simulate
 >>> from flinders.fitting import calibrate
@@ -60,75 +60,77 @@ if TYPE_CHECKING:
 
 METHOD: Final = "merged"
 
-LACKING: Final = frozenset({"coverage", "unobservable-parameters", "prior", "inflation", "level-plane"})
-"""Findings of something that a recording did not see: one that did makes up for it."""
+COVERAGE_FINDINGS: Final = frozenset({"coverage", "unobservable-parameters", "prior", "inflation", "level-plane"})
+"""Findings on missing coverage, which another recording with coverage resolves."""
 
-RENEWED: Final = frozenset({"heading-error", "axis-ratio", "mirrored-axes"})
-"""Findings that are made anew of what is merged."""
+RECOMPUTED_FINDINGS: Final = frozenset({"heading-error", "axis-ratio", "mirrored-axes"})
+"""Findings that are computed again for the result."""
 
-LOOSE: Final = 0.05
-"""Standard deviation of a radius, as a share of it, beyond which it cannot be taken out to first order.
+MAX_RADIUS_SIGMA: Final = 0.05
+"""Largest standard deviation of a radius, as a share of it, at which it can be removed to first order.
 
-Two level turns, whose radius rests on the prior to a sixth, came out twenty times worse than either:
+Two level turns, whose radius is known by the prior to 1/6, merged to a result 20 times worse than either:
 `tests/comparison/test_merging.py`.
 """
 
-UNLIKE: Final = 10.0
-"""Radii that are as many times apart are not those of one sensor: the earth's field varies by three."""
+MAX_RADIUS_RATIO: Final = 10.0
+"""Largest ratio of radii of one sensor; the earth's field varies by a factor of three."""
 
-SMALLEST, LARGEST, FARTHEST, FINEST, FLATTEST = 1e-30, 1e30, 1e6, 1e-9, 1e4
-"""Radii of a sensor in any unit; an offset or an uncertainty, and what an offset was ever known to, in radii; the gain
-of one axis over that of another. Beyond these lie slips of the pen, and the digits of a computer end."""
+MIN_RADIUS, MAX_RADIUS, MAX_OFFSET_RATIO, MIN_SIGMA_RATIO, MAX_GAIN_RATIO = 1e-30, 1e30, 1e6, 1e-9, 1e4
+"""Limits of plausible calibrations, against typing errors and rounding errors.
+
+They are the radius in any unit, the largest offset or uncertainty in radii, the smallest uncertainty of an offset in
+radii, and the ratio of the gains of two axes.
+"""
 
 
 class NotMerged(Refused):
-    """Calibrations that contradict each other, or leave too much open: `fit` holds what they say together."""
+    """Calibrations contradict each other, or the result is too uncertain; the attribute `fit` has the result."""
 
     code: ClassVar[str] = "not-merged"
 
 
 @spell_checked()
 def merge(parts: Sequence[Fit], *, target_deg: float = 1.0, dip_deg: float | None = None) -> Fit:
-    """Put several calibrations of one sensor together.
+    """Merge several calibrations of one sensor.
 
     The mean over offset and shape is weighted with the inverse covariances, and minimises
 
         Σ (θᵢ − θ)ᵀ Pᵢ⁻¹ (θᵢ − θ)
 
-    which is what a joint fit of all recordings finds, as far as each is linear about its own. To the covariance of
-    the mean is added what the calibrations scatter beyond their claims (`flinders.summary.pooling`).
+    which equals a joint fit of all recordings, as far as each is linear about its own. The scatter of the calibrations
+    beyond their claims is added to the covariance of the mean (`flinders.summary.pooling`).
 
-    The scale: unless all were given the strength of their field, each was recorded in a field of unknown strength,
-    which says nothing of the sensor. All are then brought to the geometric mean of their radii, and the scale
-    is left out of all weights.
+    The scale: unless the field strength of all is known, the radius of each depends on an unknown field and is no
+    property of the sensor. All are then scaled to the geometric mean of their radii, and the weights exclude the scale.
 
     Parameters
     ----------
     parts : sequence of Fit
-        Two or more, fitted or loaded from their files, from recordings of their own, in the same unit and axes, each
-        with its covariance.
+        Two or more, fitted or loaded from their files, from different recordings, in the same unit and axes, each with
+        its covariance.
     target_deg : float
         Worst heading error that is good enough, in degrees.
     dip_deg : float, optional
-        Inclination of the field at the site, positive where it points along +z of the mapped axes. By default the
-        steepest that one of them was judged for, else 60°.
+        Inclination of the field at the site, positive if it points along +z of the mapped axes. By default the steepest
+        dip at which one of them was judged, else 60°.
 
     Returns
     -------
     Fit
-        With the covariance of the mean and of what they scatter beyond their claims, the readings of all and their
-        noise; `Diagnosis.repeats` holds the calibrations against each other.
+        With the covariance of the mean plus the scatter beyond the claims, the count of all readings and their noise;
+        `Diagnosis.repeats` compares the calibrations.
 
     Raises
     ------
     NotMerged
-        Where they contradict each other, or the heading error is beyond use.
+        If they contradict each other, or the heading error is too large for use.
     UnitError, AxesError
-        For calibrations in unlike units, axes or frames.
+        For calibrations in different units, axes or frames.
     UsageError
-        For fewer than two, two sensors, recordings that went into two of them, a calibration that claims nothing or
-        holds what others found, or that leaves its size open where no field strength gives it, a rotation that is not
-        the symmetric one; or numbers out of range.
+        For fewer than two calibrations, calibrations of two sensors, or a recording used in two of them; for a
+        calibration without a claim, with parameters that its method fixes, with an unknown size and no field strength,
+        or with a rotation other than the symmetric one; for numbers out of range.
     """
     if not target_deg > 0.0:
         raise UsageError(f"target is {target_deg:g}°: need a positive angle")
@@ -140,7 +142,9 @@ def merge(parts: Sequence[Fit], *, target_deg: float = 1.0, dip_deg: float | Non
     together = pool([part.parameters for part in brought], [part.covariance for part in brought])
     ellipsoid = Ellipsoid.of_parameters(together.mean)
     if not ellipsoid.semi_axes[0] > 0.0:
-        raise UsageError("they have so little in common that no ellipsoid lies between them: they are of two sensors")
+        raise UsageError(
+            "the calibrations are so different that their mean is no ellipsoid: merge calibrations of one sensor only"
+        )
     ellipsoid, covariance = field.settle(ellipsoid, together.covariance + together.predicted)
     repeats = compared(brought, dip_deg=dip)
     distortion = max(map(_distortion, parts))
@@ -162,21 +166,21 @@ def merge(parts: Sequence[Fit], *, target_deg: float = 1.0, dip_deg: float | Non
         target_deg=float(target_deg),
     )
     merged = Fit(calibration, evidence, claim, Judgement(), Provenance(METHOD))
-    merged = replace(merged, judgement=Judgement(_judged(merged, repeats, parts)))
+    merged = replace(merged, judgement=Judgement(_findings(merged, repeats, parts)))
     if merged.verdict == "refused":
         raise NotMerged(merged)
     return merged
 
 
 def source_files(parts: Sequence[Fit]) -> tuple[SourceFile, ...]:
-    """The recordings that calibrations came from, each once, by name."""
+    """The recordings of several calibrations, each once, by name."""
     files = {file.sha256: file for part in parts for file in part.provenance.files}
     return tuple(sorted(files.values(), key=lambda file: (file.name, file.sha256)))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Field:
-    """The one field that several calibrations are brought to."""
+    """The common field strength to which calibrations are scaled."""
 
     strength: float
     is_known: bool
@@ -191,18 +195,17 @@ class _Field:
         shapes = [strength / size * part.calibration.shape for size, part in zip(sizes, parts, strict=True)]
         variances = [_log_size_variance(part) for part in parts]
         for part, variance in zip(parts, variances, strict=True):
-            if not known and variance > LOOSE**2:
+            if not known and variance > MAX_RADIUS_SIGMA**2:
                 raise UsageError(
-                    f"{part.provenance.name} leaves the size of its ellipsoid open by {np.sqrt(variance):.0%}, and not "
-                    "all were given a field strength to bring them to one size: calibrate it with that, or leave it "
-                    "out",
+                    f"the radius of {part.provenance.name} is uncertain by {np.sqrt(variance):.0%}, and not all "
+                    "calibrations have a known field strength: calibrate it with a field strength, or leave it out",
                     hint={"site": None},
                 )
         log_variance = 0.0 if known else float(np.sum(variances)) / len(parts) ** 2
         return cls(strength, known, np.mean(shapes, axis=0), log_variance)
 
     def bring(self, part: Fit) -> RecordingFit:
-        """Bring a calibration to the field: its shape by a factor, its covariance without the scale unless known."""
+        """Scale the shape of a calibration to the field, and remove the scale from its covariance unless known."""
         shape = (part.calibration.shape + part.calibration.shape.T) / 2.0
         if self.is_known:
             factor = self.strength / part.calibration.field_strength
@@ -215,7 +218,7 @@ class _Field:
         )
 
     def settle(self, ellipsoid: Ellipsoid, covariance: Floats) -> tuple[Ellipsoid, Floats]:
-        """Give the mean the size that was agreed on, and its covariance what is known of that size."""
+        """Scale the mean to the common size, and add the uncertainty of that size to its covariance."""
         if self.is_known:
             return ellipsoid, covariance
         factor = self.strength / ellipsoid.radius
@@ -225,7 +228,7 @@ class _Field:
 
 
 def _refuse(parts: Sequence[Fit]) -> None:
-    """Refuse what cannot be put together, before anything is computed."""
+    """Refuse calibrations that cannot be merged, before any computation."""
     if len(parts) < 2:
         raise UsageError(f"{counted(len(parts), 'calibration')}: need two or more to merge")
     for part in parts:
@@ -243,23 +246,23 @@ def _radius(part: Fit) -> float:
 
 
 def _log_size_variance(part: Fit) -> float:
-    """Variance of the logarithm of an ellipsoid's radius, as the calibration claims."""
+    """Claimed variance of the logarithm of an ellipsoid's radius."""
     trace = trace_with(part.calibration.shape)
     return float(trace @ _claim(part)[3:, 3:] @ trace / 9.0)
 
 
 def _claim(part: Fit) -> Floats:
-    """(9, 9) the covariance that a calibration is weighted with."""
+    """(9, 9) covariance by which a calibration is weighted."""
     if not part.claim.states_uncertainty:
         raise UsageError(
-            f"{part.provenance.name} states no uncertainty, and cannot be weighted: calibrate again from its "
+            f"{part.provenance.name} states no uncertainty to weight it by: calibrate again from its "
             "recording, or leave it out"
         )
     return part.claim.covariance
 
 
 def _distortion(part: Fit) -> float:
-    """What belongs to the direction in a calibration, in its unit: every other one of the sensor has it too."""
+    """Errors of a calibration that depend on the direction, in its unit; they are common to all of the sensor."""
     across = math.radians(part.claim.structure_deg) * math.cos(math.radians(part.claim.known_dip_deg))
     return across * part.calibration.ellipsoid.radius
 
@@ -269,19 +272,19 @@ def _refuse_alone(part: Fit) -> None:
     _claim(part)
     if names := [disturbance.name for disturbance in part.calibration.disturbances]:
         raise UsageError(
-            f"{part.provenance.name} follows {' and '.join(names)}, and a mean of offset and matrix would lose that: "
+            f"{part.provenance.name} follows {' and '.join(names)}, which a mean of offset and matrix would lose: "
             "fit the recordings together",
             hint={"disturbances": names},
         )
     if part.calibration.linearization is not None:
         raise UsageError(
-            f"{part.provenance.name} linearizes its axes, and a mean of offset and matrix would lose that: fit one "
-            "recording that holds it all"
+            f"{part.provenance.name} linearizes its axes, which a mean of offset and matrix would lose: calibrate from "
+            "one recording"
         )
     if part.calibration.rotation != "symmetric":
         raise UsageError(
-            f"{part.provenance.name} holds a rotation ({part.calibration.rotation}), of which its covariance says "
-            "nothing: merge the calibrations as they were fitted, and turn what comes out"
+            f"{part.provenance.name} has a rotation ({part.calibration.rotation}), which its covariance does not "
+            "include: merge the calibrations as fitted, and rotate the result"
         )
     gains = np.linalg.eigvalsh(part.calibration.matrix)
     if not gains[0] > 0.0:
@@ -292,18 +295,18 @@ def _refuse_alone(part: Fit) -> None:
     radius = _radius(part)
     offset, variances = float(np.abs(part.calibration.offset).max()), np.diag(_claim(part))
     largest, finest = np.sqrt([max(variances.max(), 0.0), max(variances[:3].max(), 0.0)]).tolist()
-    is_sane = SMALLEST < radius < LARGEST and max(offset, largest) < FARTHEST * radius
-    if not (is_sane and finest > FINEST * radius and gains[2] < FLATTEST * gains[0]):
+    is_sane = MIN_RADIUS < radius < MAX_RADIUS and max(offset, largest) < MAX_OFFSET_RATIO * radius
+    if not (is_sane and finest > MIN_SIGMA_RATIO * radius and gains[2] < MAX_GAIN_RATIO * gains[0]):
         raise UsageError(
             f"{part.provenance.name} is not of a magnetometer: its radius is {radius:.2g}, its offset {offset:.2g}, "
             f"known to {finest:.2g}, and one axis reads {gains[2] / gains[0]:.2g} times as much as another"
         )
     if part.verdict == "refused":
-        raise UsageError(f"{part.provenance.name} was refused when it was made, and is not fit for use: leave it out")
+        raise UsageError(f"{part.provenance.name} has the verdict refused and must not be used: leave it out")
 
 
 def _refuse_pair(a: Fit, b: Fit) -> None:
-    """Refuse two that are not of one sensor, or not independent of each other."""
+    """Refuse two calibrations that are not of one sensor, or not independent of each other."""
     ours, theirs = a.calibration, b.calibration
     if None not in (ours.sensor, theirs.sensor) and ours.sensor != theirs.sensor:
         raise UsageError(
@@ -313,36 +316,36 @@ def _refuse_pair(a: Fit, b: Fit) -> None:
     strengths = ours.field_strength, theirs.field_strength
     gains = _radius(a) / strengths[0], _radius(b) / strengths[1]
     for low, high in (sorted(gains), sorted(strengths)):
-        if high > UNLIKE * low:
+        if high > MAX_RADIUS_RATIO * low:
             raise UsageError(
                 f"{a.provenance.name} has a radius of {figures(_radius(a), 3)} {label(ours.unit)}, {b.provenance.name} "
-                f"one of {figures(_radius(b), 3)}: the gain or the unit is another, calibrate both alike"
+                f"one of {figures(_radius(b), 3)}: gain or unit differ, calibrate both with the same"
             )
     if np.array_equal(ours.offset, theirs.offset) and np.array_equal(ours.matrix, theirs.matrix):
         if a.provenance.name == b.provenance.name:
             raise UsageError(f"{a.provenance.name} is given twice: name each calibration once")
         raise UsageError(
-            f"{a.provenance.name} and {b.provenance.name} are the same calibration: counted twice it would seem better "
-            "than it is, leave one out"
+            f"{a.provenance.name} and {b.provenance.name} are the same calibration, which would be counted twice: "
+            "leave one out"
         )
     shared = {file.sha256 for file in b.provenance.files}
     same = [file.name for file in a.provenance.files if file.sha256 in shared]
     if same:
         raise UsageError(
-            f"{a.provenance.name} and {b.provenance.name} were both made from {' and '.join(same)}: readings that are "
-            "counted twice seem better than they are, leave one out"
+            f"{a.provenance.name} and {b.provenance.name} were both made from {' and '.join(same)}, which would be "
+            "counted twice: leave one out"
         )
     turns = [one.claim.plane is not None for one in (a, b)]
     if turns[0] != turns[1]:
         level, other = (a, b) if turns[0] else (b, a)
         raise UsageError(
-            f"{level.provenance.name} comes from a level turn and rests on the dip that was given, "
-            f"{other.provenance.name} found it: leave {level.provenance.name} out"
+            f"{level.provenance.name} comes from a level turn and assumes the given dip, "
+            f"{other.provenance.name} measured the dip: leave {level.provenance.name} out"
         )
 
 
 def _refuse_constrained(parts: Sequence[RecordingFit]) -> None:
-    """Refuse a calibration whose method holds what the others find: exact as it says to be, it would outweigh all."""
+    """Refuse a calibration whose method fixes parameters that others estimate: their zero variance would dominate."""
     zero = np.zeros(9)
     total = np.sum([part.covariance for part in parts], axis=0)
     freedom = chi_square_of(zero, total)[1]
@@ -350,19 +353,19 @@ def _refuse_constrained(parts: Sequence[RecordingFit]) -> None:
         free = chi_square_of(zero, part.covariance)[1]
         if free < freedom:
             raise UsageError(
-                f"{part.source} leaves {free} of {freedom} parameters free and holds the rest, as a simpler method "
-                "does: calibrate with one that finds them all, such as auto"
+                f"{part.source} has {free} of {freedom} free parameters, as of a simpler method: "
+                "calibrate with a method that estimates all, such as auto"
             )
 
 
 def _dip(parts: Sequence[Fit]) -> float:
-    """The steepest dip that a calibration was judged for, with its sign."""
+    """The steepest dip at which a calibration was judged, with its sign."""
     dips = [part.heading_error_deg.dip_deg for part in parts if math.isfinite(part.heading_error_deg.dip_deg)]
     return max(dips, key=lambda dip: (abs(dip), dip), default=60.0)
 
 
 def _noise(parts: Sequence[Fit]) -> float:
-    """Root mean square over all readings of which it is known; NaN where it is known of none."""
+    """Rms noise over all calibrations with known noise; NaN if none is known."""
     known = [part for part in parts if math.isfinite(part.evidence.noise)]
     if not known:
         return math.nan
@@ -371,7 +374,7 @@ def _noise(parts: Sequence[Fit]) -> float:
 
 
 def _calibration(parts: Sequence[Fit], ellipsoid: Ellipsoid, field: _Field) -> Calibration:
-    """The merged correction, recorded as the parts are."""
+    """The merged correction, with the unit and axes of the parts."""
     first = parts[0].calibration
     units = [part.calibration.raw for part in parts]
     named = sorted({part.calibration.sensor for part in parts if part.calibration.sensor is not None})
@@ -386,8 +389,8 @@ def _calibration(parts: Sequence[Fit], ellipsoid: Ellipsoid, field: _Field) -> C
     return replace(merged, frame=first.frame)
 
 
-def _judged(merged: Fit, repeats: Repeats, parts: Sequence[Fit]) -> tuple[Finding, ...]:
-    """Say what there is to know, the most severe first."""
+def _findings(merged: Fit, repeats: Repeats, parts: Sequence[Fit]) -> tuple[Finding, ...]:
+    """Findings on the merged calibration, the most severe first."""
     part, worst_deg, scatter_deg = repeats.farthest, merged.heading_error_deg.worst, repeats.scatter_deg
     found = tuple(
         judged_parts(
@@ -409,30 +412,30 @@ def _judged(merged: Fit, repeats: Repeats, parts: Sequence[Fit]) -> tuple[Findin
     apart = [finding for finding in found if finding.code == "recordings-differ"]
     accuracy = [finding for finding in found if finding.code == "heading-error" and not is_said]
     own = [finding for finding in found if finding.code in OF_CALIBRATION]
-    return linked([*apart, *accuracy, *_carried(repeats, parts), *own])
+    return linked([*apart, *accuracy, *_inherited_findings(repeats, parts), *own])
 
 
-def _carried(repeats: Repeats, parts: Sequence[Fit]) -> Iterator[Finding]:
-    """What limits the calibrations limits what is merged of them, unless another makes up for it."""
-    limits = [[one for one in _limits(part) if one.code not in RENEWED] for part in parts]
-    lacks = [[one for one in those if one.code in LACKING] for those in limits]
+def _inherited_findings(repeats: Repeats, parts: Sequence[Fit]) -> Iterator[Finding]:
+    """Limits of the parts that the result inherits, unless another part resolves them."""
+    limits = [[one for one in _limits(part) if one.code not in RECOMPUTED_FINDINGS] for part in parts]
+    lacks = [[one for one in those if one.code in COVERAGE_FINDINGS] for those in limits]
     if all(lacks):
         claims = [part.claimed_deg for part in repeats.parts]
         best = int(np.argmin(claims))
         for lack in lacks[best]:
-            yield _of_part(lack, parts[best], is_best=True)
+            yield _inherit(lack, parts[best], is_best=True)
     for part, those in zip(parts, limits, strict=True):
         for limit in those:
-            if limit.code not in LACKING:
-                yield _of_part(limit, part)
+            if limit.code not in COVERAGE_FINDINGS:
+                yield _inherit(limit, part)
 
 
-def _of_part(finding: Finding, part: Fit, *, is_best: bool = False) -> Finding:
-    """A finding of a calibration as one of what is merged of it and others; `is_best`: all of them have it."""
+def _inherit(finding: Finding, part: Fit, *, is_best: bool = False) -> Finding:
+    """Finding of the merged calibration from that of a part; `is_best`: all parts have it."""
     parts = (*finding.values.get("parts", ()), (part.provenance.name, float(is_best)))
     return replace(finding, values={**finding.values, "parts": parts})
 
 
 def _limits(part: Fit) -> Iterator[Finding]:
-    """What a calibration says that it is limited by."""
+    """Findings that limit a calibration."""
     return (finding for finding in part.findings if finding.severity == "limits")

@@ -1,7 +1,7 @@
-"""Several magnetometers of one body, calibrated together and held against each other.
+"""Joint calibration and comparison of several magnetometers of one body.
 
-Each gets a calibration whose corrected readings are in the axes of one of them, the reference; each offset and shape
-rests on all of them; and it is told which of them departs from the others, when, and by how many degrees of heading.
+Each gets a calibration into the axes of one of them, the reference. The readings of all determine each offset and
+shape. The result states which of them deviates from the others, when, and by how many degrees of heading.
 
 >>> from flinders import simulate
 >>> tumble = simulate.tumble(seed=1, motion="hand", n=1500)
@@ -55,17 +55,17 @@ if TYPE_CHECKING:
     from flinders.fitting.aiding import AnyAiding
     from flinders.likelihood.site_field import Site
 
-NOISIER: Final = 3.0
-"""Times as far off as the best of the others: something is wrong with a sensor all the time."""
+MAX_MISFIT_RATIO: Final = 3.0
+"""Largest ratio of the misfit of a sensor to the best of the others; above it the sensor is always wrong."""
 
-WORSE: Final = 1.5
-"""Times the heading error of a sensor by itself: where it is more with the others, they do not belong together."""
+MAX_JOINT_ERROR_RATIO: Final = 1.5
+"""Largest ratio of a sensor's heading error, in the joint fit over alone; above it the sensor is fitted alone."""
 
-MOST_OUTLIERS: Final = 0.5
-"""Of a sensor's readings that it may leave out by itself, and of those that may yet belong to the others."""
+MAX_OUTLIER_SHARE: Final = 0.5
+"""Largest share of outliers among a sensor's readings, and of those outliers that the joint fit accepts."""
 
-ROUNDS: Final = 3
-"""Of fits, each without the stretches in which a sensor departed from the one before."""
+MAX_ROUNDS: Final = 3
+"""Largest count of fits, each without the stretches in which a sensor deviated in the fit before."""
 
 
 @spell_checked(ELSEWHERE)
@@ -78,36 +78,36 @@ def fit_multi(
     prior: float = SPREAD,
     aiding: AnyAiding = (),
 ) -> Together:
-    """Calibrate several magnetometers of one body, and say whether they agree.
+    """Calibrate several magnetometers of one body together, and compare them.
 
-    Minimises the sum of `flinders.estimators.multi_sensor`. Use it wherever a body carries more than one magnetometer
-    and was turned with all of them running. It makes a noisy one nearly as good as the best; it does not make up for
-    attitudes that the body never took.
+    Minimises the sum of `flinders.estimators.multi_sensor`. Use it for a body with more than one magnetometer that was
+    turned while all were recorded. It makes a noisy one nearly as good as the best; it does not replace missing
+    attitudes.
 
     Parameters
     ----------
     sources : mapping of str to Recording
-        Two or more, by their names, all from one clock that may differ by up to two seconds; recordings without time
-        have to be as long as each other, and are taken row by row.
+        Two or more, by their names, with clocks that differ by up to 2 s; recordings without time must have the same
+        length, and are paired row by row.
     reference : str, optional
-        Into whose axes the others are turned; by default the first.
+        Name of the sensor whose axes corrected readings get; by default the first.
     target_deg : float
         As for `flinders.fit`.
     site : Site, optional
-        As for `flinders.fit`, with a strength for sensors in one unit. What it states with an uncertainty counts for
-        each sensor alone, and with `aiding` for how they sit in the body.
+        As for `flinders.fit`, with a strength for sensors in one unit. Its values with an uncertainty are used in the
+        separate fit of each sensor, and with `aiding` for the mounting in the body.
     prior : float
-        Soft iron thought likely where nothing was seen.
+        Standard deviation of the prior on the shape.
     aiding : str, sequence of str or Instruments
-        As for `flinders.fit`: what was recorded beside the reference and tells how it sits in the body. Where that is
-        seen, corrected readings of all are in the axes of the body, those of gyro and accelerometer.
+        As for `flinders.fit`: sensors recorded with the reference, which may give its mounting in the body. If they do,
+        corrected readings of all are in body axes, those of gyro and accelerometer.
 
     Raises
     ------
     UsageError
-        For fewer than two, a reference that is none of them, or some with and some without time.
+        For fewer than two sensors, an unknown reference, or some with and some without time.
     InputError
-        Where hardly any moment is common to two of them.
+        If two of them have too few common times.
 
     Examples
     --------
@@ -125,9 +125,9 @@ def fit_multi(
             silent[name] = error
     if chosen in silent or len(samples) < 2:
         raise silent[chosen] if chosen in silent else next(iter(silent.values()))
-    mounting = _in_body(sources[chosen], aiding, site, prior, target_deg) if aiding else None
+    mounting = _body_aiding(sources[chosen], aiding, site, prior, target_deg) if aiding else None
     body = _Body.of({name: sources[name] for name in samples}, samples, chosen, mounting, prior, options, site)
-    together = body.calibrated()
+    together = body.calibrate()
     order = {member.name: member for member in together.members}
     members = [order.get(name) or Member(name, silent[name], silent[name]) for name in sources]
     places = {place: list(sources).index(member.name) for place, member in enumerate(together.members)}
@@ -147,11 +147,11 @@ class _Body:
     copies: Mapping[int, int]
     prior: float
     options: dict[str, Any]
-    site: Site | None  # with what it states with an uncertainty, which counts for each sensor by itself
+    site: Site | None  # its values with an uncertainty are used in the separate fit of each sensor
 
     @property
     def dip_deg(self) -> float:
-        """Dip of the field, where none was given the assumed one."""
+        """Dip of the field; the assumed one if none was given."""
         return judged_dip(self.options["site"])[0]
 
     @classmethod
@@ -165,7 +165,7 @@ class _Body:
         options: dict[str, Any],
         site: Site | None,
     ) -> Self:
-        """Pair the readings, and see what each sensor finds by itself."""
+        """Pair the readings, and estimate each sensor alone."""
         place = list(sources).index(reference)
         starts = [found_alone(each.field) for each in samples.values()]
         common = at_common_moments(list(samples.values()), place)
@@ -174,26 +174,26 @@ class _Body:
 
     @property
     def names(self) -> list[str]:
-        """Of all."""
+        """Names of all sensors."""
         return list(self.sources)
 
     @property
     def own(self) -> list[int]:
-        """Those that have readings of their own."""
+        """Indices of the sensors that are not copies."""
         return [place for place in range(len(self.sources)) if place not in self.copies]
 
-    def calibrated(self) -> Together:
-        """Fit them, together where that can be."""
+    def calibrate(self) -> Together:
+        """Fit the sensors, together if possible."""
         several, runs = self.joint_fit()
         apart_deg = 0.0 if several is None else self.apart_deg(several)
         if apart_deg:
             several, runs = None, ()
         members = [self.member(place, several) for place in range(len(self.sources))]
         if several is not None:
-            off = scatter(_corrected(several, self.common.fields[self.own]), several.directions, self.common.time)
+            off = scatter(_correct(several, self.common.fields[self.own]), several.directions, self.common.time)
             for place, share in zip(self.own, off.tolist(), strict=True):
                 scatter_deg = heading_deg(share, self.dip_deg)
-                members[place] = _better(replace(members[place], scatter_deg=scatter_deg))
+                members[place] = _better_fit(replace(members[place], scatter_deg=scatter_deg))
         is_joint = several is not None and not all(members[place].is_kept for place in self.own)
         agreement = Agreement(len(self.common.time), float(np.ptp(self.common.time)), runs, apart_deg)
         in_body = is_joint and self.mounting is not None
@@ -204,11 +204,11 @@ class _Body:
         )
 
     def joint_fit(self) -> tuple[Several | None, tuple[Disagreement, ...]]:
-        """Fit jointly, and again without the segments in which a sensor departs; and those, by their place.
+        """Joint fit, repeated without the segments in which a sensor deviates, and these segments by sensor.
 
-        What most sensors by themselves show to be outliers does not count from the start, so that two of three which
-        are disturbed alike have no majority. No fit where there is but one sensor, or where the readings leave it open:
-        what no sensor sees by itself, they do not see together.
+        Readings that are outliers for most sensors alone are excluded from the start, so that two of three that are
+        disturbed alike are no majority. The fit is None for a single sensor, or if the readings do not determine it:
+        directions that no sensor observes alone are not observed together either.
         """
         if len(self.own) < 2 or not any(start is not None and is_sound(start) for start in self.starts):
             return None, ()
@@ -218,7 +218,7 @@ class _Body:
         begins = [self.starts[place] for place in self.own]
         outliers = _own_outliers(fields, begins)
         alike = outliers & (2 * outliers.sum(axis=0) > np.isfinite(fields[..., 0]).sum(axis=0))
-        for _ in range(ROUNDS):
+        for _ in range(MAX_ROUNDS):
             left = np.where(alike[..., np.newaxis], np.nan, fields)
             for run in runs:
                 if run.sensor is not None:
@@ -232,68 +232,70 @@ class _Body:
             if several.unobserved:
                 return None, ()
             limits = {"limit_deg": self.options["target_deg"], "dip_deg": self.dip_deg}
-            before, runs = runs, disagreements(_corrected(several, fields), self.common.time, **limits)
+            before, runs = runs, disagreements(_correct(several, fields), self.common.time, **limits)
             if _segments(runs) == _segments(before):
                 break
         placed = [run.of_sensor(dict(enumerate(self.own))) for run in runs]
         return several, tuple(sorted(placed, key=lambda run: run.start_s))
 
     def apart_deg(self, several: Several) -> float:
-        """How far two are apart all the time, in degrees of heading, where nothing tells which is off; else 0.
+        """Constant difference of two sensors in degrees of heading, if it is unknown which one is wrong; else 0.
 
-        Noise, or a field that moves with one sensor, changes lengths as it changes directions. Where directions are
-        apart by far more than lengths, or where the joint fit lays it to the sensor whose length is the steadier, the
-        fit would lay to one of two what may be the other's.
+        Noise, or a field that moves with one sensor, changes lengths as well as directions. If directions differ by far
+        more than lengths, or if the joint fit assigns the error to the sensor with the more constant length, the fit
+        may assign the error to the wrong sensor.
         """
         alone = [self.starts[place] for place in self.own]
         sound = [start for start in alone if start is not None and is_sound(start)]
         if len(self.own) != 2 or len(sound) != 2:
             return 0.0
         fields, dip_deg, time = self.common.fields[self.own], self.dip_deg, self.common.time
-        corrected = _corrected(several, fields)
+        corrected = _correct(several, fields)
         between_deg = heading_deg(float(scatter(corrected[:1], corrected[1], time)[0]), dip_deg)
-        lengths = length_scatter(np.stack([_by_itself(*each) for each in zip(fields, sound, strict=True)]), time)
+        lengths = length_scatter(np.stack([_correct_alone(*each) for each in zip(fields, sound, strict=True)]), time)
         by_length_deg = heading_deg(float(np.hypot(*lengths)), dip_deg)
         off = scatter(corrected, several.directions, time)
-        is_lopsided = bool(off.max() > NOISIER * off.min() and np.argmax(off) != np.argmax(lengths))
-        is_apart = between_deg > self.options["target_deg"] and (between_deg > NOISIER * by_length_deg or is_lopsided)
+        is_lopsided = bool(off.max() > MAX_MISFIT_RATIO * off.min() and np.argmax(off) != np.argmax(lengths))
+        is_apart = between_deg > self.options["target_deg"] and (
+            between_deg > MAX_MISFIT_RATIO * by_length_deg or is_lopsided
+        )
         return between_deg if is_apart else 0.0
 
     def member(self, place: int, several: Several | None) -> Member:
-        """One of them, with what the joint fit finds of it."""
+        """The sensor at a place, with its results of the joint fit."""
         name = self.names[place]
-        alone = self.fitted_alone(name)
+        alone = self.fit_alone(name)
         member = Member(
             name, alone, alone,
             delay_s=float(self.common.delays_s[place]),
             delay_sigma_s=float(self.common.delay_sigmas_s[place]),
         )  # fmt: skip
         if place in self.copies:
-            return self.copied(member, place)
-        return member if several is None else self.joined(member, place, several)
+            return self.copy_member(member, place)
+        return member if several is None else self.joint_member(member, place, several)
 
-    def fitted_alone(self, name: str) -> Fit | FitError:
-        """The judged fit of one sensor by itself, as `flinders.fit` makes it."""
+    def fit_alone(self, name: str) -> Fit | FitError:
+        """The fit of one sensor alone by `flinders.fit`, or its error."""
         try:
             return fit(self.sources[name], sensor=name, method=Auto(self.prior), **{**self.options, "site": self.site})
         except FitError as refusal:
             return refusal
 
-    def copied(self, member: Member, place: int) -> Member:
-        """A copy, with the rotation that leads from it to the reference where both are known by themselves."""
+    def copy_member(self, member: Member, place: int) -> Member:
+        """A member that is a copy, with its rotation to the reference if both are calibrated alone."""
         member = replace(member, copy_of=self.names[self.copies[place]])
         start, reference = self.starts[place], self.starts[self.reference]
         if start is None or reference is None:
             return member
-        own = _by_itself(self.common.fields[place], start)
-        into = _by_itself(self.common.fields[self.reference], reference)
+        own = _correct_alone(self.common.fields[place], start)
+        into = _correct_alone(self.common.fields[self.reference], reference)
         both = np.isfinite(own).all(axis=1) & np.isfinite(into).all(axis=1)
         rotation = mirror_or_rotation(_unit(own[both]), _unit(into[both]))
         axes, off = nearest_axes(rotation)
         return replace(member, rotation=rotation, axes=axes, misalignment_deg=off)
 
-    def joined(self, member: Member, place: int, several: Several) -> Member:
-        """A member with what the joint fit finds of it."""
+    def joint_member(self, member: Member, place: int, several: Several) -> Member:
+        """A member with its results of the joint fit."""
         index = self.own.index(place)
         rotation, covariance = several.rotation(index)
         is_reference = index == several.reference and self.mounting is None
@@ -302,7 +304,8 @@ class _Body:
         try:
             judged = judged_as(
                 estimate, self.sources[member.name], sensor=member.name,
-                aiding_result=None if is_reference else _turned(rotation, covariance, self.mounting), **self.options,
+                aiding_result=None if is_reference else _rotation_aiding(rotation, covariance, self.mounting),
+                **self.options,
             )  # fmt: skip
         except FitError as refusal:
             judged = refusal
@@ -315,16 +318,18 @@ class _Body:
         )  # fmt: skip
 
     def outliers(self, member: Member, place: int, is_inlier: NDArray[np.bool_]) -> tuple[Outlier, ...]:
-        """What a sensor left out by itself, where the joint fit left out most of that, too."""
+        """Outliers of a sensor's own fit, if the joint fit rejects most of them, too."""
         alone = fit_of(member.alone)
         outliers = _own_outliers(self.common.fields[place][np.newaxis], [self.starts[place]])[0]
-        if alone is None or not outliers.any() or np.mean(is_inlier[outliers]) > MOST_OUTLIERS:
+        if alone is None or not outliers.any() or np.mean(is_inlier[outliers]) > MAX_OUTLIER_SHARE:
             return ()
         return alone.evidence.outliers
 
 
-def _in_body(source: Recording, aiding: AnyAiding, site: Site | None, prior: float, target_deg: float) -> Aiding | None:
-    """How the reference sits in the body, by what was recorded beside it; None where nothing saw that."""
+def _body_aiding(
+    source: Recording, aiding: AnyAiding, site: Site | None, prior: float, target_deg: float
+) -> Aiding | None:
+    """Mounting of the reference in the body, by other recorded sensors; None if not observed."""
     try:
         reference = fit(source, aiding=aiding, site=site, method=Auto(prior), target_deg=target_deg)
     except Refused as refusal:
@@ -339,21 +344,21 @@ def _in_body(source: Recording, aiding: AnyAiding, site: Site | None, prior: flo
     )
 
 
-def _turned(rotation: Floats, covariance: Floats, body: Aiding | None) -> Aiding:
-    """A rotation into the reference, taken on into the body where that is known."""
+def _rotation_aiding(rotation: Floats, covariance: Floats, body: Aiding | None) -> Aiding:
+    """A rotation into the reference, followed by that into the body if known."""
     if body is None or body.rotation is None or body.rotation_covariance is None:
         return Aiding((), rotation, covariance)
     turned = body.rotation @ covariance @ body.rotation.T + body.rotation_covariance
     return Aiding((), body.rotation @ rotation, turned)
 
 
-def _better(member: Member) -> Member:
-    """A member, as it is by itself where that is clearly better known than it is with the others."""
+def _better_fit(member: Member) -> Member:
+    """A member with its fit alone if that is clearly better than the joint fit."""
     joint, alone = fit_of(member.fit), fit_of(member.alone)
     if member.copy_of or joint is None or alone is None or alone.claim.plane or alone.evidence.unobserved:
         return member
     worst = joint.heading_error_deg.worst
-    if worst <= WORSE * alone.heading_error_deg.worst:
+    if worst <= MAX_JOINT_ERROR_RATIO * alone.heading_error_deg.worst:
         return member
     return replace(
         member, fit=member.alone, rotation=None, rotation_sigma_deg=None, axes="x,y,z", misalignment_deg=0.0,
@@ -362,7 +367,7 @@ def _better(member: Member) -> Member:
 
 
 def _own_outliers(fields: Floats, starts: Sequence[Estimate | None]) -> NDArray[np.bool_]:
-    """(m, N) readings that a sensor by itself leaves out; none where it would leave out most.
+    """(m, N) outliers of each sensor's own fit; none for a sensor with more outliers than inliers.
 
     >>> rng = np.random.default_rng(1)
     >>> q = rng.normal(size=(400, 3))
@@ -378,35 +383,35 @@ def _own_outliers(fields: Floats, starts: Sequence[Estimate | None]) -> NDArray[
             continue
         there = np.flatnonzero(np.isfinite(field).all(axis=1))
         out = with_runs(np.abs(distances(field[there], start.ellipsoid)) > start.rejected_beyond)
-        if np.count_nonzero(out) <= MOST_OUTLIERS * len(there):
+        if np.count_nonzero(out) <= MAX_OUTLIER_SHARE * len(there):
             outliers[sensor, there[out]] = True
     return outliers
 
 
 def _segments(runs: Sequence[Disagreement]) -> set[tuple[int | None, int, int]]:
-    """What tells the segments of two rounds apart."""
+    """Keys of segments, to compare those of two rounds."""
     return {(run.sensor, run.first, run.last) for run in runs if run.sensor is not None}
 
 
-def _by_itself(field: Floats, start: Estimate) -> Floats:
-    """(N, 3) readings over the field's strength, corrected by what a sensor finds by itself."""
+def _correct_alone(field: Floats, start: Estimate) -> Floats:
+    """(N, 3) readings corrected by the sensor's own fit, over the field's strength."""
     corrected: Floats = (field - start.ellipsoid.centre) @ np.linalg.inv(start.ellipsoid.shape)
     return corrected
 
 
 def _unit(vectors: Floats) -> Floats:
-    """(N, 3) of length one."""
+    """(N, 3) vectors scaled to length one."""
     unit: Floats = vectors / np.linalg.norm(vectors, axis=1, keepdims=True)
     return unit
 
 
-def _corrected(several: Several, fields: Floats) -> Floats:
-    """(m, N, 3) corrected readings of all, in the axes of the reference."""
+def _correct(several: Several, fields: Floats) -> Floats:
+    """(m, N, 3) corrected readings of all sensors, in the axes of the reference."""
     return np.stack([several.corrected(index, field) for index, field in enumerate(fields)])
 
 
 def nearest_axes(rotation: Floats) -> tuple[str, float]:
-    """Which exchange of axes a (3, 3) rotation is nearest to, and by how many degrees it is off that.
+    """The exchange of axes nearest to a (3, 3) rotation, and the angle between both in degrees.
 
     >>> nearest_axes(np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]]))
     ('-y,x,z', 0.0)

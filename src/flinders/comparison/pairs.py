@@ -1,7 +1,7 @@
-"""Differences of pairs of calibrations: the formulas of `flinders.compare`, for n pairs at once.
+"""Differences of n pairs of calibrations, by the formulas of `flinders.compare`.
 
-Readings of one sensor are longer in a stronger field, which says nothing of the sensor. The two ellipsoids of a pair
-are therefore brought to one size; if that is their radius, their common scale is taken out of both covariances.
+Readings of one sensor are longer in a stronger field, which is no property of the sensor. The two ellipsoids of a pair
+are therefore scaled to one size; if that is their radius, their common scale is removed from both covariances.
 
 >>> spheres = EllipsoidPairs(*(np.stack([one, one]) for one in (np.zeros(3), 50.0 * np.eye(3), 0.01 * np.eye(9))))
 >>> moved = replace(spheres, centre=np.array([[0.0, 0.0, 0.0], [0.5, 0.0, 0.0]]))
@@ -29,8 +29,8 @@ if TYPE_CHECKING:
 
     from flinders.arrays import Floats
 
-CHUNK: Final = 1024
-"""Pairs that are compared at a time, so that their headings fit into the cache."""
+CHUNK_PAIRS: Final = 1024
+"""Count of pairs that are compared together, so that their headings fit into the cache."""
 
 _erfc: Final = np.frompyfunc(math.erfc, 1, 1)
 
@@ -40,13 +40,13 @@ class EllipsoidPairs:
     """Many ellipsoids in the magnetometer's own axes, and their covariances."""
 
     centre: Floats  # (n, 3)
-    shape: Floats  # (n, 3, 3) symmetric S, by which a unit direction becomes a reading
-    # (n, 9, 9) of (b, S₁₁, S₂₂, S₃₃, S₁₂, S₁₃, S₂₃), in the square of the unit of the centre; 0 for an exact one
+    shape: Floats  # (n, 3, 3) symmetric S, which maps a unit direction to a reading
+    # (n, 9, 9) of (b, S₁₁, S₂₂, S₃₃, S₁₂, S₁₃, S₂₃), in the square of the unit of the centre; 0 for an exact ellipsoid
     covariance: Floats
 
     @classmethod
     def of_columns(cls, offset: Floats, matrix: Floats, covariance: Floats, radius: Floats) -> Self:
-        """Take them from columns (n, 3), (n, 9), (n, 45) and (n,) of the table of a fleet."""
+        """Create ellipsoids from columns (n, 3), (n, 9), (n, 45) and (n,) of the table of a fleet."""
         rows, columns = np.triu_indices(9)
         whole = np.empty((len(offset), 9, 9))
         whole[:, rows, columns] = whole[:, columns, rows] = covariance
@@ -72,17 +72,17 @@ class EllipsoidPairs:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Pairs:
-    """Pairs of ellipsoids that were brought to one size."""
+    """Pairs of ellipsoids that are scaled to one size."""
 
-    moved: Floats  # (n, 3) centre of the second less that of the first
-    first: Floats  # (n, 3, 3) shapes
-    second: Floats
-    covariance: Floats  # (n, 9, 9) sum of both
-    scale: Floats  # (n,) size of the second over that of the first, less one
+    moved: Floats  # (n, 3) centre of the second minus that of the first
+    first: Floats  # (n, 3, 3) shapes of the first
+    second: Floats  # (n, 3, 3) shapes of the second
+    covariance: Floats  # (n, 9, 9) sum of both covariances
+    scale: Floats  # (n,) size of the second over that of the first, minus one
 
     @classmethod
     def of(cls, first: EllipsoidPairs, second: EllipsoidPairs, strengths: tuple[Floats, Floats] | None = None) -> Self:
-        """Bring pairs to the geometric mean of the (n,) field strengths if they are known, else of their radii."""
+        """Scale pairs to the geometric mean of their (n,) field strengths if known, else of their radii."""
         sizes = (first.radius, second.radius) if strengths is None else strengths
         common = np.sqrt(sizes[0]) * np.sqrt(sizes[1])
         factors = [common / size for size in sizes]
@@ -103,19 +103,19 @@ class Pairs:
         return middle
 
     def chi_square(self, parameters: Sequence[int] = range(9)) -> tuple[Floats, Floats]:
-        """(n,) squares of the differences in units of their covariances, and the ranks of those."""
+        """(n,) χ² of the differences against their covariances, and ranks of the covariances."""
         chosen = list(parameters)
         difference = np.concatenate([self.moved, upper(self.second - self.first)], axis=1)[:, chosen]
         return chi_squares(difference, self.covariance[:, chosen][:, :, chosen])
 
     def corrected(self, directions: Floats) -> tuple[Floats, Floats]:
-        """(n, 3, K) what the second makes of the readings of the first for (3, K) directions, and the reverse."""
+        """(n, 3, K) readings of the first for (3, K) directions corrected by the second, and the reverse."""
         moved = self.moved[:, :, np.newaxis]
         forth = np.linalg.solve(self.second, self.first @ directions - moved)
         return forth, np.linalg.solve(self.first, self.second @ directions + moved)
 
     def heading_deg(self, dip_deg: float) -> tuple[Floats, Floats, Floats]:
-        """(n,) rms and worst difference in heading over a level turn without its mean, and that mean; in degrees."""
+        """(n,) rms and worst heading difference over a level turn, without its mean, and the mean; in degrees."""
         directions = level_turn(dip_deg)[1]
         forth, back = (_turns(seen, directions) for seen in self.corrected(directions))
         turns = (forth, np.conj(back))
@@ -125,13 +125,13 @@ class Pairs:
         return np.sqrt(np.mean(both**2, axis=1)), np.abs(both).max(axis=1), np.rad2deg(np.mean(means, axis=0))
 
     def direction_deg(self, directions: Floats) -> Floats:
-        """(n,) angle between the corrected fields in degrees, rms over (3, K) directions and both ways."""
+        """(n,) angle between the corrected fields in degrees, rms over (3, K) directions and both orders."""
         angles = [_angles(seen, directions) for seen in self.corrected(directions)]
         rms: Floats = np.rad2deg(np.sqrt(np.mean(np.square(np.concatenate(angles, axis=1)), axis=1)))
         return rms
 
     def sigmas_deg(self, dip_deg: float) -> tuple[Floats, Floats, Floats, Floats]:
-        """(n,) 1 σ of the heading in degrees: rms over the turn, the worst, and the worst of offset and matrix alone.
+        """(n,) 1 σ of the heading in degrees: rms over the turn, the worst, and the worst from offset or matrix alone.
 
         Gradients are those of `flinders.heading.error_propagation.level_gradients`.
         """
@@ -154,52 +154,52 @@ class Pairs:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Differences:
-    """Difference of the second ellipsoid of each pair from the first, and 1 σ of it if both covariances are right.
+    """Difference of the second ellipsoid of each pair from the first, with its 1 σ by both covariances.
 
-    Headings are those of a level vehicle over a whole turn, the mean removed; all attributes are (n,) float.
+    Headings are those of a level vehicle over a whole turn, without the mean; all attributes are (n,) float.
     """
 
     rms_deg: Floats  # difference in heading, rms over the turn and the worst
     worst_deg: Floats
     sigma_rms_deg: Floats  # 1 σ of the difference: rms over the turn, and at the worst heading
     sigma_deg: Floats
-    mean_deg: Floats  # the mean that was removed: it looks like a mounting that has turned
-    offset_deg: Floats  # at the worst heading, of the difference of the offset alone
+    mean_deg: Floats  # the removed mean, which has the effect of a rotated mounting
+    offset_deg: Floats  # difference from the offset alone, at the worst heading
     offset_sigma_deg: Floats
-    matrix_deg: Floats  # at the worst heading, of the difference of the matrix alone
+    matrix_deg: Floats  # difference from the matrix alone, at the worst heading
     matrix_sigma_deg: Floats
     offset_change: Floats  # distance of the offsets
-    scale: Floats  # radius of the second over that of the first, less one: the sensor's scale or the place's field
-    chi_square: Floats  # of the difference in offset and shape, the scale left out, against the sum of the covariances
+    scale: Floats  # radius of the second over that of the first, minus one: scale of the sensor or field of the place
+    chi_square: Floats  # of the difference in offset and shape, without the scale, against the sum of the covariances
     freedom: Floats
 
     @property
     def p_value(self) -> Floats:
-        """(n,) probability that chance alone makes a difference as large."""
+        """(n,) probability of a difference as large by chance."""
         return chances(self.chi_square, self.freedom)
 
     def inflated(self, factor: float | Floats) -> Self:
-        """The same if the claimed variances are too small by a factor, for all or (n,) for each."""
+        """Differences with the claimed variances multiplied by a factor, for all or (n,) for each."""
         root = np.sqrt(factor)
-        sigmas = {name: root * getattr(self, name) for name in SIGMAS}
+        sigmas = {name: root * getattr(self, name) for name in SIGMA_COLUMNS}
         return replace(self, chi_square=self.chi_square / factor, **sigmas)
 
     @classmethod
     def joined(cls, parts: Iterable[Differences], rows: Sequence[NDArray[np.intp]]) -> Self:
-        """Concatenate differences of pairs whose numbers are `rows`, in the order of those."""
+        """Concatenate differences of pairs with the indices `rows`, in the order of these."""
         order = np.argsort(np.concatenate([*rows, np.empty(0, dtype=np.intp)]))
         every = list(parts)
         names = [field.name for field in fields(cls)]
         return cls(**{name: np.concatenate([*(getattr(part, name) for part in every), []])[order] for name in names})
 
 
-SIGMAS: Final = ("sigma_rms_deg", "sigma_deg", "offset_sigma_deg", "matrix_sigma_deg")
+SIGMA_COLUMNS: Final = ("sigma_rms_deg", "sigma_deg", "offset_sigma_deg", "matrix_sigma_deg")
 
 
 def differences(first: EllipsoidPairs, second: EllipsoidPairs, *, dip_deg: float | Floats = 60.0) -> Differences:
     """Compare n pairs of ellipsoids in one unit and axes, as `flinders.compare` does without a field strength.
 
-    `dip_deg` is the inclination of the field, of all or (n,) of each; its sign says which way up the sensor sits.
+    `dip_deg` is the inclination of the field, of all or (n,) of each; its sign is that in the sensor's axes.
     Raises UsageError for a dip within a degree of the poles.
     """
     chunks = list(_chunks(len(first), dip_deg))
@@ -208,7 +208,7 @@ def differences(first: EllipsoidPairs, second: EllipsoidPairs, *, dip_deg: float
 
 
 def offset_heading_deg(moved: Floats, shape: Floats, *, dip_deg: float | Floats = 60.0) -> Floats:
-    """(n,) worst heading difference in degrees that (n, 3) steps of the offset make, for (n, 3, 3) shapes."""
+    """(n,) worst heading difference in degrees by (n, 3) changes of the offset, for (n, 3, 3) shapes."""
     worst = np.empty(len(moved))
     nothing = np.empty(0)
     for rows, dip in _chunks(len(moved), dip_deg):
@@ -217,7 +217,7 @@ def offset_heading_deg(moved: Floats, shape: Floats, *, dip_deg: float | Floats 
 
 
 def chances(chi_square: Floats, freedom: Floats) -> Floats:
-    """(n,) probability that chance makes chi-square as large, exactly; 1 without degrees of freedom.
+    """(n,) exact probability of a chi-square as large by chance; 1 without degrees of freedom.
 
     Q(ν + 2, x) = Q(ν, x) + (x/2)^(ν/2) exp(−x/2) / Γ(ν/2 + 1), from Q(1, x) = erfc √(x/2) and Q(2, x) = exp(−x/2).
 
@@ -234,7 +234,7 @@ def chances(chi_square: Floats, freedom: Floats) -> Floats:
 
 
 def _tail(half: Floats, degrees: int) -> Floats:
-    """Q(ν, x) of (n,) x/2."""
+    """Q(ν, x) for ν `degrees` and (n,) x/2."""
     is_odd = degrees % 2
     tail: Floats = np.asarray(_erfc(np.sqrt(half)), float) if is_odd else np.exp(-half)
     with np.errstate(divide="ignore", over="ignore", under="ignore"):
@@ -246,12 +246,12 @@ def _tail(half: Floats, degrees: int) -> Floats:
 
 
 def _chunks(count: int, dip_deg: float | Floats) -> Iterator[tuple[NDArray[np.intp], float]]:
-    """Split so many rows into chunks of one dip each."""
+    """Yield chunks of rows, each with one dip."""
     dips = np.broadcast_to(dip_deg, count)
     for dip in np.unique(dip_deg).tolist():
         level_turn(dip)
         rows = np.flatnonzero(dips == dip)
-        yield from ((rows[at : at + CHUNK], dip) for at in range(0, len(rows), CHUNK))
+        yield from ((rows[at : at + CHUNK_PAIRS], dip) for at in range(0, len(rows), CHUNK_PAIRS))
 
 
 def _differences(pairs: Pairs, dip_deg: float) -> Differences:
@@ -277,7 +277,7 @@ def _differences(pairs: Pairs, dip_deg: float) -> Differences:
 
 
 def rescaled(covariance: Floats, factor: float | Floats) -> Floats:
-    """(..., 9, 9) covariances of (b, S) once the shapes S were multiplied by (...) factors."""
+    """(..., 9, 9) covariances of (b, S) after multiplication of the shapes S by (...) factors."""
     factors = np.ones((*np.shape(factor), 9))
     factors[..., 3:] = np.asarray(factor)[..., np.newaxis]
     scaled: Floats = covariance * (factors[..., :, np.newaxis] * factors[..., np.newaxis, :])
@@ -285,20 +285,20 @@ def rescaled(covariance: Floats, factor: float | Floats) -> Floats:
 
 
 def without_scale(covariance: Floats, shape: Floats, reference: Floats) -> Floats:
-    """(..., 9, 9) covariances of (b, S) once (..., 3, 3) S were brought to the size of a reference R, tr(R⁻¹S) = 3.
+    """(..., 9, 9) covariances of (b, S) after scaling (..., 3, 3) S to the size of a reference R, tr(R⁻¹S) = 3.
 
-    For S about R, that is the same determinant: S/s with s = tr(R⁻¹S)/3 changes by δS − S tr(R⁻¹δS)/3, given
-    as `shape` after it was brought there. Whatever its scale was, the row of R⁻¹ is free of it, so that several
-    covariances are singular in the same direction.
+    For S near R that is the same determinant: S/s with s = tr(R⁻¹S)/3 changes by δS − S tr(R⁻¹δS)/3, where `shape` is S
+    after scaling. The results do not depend on the original scale, and all covariances are singular in the same
+    direction, that of R⁻¹.
     """
     jacobian = np.tile(np.eye(9), (*shape.shape[:-2], 1, 1))
     jacobian[..., 3:, 3:] -= upper(shape)[..., :, np.newaxis] * trace_with(reference)[..., np.newaxis, :] / 3.0
     projected: Floats = jacobian @ covariance @ np.swapaxes(jacobian, -1, -2)
-    return (projected + np.swapaxes(projected, -1, -2)) / 2.0  # whose rank is then 8 to rounding
+    return (projected + np.swapaxes(projected, -1, -2)) / 2.0  # the rank is then 8 except for rounding
 
 
 def trace_with(reference: Floats) -> Floats:
-    """(..., 6) coefficients of tr(R⁻¹S) in the entries of S that `upper` takes."""
+    """(..., 6) coefficients of tr(R⁻¹S) for the entries of S in the order of `upper`."""
     coefficients: Floats = upper(np.linalg.inv(reference)) * [1.0, 1.0, 1.0, 2.0, 2.0, 2.0]
     return coefficients
 

@@ -1,4 +1,4 @@
-"""Results of comparisons as JSON has them."""
+"""JSON of results of comparisons."""
 
 from __future__ import annotations
 
@@ -11,17 +11,17 @@ if TYPE_CHECKING:
 
 
 def printed(result: object, *names: str) -> dict[str, Any]:
-    """Attributes of a result as JSON has them, by name."""
+    """Attributes of a result as JSON values, by name."""
     return {name: _plain(getattr(result, name)) for name in names}
 
 
 def with_bound(error: HeadingError | None, bound_deg: float | None) -> dict[str, float] | None:
-    """A claimed heading error as JSON has it, with the bound that no heading exceeds with 95 %."""
+    """JSON of a claimed heading error, with the 95 % bound at all headings."""
     return None if error is None or bound_deg is None else error.as_dict(bound_95=bound_deg)
 
 
 def _plain(value: Any) -> Any:  # noqa: ANN401 - whatever a result holds
-    """A value as JSON has it: arrays and tuples as lists, results as mappings."""
+    """A JSON value: arrays and tuples as lists, results as mappings."""
     if isinstance(value, np.ndarray):
         return value.tolist()
     if hasattr(value, "as_dict"):

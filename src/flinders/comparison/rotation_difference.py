@@ -1,4 +1,4 @@
-"""How far the rotations of two calibrations into the body are apart."""
+"""Difference of the rotations of two calibrations into the body."""
 
 from __future__ import annotations
 
@@ -21,12 +21,12 @@ if TYPE_CHECKING:
     from flinders.native.faults import Answer
 
 SIGMAS_95_OF_3: Final = 2.7955
-"""Standard deviations that the length of three normal numbers is within with a probability of 95 %."""
+"""Standard deviations that bound the length of three normal numbers with a probability of 95 %."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class RotationDifference:
-    """How far the rotations from the magnetometer's axes into those of the body are apart, b after a undone.
+    """Difference of two rotations from the magnetometer's axes into those of the body: b after the inverse of a.
 
     Examples
     --------
@@ -35,12 +35,12 @@ class RotationDifference:
     (3.0, 3.0, 0.029)
     """
 
-    vector_deg: Floats  #: (3,): the rotation between both, about the axes of the body
-    covariance: Floats | None = None  #: (3, 3), degrees²: the sum of both; None unless both state theirs
+    vector_deg: Floats  #: (3,): rotation vector between both, in body axes
+    covariance: Floats | None = None  #: (3, 3), degrees²: sum of both covariances; None unless both are stated
 
     @classmethod
     def of(cls, a: Fit, b: Fit) -> Self | None:
-        """Take b's rotation after a's is undone; None unless both know one."""
+        """Difference of the rotations of two fits; None unless both have one."""
         if "symmetric" in (a.calibration.rotation, b.calibration.rotation):
             return None
         both = [rotation_covariance(fit) for fit in (a, b)]
@@ -49,7 +49,7 @@ class RotationDifference:
 
     @classmethod
     def between(cls, a: Calibration, b: Calibration, covariance: Floats | None = None) -> Self:
-        """The same of two calibrations, with a covariance (3, 3) in rad²."""
+        """Difference of the rotations of two calibrations, with a (3, 3) covariance in rad²."""
         turn = b.rotation_matrix @ a.rotation_matrix.T
         return cls(
             np.rad2deg(rotation_vectors(turn)), None if covariance is None else np.rad2deg(np.rad2deg(covariance))
@@ -57,12 +57,12 @@ class RotationDifference:
 
     @property
     def angle_deg(self) -> float:
-        """The angle between both."""
+        """Angle between both rotations."""
         return math.hypot(*self.vector_deg)
 
     @property
     def sigma_deg(self) -> Floats | None:
-        """(3,) 1 σ about each axis of the body."""
+        """(3,) 1 σ about each axis of the body; None without a covariance."""
         if self.covariance is None:
             return None
         sigma: Floats = np.sqrt(np.diag(self.covariance))
@@ -70,7 +70,7 @@ class RotationDifference:
 
     @property
     def angle_sigma_deg(self) -> float | None:
-        """1 σ of that angle: along the axis that it is about, or of any where there is none."""
+        """1 σ of the angle, about the axis of the rotation; without a rotation, about the least certain axis."""
         if self.covariance is None:
             return None
         if not self.angle_deg > 0.0:
@@ -80,21 +80,21 @@ class RotationDifference:
 
     @property
     def p_value(self) -> float | None:
-        """How often chance alone turns them as far apart; None where not both say how well they know theirs."""
+        """Probability of a difference as large by chance; None without a covariance."""
         return None if self.covariance is None else chance_of(*self.chi_square)
 
     @property
     def chi_square(self) -> tuple[float, int]:
-        """Of the rotation against its covariance, and degrees of freedom; none without a covariance."""
+        """χ² of the rotation against its covariance, and its degrees of freedom, 0 without a covariance."""
         return (0.0, 0) if self.covariance is None else chi_square_of(self.vector_deg, self.covariance)
 
     def heading_deg(self, dip_deg: float) -> float:
-        """What it makes of a level vehicle's heading at the worst: a turn about z in full, a tilt by tan I."""
+        """Worst heading difference of a level vehicle: a rotation about z in full, a tilt multiplied by tan I."""
         x, y, z = (abs(part) for part in self.vector_deg.tolist())
         return float(z + abs(math.tan(math.radians(dip_deg))) * math.hypot(x, y))
 
     def heading_sigma_deg(self, dip_deg: float) -> float:
-        """1 σ of what it makes of a level heading, at the worst; NaN without a covariance."""
+        """1 σ of the worst level heading difference; NaN without a covariance."""
         if self.covariance is None:
             return math.nan
         headings = np.linspace(0.0, 2.0 * math.pi, HEADINGS, endpoint=False)
@@ -103,7 +103,7 @@ class RotationDifference:
         return math.sqrt(float(np.einsum("ik,ij,jk->k", gradient, self.covariance, gradient).max()))
 
     def answer_to(self, target_deg: float, dip_deg: float) -> Answer:
-        """Whether headings of the body are within a target, by the rotations alone."""
+        """Whether heading differences of the body are within a target, by the rotations alone."""
         sigma_deg, p_value = self.heading_sigma_deg(dip_deg), self.p_value
         return engine().answer(
             self.heading_deg(dip_deg),
@@ -119,6 +119,6 @@ class RotationDifference:
 
 
 def rotation_covariance(fit: Fit) -> Floats | None:
-    """(3, 3) rad², about the axes of the body; None where it is not known."""
+    """(3, 3) rad²: covariance of the rotation of a fit, about the axes of the body; None if unknown."""
     covariance = None if fit.evidence.aiding is None else fit.evidence.aiding.rotation_covariance
     return covariance if covariance is not None and np.isfinite(covariance).all() else None

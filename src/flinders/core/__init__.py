@@ -1,1 +1,1 @@
-"""What every other package speaks of: samples, calibrations, units, axes, the earth's field, files."""
+"""Basic types that every other package uses: samples, calibrations, units, axes, the earth's field, files."""

@@ -1,4 +1,4 @@
-"""Functions of packages above `core` that methods of its values call; `flinders/__init__.py` registers them here."""
+"""Functions of higher packages that methods of `core` call; `flinders/__init__.py` registers them here."""
 
 from __future__ import annotations
 

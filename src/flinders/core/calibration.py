@@ -1,4 +1,4 @@
-"""A calibration is a value: it corrects readings, can be inverted, composed, saved and loaded.
+"""The calibration of a magnetometer: a value that corrects readings and can be inverted, composed, saved and loaded.
 
 >>> tilted = Calibration.from_ellipsoid(centre=[-50, 20, 100], shape=np.diag([30.0, 20.0, 50.0]), raw=Unit.of("uT"))
 >>> tilted
@@ -67,30 +67,30 @@ class Calibration(Value):
     Raises
     ------
     ArrayError
-        For a wrong shape, values that are not finite, a singular matrix, or one that is not symmetric
-        although `rotation` says so.
+        For a wrong shape, values that are not finite, a singular matrix, or a matrix that is not symmetric
+        although `rotation` is ``symmetric``.
     UsageError
-        For a field strength that is not a positive number, or a rotation that is not known.
+        For a field strength that is not a positive number, or a value of `rotation` that is not known.
     """
 
     matrix: Floats  #: (3, 3), dimensionless: soft iron and scale; read-only
-    offset: Floats  #: (3,), in `unit`: hard iron, in mapped axes: what the sensor reads in zero field; read-only
+    offset: Floats  #: (3,), in `unit`, mapped axes: hard iron, the reading in zero field; read-only
     field_strength: float  #: in `unit`: length of corrected readings
-    #: it was given; otherwise the matrix has determinant 1, and this is the radius that results
+    #: whether the field strength was given; otherwise it follows from a matrix of determinant 1
     field_strength_known: bool = False
-    #: an ellipsoid fixes the matrix only up to a rotation on the left. ``symmetric``: the symmetric matrix was taken by
-    #: convention; ``estimated``: the fit saw the rotation; ``composed``: a product or inverse.
+    #: an ellipsoid determines the matrix only up to a rotation on the left. ``symmetric``: the symmetric matrix, by
+    #: convention; ``estimated``: the fit determined the rotation; ``composed``: a product or inverse.
     rotation: Rotation = "symmetric"
     raw: Unit = UNSTATED  #: the unit the recording was written in; ``raw.inside`` is the unit of the calibration
-    axes: Axes = AS_RECORDED  #: how recorded axes are turned before `apply`
+    axes: Axes = AS_RECORDED  #: mapping of the recorded axes before `apply`
     sensor: str | None = None  #: name or serial number
-    #: what the recorded axes are: ``sensor``, its own; or ``vehicle``, which readings were turned into, by how the
-    #: sensor is mounted, before they were logged. `axes` comes after either.
+    #: frame of the recorded axes: ``sensor``; or ``vehicle`` if the logger rotated the readings by the mounting of the
+    #: sensor. `axes` maps either of them.
     frame: str = "sensor"
-    #: what the offset follows: a current, a throttle, a temperature, any column of a log. With any of them
+    #: quantities that the offset follows: a current, a throttle, a temperature, any column of a log. With them
     #: ``corrected = matrix @ (raw - offset - Σ P (c - reference)) / (1 + a (T - reference))``.
     disturbances: tuple[Disturbance, ...] = ()
-    #: of axes that are not linear: with it ``raw - offset`` becomes ``linearization.apply(raw - offset)``
+    #: for nonlinear axes: ``raw - offset`` becomes ``linearization.apply(raw - offset)``
     linearization: Linearization | None = None
 
     def __post_init__(self) -> None:
@@ -107,7 +107,7 @@ class Calibration(Value):
     def identity(
         cls, *, field_strength: float = 1.0, raw: Unit = UNSTATED, axes: Axes = AS_RECORDED, sensor: str | None = None
     ) -> Calibration:
-        """Change nothing: where a chain of calibrations starts.
+        """The calibration that changes no reading, as the start of a chain of calibrations.
 
         >>> Calibration.identity().apply([1.0, 2.0, 3.0])
         array([1., 2., 3.])
@@ -126,7 +126,7 @@ class Calibration(Value):
         sensor: str | None = None,
         frame: str = "sensor",
     ) -> Calibration:
-        """Turn an ellipsoid of readings into the sphere it should have been.
+        """Make the calibration that maps an ellipsoid of readings to a sphere.
 
         Raises `ArrayError` unless `shape` is symmetric and positive definite; `UsageError` for a field strength that is
         not positive.
@@ -138,10 +138,10 @@ class Calibration(Value):
         shape : (3, 3) in ``raw.inside``
             Symmetric, positive definite; maps unit directions to readings: ``raw = centre + shape @ direction``.
         field_strength : float, optional, in ``raw.inside``
-            F, where it is known: ``matrix = F shape⁻¹``. Where it is not, the matrix has determinant 1, which
-            makes F the geometric mean of the radii (NXP AN4246; MotionCal; MATLAB's magcal).
+            F, if known: ``matrix = F shape⁻¹``. Otherwise the matrix has determinant 1, and F is the geometric mean
+            of the radii (NXP AN4246; MotionCal; MATLAB's magcal).
         raw, axes, sensor, frame
-            How the readings were recorded, as the attributes of the same name.
+            As the attributes of the same names.
 
         Examples
         --------
@@ -164,7 +164,7 @@ class Calibration(Value):
 
     @property
     def unit(self) -> str:
-        """Unit of readings, offset and field strength: ``uT``, or ``counts`` where no scale is known."""
+        """Unit of readings, offset and field strength: ``uT``, or ``counts`` if no scale is known."""
         return self.raw.inside
 
     @property
@@ -174,7 +174,7 @@ class Calibration(Value):
 
     @cached_property
     def ellipsoid(self) -> Ellipsoid:
-        """The ellipsoid that it makes a sphere, in the magnetometer's own axes: an ellipsoid knows no rotation."""
+        """Ellipsoid of the raw readings, in the magnetometer's own axes; the rotation has no part in it."""
         shape = self.shape
         if self.rotation == "symmetric" and is_positive(shape):
             return Ellipsoid(self.offset, (shape + shape.T) / 2.0)
@@ -183,14 +183,14 @@ class Calibration(Value):
 
     @property
     def rotation_matrix(self) -> Floats:
-        """(3, 3) from the magnetometer's own axes to those it corrects to; unity where it knows no rotation."""
+        """(3, 3) rotation from the magnetometer's own axes to those of corrected readings; identity if symmetric."""
         left, _, right = np.linalg.svd(self.matrix @ self.ellipsoid.shape / self.field_strength)  # rounding off
         turned: Floats = left @ right
         return turned
 
     @property
     def is_affine(self) -> bool:
-        """It is `matrix` and `offset`, and nothing else: no disturbance, no linearization."""
+        """Whether the calibration has only `matrix` and `offset`: no disturbance, no linearization."""
         return not self.disturbances and self.linearization is None
 
     @property
@@ -200,14 +200,15 @@ class Calibration(Value):
 
     @property
     def is_identity(self) -> bool:
-        """Readings come out as they go in."""
+        """Whether the calibration leaves each reading unchanged."""
         return bool(self.is_affine and not self.offset.any() and np.array_equal(self.matrix, np.eye(3)))
 
     @property
     def inv(self) -> Calibration:
-        """The way back, from corrected readings to raw ones; `UsageError` where the offset follows a disturbance.
+        """The inverse, from corrected to raw readings; `UsageError` if the offset follows a disturbance.
 
-        Its field strength is the geometric mean of the radii of the raw ellipsoid, so that ``c.inv.inv`` is ``c``.
+        The field strength of the inverse is the geometric mean of the radii of the raw ellipsoid, so that ``c.inv.inv``
+        is ``c``.
 
         >>> there = Calibration(np.diag([2.0, 1.0, 0.5]), [10, 0, -10], 50.0, raw=Unit.of("uT"))
         >>> there.inv.apply(there.apply([1.0, 2.0, 3.0]))
@@ -252,33 +253,33 @@ class Calibration(Value):
     ) -> Any:
         """Correct readings, or the magnetometer's columns of a data frame.
 
-        Raises `ArrayError` for a wrong shape, or values that are no numbers; `UsageError` where a disturbance is not
-        given. For a frame what `flinders.apply` and `flinders.headings` raise.
+        Raises `ArrayError` for a wrong shape, or values that are not numbers; `UsageError` if the values of a
+        disturbance are missing. For a frame also the errors of `flinders.apply` and `flinders.headings`.
 
         Parameters
         ----------
         raw : (..., 3) in `unit`, or data frame
-            Raw readings in mapped axes (see `axes`); a reading with NaN in it comes out as NaN. A frame is as it was
-            recorded: its unit and axes are those of the recording, its disturbances are columns.
+            Raw readings in mapped axes (see `axes`); a reading with a NaN gives NaN. A frame has the unit and axes of
+            the recording, and a column for each disturbance.
         current, throttle, temperature : (...), A, 0 to 1 and °C, optional
-            Values of the `disturbances`; of one with a lag those of so much before the reading. What the calibration
-            does not ask for is left alone.
+            Values of the `disturbances`; for a disturbance with a lag, the values that were recorded the lag before
+            each reading. Values that the calibration does not need are ignored.
         **others : (...) or (..., M)
-            The same of each motor, where each has an offset of its own: ``current1``, …, or all of M motors together as
-            ``currents`` or ``throttles``; and of other columns by their names in the log, ``**{"BAT.Curr": values}``,
-            the words of states among them.
+            Values for each motor if each has an offset of its own: ``current1``, …, or all M motors together as
+            ``currents`` or ``throttles``; and other columns by their names in the log, ``**{"BAT.Curr": values}``, of
+            numbers or of the two words of a state.
 
         columns : str or sequence of str or int, optional
-            The magnetometer's columns of a frame, ``["mx", "my", "mz"]``, where their names do not say so.
+            The magnetometer's columns of a frame, ``["mx", "my", "mz"]``, if their names are not recognised.
         heading, level : bool
-            Add a column ``heading_deg``: magnetic headings, degrees, of a frame with accelerations, which remove the
-            tilt; with `level` of x and y alone.
+            Add a column ``heading_deg`` to a frame: magnetic headings in degrees. `heading` removes the tilt by the
+            accelerations of the frame; `level` uses x and y alone.
 
         Returns
         -------
         (..., 3) in `unit`
-            Of length `field_strength` where only the earth's field was there. Of a frame a copy of its kind with the
-            corrected field in the same columns and unit; NaN where a row is no reading.
+            Corrected readings, of length `field_strength` in the undisturbed field of the earth. For a frame, a copy of
+            the same type with the corrected field in the same columns and unit; NaN in rows without a valid reading.
 
         Examples
         --------
@@ -287,14 +288,14 @@ class Calibration(Value):
         array([[ 0.,  0., 50.],
                [50.,  0.,  0.]])
         >>> flown = replace(centred, disturbances=(Disturbance("current", [0.5, 0.0, 0.0], highest=20.0),))
-        >>> flown.apply([15, 20, 80], current=10.0)                 # motors that add half a microtesla for each ampere
+        >>> flown.apply([15, 20, 80], current=10.0)                 # the motors add 0.5 µT for each ampere
         array([ 0.,  0., 50.])
         """
         given = {"current": current, "throttle": throttle, "temperature": temperature, **others}
         if is_frame(raw):
             return ABOVE["correct_frame"](self, raw, columns=columns, heading=heading, level=level, given=given)
         if columns is not None or heading or level:
-            raise UsageError("an array has no names of columns: columns and headings are of a data frame")
+            raise UsageError("an array has no named columns: to name columns or add headings, give a data frame")
         shift, gain = self._effect(**given)
         with np.errstate(invalid="ignore", over="ignore"):  # infinite readings become NaN
             readings = vectors(raw, "raw", finite=False)
@@ -314,7 +315,7 @@ class Calibration(Value):
         temperature: ArrayLike | None = None,
         **others: ArrayLike | None,
     ) -> Floats:
-        """Predict what the sensor reads in a field, (..., 3) in `unit`, with the disturbances of `apply`.
+        """Predict the (..., 3) raw reading in a field, in `unit`, with the disturbances of `apply`.
 
         >>> Calibration(np.diag([2.0, 1.0, 0.5]), [10, 20, 30], 50.0).unapply([0, 0, 50])
         array([ 10.,  20., 130.])
@@ -330,15 +331,15 @@ class Calibration(Value):
             return raw
 
     def _effect(self, **given: ArrayLike | None) -> tuple[Floats, Floats]:
-        """What disturbances of these values add to readings, and what they multiply the field by."""
+        """Shift of readings (..., 3) and factor of the field (...) at these values of the disturbances."""
         if not self.disturbances and all(values is None for values in given.values()):
             return np.zeros(3), np.ones(())
         return effect(self.disturbances, named(self.disturbances, **given))
 
     def at(self, **values: float | str) -> Calibration:
-        """The plain calibration at fixed values of its disturbances, of each that is not given at its reference.
+        """The calibration at fixed values of its disturbances, without them; by default each is at its reference.
 
-        A value of what is none of its disturbances raises `UsageError`.
+        Raises `UsageError` for the value of a disturbance that the calibration does not follow.
 
         >>> motors = Disturbance("current", [0.5, 0.0, 0.0], highest=20.0)
         >>> Calibration(np.eye(3), [10, 20, 30], 50.0, disturbances=(motors,)).at(current=10.0).offset
@@ -347,9 +348,9 @@ class Calibration(Value):
         return replace(self.holding(**values), disturbances=()) if self.disturbances or values else self
 
     def holding(self, **values: float | str) -> Calibration:
-        """The calibration at fixed values of some of its disturbances; it goes on following the others.
+        """The calibration at fixed values of some of its disturbances; the other disturbances stay.
 
-        A value of what is none of its disturbances, or is no number, raises `UsageError`.
+        Raises `UsageError` for a disturbance that the calibration does not follow, or a value that is not a number.
         """
         ours = {disturbance.name: disturbance for disturbance in self.disturbances}
         for name, value in values.items():
@@ -364,10 +365,11 @@ class Calibration(Value):
         return replace(self, offset=self.offset + shift, matrix=self.matrix / float(gain), disturbances=left)
 
     def disturbance_deg(self, disturbance: Disturbance, value: float | None = None, *, dip_deg: float = 60.0) -> float:
-        """Heading error, in degrees, of leaving a disturbance out at a value: at the worst attitude and heading.
+        """Heading error in degrees from not correcting a disturbance, at the worst attitude and heading.
 
-        By default the value is the end of its recorded range that is farther from its reference. `dip_deg` is the
-        inclination of the field: what stands across its level part turns the heading, by 180° where it is stronger.
+        `value` is the value of the disturbance; by default the end of its recorded range that is farther from its
+        reference. `dip_deg` is the inclination of the field. A disturbance that is stronger than the horizontal field
+        turns the heading by up to 180°.
 
         >>> motors = Disturbance("current", [0.5, 0.0, 0.0], highest=20.0)
         >>> round(Calibration(np.eye(3), [0, 0, 0], 50.0, disturbances=(motors,)).disturbance_deg(motors), 1)
@@ -380,27 +382,29 @@ class Calibration(Value):
     def __matmul__(self, first: Calibration) -> Calibration:
         """``(b @ a).apply(x) == b.apply(a.apply(x))``: `first` acts first.
 
-        The recording's unit, axes and frame are those of `first`, the field strength is that of `self`; an identity
-        leaves the other as it is.
+        The unit, axes and frame are those of `first`, the field strength is that of `self`. The product with an
+        identity is the other calibration.
 
-        Raises `UnitError` where one is in µT and the other in counts; `UsageError` where this one follows a
-        disturbance, or the scale of `first` does, or axes are linearized.
+        Raises `UnitError` if one is in µT and the other in counts; `UsageError` if `self` follows a disturbance, if the
+        scale of `first` does, or if either linearizes axes.
         """
         if not isinstance(first, Calibration):
             return NotImplemented
         if self.unit != first.unit:
             raise UnitError(f"a calibration in {self.unit} cannot follow one in {first.unit}: give the scale of counts")
-        refuse_disturbances(self.disturbances, "follow another one")
+        refuse_disturbances(self.disturbances, "come after another calibration")
         sensor = self.sensor if first.sensor is None else first.sensor
         if self.is_identity:
             return replace(first, sensor=sensor)
         recorded = replace(self, raw=first.raw, axes=first.axes, sensor=sensor)
         if first.is_identity:
             return recorded
-        refuse_linearization(self.linearization, "follow another one")
-        refuse_linearization(first.linearization, "come before another one")
+        refuse_linearization(self.linearization, "come after another calibration")
+        refuse_linearization(first.linearization, "come before another calibration")
         if any(disturbance.gain_per_unit for disturbance in first.disturbances):
-            refuse_disturbances(first.disturbances, "come before another one where its scale follows the temperature")
+            refuse_disturbances(
+                first.disturbances, "come before another calibration if its scale follows the temperature"
+            )
         return replace(
             recorded,
             matrix=self.matrix @ first.matrix,
@@ -411,9 +415,9 @@ class Calibration(Value):
         )
 
     def turned(self, axes: Axes) -> Calibration:
-        """The same calibration for recorded readings that are mapped to other axes before it acts.
+        """The same calibration for readings in the mapped axes `axes`: matrix P W Pᵀ and offset P b for a mapping P.
 
-        With P the mapping, P W Pᵀ and P b. A calibration of mapped readings raises `AxesError`.
+        Raises `AxesError` if the calibration is for mapped readings already.
 
         >>> centred = Calibration(np.eye(3), [10, 20, 30], 50.0).turned(Axes.of("y,x,-z"))
         >>> centred.offset, str(centred.axes)
@@ -429,7 +433,7 @@ class Calibration(Value):
         return replace(self, matrix=matrix, offset=offset, axes=axes, disturbances=disturbances)
 
     def isclose(self, other: Calibration, *, tolerance: float = 1e-9) -> bool:
-        """Whether both correct alike, in the same unit and axes: within `tolerance` as a fraction of the field.
+        """Whether both corrections agree, in the same unit and axes, within `tolerance` as a fraction of the field.
 
         >>> once = Calibration(np.eye(3), [10, 20, 30], 50.0)
         >>> once.isclose(Calibration(np.eye(3), [10, 20, 30.4], 50.0), tolerance=0.01)
@@ -447,21 +451,21 @@ class Calibration(Value):
 
     @classmethod
     def load(cls, path: str | os.PathLike[str]) -> Calibration:
-        """Read a calibration file; what cannot be opened or understood raises `DocumentError`, in one line."""
+        """Read a calibration file; raises `DocumentError` if it cannot be opened or parsed."""
         return cls.from_document(read(path), source=str(path))
 
     def save(self, path: str | os.PathLike[str], *, force: bool = False) -> None:
         """Write a calibration file, whole or not at all; `load` reads back the same numbers to the bit.
 
-        Raises `OutputExists` where there is a file already, unless `force`; `OutputError` where it cannot be written.
+        Raises `OutputExists` if the file exists, unless `force`; `OutputError` if it cannot be written.
         """
         write(self.to_document(), path, force=force)
 
     @classmethod
     def from_document(cls, document: Document, *, source: str = "calibration") -> Calibration:
-        """Take the correction out of a calibration file; `source` names it in messages.
+        """Make the calibration of the content of a calibration file; `source` names the file in messages.
 
-        Parts that contradict each other and a matrix that is singular raise `DocumentError`.
+        Raises `DocumentError` for parts that contradict each other, or a singular matrix.
         """
         try:
             return cls(**fields_in(document.calibration, document.raw))
@@ -469,13 +473,13 @@ class Calibration(Value):
             raise DocumentError(f"{source}: {error.message}", hint=error.hint, **error.evidence) from None
 
     def to_document(self, *, fit: Fitted | None = None, provenance: ProvenanceRecord | None = None) -> Document:
-        """Make the content of a calibration file, with how it was found where that is known."""
+        """Make the content of a calibration file, with the record of its fit and its provenance if given."""
         rows, offset = map(tuple, self.matrix.tolist()), self.offset.tolist()
         content: dict[str, Any] = {**self.as_dict(), "matrix": tuple(rows), "offset": tuple(offset)}
         content |= {kind: group for kind, group in records_of(self.disturbances).items() if content.pop(kind, None)}
         if terms := content.pop("linearization", None):
             content["linearization"] = LinearizationRecord(**{name: tuple(term) for name, term in terms.items()})
-        unit: Any = self.raw.name  # whatever the schema does not allow is refused when the document is written
+        unit: Any = self.raw.name  # a unit that the schema does not allow is refused when the document is written
         raw = Recorded(unit=unit, scale=self.raw.scale, axes=str(self.axes), sensor=self.sensor, frame=self.frame)
         return Document(calibration=Correction(**content), raw=raw, fit=fit, provenance=provenance)
 
@@ -508,10 +512,10 @@ class Calibration(Value):
         return f"Calibration({parts})"
 
     def _repr_html_(self) -> str:
-        """What a notebook shows."""
+        """HTML of the calibration for a notebook."""
         unit = label(self.unit)
-        length = f"corrected readings are {self.field_strength:.4g} {unit} long"
-        length += ", as none was given" * (not self.field_strength_known)
+        length = f"corrected readings have length {self.field_strength:.4g} {unit}"
+        length += "; no field strength was given" * (not self.field_strength_known)
         title = "Calibration" if self.sensor is None else f"Calibration of {self.sensor}"
         words = (length, *(f"the offset follows {disturbance}" for disturbance in self.disturbances))
         terms = None if self.linearization is None else self.linearization.as_dict()

@@ -1,8 +1,8 @@
-"""The calibration file: JSON that a person can read, with a schema version, written whole or not at all.
+"""The calibration file: readable JSON with a schema version, written atomically.
 
-A file holds the correction, how the raw readings were recorded, and, where a fit made it, how far to
-trust it and which recordings it came from. Files of every release stay readable; a file from a newer
-schema is refused with the version it needs.
+A file holds the correction, the unit and axes of the raw readings, and, if a fit made it, its uncertainty
+and the recordings that it came from. Later releases read the files of all earlier ones; a file of a newer
+schema is refused, with the version that reads it.
 
 >>> correction = Correction(matrix=((1.0, 0.0, 0.0), (0.0, 1.25, 0.0), (0.0, 0.0, 0.8)), offset=(12.5, -3.0, 40.0),
 ...                         field_strength=49.8, unit="uT")
@@ -57,15 +57,15 @@ if TYPE_CHECKING:
 AnyStruct = TypeVar("AnyStruct", bound=Struct)
 
 VERSION: Final = 1
-"""The newest schema that this release reads, and the one it writes."""
+"""The newest schema that this release reads, and the schema that it writes."""
 
 PARAMETERS: Final = (
     "offset_x", "offset_y", "offset_z", "shape_xx", "shape_yy", "shape_zz", "shape_xy", "shape_xz", "shape_yz",
 )  # fmt: skip
-"""What the nine rows of an ellipsoid's covariance stand for."""
+"""Parameters of the nine rows of an ellipsoid's covariance."""
 
 LARGEST: Final = 16 * 2**20
-"""Bytes; a calibration file has some thousand. More is another file, and is not read into memory."""
+"""Largest calibration file in bytes; a usual one has some thousand. A larger file is refused without reading it."""
 
 Triple: TypeAlias = tuple[float, float, float]
 DisturbanceKey: TypeAlias = Annotated[
@@ -79,32 +79,32 @@ Count: TypeAlias = Annotated[int, Meta(ge=0)]
 
 
 class DisturbanceRecord(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
-    """What an offset follows: ``offset + offset_per_unit (value - reference)``."""
+    """A disturbance that the offset follows: ``offset + offset_per_unit (value - reference)``."""
 
     offset_per_unit: Triple  #: (3,) in the calibration's unit: for each A, at full throttle, or for each °C
-    reference: float = 0.0  #: where the calibration's offset holds
-    recorded_range: tuple[float, float]  #: (2,): lowest and highest value that it was found at
-    lag_s: float = 0.0  #: s: readings follow so much later
-    scale_per_unit: float = 0.0  #: by which share the earth's part of a reading grows with each °C
+    reference: float = 0.0  #: value at which the calibration's offset holds
+    recorded_range: tuple[float, float]  #: (2,): lowest and highest value in the recordings of the fit
+    lag_s: float = 0.0  #: s: delay of the readings behind the value
+    scale_per_unit: float = 0.0  #: relative growth of the earth's part of a reading for each °C
 
 
 class ColumnRecord(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """A column of the log that an offset follows: ``offset + offset_per_unit (value - reference)``."""
 
     offset_per_unit: Triple  #: (3,) in the calibration's unit: for each unit of the column, or in the second state
-    reference: float = 0.0  #: where the calibration's offset holds
-    recorded_range: tuple[float, float]  #: (2,): lowest and highest value that it was found at
-    lag_s: float = 0.0  #: s: readings follow so much later
-    #: words in the column that stand for 0 and 1; a column of numbers has none
+    reference: float = 0.0  #: value at which the calibration's offset holds
+    recorded_range: tuple[float, float]  #: (2,): lowest and highest value in the recordings of the fit
+    lag_s: float = 0.0  #: s: delay of the readings behind the value
+    #: words in the column that stand for 0 and 1; left out for a column of numbers
     states: tuple[str, str] | UnsetType = UNSET
 
 
 class LinearizationRecord(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
-    """Terms of axes that are not linear: d - (quadratic + cubic d) d², d = raw - offset, goes into the matrix."""
+    """Terms of nonlinear axes: the matrix is applied to d - (quadratic + cubic d) d², d = raw - offset."""
 
     quadratic: Triple  #: (3,), one over the calibration's unit
-    cubic: Triple  #: (3,), one over the square of it
-    #: (3,) in the calibration's unit: d beyond it is corrected by as much as at it
+    cubic: Triple  #: (3,), one over the square of the calibration's unit
+    #: (3,) in the calibration's unit: a larger d is corrected by the same amount as d at the limit
     limit: tuple[Positive, Positive, Positive]
 
 
@@ -112,81 +112,82 @@ class Correction(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """corrected = matrix (raw - offset), of length field_strength."""
 
     matrix: tuple[Triple, Triple, Triple]  #: (3, 3): rows; dimensionless
-    offset: Triple  #: (3,) in `unit`: what the sensor reads in zero field
-    field_strength: Positive  #: in `unit`
-    #: it was given; otherwise the matrix has determinant 1 and this is the radius that results
+    offset: Triple  #: (3,) in `unit`: reading of the sensor in zero field
+    field_strength: Positive  #: in `unit`: length of corrected readings
+    #: whether the field strength was given; otherwise it follows from a matrix of determinant 1
     field_strength_known: bool = False
-    unit: Literal["uT", "counts"]  #: ``uT``, or ``counts`` where the recording had no known unit
-    #: ``symmetric``: not seen, set by convention; ``estimated`` by a fit that sees it; ``composed`` of others
+    unit: Literal["uT", "counts"]  #: ``uT``, or ``counts`` if the unit of the recording is not known
+    #: ``symmetric``: not observable, set by convention; ``estimated``: determined by the fit; ``composed``: a product
+    #: of calibrations
     rotation: Rotation = "symmetric"
-    #: name to DisturbanceRecord: what the offset follows: ``current_A``, ``throttle`` (0 to 1), ``temperature_C``; of
-    #: motor 1 by itself ``current1_A``, ``throttle1``
+    #: name to DisturbanceRecord: disturbances that the offset follows: ``current_A``, ``throttle`` (0 to 1),
+    #: ``temperature_C``; ``current1_A``, ``throttle1`` of motor 1 alone
     disturbances: dict[DisturbanceKey, DisturbanceRecord] | UnsetType = UNSET
     #: name to ColumnRecord: columns that the offset follows, by their names in the log, such as ``wheel_speed_rpm``
     columns: dict[ColumnName, ColumnRecord] | UnsetType = UNSET
-    linearization: LinearizationRecord | UnsetType = UNSET  #: where axes are linearized before the matrix
+    linearization: LinearizationRecord | UnsetType = UNSET  #: of nonlinear axes, applied before the matrix
 
 
 class Recorded(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
-    """How the raw readings were recorded."""
+    """Unit, axes and sensor of the raw readings."""
 
     unit: Literal["uT", "mG", "G", "nT", "mT", "T", "counts"]  #: the recording's own unit
-    scale: Positive = 1.0  #: what one of it is in the calibration's unit
-    #: where each axis used comes from, such as ``x,-y,-z``
+    scale: Positive = 1.0  #: size of the recording's unit in the calibration's unit
+    #: the recorded axis for each axis used, such as ``x,-y,-z``
     axes: Annotated[str, Meta(pattern="^-?[xyz],-?[xyz],-?[xyz]$")] = "x,y,z"
     sensor: str | None = None  #: its name or serial number
-    frame: str = "sensor"  #: what the recorded axes are: ``sensor``, its own, or ``vehicle``, after the mounting
+    frame: str = "sensor"  #: frame of the recorded axes: ``sensor``, or ``vehicle`` if rotated by the mounting
 
 
 class HeadingErrorRecord(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """The heading error to expect, in degrees."""
 
-    rms: NotNegative  #: degrees: 1 σ over all headings
-    worst: NotNegative  #: degrees: 1 σ at the worst one
-    bound_95: NotNegative | None = None  #: degrees: that all stay within with a probability of 95 %
-    dip_deg: Annotated[float, Meta(ge=-90, le=90)] | None = None  #: dip of the field it holds for
-    dip_assumed: bool = False  #: nobody said where the readings were taken, and the dip is a guess
-    target_deg: Positive | None = None  #: what was asked for
-    structure_deg: NotNegative = 0.0  #: part of `rms` and `worst` that belongs to the direction of the field
+    rms: NotNegative  #: degrees: 1 σ, root mean square over all headings
+    worst: NotNegative  #: degrees: 1 σ at the worst heading
+    bound_95: NotNegative | None = None  #: degrees: with a probability of 95 % the errors at all headings are smaller
+    dip_deg: Annotated[float, Meta(ge=-90, le=90)] | None = None  #: dip of the field for which the errors hold
+    dip_assumed: bool = False  #: whether the dip is assumed, as the place of the recording is not known
+    target_deg: Positive | None = None  #: largest heading error that was asked for
+    structure_deg: NotNegative = 0.0  #: part of `rms` and `worst` from residuals that depend on the field's direction
 
 
 class FindingRecord(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
-    """Something to know about a fit: its number, the limit it is compared with, and what its sentence is made from."""
+    """A finding about a fit: its code, its number, the limit of that number, and the values in its sentence."""
 
     code: str  #: stable name, see the table of findings
     severity: str  #: ``note``, ``limits`` or ``refuses``
-    number: float | None = None  #: what was found; its meaning and unit belong to the code
-    limit: float | None = None  #: what it was compared with
-    #: numbers and short names, by the names that the sentence of the code has for them; lists where several are listed
+    number: float | None = None  #: measured value; the code determines its meaning and unit
+    limit: float | None = None  #: limit that `number` is compared with
+    #: numbers and short names by the placeholders of the finding's sentence; a list if the sentence lists several
     values: dict[str, float | str | tuple[Any, ...] | None] = {}
-    follows_from: str | None = None  #: code of the finding that it follows from
+    follows_from: str | None = None  #: code of the finding that is the cause of this one
 
 
 class AidingRecord(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True, omit_defaults=True):
-    """What the fit found of the instruments beside the magnetometer."""
+    """Estimated parameters of the aiding sensors."""
 
     #: (3, 3), rad²: of the rotation from the magnetometer's axes to those of the body, about the axes of the body
     rotation_covariance: tuple[Triple, Triple, Triple] | UnsetType = UNSET
-    acceleration_bias: Triple | UnsetType = UNSET  #: (3,), m/s²: what the accelerometer reads too much
-    acceleration_bias_sigma: Triple | UnsetType = UNSET  #: (3,), m/s²: 1 σ of that
-    #: (3, 3): the specific force is this times what the accelerometer reads, less its bias
+    acceleration_bias: Triple | UnsetType = UNSET  #: (3,), m/s²: bias of the accelerometer
+    acceleration_bias_sigma: Triple | UnsetType = UNSET  #: (3,), m/s²: 1 σ of `acceleration_bias`
+    #: (3, 3): specific force = acceleration_matrix (reading − acceleration_bias)
     acceleration_matrix: tuple[Triple, Triple, Triple] | UnsetType = UNSET
     acceleration_matrix_sigma: tuple[Triple, Triple, Triple] | UnsetType = UNSET  #: (3, 3): 1 σ of each entry
-    gravity_reading: float | UnsetType = UNSET  #: what the accelerometer's numbers are long at rest, in their own unit
-    #: (3,), degrees: of the vertical that the corrected accelerometer shows at rest: 1 σ over all attitudes, 1 σ at the
-    #: worst, and what all stay within with a probability of 95 %
+    gravity_reading: float | UnsetType = UNSET  #: length of the accelerometer's readings at rest, in their own unit
+    #: (3,), degrees: error of the vertical that the corrected accelerometer shows at rest: 1 σ over all attitudes, 1 σ
+    #: at the worst attitude, and the 95 % bound of all attitudes
     tilt_error_deg: Triple | UnsetType = UNSET
-    gyro_bias: Triple | UnsetType = UNSET  #: (3,), rad/s: what the gyro reads at rest
-    gyro_bias_sigma: Triple | UnsetType = UNSET  #: (3,), rad/s: 1 σ of that
-    #: (3, 3): the rate is this times what the gyro reads, less its bias
+    gyro_bias: Triple | UnsetType = UNSET  #: (3,), rad/s: reading of the gyro at rest
+    gyro_bias_sigma: Triple | UnsetType = UNSET  #: (3,), rad/s: 1 σ of `gyro_bias`
+    #: (3, 3): rate = gyro_matrix (reading − gyro_bias)
     gyro_matrix: tuple[Triple, Triple, Triple] | UnsetType = UNSET
     gyro_matrix_sigma: tuple[Triple, Triple, Triple] | UnsetType = UNSET  #: (3, 3): 1 σ of each entry
-    dip_deg: float | UnsetType = UNSET  #: dip of the field against the vertical that was recorded
+    dip_deg: float | UnsetType = UNSET  #: dip of the field relative to the recorded vertical
     dip_sigma_deg: NotNegative | UnsetType = UNSET  #: 1 σ of the dip
 
 
 def aiding_record(**columns: Floats | float | None) -> AidingRecord | UnsetType:
-    """Keep what was found, by the names of `AidingRecord`; nothing where nothing was, or no number came out."""
+    """Make an `AidingRecord` of the values that are given and finite; UNSET if there are none."""
     given = {name: value for name, value in columns.items() if value is not None}
     known = {name: value if isinstance(value, float) else value.tolist() for name, value in given.items()}
     finite = {name: value for name, value in known.items() if not any(gaps(value))}
@@ -194,61 +195,61 @@ def aiding_record(**columns: Floats | float | None) -> AidingRecord | UnsetType:
 
 
 class WalkRecord(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
-    """How fast the offset of this unit walks, by its history."""
+    """Rate of the offset's random walk, from the history of this unit."""
 
-    rate: Positive  #: in the calibration's unit: by which it moves in an hour along each axis, 1 σ; it grows with √t
-    low: Positive  #: of the 95 % interval
-    high: Positive  #: of that
+    rate: Positive  #: in the calibration's unit: 1 σ of the change of each axis in one hour; it grows with √t
+    low: Positive  #: lower end of the rate's 95 % interval
+    high: Positive  #: upper end of the rate's 95 % interval
 
 
 class GoodUntilRecord(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
-    """How long the claim of the worst heading is good; made anew of claim and walk when a file is read."""
+    """Time for which the claimed worst heading error holds; computed from claim and walk when a file is read."""
 
-    #: until the offset has walked so far that the claim reaches its target, by the middle of the rate; null of a claim
-    #: that is beyond it
+    #: h: time until the random walk of the offset raises the claim to its target, by the median rate; null if the claim
+    #: exceeds its target already
     target_hours: Positive | None = None
-    doubled_hours: Positive  #: until the claim has doubled, by the middle of the rate
-    doubled_hours_low: Positive  #: the same by the fast end of what the rate may be, 95 %
-    doubled_hours_high: Positive  #: by the slow end
-    #: when the claim has doubled, from when the recording was made; null where the file says no time
+    doubled_hours: Positive  #: h: time until the claim has doubled, by the median rate
+    doubled_hours_low: Positive  #: h: the same by the upper end of the rate's 95 % interval
+    doubled_hours_high: Positive  #: h: the same by the lower end of the rate's 95 % interval
+    #: date at which the claim has doubled, from the date of the recording; null if the file states no date
     doubled_date: datetime | None = None
-    by: Literal["history", "prior"]  #: walk of this unit, or what is usual of any
-    temperature_change_kelvin: Positive | None = None  #: K: change of temperature that doubles the claim, by the middle
-    temperature_change_low_kelvin: Positive | None = None  #: K: by the largest coefficient of data sheets
-    temperature_change_high_kelvin: Positive | None = None  #: K: by the smallest
-    #: ``followed``: from the reference of a fit that follows the temperature; ``prior``: by data sheets
+    by: Literal["history", "prior"]  #: source of the rate: history of this unit, or prior for any unit
+    temperature_change_kelvin: Positive | None = None  #: K: change that doubles the claim, by the median coefficient
+    temperature_change_low_kelvin: Positive | None = None  #: K: the same by the largest coefficient of data sheets
+    temperature_change_high_kelvin: Positive | None = None  #: K: the same by the smallest coefficient of data sheets
+    #: ``followed``: from the reference of a fit that follows the temperature; ``prior``: from data sheets
     temperature_by: Literal["followed", "prior"]
 
 
 class Fitted(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
-    """How the calibration was found, and how far to trust it."""
+    """The fit that gave the calibration, and its uncertainty."""
 
-    method: str  #: what was run in the end, as `likelihood`
+    method: str  #: method that gave the calibration, such as ``likelihood``
     samples: Count  #: readings used
     noise: NotNegative | None = None  #: in the calibration's unit: standard deviation of one axis of one reading
-    #: (K,): what the rows of `covariance` stand for, as ``offset_x``, ``shape_xy``
+    #: (K,): parameters of the rows of `covariance`, such as ``offset_x``, ``shape_xy``
     covariance_of: tuple[str, ...] = PARAMETERS
     #: (K, K) or None: symmetric, in squares and products of the calibration's unit
     covariance: tuple[tuple[float, ...], ...] | None = None
-    #: ``good``, ``limited`` or ``refused``; None where it was not judged
+    #: ``good``, ``limited`` or ``refused``; None if the fit was not judged
     verdict: Literal["good", "limited", "refused"] | None = None
-    heading_error_deg: HeadingErrorRecord | None = None  #: to expect of a level vehicle
-    good_until: GoodUntilRecord | UnsetType = UNSET  #: when that reaches the target, and when it has doubled
-    walk: WalkRecord | UnsetType = UNSET  #: of the offset, where a history of this unit was given
+    heading_error_deg: HeadingErrorRecord | None = None  #: expected heading error of a level vehicle
+    good_until: GoodUntilRecord | UnsetType = UNSET  #: times until that error reaches the target, and until it doubles
+    walk: WalkRecord | UnsetType = UNSET  #: of the offset, if a history of this unit was given
     coverage: dict[str, float] = {}  #: directions recorded: the keys of `coverage` of a fit
-    findings: tuple[FindingRecord, ...] = ()  #: what to know about it, the most severe first
-    #: what a verdict rests on: ``same-soft-iron``, ``unchanged-body``, ``uniform-field``, ``constant-iron``
+    findings: tuple[FindingRecord, ...] = ()  #: findings about the fit, the most severe first
+    #: assumptions of the verdict: ``same-soft-iron``, ``unchanged-body``, ``uniform-field``, ``constant-iron``
     conditions: (
         tuple[Literal["same-soft-iron", "unchanged-body", "uniform-field", "constant-iron"], ...] | UnsetType
     ) = UNSET
-    #: ``xy``, ``yz`` or ``zx``: plane of the one turn that the fit rests on
+    #: ``xy``, ``yz`` or ``zx``: plane of the turn, for a fit of one flat turn
     plane: Literal["xy", "yz", "zx"] | UnsetType = UNSET
-    #: at such a turn, whether z points down; None where nothing shows it
+    #: for a fit of one flat turn, whether z points down; None if not known
     z_down: bool | UnsetType | None = UNSET
-    aiding: AidingRecord | UnsetType = UNSET  #: what gyro, accelerometer or attitude told
+    aiding: AidingRecord | UnsetType = UNSET  #: estimated parameters of gyro, accelerometer or attitude
 
     def __post_init__(self) -> None:
-        """Refuse a covariance that does not belong to its names; called when a file is read."""
+        """Refuse a covariance whose size differs from the number of its names; called when a file is read."""
         size = len(self.covariance_of)
         rows = self.covariance
         if rows is None:
@@ -260,12 +261,12 @@ class Fitted(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
 
 
 class ColumnsRecord(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True, omit_defaults=True):
-    """Which columns of a table were named to be the magnetometer's, and which tables have them in the same place."""
+    """The magnetometer's columns of a table as the user chose them, and the layout by which other tables match."""
 
-    field: tuple[str, ...]  #: x, y and z as they were asked for: names, or numbers from 1
-    width: Annotated[int, Meta(ge=1)]  #: columns of a line; a table of another number has another form
-    names: tuple[str, ...] = ()  #: its header, which one of the same form has too; none where it has no header
-    increasing: tuple[int, ...] = ()  #: without a header: numbers of the columns that only rise, as a clock does
+    field: tuple[str, ...]  #: x, y and z as the user gave them: names, or numbers from 1
+    width: Annotated[int, Meta(ge=1)]  #: columns of a line
+    names: tuple[str, ...] = ()  #: names in the header; empty without a header
+    increasing: tuple[int, ...] = ()  #: without a header: numbers of the columns that only increase, such as a clock
 
 
 class SourceFile(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True, omit_defaults=True):
@@ -275,34 +276,34 @@ class SourceFile(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True, 
     sha256: Annotated[str, Meta(pattern="^[0-9a-f]{64}$")]  #: digest of its bytes
     bytes: Count  #: its size
     rows: Count  #: its readings
-    #: the calibration that was in force on board was left on its readings: this one comes on top of that
+    #: whether readings keep the onboard calibration: this calibration is then applied after it
     as_logged: bool = False
-    autopilot: Literal["ardupilot", "px4"] | None = None  #: whose compass it was
-    compass: Annotated[int, Meta(ge=0, le=3)] | None = None  #: its number there: ArduPilot's 1 to 3, PX4's 0 to 3
-    device_id: Count | None = None  #: its device id there
-    #: roll, pitch and yaw in degrees: how it was mounted then, vehicle = R_z(yaw) R_y(pitch) R_x(roll) sensor
+    autopilot: Literal["ardupilot", "px4"] | None = None  #: autopilot of the compass
+    compass: Annotated[int, Meta(ge=0, le=3)] | None = None  #: number of the compass: ArduPilot's 1 to 3, PX4's 0 to 3
+    device_id: Count | None = None  #: device id of the compass
+    #: roll, pitch and yaw in degrees: mounting in the log, vehicle = R_z(yaw) R_y(pitch) R_x(roll) sensor
     mounting: Triple | None = None
-    columns: ColumnsRecord | None = None  #: which of a table were asked for; others of its form are read so too
+    columns: ColumnsRecord | None = None  #: columns that the user chose; also used for other tables of this layout
 
 
 class ProvenanceRecord(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
-    """Which release made a calibration, when, and from which recordings."""
+    """Release that made a calibration, date, and recordings."""
 
     flinders: str  #: version of the release
     date: Annotated[datetime, Meta(tz=True)]  #: date and time, with a time zone
     files: tuple[SourceFile, ...] = ()  #: the recordings
-    #: when the newest recording was made, by its own clock; left out where that does not count from 1970
+    #: date of the newest recording by its own clock; left out if the clock does not count from 1970
     recorded: Annotated[datetime, Meta(tz=True)] | UnsetType = UNSET
 
 
 class SurveyRecord(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
-    """What a survey instrument has beside its magnetometer: both sensors correct into axes of the instrument."""
+    """Accelerometer and laser of a survey instrument; both sensors are corrected into the axes of the instrument."""
 
-    accelerometer: Correction  #: of readings that point down, in their own unit, called counts
-    #: where each of its axes comes from, such as ``x,-y,-z``
+    accelerometer: Correction  #: for readings that point down at rest; their unit is called counts
+    #: the recorded axis for each axis of the accelerometer, such as ``x,-y,-z``
     acceleration_axes: Annotated[str, Meta(pattern="^-?[xyz],-?[xyz],-?[xyz]$")] = "x,y,z"
     pointing: Literal["x", "y", "z"] = "x"  #: axis of the laser
-    #: q, one over the unit of the accelerometer, which corrects g + q g² of a reading g
+    #: (3,) q, one over the unit of the accelerometer: a reading g is corrected as g + q g²
     quadratic: tuple[float, float, float] = (0.0, 0.0, 0.0)
 
 
@@ -311,32 +312,32 @@ class Document(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True, ta
 
     schema: Literal[1] = 1  #: version of this layout
     calibration: Correction  #: the correction
-    raw: Recorded  #: how the readings that it corrects are recorded
-    fit: Fitted | None = None  #: how it was found, and how far to trust it; null where nothing is known
-    provenance: ProvenanceRecord | None = None  #: which release made it, when, and from what
-    survey: SurveyRecord | UnsetType = UNSET  #: what a survey instrument has besides
+    raw: Recorded  #: unit, axes and sensor of the raw readings
+    fit: Fitted | None = None  #: the fit and its uncertainty; null if not known
+    provenance: ProvenanceRecord | None = None  #: release, date and recordings
+    survey: SurveyRecord | UnsetType = UNSET  #: other sensors of a survey instrument
 
 
 def read(path: str | os.PathLike[str]) -> Document:
-    """Read a calibration file; one that cannot be opened or understood raises `DocumentError`."""
+    """Read a calibration file; raises `DocumentError` if it cannot be opened or parsed."""
     text = read_bytes(path, largest=LARGEST, what="calibration file", refused=DocumentError)
     return loads(text, source=os.fspath(path))
 
 
 def loads(text: str | bytes, *, source: str = "calibration") -> Document:
-    """Understand the text of a calibration file; `source` names it in the `DocumentError` for what is wrong."""
+    """Parse the text of a calibration file; `source` names the file in a `DocumentError`."""
     return understood(text, Document, source, what="a calibration file", refused=DocumentError)
 
 
 def write(document: Document, path: str | os.PathLike[str], *, force: bool = False) -> None:
-    """Write a calibration file, whole or not at all; raises as `dumps` and `flinders.core.files.write_text`."""
+    """Write a calibration file atomically; raises as `dumps` and `flinders.core.files.write_text`."""
     write_text(dumps(document), path, force=force)
 
 
 def dumps(document: Document) -> str:
-    """Lay a document out as text: a matrix has a line for each row; numbers are read back to the bit.
+    """Write a document as text, with a line for each row of a matrix; `loads` gives exactly the same numbers.
 
-    Values that the schema does not allow, NaN and infinity among them, raise `DocumentError`.
+    Raises `DocumentError` for values that the schema does not allow, such as NaN and infinity.
     """
     try:
         content = msgspec.to_builtins(document, enc_hook=_plain)
@@ -344,7 +345,7 @@ def dumps(document: Document) -> str:
         raise DocumentError(f"calibration: {error}") from None
     for place in gaps(content):
         raise DocumentError(f"calibration: {place} is not finite: a calibration file holds finite numbers only")
-    return lay_out(msgspec.to_builtins(_checked(content, Document, "calibration", DocumentError))) + "\n"
+    return lay_out(msgspec.to_builtins(_convert(content, Document, "calibration", DocumentError))) + "\n"
 
 
 def schema() -> dict[str, Any]:
@@ -361,32 +362,32 @@ def schema() -> dict[str, Any]:
     return {"$schema": "https://json-schema.org/draft/2020-12/schema", **generated}
 
 
-OTHERS: Final = {
+KIND_WORDS: Final = {
     "calibration": "the calibration of a magnetometer",
     "inertial": "the calibration of an accelerometer, not of a magnetometer",
     "tolles-lawson": "the coefficients of an aircraft",
     "truth": "the truth of a simulated recording",
 }
-"""What files of Flinders are, by their tag, for people."""
+"""Kinds of Flinders files by their tag, in words for messages."""
 
 
 def understood(
     text: str | bytes, kind: type[AnyStruct], source: str, *, what: str, refused: type[FlindersError]
 ) -> AnyStruct:
-    """Read a tagged struct of a schema that this release knows, else raise `refused`; `what` has an article."""
+    """Parse a tagged struct of a known schema; raises `refused` for other content. `what` has an article."""
     content = _parse(text.encode() if isinstance(text, str) else text, source, what, refused)
     tag = kind.__struct_config__.tag
     found = content.get("flinders") if isinstance(content, dict) else None
-    if found != tag and isinstance(found, str) and found in OTHERS:
-        raise refused(f"{source}: is {OTHERS[found]}: need {what}")
+    if found != tag and isinstance(found, str) and found in KIND_WORDS:
+        raise refused(f"{source}: is {KIND_WORDS[found]}: need {what}")
     if found != tag or not isinstance(content, dict):
         raise refused(f'{source}: is JSON, but not {what}: lacks "flinders": "{tag}"')
     _refuse_other_schemas(content, source, refused)
-    return _checked(content, kind, source, refused)
+    return _convert(content, kind, source, refused)
 
 
 def _parse(text: bytes, source: str, what: str, refused: type[FlindersError]) -> object:
-    """Read any JSON; a byte order mark, which some editors add, is left out."""
+    """Parse any JSON; a byte order mark, which some editors add, is removed."""
     text = text.removeprefix(b"\xef\xbb\xbf")
     if not text.strip():
         raise refused(f"{source}: is empty: need {what}")
@@ -406,12 +407,12 @@ def _refuse_other_schemas(content: dict[str, Any], source: str, refused: type[Fl
     if version > VERSION:
         provenance = content.get("provenance")
         writer = provenance.get("flinders") if isinstance(provenance, dict) else None
-        needed = f"Flinders {writer} or newer" if isinstance(writer, str) else f"a Flinders that knows schema {version}"
+        needed = f"Flinders {writer} or newer" if isinstance(writer, str) else f"a Flinders that reads schema {version}"
         raise refused(f"{source}: written in schema {version}, this Flinders reads up to {VERSION}: install {needed}")
 
 
-def _checked(content: object, kind: type[AnyStruct], source: str, refused: type[FlindersError]) -> AnyStruct:
-    """Turn plain values into a struct, or say what the schema does not allow."""
+def _convert(content: object, kind: type[AnyStruct], source: str, refused: type[FlindersError]) -> AnyStruct:
+    """Convert plain values to a struct; raises `refused` with the reason if the schema does not allow them."""
     try:
         return msgspec.convert(content, kind)
     except msgspec.ValidationError as error:
@@ -419,7 +420,7 @@ def _checked(content: object, kind: type[AnyStruct], source: str, refused: type[
 
 
 def in_words(error: Exception) -> str:
-    """Put msgspec's message the other way round: the place first, then what is wrong there.
+    """Rewrite a message of msgspec: the place of the error first, then the error.
 
     >>> in_words(ValueError("Expected `array` of length 3, got 2 - at `$.calibration.offset`"))
     'calibration.offset: expected array of length 3, got 2'
@@ -431,7 +432,7 @@ def in_words(error: Exception) -> str:
 
 
 def _plain(value: object) -> object:
-    """Turn other libraries' numbers, such as NumPy's, into Python's."""
+    """Convert numbers of other libraries, such as NumPy's, to Python's."""
     if isinstance(value, numbers.Integral):
         return int(value)
     if isinstance(value, numbers.Real):

@@ -1,8 +1,8 @@
-"""Parts of a calibration as a file has them, and back: disturbances, linearization, the recorded unit.
+"""Conversion of a calibration's parts to and from its file: disturbances, linearization, the recorded unit.
 
 >>> from flinders.core.calibration_file import Correction
 >>> correction = Correction(offset=(0, 0, 0), matrix=((1, 0, 0), (0, 1, 0), (0, 0, 1)), field_strength=50.0, unit="uT")
->>> disturbances_in(correction), linearization_in(correction)
+>>> read_disturbances(correction), read_linearization(correction)
 ((), None)
 """
 
@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 
 
 def records_of(disturbances: Iterable[Disturbance]) -> dict[str, dict[str, DisturbanceRecord | ColumnRecord]]:
-    """Disturbances as they stand in a file: ``disturbances`` by their keys, ``columns`` by their names in the log.
+    """Make the records of disturbances: ``disturbances`` by their keys, ``columns`` by their names in the log.
 
     >>> records = records_of([Disturbance("current", [1, 0, 0]), Disturbance("current_A", [0, 1, 0])])
     >>> {kind: list(group) for kind, group in records.items()}
@@ -34,14 +34,14 @@ def records_of(disturbances: Iterable[Disturbance]) -> dict[str, dict[str, Distu
     records: dict[str, dict[str, DisturbanceRecord | ColumnRecord]] = {"disturbances": {}, "columns": {}}
     for one in disturbances:
         if is_column(one.name):
-            records["columns"][one.name] = _of_column(one)
+            records["columns"][one.name] = _column_record(one)
         else:
-            records["disturbances"][one.kind.key] = _of_disturbance(one)
+            records["disturbances"][one.kind.key] = _disturbance_record(one)
     return records
 
 
-def _of_column(disturbance: Disturbance) -> ColumnRecord:
-    """A column of a log as it stands in a file."""
+def _column_record(disturbance: Disturbance) -> ColumnRecord:
+    """Make the record of a disturbance that is a column of the log."""
     x, y, z = disturbance.per_unit.tolist()
     return ColumnRecord(
         offset_per_unit=(x, y, z),
@@ -52,8 +52,8 @@ def _of_column(disturbance: Disturbance) -> ColumnRecord:
     )
 
 
-def _of_disturbance(disturbance: Disturbance) -> DisturbanceRecord:
-    """A current, a throttle or a temperature as it stands in a file."""
+def _disturbance_record(disturbance: Disturbance) -> DisturbanceRecord:
+    """Make the record of a current, a throttle or a temperature."""
     x, y, z = disturbance.per_unit.tolist()
     return DisturbanceRecord(
         offset_per_unit=(x, y, z),
@@ -64,8 +64,8 @@ def _of_disturbance(disturbance: Disturbance) -> DisturbanceRecord:
     )
 
 
-def disturbances_in(correction: Correction) -> tuple[Disturbance, ...]:
-    """The disturbances that stand in a file; `UsageError` for a column of a name that none can have."""
+def read_disturbances(correction: Correction) -> tuple[Disturbance, ...]:
+    """Disturbances of a file; raises `UsageError` for a column whose name is that of a kind of disturbance."""
     of_kinds = (
         Disturbance(
             BY_KEY[key],
@@ -80,7 +80,7 @@ def disturbances_in(correction: Correction) -> tuple[Disturbance, ...]:
     columns = (correction.columns or {}).items()
     for name, _ in columns:
         if not is_column(name):
-            raise UsageError(f"columns has {name!r}, which is a kind of disturbance and no name of a column: rename it")
+            raise UsageError(f"columns has {name!r}, which is a kind of disturbance, not a column: rename the column")
     of_columns = (
         Disturbance(
             name, np.array(one.offset_per_unit), one.reference, *one.recorded_range, one.lag_s, states=one.states or ()
@@ -90,14 +90,14 @@ def disturbances_in(correction: Correction) -> tuple[Disturbance, ...]:
     return (*of_kinds, *of_columns)
 
 
-def linearization_in(correction: Correction) -> Linearization | None:
-    """The linearization that stands in a file."""
+def read_linearization(correction: Correction) -> Linearization | None:
+    """Linearization of a file, or None."""
     terms = correction.linearization
     return Linearization(*map(np.array, (terms.quadratic, terms.cubic, terms.limit))) if terms else None
 
 
 def fields_in(correction: Correction, raw: Recorded) -> dict[str, Any]:
-    """The fields of a calibration that stand in a file.
+    """Arguments of `Calibration` from the records of a file.
 
     Raises `UnitError`, `AxesError` or `UsageError` for parts that contradict each other.
     """
@@ -107,17 +107,17 @@ def fields_in(correction: Correction, raw: Recorded) -> dict[str, Any]:
         "field_strength": correction.field_strength,
         "field_strength_known": correction.field_strength_known,
         "rotation": correction.rotation,
-        "raw": unit_in(raw, correction.unit),
+        "raw": recorded_unit(raw, correction.unit),
         "axes": Axes.of(raw.axes),
         "sensor": raw.sensor,
         "frame": raw.frame,
-        "disturbances": disturbances_in(correction),
-        "linearization": linearization_in(correction),
+        "disturbances": read_disturbances(correction),
+        "linearization": read_linearization(correction),
     }
 
 
 def refuse_disturbances(disturbances: tuple[Disturbance, ...], what: str) -> None:
-    """Raise `UsageError` where the offset follows any, for what only a fixed one can."""
+    """Raise `UsageError` if there are any disturbances; `what` is the operation that needs a fixed offset."""
     if disturbances:
         names = " and ".join(disturbance.name for disturbance in disturbances)
         raise UsageError(
@@ -127,15 +127,15 @@ def refuse_disturbances(disturbances: tuple[Disturbance, ...], what: str) -> Non
 
 
 def refuse_linearization(linearization: Linearization | None, what: str) -> None:
-    """Raise `UsageError` where axes are linearized, for what only a matrix and an offset can."""
+    """Raise `UsageError` if axes are linearized; `what` is the operation that needs linear axes."""
     if linearization is not None:
         raise UsageError(
             f"a calibration that linearizes its axes cannot {what}: fit one that does not", hint={"linearize": None}
         )
 
 
-def unit_in(raw: Recorded, inside: str) -> Unit:
-    """Find the recording's unit, which must agree with that of the calibration."""
+def recorded_unit(raw: Recorded, inside: str) -> Unit:
+    """Unit of the recording; raises `UnitError` if it contradicts `inside`, the unit of the calibration."""
     unit = Unit.of(raw.unit, raw.scale if (raw.unit, inside) == (COUNTS, MICROTESLA) else None)
     if unit != Unit(raw.unit, raw.scale, inside):
         raise UnitError(

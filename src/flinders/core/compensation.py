@@ -1,8 +1,8 @@
-"""Compensation of a recording: readings as they would be with all disturbances at their references, of linear axes.
+"""Compensation of a recording: readings with all disturbances at their references, and with linear axes.
 
-A calibration with `disturbances` or a `linearization` is a plain one, `Calibration.affine`, of compensated readings.
-Everything that works on readings (a fit, a check, headings, a filter) compensates them first, and needs to know of
-either no more.
+A calibration with `disturbances` or a `linearization` is an affine one, `Calibration.affine`, of compensated readings.
+All uses of readings (a fit, a check, headings, a filter) compensate them first; after that only the matrix and the
+offset matter.
 
 >>> from flinders.core.calibration import Calibration
 >>> from flinders.core.disturbance import Disturbance
@@ -39,20 +39,21 @@ if TYPE_CHECKING:
 
 @dataclass(slots=True, eq=False)
 class Compensator:
-    """Takes disturbances, and what is not linear, off the blocks of one recording, in their order."""
+    """Removes disturbances and nonlinearity from the blocks of one recording, in order."""
 
-    calibration: Calibration  #: of one that is affine, readings stay as they are
-    #: of each disturbance, how far it was seen outside the range that it was found in, as a share of it
+    calibration: Calibration  #: an affine calibration changes nothing
+    #: for each disturbance: largest excess of its values over its recorded range, as a fraction of that range
     beyond: dict[str, float] = field(default_factory=dict)
     _before: dict[str, tuple[Floats, Floats]] = field(default_factory=dict)
 
     def __call__(self, samples: Samples) -> Samples:
-        """Compensate a block; one that lacks a column raises `InputError`, which says what that costs."""
+        """Compensate a block; raises `InputError`, with the heading error to expect, if a column is missing."""
         disturbances = self.calibration.disturbances
         if self.calibration.is_affine or not len(samples):
             return samples
         if lacking := [disturbance for disturbance in disturbances if not _is_recorded(samples, disturbance)]:
-            raise InputError(lacking_words(self.calibration, lacking, samples.source), hint=at_reference(lacking))
+            message = missing_columns_message(self.calibration, lacking, samples.source)
+            raise InputError(message, hint=at_reference(lacking))
         values = {disturbance.name: self._values(disturbance, samples) for disturbance in disturbances}
         shift, gain = effect(disturbances, values)
         offset, linearization = self.calibration.offset, self.calibration.linearization
@@ -64,14 +65,14 @@ class Compensator:
         return replace(samples, field=compensated)
 
     def words(self) -> Iterator[str]:
-        """Tell what lay outside the range that a disturbance was found in."""
+        """Yield a warning for each disturbance whose values exceeded its recorded range."""
         for disturbance in self.calibration.disturbances:
             share = self.beyond.get(disturbance.name, 0.0)
             if share > 0.0:
                 yield beyond_words(disturbance, share)
 
     def _values(self, disturbance: Disturbance, samples: Samples) -> Floats:
-        """(N,) what drives each reading: as much before it as the lag says, also where a block before has it."""
+        """(N,) value of a disturbance for each reading, one lag earlier; values of earlier blocks are used."""
         column = disturbance.numbers(cast("Floats", samples.driving(disturbance.name)))
         self.beyond[disturbance.name] = max(self.beyond.get(disturbance.name, 0.0), disturbance.beyond(column))
         if samples.time is None:
@@ -89,10 +90,10 @@ class Compensator:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Compensated(Wrapped):
-    """A recording without disturbances, of linear axes."""
+    """A recording whose blocks are compensated as they are read."""
 
     recording: Recording
-    calibration: Calibration  #: with the disturbances and the linearization
+    calibration: Calibration  #: with the disturbances and the linearization to remove
 
     def blocks(self) -> Iterator[Samples]:
         """Yield compensated blocks."""
@@ -102,7 +103,7 @@ class Compensated(Wrapped):
 
 
 def compensated(recording: Recording, calibration: Calibration) -> Recording:
-    """A recording without disturbances, of linear axes; of several joined ones, each on its own."""
+    """Compensate a recording; the parts of a joined recording are compensated separately."""
     if calibration.is_affine:
         return recording
     if isinstance(recording, Joined):
@@ -113,28 +114,28 @@ def compensated(recording: Recording, calibration: Calibration) -> Recording:
 
 
 def _is_recorded(samples: Samples, disturbance: Disturbance) -> bool:
-    """Whether a disturbance was recorded beside readings."""
+    """Whether a block has values of a disturbance."""
     column = samples.driving(disturbance.name)
     return column is not None and bool(np.isfinite(disturbance.numbers(column)).any())
 
 
-def lacking_words(calibration: Calibration, lacking: Sequence[Disturbance], source: str) -> str:
-    """Say what it costs that a recording lacks columns, and what can be done."""
+def missing_columns_message(calibration: Calibration, lacking: Sequence[Disturbance], source: str) -> str:
+    """Message about missing columns: the heading error without them, and the remedy."""
     worst = max(lacking, key=calibration.disturbance_deg)
     cost = figures(min(calibration.disturbance_deg(worst), 180.0))
     names, one = " or ".join(disturbance.name for disturbance in lacking), len(lacking) == 1
     at = worst.amount(worst.farthest) + ("" if one else f" of {worst.name}")
     return (
         f"{source} has no {names}, which the calibration corrects for: without {'it' if one else 'them'} headings are "
-        f"off by up to {cost}° at {at} (dip 60°). Record {'it' if one else 'them'} beside the readings, or take the "
-        "calibration at one value"
+        f"wrong by up to {cost}° at {at} (dip 60°). Record {'it' if one else 'them'} with the readings, or take the "
+        "calibration at a fixed value"
     )
 
 
 def beyond_words(disturbance: Disturbance, share: float) -> str:
-    """Say that a disturbance was seen outside the range that it was found in."""
+    """Warning that values of a disturbance exceed its recorded range, by `share` of that range."""
     return (
-        f"{disturbance.name} goes {share:.0%} of its range beyond {disturbance.lowest:.3g} to "
-        f"{disturbance.amount(disturbance.highest)}, at which the calibration was made: "
+        f"{disturbance.name} exceeds the calibrated range, {disturbance.lowest:.3g} to "
+        f"{disturbance.amount(disturbance.highest)}, by {share:.0%} of it: "
         "its offset is extrapolated there; calibrate over the whole range"
     )

@@ -1,19 +1,19 @@
-"""What drives an offset: motors whose current makes a field, and the warmth of the sensor.
+"""Disturbances that the offset of a magnetometer follows: current, throttle, temperature, or a column of the log.
 
-A reading is off by what a current, a throttle or a temperature makes, in proportion to how far each is from a
-reference, and what the earth's field makes of it may grow with the temperature:
+The offset changes in proportion to the difference of each disturbance c from a reference; the scale of the earth's
+field may also change with the temperature T:
 
     raw = b + Σ P (c − reference) + (1 + a (T − reference)) S u
 
-The reference is where the offset b of the calibration holds: no current, no throttle, or a temperature in the middle
-of the recording. A lag says how much later the readings follow: c is what was logged so many seconds before.
+The offset b of the calibration holds at the reference: no current, no throttle, or a temperature in the middle of the
+recording. With a lag, c is the value that was logged the lag, in seconds, before the reading.
 
-The current and the throttle of each motor may be followed by themselves: ``current1``, ``current2``, …, each with an
-offset of its own. Any other name is that of a column of the log (`flinders.core.named_columns`): of numbers, or of two
+The current and the throttle of each motor can be separate disturbances: ``current1``, ``current2``, …, each with its
+own offset. Any other name is that of a column of the log (`flinders.core.named_columns`): of numbers, or of two
 words, which are states.
 
-Sources: the offset of motors as in ArduPilot's CompassMot and PX4's CAL_MAG_COMP; the temperature as in the HMC5883L's
-data sheet, p. 20, and Springmann, Cutler (2012) for currents.
+Sources: ArduPilot's CompassMot and PX4's CAL_MAG_COMP for the offset of motors; the HMC5883L's data sheet, p. 20, for
+the temperature; Springmann, Cutler (2012) for currents.
 
 >>> motors = Disturbance("current", [0.4, 0.0, -0.2], lowest=0.5, highest=27.0)
 >>> motors.shift(np.array([0.0, 10.0]))
@@ -51,13 +51,13 @@ if TYPE_CHECKING:
 
 
 class Kind(NamedTuple):
-    """What can drive an offset."""
+    """A kind of disturbance."""
 
-    key: str  #: what it is called in a calibration file
-    unit: str  #: what stands behind its numbers
-    per: str  #: one unit of it, as an offset per unit names it
-    least: float  #: a recording over which it changes by less tells nothing of it
-    plausible: tuple[float, float]  #: (2,): lowest and highest value in that unit: what lies beyond is in another one
+    key: str  #: its key in a calibration file
+    unit: str  #: unit that is printed after its values, with a space
+    per: str  #: the unit in ``offset per unit``
+    least: float  #: smallest range of values in a recording from which an offset can be estimated
+    plausible: tuple[float, float]  #: (2,): lowest and highest plausible value; others are in another unit
 
 
 KINDS: Final[Mapping[str, Kind]] = {
@@ -65,45 +65,45 @@ KINDS: Final[Mapping[str, Kind]] = {
     "throttle": Kind("throttle", "", "full throttle", 0.02, (0.0, 1.0)),
     "temperature": Kind("temperature_C", " °C", "°C", 0.3, (-80.0, 150.0)),
 }
-"""By the names of the columns of `Samples`."""
+"""Kinds of disturbances by the names of their columns in `Samples`."""
 
 MOTORS: Final[Mapping[str, str]] = {"current": "currents", "throttle": "throttles"}
-"""What each motor may have of its own, and the column of `Samples` with one of each: motor 2 has ``current2``."""
+"""Kinds that exist for each motor, and the column of `Samples` with one value a motor: motor 2 has ``current2``."""
 
 MOST: Final = 99
-"""Motors of one vehicle."""
+"""Largest number of motors of a vehicle."""
 
 _NUMBERED: Final = re.compile(rf"({'|'.join(MOTORS)})([1-9]\d?)")
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Disturbance(Value):
-    """An offset, and for a temperature a scale, that follows something else.
+    """Change of the offset, and with a temperature also of the scale, per unit of a recorded quantity.
 
     Raises
     ------
     UsageError
-        For a name that is not known, a gain of motors, or a range that is none.
+        For an invalid name, a gain of anything but the temperature, an empty range, or states that are not two words.
     ArrayError
-        For numbers that are not finite, or not three.
+        For values that are not finite, or an offset that is not three numbers.
     """
 
-    #: ``current``, ``throttle`` or ``temperature``: the column of `Samples` that it is multiplied by; of a motor by
-    #: itself ``current1``, ``throttle1`` and so on; else the name of a column in the log
+    #: ``current``, ``throttle`` or ``temperature``, as the columns of `Samples`; ``current1``, ``throttle1`` and so on
+    #: of one motor; else the name of a column in the log
     name: str
-    #: (3,): by how much readings are off, in their unit, for each A, at full throttle, for each °C, for each unit of a
-    #: column, or in the second of two states; read-only
+    #: (3,), in the unit of the readings: offset for each A, at full throttle, for each °C, for each unit of a column,
+    #: or in the second of two states; read-only
     per_unit: Floats
-    reference: float = 0.0  #: where the offset of the calibration holds
-    lowest: float = 0.0  #: least of it that was seen; the same as `highest` where nobody knows
-    highest: float = 0.0  #: most of it that was seen
-    lag_s: float = 0.0  #: s: readings follow so much later
-    #: by which share what the earth's field makes of a reading grows with each °C; 0 for motors
+    reference: float = 0.0  #: value at which the offset of the calibration holds
+    lowest: float = 0.0  #: lowest recorded value; equal to `highest` if the range is not known
+    highest: float = 0.0  #: highest recorded value
+    lag_s: float = 0.0  #: s: delay of the readings behind the value
+    #: relative growth of the earth's part of a reading for each °C; 0 for motors
     gain_per_unit: float = 0.0
-    states: tuple[str, ...] = ()  #: words of a column that stand for 0 and 1; none of a column of numbers
+    states: tuple[str, ...] = ()  #: words that stand for 0 and 1; empty for a column of numbers
 
     def __post_init__(self) -> None:
-        """Check the numbers and keep a read-only copy of the offset."""
+        """Check the values and store a read-only copy of the offset."""
         known(self.name)
         per_unit = vectors(self.per_unit, f"offset per unit of {self.name}")
         if per_unit.shape != (3,):
@@ -122,41 +122,41 @@ class Disturbance(Value):
 
     @property
     def kind(self) -> Kind:
-        """What there is to know of all of its name."""
+        """Kind of the disturbance, by its name."""
         return known(self.name)
 
     def numbers(self, values: ArrayLike) -> Floats:
-        """(...) values as numbers: 0 and 1 in the place of states; NaN where one is not known."""
+        """(...) values as numbers, with 0 and 1 for the two states; NaN for a missing value."""
         return coded(values, self.states, self.name)
 
     def with_states(self, states: Sequence[str]) -> Disturbance:
-        """The same with the words that 0 and 1 stand for; as it is where there are none."""
+        """A copy with the words that 0 and 1 stand for; the same disturbance if `states` is empty."""
         return replace(self, states=tuple(states)) if states else self
 
     @property
     def has_range(self) -> bool:
-        """It is known at which values it was found, which parameters of an autopilot do not say."""
+        """Whether the range of recorded values is known; parameters of an autopilot do not contain it."""
         return self.lowest < self.highest
 
     @property
     def farthest(self) -> float:
-        """The end of the recorded range that is farther from the reference; one unit from it where that is unknown."""
+        """End of the recorded range that is farther from the reference; reference + 1 if the range is not known."""
         if not self.has_range:
             return self.reference + 1.0
         return max((self.lowest, self.highest), key=lambda value: abs(value - self.reference))
 
     def shift(self, values: ArrayLike) -> Floats:
-        """(..., 3) by how much readings are off at (...) values; a value that is not known makes NaN."""
+        """(..., 3) change of the offset at (...) values; NaN for a missing value."""
         away = self.numbers(values) - self.reference
         shifted: Floats = away[..., np.newaxis] * self.per_unit
         return shifted
 
     def gain(self, values: ArrayLike) -> Floats:
-        """(...) what the earth's field is multiplied by at (...) values."""
+        """(...) factor of the earth's field at (...) values."""
         return 1.0 + self.gain_per_unit * (self.numbers(values) - self.reference)
 
     def beyond(self, values: ArrayLike) -> float:
-        """How far values lie outside the recorded range, as a share of it; 0 inside, or where the range is unknown.
+        """Largest excess of values over the recorded range, as a fraction of it; 0 if the range is not known.
 
         >>> Disturbance("current", [1, 0, 0], lowest=0.0, highest=20.0).beyond([5.0, 25.0, np.nan])
         0.25
@@ -176,7 +176,7 @@ class Disturbance(Value):
         """
         if self.states and value in (0.0, 1.0):
             return self.states[int(value)]
-        return f"{_amount(value)}{self.kind.unit}"
+        return f"{_value_text(value)}{self.kind.unit}"
 
     def __str__(self) -> str:
         numbers = ", ".join(f"{value:.3g}" for value in self.per_unit + 0.0)
@@ -184,14 +184,15 @@ class Disturbance(Value):
         gain = f", scale {self.gain_per_unit:+.2%} per °C" if self.gain_per_unit else ""
         if self.states:
             return f"{self.name}: {numbers} while {self.states[1]}{lag}, none while {self.states[0]}"
-        span = f"recorded {_amount(self.lowest)} to {self.amount(self.highest)}" if self.has_range else "range unknown"
+        ends = f"{_value_text(self.lowest)} to {self.amount(self.highest)}"
+        span = f"recorded {ends}" if self.has_range else "range unknown"
         return f"{self.name}: {numbers} per {self.kind.per}{gain}{lag}, from {self.amount(self.reference)}, {span}"
 
 
-def _amount(value: float) -> str:
-    """Write a value of a column to three digits, or to the point: no speed of 3e+03.
+def _value_text(value: float) -> str:
+    """Write a value to three digits, from 1,000 on as a whole number instead of 3e+03.
 
-    >>> _amount(0.0), _amount(21.54), _amount(3000.0), _amount(-12345.6), _amount(3.2e9)
+    >>> _value_text(0.0), _value_text(21.54), _value_text(3000.0), _value_text(-12345.6), _value_text(3.2e9)
     ('0', '21.5', '3,000', '-12,346', '3.2e+09')
     """
     return f"{value:,.0f}" if 1e3 <= abs(value) < 1e7 else f"{value:.3g}"
@@ -199,12 +200,12 @@ def _amount(value: float) -> str:
 
 @cache
 def known(name: str) -> Kind:
-    """Look a disturbance up.
+    """Kind of a disturbance, by its name.
 
     Raises
     ------
     UsageError
-        For a name that no column that is followed can have.
+        For a name that a disturbance cannot have.
 
     Examples
     --------
@@ -220,15 +221,15 @@ def known(name: str) -> Kind:
         return KINDS[kind]._replace(key=KINDS[kind].key.replace(kind, name))
     if not name.strip() or name in RESERVED or name in MOTORS.values():
         raise UsageError(
-            f"{name!r} cannot be followed by this name: need {', '.join(KINDS)}, current1, throttle1 … of each motor, "
-            "or the name of another column; rename the column where it is recorded"
+            f"{name!r} cannot be the name of a disturbance: need {', '.join(KINDS)}, current1, throttle1 … of each "
+            "motor, or the name of another column; rename the column in the recording"
         )
     unit = unit_in(name)
     return Kind(name, f" {unit}" if unit else "", unit or f"unit of {name}", 0.0, (-np.inf, np.inf))
 
 
 def is_column(name: str) -> bool:
-    """Whether a disturbance goes by the name of its column in the log: it is no known kind, and of no motor.
+    """Whether a name is that of a column in the log, not of a known kind or of a motor.
 
     >>> is_column("wheel_rpm"), is_column("current"), is_column("throttle3"), is_column("currents")
     (True, False, False, False)
@@ -237,7 +238,7 @@ def is_column(name: str) -> bool:
 
 
 def motor(name: str) -> tuple[str, int]:
-    """The kind of a disturbance, and the number of its motor; 0 for no motor by itself.
+    """Kind of a disturbance and number of its motor, counted from 1; 0 if it is not that of one motor.
 
     >>> motor("current12"), motor("current"), motor("current0")
     (('current', 12), ('current', 0), ('current0', 0))
@@ -247,7 +248,7 @@ def motor(name: str) -> tuple[str, int]:
 
 
 def motors(kind: str, count: int) -> tuple[str, ...]:
-    """Names of the first motors' own disturbances.
+    """Names of the disturbances of `count` motors, one for each.
 
     >>> motors("current", 3)
     ('current1', 'current2', 'current3')
@@ -258,11 +259,11 @@ def motors(kind: str, count: int) -> tuple[str, ...]:
 BY_KEY: Final[Mapping[str, str]] = {
     known(name).key: name for name in (*KINDS, *(name for kind in MOTORS for name in motors(kind, MOST)))
 }
-"""Names of all disturbances by what they are called in files."""
+"""Names of disturbances by their keys in a calibration file."""
 
 
 def place_of(name: str) -> tuple[int, int, str]:
-    """Where a disturbance stands among others: in the order of `KINDS`, a total before each motor; columns are last.
+    """Sort key of a disturbance: the order of `KINDS`, the total before the single motors; columns of the log last.
 
     >>> sorted(["wheel", "temperature", "throttle", "current10", "current2", "current"], key=place_of)
     ['current', 'current2', 'current10', 'throttle', 'temperature', 'wheel']
@@ -273,7 +274,7 @@ def place_of(name: str) -> tuple[int, int, str]:
 
 
 def checked(disturbances: Iterable[Disturbance]) -> tuple[Disturbance, ...]:
-    """Let disturbances through of which no two are of one name, in the order of `place_of`.
+    """Sort disturbances by `place_of` and refuse two of the same name.
 
     Raises
     ------
@@ -283,17 +284,17 @@ def checked(disturbances: Iterable[Disturbance]) -> tuple[Disturbance, ...]:
     listed = sorted(disturbances, key=lambda disturbance: place_of(disturbance.name))
     for one, other in pairwise(listed):
         if one.name == other.name:
-            raise UsageError(f"{one.name} is given twice: each drives the offset once")
+            raise UsageError(f"{one.name} is given twice: give each disturbance once")
     return tuple(listed)
 
 
 def named(followed: Sequence[Disturbance] = (), /, **columns: ArrayLike | None) -> dict[str, ArrayLike]:
-    """Name columns by their disturbances; ``currents`` and ``throttles`` have each motor's along the last axis.
+    """Values by the name of their disturbance; ``currents`` and ``throttles``, (..., M), are split by motor.
 
     Raises
     ------
     UsageError
-        For a name that is no known kind, and none of the columns that are `followed`.
+        For a name that is not a known kind and not that of a disturbance in `followed`.
 
     >>> named(current=None, throttle=0.5, currents=[1.0, 2.0])
     {'throttle': 0.5, 'current1': array(1.), 'current2': array(2.)}
@@ -313,12 +314,12 @@ def named(followed: Sequence[Disturbance] = (), /, **columns: ArrayLike | None) 
 
 
 def effect(disturbances: Sequence[Disturbance], values: Mapping[str, ArrayLike | None]) -> tuple[Floats, Floats]:
-    """By how much readings are off (..., 3), and what multiplies the earth's field in them (...).
+    """Change of the offset (..., 3) and factor of the earth's field (...) at values of the disturbances.
 
     Raises
     ------
     UsageError
-        For a disturbance whose values are not given.
+        For a disturbance without values.
 
     Examples
     --------
@@ -333,7 +334,7 @@ def effect(disturbances: Sequence[Disturbance], values: Mapping[str, ArrayLike |
         if given is None:
             raise UsageError(
                 f"the calibration corrects for {disturbance.name}, which was not given: give it for each reading, or "
-                "take the calibration at a fixed one",
+                "take the calibration at a fixed value",
                 hint={disturbance.name: None, **at_reference([disturbance])},
             )
         shift = shift + disturbance.shift(given)
@@ -342,14 +343,14 @@ def effect(disturbances: Sequence[Disturbance], values: Mapping[str, ArrayLike |
 
 
 def at_reference(disturbances: Iterable[Disturbance]) -> Hint:
-    """Hint that takes a calibration at the reference values of disturbances."""
+    """Hint for an error: take the calibration at the reference values of these disturbances."""
     return {"at": {one.name: one.states[0] if one.states else one.reference for one in disturbances}}
 
 
 def lagged(values: Floats, time: Floats | None, lag_s: float) -> Floats:
-    """(N,) what was logged `lag_s` before each of (N,) times, in s; before the first value that one holds.
+    """(N,) values that were logged `lag_s` before each of (N,) times, in s; the first value before the first time.
 
-    Gaps are bridged. Without times there is no before, and gaps alone are bridged, reading by reading.
+    Gaps are interpolated linearly. Without times the lag is ignored, and gaps are interpolated over the index.
 
     >>> lagged(np.array([0.0, 1.0, np.nan, 3.0]), np.array([0.0, 1.0, 2.0, 3.0]), 0.5)
     array([0. , 0.5, 1.5, 2.5])
@@ -372,7 +373,7 @@ def lagged(values: Floats, time: Floats | None, lag_s: float) -> Floats:
 
 
 def disturbed_alike(ours: tuple[Disturbance, ...], theirs: tuple[Disturbance, ...], tolerance: float) -> bool:
-    """Whether both follow the same, to within `tolerance` over what was recorded."""
+    """Whether both change the offset alike, within `tolerance` over the recorded ranges."""
     if [disturbance.name for disturbance in ours] != [disturbance.name for disturbance in theirs]:
         return False
     return all(

@@ -1,4 +1,4 @@
-"""Lengths of time in the unit that suits them.
+"""Durations written in a suitable unit, seconds to years.
 
 >>> duration(40.0), duration(700.0), duration(2e4), duration(1e6), duration(1e8), duration(math.inf)
 ('40 s', '12 min', '5.6 h', '12 days', '3.2 years', 'any time')
@@ -11,15 +11,15 @@ from typing import Final
 
 from flinders.errors import figures
 
-_UNITS: Final = (("years", 365.25 * 86400.0, 1.0), ("days", 86400.0, 2.0), ("h", 3600.0, 1.0), ("min", 60.0, 1.0))
-"""Name, size in seconds, and how many there are at least."""
+UNITS: Final = (("years", 365.25 * 86400.0, 1.0), ("days", 86400.0, 2.0), ("h", 3600.0, 1.0), ("min", 60.0, 1.0))
+"""Name, size in seconds, and smallest number of this unit that is written in it."""
 
 
 def duration(seconds: float) -> str:
-    """Write a length of time of which two digits are known."""
+    """Write a duration to two digits in a suitable unit."""
     if math.isinf(seconds):
         return "any time"
-    for unit, size, least in _UNITS:
+    for unit, size, least in UNITS:
         if seconds >= least * size:
             return f"{figures(seconds / size)} {unit}"
     return f"{figures(seconds)} s"

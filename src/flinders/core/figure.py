@@ -1,4 +1,4 @@
-"""A drawing as a value: a notebook shows it, and it can be saved.
+"""A figure in SVG that a notebook shows and that can be saved.
 
 >>> drawn = Figure('<svg xmlns="http://www.w3.org/2000/svg" width="20" height="10"></svg>', "a box")
 >>> drawn, drawn._repr_svg_()[:4]
@@ -16,26 +16,27 @@ from flinders.errors import UsageError
 
 @dataclass(frozen=True, slots=True, repr=False)
 class Figure:
-    """A drawing in SVG, light or dark as its reader's screen is; no further package is needed."""
+    """A figure in SVG, light or dark by the setting of the viewer; needs no other package."""
 
-    svg: str  #: a file of its own
-    name: str  #: what it shows
+    svg: str  #: content of the SVG file
+    name: str  #: subject of the figure
 
     def save(self, path: str | os.PathLike[str], *, force: bool = False) -> None:
-        """Write it as a file, ``.svg``.
+        """Write the figure to an ``.svg`` file.
 
         Raises
         ------
         UsageError
             For another kind of file.
         OutputExists
-            Where there is a file already, unless `force`.
+            If the file exists, unless `force`.
         OutputError
-            Where it cannot be written.
+            If the file cannot be written.
         """
         if not os.fspath(path).lower().endswith(".svg"):
             raise UsageError(
-                f"{os.fspath(path)} is no SVG: save a figure as .svg, or draw into axes of matplotlib, and save those",
+                f"{os.fspath(path)} is not an .svg file: give a name that ends in .svg, or draw into axes of "
+                "matplotlib, and save those",
                 hint={"ax": None},
             )
         write_text(self.svg, path, force=force)

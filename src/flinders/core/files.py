@@ -1,11 +1,11 @@
-"""Files read up to a size, and written whole or not at all.
+"""Reading of files up to a size limit, and atomic writing.
 
-What is written goes into a temporary file beside the target first, which takes its name once it is
-complete and on the disk: no reader ever meets half of it, and an interrupted run leaves nothing behind.
+A file is first written to a temporary file in the same folder, which is renamed once it is complete and
+on the disk. No reader sees a partial file, and an interrupted run leaves none.
 
-A few kilobytes can be packed so that they fill a disk, or the memory. A stream of more than `LARGE` bytes is refused
-while it is being unpacked, once it has `MOST_RATIO` times the bytes that it came of; a piece that has to be in memory
-as a whole, at `MOST_PIECE` bytes.
+A compressed file of a few kilobytes can expand until the disk or the memory is full. A stream of more than
+`LARGE` bytes is refused during decompression once it exceeds `MOST_RATIO` times its compressed size; a chunk
+that has to be in memory as a whole is refused at `MOST_PIECE` bytes.
 
 >>> import zlib
 >>> unpacked_piece(zlib.decompressobj(), zlib.compress(b"whole"))
@@ -49,25 +49,28 @@ REASONS: Final = {
     errno.ENAMETOOLONG: "the name is too long: use a shorter one",
     errno.ELOOP: "its symbolic links lead in a circle: give the name of a file",
 }
-"""What to do about an error of the operating system."""
+"""Reason and remedy for errors of the operating system, by their number."""
 
 LARGE, MOST_RATIO = 16 << 20, 250
-"""Bytes from which on the ratio counts, and the ratio: a table of digits packs to a fifth, zeros to a thousandth."""
+"""Size in bytes from which the ratio is checked, and the largest ratio of decompressed to compressed size.
+
+A table of digits compresses to a fifth, zeros to a thousandth.
+"""
 MOST_PIECE: Final = 1 << 30
-"""Bytes that one packed piece may have, unpacked: a chunk of a bag has a few million."""
-LONGEST_OWNER: Final = 200  # Bytes that say which program has locked a file
-LOCKED_BYTE: Final = 1 << 20
+"""Largest decompressed size of one chunk in bytes; a chunk of a bag has a few million."""
+MAX_OWNER_BYTES: Final = 200  # bytes: longest name of the program that holds a lock
+LOCK_OFFSET: Final = 1 << 20  # offset of the locked byte in a lock file on Windows
 
 
 def reason(error: OSError | ValueError) -> str:
-    """Say what is wrong with a path, and what to do."""
+    """Reason and remedy for an error that a path caused, in words."""
     if isinstance(error, OSError) and error.errno is not None:
         return REASONS.get(error.errno, error.strerror or str(error))
     return str(error)
 
 
 def free_path(path: Path) -> Path:
-    """A path that no file has: this one, or one with a number behind its name.
+    """A path at which no file exists: `path`, or `path` with a number after its name.
 
     >>> free_path(Path(__file__)).name, free_path(Path("new.csv")).name
     ('files_2.py', 'new.csv')
@@ -77,9 +80,9 @@ def free_path(path: Path) -> Path:
 
 
 def read_bytes(path: str | os.PathLike[str], *, largest: int, what: str, refused: type[FlindersError]) -> bytes:
-    """Read a file that is known to be small, `what`: a name that is mixed up does not fill the memory.
+    """Read a small file without filling the memory if the name is that of a large one.
 
-    What cannot be opened, or has more than `largest` bytes, raises the error `refused`.
+    Raises `refused` for a file that cannot be opened or has more than `largest` bytes. `what` names the kind of file.
     """
     try:
         with Path(path).open("rb") as file:
@@ -92,27 +95,27 @@ def read_bytes(path: str | os.PathLike[str], *, largest: int, what: str, refused
 
 
 def is_bomb(unpacked: int, packed: int) -> bool:
-    """Tell whether so many bytes have come of so few as no table of readings packs to."""
+    """Whether `packed` bytes expand to `unpacked` bytes, more than any table of readings does."""
     return unpacked > LARGE and unpacked > MOST_RATIO * packed
 
 
 def metered(
     name: str, chunks: Iterable[bytes], packed: Callable[[], int], *, most: int | None = None, ratio: bool = True
 ) -> Iterator[bytes]:
-    """Pass on what is unpacked, and refuse what becomes too much with `UnreadableInput`.
+    """Yield decompressed chunks; raises `UnreadableInput` once they are too large.
 
     Parameters
     ----------
     name : str
-        For messages.
+        Name of the file, for messages.
     chunks : iterable of bytes
-        Unpacked.
+        Decompressed content.
     packed : callable
-        Gives the bytes of which what has come so far was made.
+        Returns the number of compressed bytes read so far.
     most : int, optional
-        Bytes that are let pass at most.
+        Largest total size in bytes.
     ratio : bool
-        Judge it by `MOST_RATIO` too, which arrays need not keep: one of zeros packs to a thousandth.
+        Also check `MOST_RATIO`. Arrays may exceed it: zeros compress to a thousandth.
     """
     done = 0
     for chunk in chunks:
@@ -123,7 +126,7 @@ def metered(
 
 
 def too_much(name: str, unpacked: int, packed: int) -> UnreadableInput:
-    """Say that so few bytes unpack to more than any recording has."""
+    """Error for a file that expands to more bytes than a recording of its size can have."""
     return UnreadableInput(
         f"{name} unpacks to more than {unpacked >> 20:,} MB from {packed:,} bytes, as no recording does: unpack it "
         "yourself if you trust it"
@@ -131,43 +134,44 @@ def too_much(name: str, unpacked: int, packed: int) -> UnreadableInput:
 
 
 def refuse_bomb(name: str, unpacked: int, packed: int) -> None:
-    """Refuse a file that says it holds more than so few bytes of readings pack to."""
+    """Refuse a file whose stated decompressed size is implausible for its `packed` bytes."""
     if is_bomb(unpacked, packed):
         raise UnreadableInput(
-            f"{name} is said to hold {unpacked >> 20:,} MB in {packed:,} bytes, as no recording does: write it anew "
-            "without packing if you trust it"
+            f"{name} states {unpacked >> 20:,} MB of content in {packed:,} bytes, as no recording does: write it again "
+            "without compression if you trust it"
         )
 
 
 def unpacked_piece(unpacker: Any, packed: bytes) -> bytes:  # noqa: ANN401 - of zlib, bz2 …
-    """Unpack a piece; one that is cut raises `ValueError`, and more than `MOST_PIECE` bytes `UnreadableInput`."""
+    """Decompress a chunk; raises `ValueError` if it is truncated, `UnreadableInput` beyond `MOST_PIECE` bytes."""
     content: bytes = unpacker.decompress(packed, MOST_PIECE)
     if unpacker.eof:
         return content
     if len(content) >= MOST_PIECE:
         raise UnreadableInput(
-            f"a packed piece of the recording has more than {MOST_PIECE >> 20} MB: no logger wrote it"
+            f"a compressed chunk of the recording has more than {MOST_PIECE >> 20} MB, as no logger writes: "
+            "record again, or give another file"
         )
-    raise ValueError("a packed piece is not whole")
+    raise ValueError("a compressed chunk is truncated")
 
 
 def write_text(text: str, path: str | os.PathLike[str], *, force: bool = False) -> None:
-    """Write a text file; as `replacing`."""
+    """Write a text file atomically; raises as `replacing`."""
     with replacing(path, force=force) as file:
         file.write(text)
 
 
 def write_bytes(content: bytes, path: str | os.PathLike[str], *, force: bool = False) -> None:
-    """Write a file of bytes; as `replacing`."""
+    """Write a file of bytes atomically; raises as `replacing`."""
     with replacing(path, force=force, encoding="latin-1", newline="") as file:  # a character for each byte
         file.write(content.decode("latin-1"))
 
 
 def write_folder(files: Mapping[str, str], directory: str | os.PathLike[str], *, force: bool = False) -> list[Path]:
-    """Write text files by their names below a folder, which is made; the paths, in order of name.
+    """Write text files, given by name, into a folder that is created if needed; returns their paths by name.
 
-    Raises `OutputExists` where a file is there and `force` is not given: nothing was written then; `OutputError` where
-    a file cannot be written.
+    Raises `OutputExists`, before anything is written, if a file exists, unless `force`; `OutputError` if a file cannot
+    be written.
     """
     texts = {Path(directory, name): text for name, text in sorted(files.items())}
     for path in texts:
@@ -180,17 +184,18 @@ def write_folder(files: Mapping[str, str], directory: str | os.PathLike[str], *,
 
 
 def make_folder(folder: Path) -> None:
-    """Make a folder, and those above it, unless it is there; `OutputError` says why it cannot be made."""
+    """Create a folder and its parents if they do not exist; raises `OutputError` if that fails."""
     try:
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:
-        raise OutputError(f"{folder}: no folder can be made there: {reason(error)}") from None
+        raise OutputError(f"{folder}: the folder cannot be created: {reason(error)}") from None
 
 
 def write_all(file: FileIO, content: bytes | memoryview) -> None:
-    """Write to a file without a buffer, which would fail again when it is closed; raises OSError.
+    """Write all bytes to an unbuffered file; raises OSError.
 
-    A disk that is nearly full takes a part, and says only of the rest that it is full.
+    A buffered file would fail a second time when it is closed. A nearly full disk first writes a part of the bytes and
+    fails at the next write.
     """
     left = memoryview(content)
     while left:
@@ -198,9 +203,9 @@ def write_all(file: FileIO, content: bytes | memoryview) -> None:
 
 
 def locked(descriptor: int) -> bool:
-    """Lock an open file or folder for this program until it is closed; False where another program has locked it.
+    """Lock an open file or folder until it is closed; returns False if another program has locked it.
 
-    True on systems and file systems without such locks.
+    Returns True on systems and file systems without locks.
     """
     try:
         import fcntl
@@ -217,20 +222,20 @@ def locked(descriptor: int) -> bool:
 
 @contextlib.contextmanager
 def exclusive(path: str | os.PathLike[str]) -> Iterator[None]:
-    """Keep a file that is replaced whole for this program, by a lock on ``PATH.lock`` beside it, which stays there.
+    """Keep other programs from replacing a file, by a lock on ``PATH.lock``, which stays on the disk.
 
-    The system unlocks it when a program ends, also by ``kill -9``. Systems and file systems without locks keep nobody
-    out.
+    The system releases the lock when the program ends, also by ``kill -9``. Systems and file systems without locks
+    give no protection.
 
-    Raises `OutputError` where another program keeps the file, or nothing can be written beside it.
+    Raises `OutputError` if another program has locked the file, or the lock file cannot be written.
     """
     target = Path(os.path.realpath(path))
-    with _refusals(path):
+    with _translate_errors(path):
         descriptor = os.open(target.with_name(f"{target.name}.lock"), os.O_RDWR | os.O_CREAT, 0o666)
     try:
-        if not _locked_far(descriptor):
-            owner = os.read(descriptor, LONGEST_OWNER).decode(errors="replace").strip() or "it has not said which"
-            raise OutputError(f"{path}: another program keeps this file ({owner}): stop that one, or name another file")
+        if not _lock_after_end(descriptor):
+            owner = os.read(descriptor, MAX_OWNER_BYTES).decode(errors="replace").strip() or "its name is not known"
+            raise OutputError(f"{path}: another program has locked this file ({owner}): stop it, or name another file")
         with contextlib.suppress(OSError):  # a full disk
             os.ftruncate(descriptor, 0)
             os.write(descriptor, f"process {os.getpid()} on {platform.node()}\n".encode())
@@ -239,12 +244,12 @@ def exclusive(path: str | os.PathLike[str]) -> Iterator[None]:
         os.close(descriptor)
 
 
-def _locked_far(descriptor: int) -> bool:
-    """As `locked`; of Windows, which lets nobody read what is locked, a byte behind the end of the file."""
+def _lock_after_end(descriptor: int) -> bool:
+    """Lock a file as `locked` does; on Windows, where locked bytes cannot be read, lock a byte after its end."""
     if sys.platform == "win32":
         import msvcrt
 
-        os.lseek(descriptor, LOCKED_BYTE, os.SEEK_SET)
+        os.lseek(descriptor, LOCK_OFFSET, os.SEEK_SET)
         try:
             msvcrt.locking(descriptor, msvcrt.LK_NBLCK, 1)
         except OSError:
@@ -256,10 +261,10 @@ def _locked_far(descriptor: int) -> bool:
 
 
 def refuse_existing(path: str | os.PathLike[str], *, force: bool = False) -> None:
-    """Find out before a long run whether a file could be written at its end; raises as `replacing`."""
-    with _refusals(path):
-        target = _target(path)
-        _permissions(target, force=force)
+    """Check before a long run that its output file can be written; raises as `replacing`."""
+    with _translate_errors(path):
+        target = _resolved_path(path)
+        _existing_permissions(target, force=force)
         if not target.parent.is_dir():
             raise FileNotFoundError
         if not os.access(target.parent, os.W_OK):
@@ -270,15 +275,15 @@ def refuse_existing(path: str | os.PathLike[str], *, force: bool = False) -> Non
 def replacing(
     path: str | os.PathLike[str], *, force: bool = False, encoding: str = "utf-8", newline: str = "\n"
 ) -> Iterator[IO[str]]:
-    """Open a text file for writing that appears under its name when the block ends well.
+    """Open a text file for writing; it gets its name when the block ends without an error.
 
-    A symbolic link stays, and what it points to is written; a file that is replaced keeps its permissions.
+    A symbolic link is followed, and a replaced file keeps its permissions.
 
-    Raises `OutputExists` where there is a file already, unless `force`; `OutputError` where it cannot be written.
+    Raises `OutputExists` if the file exists, unless `force`; `OutputError` if it cannot be written.
     """
-    with _refusals(path):
-        target = _target(path)
-        permissions = _permissions(target, force=force)
+    with _translate_errors(path):
+        target = _resolved_path(path)
+        permissions = _existing_permissions(target, force=force)
         temporary = target.with_name(f".flinders-{os.urandom(8).hex()}.tmp")
         try:
             with temporary.open("x", encoding=encoding, newline=newline) as file:
@@ -287,15 +292,15 @@ def replacing(
                 os.fsync(file.fileno())
             if permissions is not None:
                 temporary.chmod(permissions)
-            _publish(temporary, target, force=force)
+            _rename(temporary, target, force=force)
         finally:
             with contextlib.suppress(OSError):
                 temporary.unlink()
 
 
 @contextlib.contextmanager
-def _refusals(path: str | os.PathLike[str]) -> Iterator[None]:
-    """Turn what the operating system says into what to do about it."""
+def _translate_errors(path: str | os.PathLike[str]) -> Iterator[None]:
+    """Turn errors of the operating system into errors of Flinders, with a remedy."""
     try:
         yield
     except FileExistsError:
@@ -306,15 +311,15 @@ def _refusals(path: str | os.PathLike[str]) -> Iterator[None]:
         raise OutputError(f"{path}: cannot be written: {reason(error)}") from None
 
 
-def _target(path: str | os.PathLike[str]) -> Path:
-    """Follow symbolic links to the file that will be written."""
+def _resolved_path(path: str | os.PathLike[str]) -> Path:
+    """Path of the file that will be written, after symbolic links."""
     if "\0" in os.fspath(path):
         raise OSError(errno.EINVAL, "its name holds a null character: check the name")
     return Path(os.path.realpath(path))
 
 
-def _permissions(target: Path, *, force: bool) -> int | None:
-    """Look at what is there: its permissions if it may be replaced, None if there is nothing."""
+def _existing_permissions(target: Path, *, force: bool) -> int | None:
+    """Permissions of an existing file that may be replaced; None if there is no file."""
     try:
         mode = target.lstat().st_mode
     except FileNotFoundError:
@@ -332,8 +337,8 @@ def _permissions(target: Path, *, force: bool) -> int | None:
     return stat.S_IMODE(mode)
 
 
-def _publish(temporary: Path, target: Path, *, force: bool) -> None:
-    """Give a finished file its name; without `force`, a file that appeared meanwhile is kept."""
+def _rename(temporary: Path, target: Path, *, force: bool) -> None:
+    """Rename the finished temporary file; without `force`, an existing file is not replaced."""
     if not force:
         try:
             target.hardlink_to(temporary)  # unlike a rename, refuses a name that is taken
@@ -347,10 +352,10 @@ def _publish(temporary: Path, target: Path, *, force: bool) -> None:
 
 
 def licence() -> str:
-    """The licence of flinders, which is in its distribution."""
+    """Text of Flinders' licence, from its installed distribution."""
     from importlib.metadata import distribution
 
     for file in distribution("flinders").files or ():
         if file.name == "LICENSE" and "licenses" in file.parts:
             return file.read_text()
-    raise OutputError("the licence of flinders is not installed with it: install flinders anew")
+    raise OutputError("the licence of flinders is not installed: install flinders again")

@@ -1,7 +1,7 @@
-"""Tables in memory by what they can do: columns out of them, and a copy with other columns.
+"""Tables in memory, recognised by their methods: their columns, and copies with other columns.
 
-Frames of pandas, Modin, Dask and polars, a mapping of columns, a structured array, a data set of xarray and a relation
-of DuckDB hand out their columns; of whatever else has ``__arrow_c_stream__`` pyarrow makes a table. No package is
+Supported are frames of pandas, Modin, Dask and polars, a mapping of columns, a structured array, a data set of xarray
+and a relation of DuckDB; pyarrow makes a table of other objects with ``__arrow_c_stream__``. None of these packages is
 imported here.
 
 >>> table = {"mx": [1.0, 2.0], "my": [3.0, 4.0]}
@@ -30,14 +30,14 @@ if TYPE_CHECKING:
 
 
 class HasColumns(Protocol):
-    """A data frame, for type checkers."""
+    """Any data frame; for type checkers."""
 
     @property
     def columns(self) -> Any: ...  # noqa: ANN401, D102
 
 
 def is_frame(source: object) -> bool:
-    """Whether this is a table in memory, by what it can do."""
+    """Whether an object is a table in memory, by its methods."""
     if isinstance(source, np.ndarray | list | tuple):
         return getattr(getattr(source, "dtype", None), "names", None) is not None
     if hands_out_columns(source):
@@ -47,25 +47,25 @@ def is_frame(source: object) -> bool:
 
 
 def hands_out_columns(frame: object) -> bool:
-    """Whether `columns_of` takes it."""
+    """Whether `columns_of` accepts an object."""
     return any(kind.accepts(frame) for kind in KINDS)
 
 
-def columns_of(frame: Any) -> Columns:  # noqa: ANN401 - of packages that need not be there
-    """Columns by name, as the frame has them: arrays, or its own series."""
+def columns_of(frame: Any) -> Columns:  # noqa: ANN401 - types of packages that may be missing
+    """Columns of a frame by name: arrays, or the frame's own series."""
     return _kind_of(frame).columns(frame)
 
 
 def with_columns(frame: Any, columns: Mapping[Any, Floats]) -> Any:  # noqa: ANN401
-    """A copy with these columns, (N,) each, in the place of those of the same names, or after the others.
+    """Copy a frame with (N,) columns that replace those of the same names, or are appended.
 
-    Raises `UsageError` for a frame that cannot be given back.
+    Raises `UsageError` for a frame to which no columns can be written.
     """
     return _kind_of(frame).with_columns(frame, columns)
 
 
 def labels_of(frame: Any) -> dict[str, Any]:  # noqa: ANN401
-    """Names of the columns as text, with each as the frame has it."""
+    """Column names of a frame: as text, each with the frame's own label."""
     if hasattr(frame, "collect_schema"):
         names = frame.collect_schema().names()
     elif (names := getattr(frame, "column_names", getattr(frame, "columns", None))) is None:
@@ -74,7 +74,7 @@ def labels_of(frame: Any) -> dict[str, Any]:  # noqa: ANN401
 
 
 def name_of(frame: object) -> str:
-    """What messages call it.
+    """Type of a frame with its package, for messages.
 
     >>> name_of({}), name_of(np.zeros(2))
     ('dict', 'numpy ndarray')
@@ -84,7 +84,7 @@ def name_of(frame: object) -> str:
 
 
 def is_pandas(frame: object) -> bool:
-    """Whether it has columns and an index, as frames of pandas, Modin and Dask do."""
+    """Whether an object has columns and an index, as frames of pandas, Modin and Dask do."""
     return all(hasattr(frame, name) for name in ("columns", "index", "items", "dtypes"))
 
 
@@ -97,12 +97,12 @@ class FrameKind(NamedTuple):
 
 
 def _kind_of(frame: object) -> FrameKind:
-    """The first kind that takes it."""
+    """First kind of table that accepts a frame; Arrow if none does."""
     return next((kind for kind in KINDS if kind.accepts(frame)), ARROW)
 
 
-def _of_pandas(frame: Any) -> Columns:  # noqa: ANN401
-    """Columns by name; the index comes first, where it is dates or has a name."""
+def _pandas_columns(frame: Any) -> Columns:  # noqa: ANN401
+    """Columns by name; the index comes first if it has dates or a name."""
     frame = frame.compute() if hasattr(frame, "compute") else frame
     columns = {str(name): column for name, column in frame.items()}
     if frame.index.name or frame.index.dtype.kind == "M":
@@ -110,42 +110,42 @@ def _of_pandas(frame: Any) -> Columns:  # noqa: ANN401
     return columns
 
 
-def _pandas_with(frame: Any, columns: Mapping[Any, Floats]) -> Any:  # noqa: ANN401
-    """A copy, with the same index."""
+def _with_pandas_columns(frame: Any, columns: Mapping[Any, Floats]) -> Any:  # noqa: ANN401
+    """Copy with the same index."""
     if hasattr(frame, "compute"):
-        raise _not_given_back(frame, "frame.compute()")
+        raise _read_only_error(frame, "frame.compute()")
     copy = frame.copy()
     for name, values in columns.items():
         copy[name] = values
     return copy
 
 
-def _of_polars(frame: Any) -> Columns:  # noqa: ANN401
-    """Columns by name; a lazy frame is collected."""
+def _polars_columns(frame: Any) -> Columns:  # noqa: ANN401
+    """Columns by name; a lazy frame is evaluated."""
     frame = frame if hasattr(frame, "get_column") else frame.collect()
     return {name: frame.get_column(name) for name in frame.columns}
 
 
-def _polars_with(frame: Any, columns: Mapping[Any, Floats]) -> Any:  # noqa: ANN401
-    """A copy; of a lazy frame a lazy one."""
+def _with_polars_columns(frame: Any, columns: Mapping[Any, Floats]) -> Any:  # noqa: ANN401
+    """Copy, lazy if the frame is lazy."""
     if not hasattr(frame, "get_column"):
-        return _polars_with(frame.collect(), columns).lazy()
+        return _with_polars_columns(frame.collect(), columns).lazy()
     series = _package_of(frame).Series
     return frame.with_columns([series(name, values) for name, values in columns.items()])
 
 
-def _of_mapping(frame: Mapping[Any, Any]) -> Columns:
+def _mapping_columns(frame: Mapping[Any, Any]) -> Columns:
     """Columns as arrays."""
     return {str(name): column if hasattr(column, "dtype") else np.asarray(column) for name, column in frame.items()}
 
 
-def _of_structured(frame: Any) -> Columns:  # noqa: ANN401
-    """Fields of records."""
+def _structured_columns(frame: Any) -> Columns:  # noqa: ANN401
+    """Fields of a structured array by name."""
     return {name: frame[name] for name in frame.dtype.names}
 
 
-def _structured_with(frame: Any, columns: Mapping[Any, Floats]) -> Any:  # noqa: ANN401
-    """A copy of records; fields that are replaced or new hold double-precision numbers."""
+def _with_structured_columns(frame: Any, columns: Mapping[Any, Floats]) -> Any:  # noqa: ANN401
+    """Copy of a structured array; replaced and new fields are float64."""
     replaced = {name: np.dtype((np.float64, values.shape[1:])) for name, values in columns.items()}
     kinds = {name: frame.dtype[name] for name in frame.dtype.names} | replaced
     copy = np.empty(frame.shape, dtype=list(kinds.items()))
@@ -154,26 +154,26 @@ def _structured_with(frame: Any, columns: Mapping[Any, Floats]) -> Any:  # noqa:
     return copy
 
 
-def _of_xarray(frame: Any) -> Columns:  # noqa: ANN401
-    """Coordinates, then variables."""
+def _xarray_columns(frame: Any) -> Columns:  # noqa: ANN401
+    """Coordinates by name, then data variables."""
     return {str(name): np.asarray(frame[name]) for name in (*frame.coords, *frame.data_vars)}
 
 
-def _xarray_with(frame: Any, columns: Mapping[Any, Floats]) -> Any:  # noqa: ANN401
-    """A copy; columns that are new have the dimension of the others."""
+def _with_xarray_columns(frame: Any, columns: Mapping[Any, Floats]) -> Any:  # noqa: ANN401
+    """Copy; new columns get the dimension of the existing ones."""
     dims = next(frame[name].dims for name in columns if name in frame)
     return frame.assign({name: (dims, values) for name, values in columns.items()})
 
 
-def _of_duckdb(frame: Any) -> Columns:  # noqa: ANN401
-    """Columns of a relation, which is run."""
+def _duckdb_columns(frame: Any) -> Columns:  # noqa: ANN401
+    """Columns of a relation by name; runs its query."""
     return dict(frame.fetchnumpy())
 
 
-def _arrow_with(frame: Any, columns: Mapping[Any, Floats]) -> Any:  # noqa: ANN401
-    """A table of pyarrow with other columns."""
+def _with_arrow_columns(frame: Any, columns: Mapping[Any, Floats]) -> Any:  # noqa: ANN401
+    """Copy of a pyarrow table with replaced or new columns."""
     if not hasattr(frame, "set_column"):
-        raise _not_given_back(frame, "pyarrow.table(frame)")
+        raise _read_only_error(frame, "pyarrow.table(frame)")
     for name, values in columns.items():
         places = frame.schema.get_all_field_indices(name)
         array = _arrow_array(_package_of(frame), values)
@@ -182,38 +182,44 @@ def _arrow_with(frame: Any, columns: Mapping[Any, Floats]) -> Any:  # noqa: ANN4
 
 
 def _arrow_array(arrow: Any, values: Floats) -> Any:  # noqa: ANN401
-    """A column of numbers, or of (N, K) lists of K numbers."""
+    """Arrow array of (N,) numbers, or of N lists for (N, K) numbers."""
     flat = arrow.array(values.ravel())
     return flat if values.ndim == 1 else arrow.FixedSizeListArray.from_arrays(flat, values.shape[1])
 
 
-def _refused(frame: Any, columns: Mapping[Any, Floats]) -> Any:  # noqa: ANN401
-    """A relation of DuckDB is a query, which holds no columns of others."""
+def _refuse_columns(frame: Any, columns: Mapping[Any, Floats]) -> Any:  # noqa: ANN401
+    """Refuse a relation of DuckDB: a query cannot take columns of other tables."""
     del columns
-    raise _not_given_back(frame, "frame.df()")
+    raise _read_only_error(frame, "frame.df()")
 
 
-def _not_given_back(frame: object, instead: str) -> UsageError:
-    """What to give in the place of a frame that takes no columns."""
-    return UsageError(f"a {name_of(frame)} is read, and takes no columns: give {instead}, which does")
+def _read_only_error(frame: object, instead: str) -> UsageError:
+    """Error for a frame that takes no columns; `instead` is the expression to give in its place."""
+    return UsageError(f"columns cannot be written to a {name_of(frame)}: give {instead} instead")
 
 
 def _package_of(frame: object) -> Any:  # noqa: ANN401
-    """The package of a frame, which is loaded where there is one."""
+    """Package of a frame, which is loaded already."""
     return sys.modules[type(frame).__module__.partition(".")[0]]
 
 
 KINDS: Final = (
-    FrameKind(lambda frame: hasattr(frame, "get_column") or hasattr(frame, "collect_schema"), _of_polars, _polars_with),
-    FrameKind(is_pandas, _of_pandas, _pandas_with),
-    FrameKind(lambda frame: hasattr(frame, "data_vars"), _of_xarray, _xarray_with),
-    FrameKind(lambda frame: isinstance(frame, Mapping), _of_mapping, lambda frame, columns: {**frame, **columns}),
     FrameKind(
-        lambda frame: bool(getattr(getattr(frame, "dtype", None), "names", None)), _of_structured, _structured_with
+        lambda frame: hasattr(frame, "get_column") or hasattr(frame, "collect_schema"),
+        _polars_columns,
+        _with_polars_columns,
     ),
-    FrameKind(lambda frame: hasattr(frame, "fetchnumpy"), _of_duckdb, _refused),
+    FrameKind(is_pandas, _pandas_columns, _with_pandas_columns),
+    FrameKind(lambda frame: hasattr(frame, "data_vars"), _xarray_columns, _with_xarray_columns),
+    FrameKind(lambda frame: isinstance(frame, Mapping), _mapping_columns, lambda frame, columns: {**frame, **columns}),
+    FrameKind(
+        lambda frame: bool(getattr(getattr(frame, "dtype", None), "names", None)),
+        _structured_columns,
+        _with_structured_columns,
+    ),
+    FrameKind(lambda frame: hasattr(frame, "fetchnumpy"), _duckdb_columns, _refuse_columns),
 )
-"""Kinds of tables that hand out their columns, in the order in which they are asked."""
+"""Kinds of tables with columns by name, in the order in which they are tried."""
 
-ARROW: Final = FrameKind(lambda frame: hasattr(frame, "__arrow_c_stream__"), lambda _: {}, _arrow_with)
-"""Whatever hands out a stream of Arrow: pyarrow makes a table of it."""
+ARROW: Final = FrameKind(lambda frame: hasattr(frame, "__arrow_c_stream__"), lambda _: {}, _with_arrow_columns)
+"""Other objects with an Arrow stream, from which pyarrow makes a table."""

@@ -1,4 +1,4 @@
-"""The earth's field at a site, from the World Magnetic Model of the day; before 2010 from IGRF-14.
+"""The earth's field at a site: World Magnetic Model of its date, or IGRF-14 before 2010.
 
 >>> seattle = site_field(47.6205, -122.3493, year=2025.25)
 >>> seattle.model, round(seattle.declination_deg, 2), round(seattle.inclination_deg, 2)
@@ -6,12 +6,12 @@
 >>> print(seattle)
 WMM-2025 at 47.6205, -122.349, 0 m, in 2025.25: declination 15.07° E ± 0.39°, dip 68.8°, 52.77 µT
 
-A compass shows magnetic north; ``true = magnetic + declination``, east positive. `SiteField.grid` is north of the map's
-grid, ``grid = true − convergence``.
-World Magnetic Models hold from 2010 to 2030, each for five years from its epoch; the second of 2015 is used, which
-replaced the first when the pole ran away from it. IGRF-14 holds from 1900 to 2030 and serves the years before. The
-model of high resolution, WMMHR-2025, shows the crust to wavelengths of 300 km. What no model shows is local: rock,
-buildings, vehicles.
+A compass shows magnetic north; ``true = magnetic + declination``, east positive. `SiteField.grid` is grid north of the
+map, ``grid = true − convergence``.
+World Magnetic Models are valid from 2010 to 2030, each for five years from its epoch; of 2015 the second version is
+used, which followed the motion of the pole. IGRF-14 is valid from 1900 to 2030 and is used before 2010. The
+high-resolution model, WMMHR-2025, includes the crust to wavelengths of 300 km. No model includes local fields of rock,
+buildings and vehicles.
 
 >>> site_field(47.6205, -122.3493, year=2025.25, model="wmmhr").model, site_field(47.6205, -122.3493, year=1985.0).model
 ('WMMHR-2025', 'IGRF-14')
@@ -30,31 +30,31 @@ from flinders.core.grid_north import GridNorth, grid_north
 from flinders.errors import UsageError
 
 ASSUMED_DIP_DEG: Final = 60.0
-"""Dip of the field where nobody says where a recording was made."""
+"""Dip of the field, in degrees, if the place of a recording is not known."""
 
 FieldModel = Literal["wmm", "wmmhr", "igrf"]
 """Families of models: World Magnetic Model, its high resolution, International Geomagnetic Reference Field."""
 
-YEARS: Final[dict[FieldModel, tuple[float, float]]] = {
+MODEL_YEARS: Final[dict[FieldModel, tuple[float, float]]] = {
     "wmm": (2010.0, 2030.0), "wmmhr": (2025.0, 2030.0), "igrf": (1900.0, 2030.0)
 }  # fmt: skip
-"""A model is available between these."""
+"""First and last year of each family of models."""
 
-FIRST_YEAR, LAST_YEAR = YEARS["igrf"]
-"""Some model is available between these."""
+FIRST_YEAR, LAST_YEAR = MODEL_YEARS["igrf"]
+"""First and last year for which any model is available."""
 
-FIRST_CLOCK_YEAR, LAST_CLOCK_YEAR = YEARS["wmm"]
-"""Years in which the clock of a log is believed: one that was never set, or has rolled over, shows an earlier one."""
+FIRST_CLOCK_YEAR, LAST_CLOCK_YEAR = MODEL_YEARS["wmm"]
+"""Years for which the clock of a log is trusted: a clock that was never set, or rolled over, shows an earlier year."""
 
 LOWEST_M, HIGHEST_M = -1000.0, 850_000.0
-"""Altitudes for which the models are made, in metres."""
+"""Range of altitudes of the models, in metres."""
 
-BLACKOUT: Final = 2.0
-"""µT of horizontal field below which declination means nothing, and a compass is of no use (NOAA's blackout zone)."""
-CAUTION: Final = 6.0
-"""µT of horizontal field below which a compass is unreliable (NOAA's caution zone)."""
+BLACKOUT_UT: Final = 2.0
+"""Horizontal field in µT below which a compass is unusable (NOAA's blackout zone)."""
+CAUTION_UT: Final = 6.0
+"""Horizontal field in µT below which a compass is unreliable (NOAA's caution zone)."""
 
-FIRST_JUDGED_YEAR: Final = 2015.0
+FIRST_SIGMA_YEAR: Final = 2015.0
 """First year of a World Magnetic Model with a published formula of its uncertainty."""
 
 _NANOTESLA: Final = 1e-3
@@ -62,13 +62,13 @@ _NANOTESLA: Final = 1e-3
 
 @dataclass(frozen=True, slots=True)
 class SiteField:
-    """What a magnetometer should meet at a place and time."""
+    """The earth's field at a place and time, by a model."""
 
     model: str  #: its name, such as ``WMM-2025``
     latitude_deg: float  #: geodetic; north and east positive
     longitude_deg: float  #: east positive
     altitude_m: float  #: above the ellipsoid of WGS 84
-    year: float  #: with its fraction
+    year: float  #: decimal year
     north: float  #: µT: component along true north
     east: float  #: µT: component along true east
     down: float  #: µT: component along the vertical
@@ -76,33 +76,33 @@ class SiteField:
     inclination_deg: float  #: dip below the horizon, negative in the south
     horizontal: float  #: µT: length of the horizontal component
     strength: float  #: µT: length of the field
-    #: the model's published uncertainty, 1 σ, crust and all, in degrees and µT; None where none is published: of
-    #: WMM-2010, and of IGRF-14 before 1980 and after 2025
+    #: 1 σ of the model, including the crust, as published; None if none is published: for WMM-2010, and for IGRF-14
+    #: before 1980 and after 2025
     declination_sigma_deg: float | None = None
     inclination_sigma_deg: float | None = None  #: 1 σ of the model
     strength_sigma: float | None = None  #: µT: 1 σ of the model
 
     @property
     def is_blackout(self) -> bool:
-        """The horizontal field is below 2 µT: no compass works here, and the declination means nothing."""
-        return self.horizontal < BLACKOUT
+        """Whether the horizontal field is below 2 µT, where no compass works."""
+        return self.horizontal < BLACKOUT_UT
 
     @property
     def is_caution(self) -> bool:
-        """The horizontal field is below 6 µT: a compass is unreliable here."""
-        return self.horizontal < CAUTION
+        """Whether the horizontal field is below 6 µT, where a compass is unreliable."""
+        return self.horizontal < CAUTION_UT
 
     @property
     def doubt(self) -> str:
-        """What to know where the field is nearly vertical; nothing elsewhere."""
+        """Warning where the field is nearly vertical; empty elsewhere."""
         words = f"the horizontal field at this site is {1e3 * self.horizontal:,.0f} nT"
         if self.is_blackout:
-            return f"{words}, below 2,000 nT: no compass can be trusted here, and the declination hardly at all"
+            return f"{words}, below 2,000 nT: neither a compass nor the declination can be trusted here"
         return f"{words}, below 6,000 nT: a compass is unreliable here" if self.is_caution else ""
 
     @property
     def grid(self) -> GridNorth:
-        """North of the grid of maps there: UTM, or UPS around the poles."""
+        """Grid north of the map at this place: UTM, or UPS around the poles."""
         return grid_north(self.latitude_deg, self.longitude_deg)
 
     @property
@@ -113,7 +113,7 @@ class SiteField:
     def as_dict(self) -> dict[str, Any]:
         """JSON-ready, under the names of the attributes."""
         return {name: getattr(self, name) for name in self.__dataclass_fields__} | {
-            "grid": self.grid.as_dict(),  # north of the grid of maps there
+            "grid": self.grid.as_dict(),  # grid north of the map at this place
             "grid_declination_deg": self.grid_declination_deg,  # from grid to magnetic north, east positive
         }
 
@@ -130,18 +130,18 @@ class SiteField:
 def site_field(
     latitude_deg: float, longitude_deg: float, altitude_m: float = 0.0, *, year: float, model: FieldModel | None = None
 ) -> SiteField:
-    """Ask a model of the earth's field.
+    """Compute the earth's field at a place and time.
 
-    Raises `UsageError` for a place that there is not, a time without a model, or a model that does not hold then.
+    Raises `UsageError` for a place that does not exist, a year without a model, or a model that is not valid then.
 
     Parameters
     ----------
     latitude_deg, longitude_deg : float, degrees
         Geodetic, −90 to 90 and −180 to 360; north and east positive.
     altitude_m : float, m
-        Above the ellipsoid, −1,000 to 850,000; sea level is near enough.
+        Above the ellipsoid, −1,000 to 850,000; the height above sea level is accurate enough.
     year : float
-        With its fraction, as `year_of` gives it: 1900 to 2030.
+        Decimal year, as from `year_of`, 1900 to 2030.
     model : ``wmm``, ``wmmhr`` or ``igrf``, optional
         Family of models; by default the World Magnetic Model of the year, before 2010 IGRF-14.
 
@@ -151,20 +151,20 @@ def site_field(
     agree to the digit that is printed; IGRF-14 agrees to 0.01 nT with values of the British Geological Survey
     (``tests/core/test_geomag.py``, ``tests/core/test_igrf.py``).
     """
-    _refuse_nowhere(latitude_deg, longitude_deg, altitude_m)
+    _refuse_invalid_place(latitude_deg, longitude_deg, altitude_m)
     place = (float(latitude_deg), float(longitude_deg), float(altitude_m))
-    family = _model_of(year, model)
-    elements = _of_igrf(*place, year) if family == "igrf" else _of_wmm(*place, year, family)
+    family = _model_for(year, model)
+    elements = _igrf_elements(*place, year) if family == "igrf" else _wmm_elements(*place, year, family)
     latitude_deg, longitude_deg, altitude_m = place
     return SiteField(
         latitude_deg=latitude_deg, longitude_deg=longitude_deg, altitude_m=altitude_m, year=float(year), **elements
     )
 
 
-def _of_wmm(
+def _wmm_elements(
     latitude_deg: float, longitude_deg: float, altitude_m: float, year: float, family: FieldModel
 ) -> dict[str, Any]:
-    """The field by the World Magnetic Model of a year, under the names of `SiteField`."""
+    """Field by the World Magnetic Model of a year, as arguments of `SiteField`."""
     from pygeomag import GeoMag
 
     model = GeoMag(base_year=min(math.floor(year), 2029), high_resolution=family == "wmmhr")
@@ -179,7 +179,7 @@ def _of_wmm(
         "horizontal": found.h * _NANOTESLA,
         "strength": found.f * _NANOTESLA,
     }
-    if year < FIRST_JUDGED_YEAR:
+    if year < FIRST_SIGMA_YEAR:
         return elements
     sigma: Any = found.calculate_uncertainty()
     return elements | {
@@ -189,8 +189,8 @@ def _of_wmm(
     }
 
 
-def _of_igrf(latitude_deg: float, longitude_deg: float, altitude_m: float, year: float) -> dict[str, Any]:
-    """The field by IGRF-14 under the names of `SiteField`, from 1980 to 2025 with its uncertainty, to first order."""
+def _igrf_elements(latitude_deg: float, longitude_deg: float, altitude_m: float, year: float) -> dict[str, Any]:
+    """Field by IGRF-14, as arguments of `SiteField`; from 1980 to 2025 with its uncertainty, to first order."""
     north, east, down = (igrf.igrf_field(latitude_deg, longitude_deg, altitude_m, year=year) * _NANOTESLA).tolist()
     horizontal, strength = math.hypot(north, east), math.hypot(north, east, down)
     declination, inclination = math.atan2(east, north), math.atan2(down, horizontal)
@@ -212,9 +212,9 @@ def _of_igrf(latitude_deg: float, longitude_deg: float, altitude_m: float, year:
 
 
 def newest_model() -> dict[str, Any]:
-    """The newest model as data: name, epoch, for how many years, and coefficients g, h and their change in a year, nT.
+    """The newest model: name, epoch, validity in years, and coefficients g and h in nT with their changes in nT/year.
 
-    In the order of its file: degree 1, orders 0 and 1; degree 2, orders 0 to 2; and so on.
+    Coefficients are in the order of the model's file: degree 1, orders 0 and 1; degree 2, orders 0 to 2; and so on.
 
     >>> model = newest_model()
     >>> model["name"], model["epoch"], len(model["coefficients"]), model["coefficients"][0]
@@ -228,9 +228,9 @@ def newest_model() -> dict[str, Any]:
 
 
 def recorded_field(log: object) -> SiteField | None:
-    """The field where and when a log, or a magnetometer of one, says that it was made; None where it does not.
+    """Earth's field at the place and date that a log, or one magnetometer of it, states; None if it states none.
 
-    Also None where its clock shows a year before 2010: give place and day of such a log.
+    Also None if the log's clock shows a year before 2010: give place and day of such a log.
     """
     position, begun = getattr(log, "position", None), getattr(log, "begun", None)
     if position is None or begun is None or not FIRST_CLOCK_YEAR <= begun.year < LAST_CLOCK_YEAR:
@@ -239,7 +239,7 @@ def recorded_field(log: object) -> SiteField | None:
 
 
 def place_of(text: str) -> tuple[float, float, float]:
-    """Read ``"LAT,LON"`` or ``"LAT,LON,ALT"``: degrees, north and east positive, and metres; else raise `UsageError`.
+    """Parse ``"LAT,LON"`` or ``"LAT,LON,ALT"``: degrees, north and east positive, and metres, or raise `UsageError`.
 
     >>> place_of("47.6, -122.3"), place_of("-33.9,151.2,40")
     ((47.6, -122.3, 0.0), (-33.9, 151.2, 40.0))
@@ -251,47 +251,53 @@ def place_of(text: str) -> tuple[float, float, float]:
         numbers = []
     if len(numbers) not in {2, 3}:
         raise UsageError(
-            f"{text!r} is no place: need latitude,longitude in degrees, north and east positive, and if you like the "
-            "altitude in metres, such as 47.62,-122.35 or -33.9,151.2,40"
+            f"{text!r} is not a place: need latitude,longitude in degrees, north and east positive, optionally with "
+            "the altitude in metres, such as 47.62,-122.35 or -33.9,151.2,40"
         )
     latitude, longitude, altitude = (*numbers, 0.0)[:3]
-    _refuse_nowhere(latitude, longitude, altitude)
+    _refuse_invalid_place(latitude, longitude, altitude)
     return latitude, longitude, altitude
 
 
 def year_of(day: datetime.date | str | float) -> float:
-    """Turn a day into a year with its fraction.
+    """Convert a day to a decimal year.
 
-    Text is ``2026-11-21`` or ``2026.9``, a number is a year already. What is no day, or one without a model, raises
-    `UsageError`.
+    Text is ``2026-11-21`` or ``2026.9``; a number is a decimal year. Raises `UsageError` for text that is not a date,
+    and for a year without a model.
 
     >>> year_of("2025-07-02"), year_of(datetime.date(2026, 1, 1)), year_of("2027.5")
     (2025.498..., 2026.0, 2027.5)
     """
-    year = _read(day) if isinstance(day, str) else _fraction(day) if isinstance(day, datetime.date) else float(day)
+    year = (
+        _parse_year(day)
+        if isinstance(day, str)
+        else _decimal_year(day)
+        if isinstance(day, datetime.date)
+        else float(day)
+    )
     if not FIRST_YEAR <= year <= LAST_YEAR:
         raise UsageError(
-            f"{_shown(day)} lies outside the models of the earth's field, from {FIRST_YEAR:.0f} to {LAST_YEAR:.0f}: "
+            f"{_date_text(day)} is outside the models of the earth's field, {FIRST_YEAR:.0f} to {LAST_YEAR:.0f}: "
             "give the date of the recording, or leave the place out"
         )
     return year
 
 
-def _read(text: str) -> float:
-    """A day or year as it is typed."""
+def _parse_year(text: str) -> float:
+    """Parse a day or a decimal year."""
     bare = text.strip()
     if re.fullmatch(r"\d{4}(\.\d+)?", bare):
         return float(bare)
     try:
-        return _fraction(datetime.datetime.fromisoformat(bare))
+        return _decimal_year(datetime.datetime.fromisoformat(bare))
     except ValueError:
         raise UsageError(
-            f"{text!r} is no date: need the day of the recording such as 2026-11-21, or a year such as 2026.9"
+            f"{text!r} is not a date: need the day of the recording such as 2026-11-21, or a year such as 2026.9"
         ) from None
 
 
-def _fraction(day: datetime.date) -> float:
-    """Year and the part of it that is over at the beginning of the day, or at the time of a datetime."""
+def _decimal_year(day: datetime.date) -> float:
+    """Decimal year at the beginning of a day, or at the time of a datetime."""
     start = datetime.date(day.year, 1, 1)
     length = 366.0 if day.year % 4 == 0 and (day.year % 100 != 0 or day.year % 400 == 0) else 365.0
     days = float(datetime.date(day.year, day.month, day.day).toordinal() - start.toordinal())
@@ -300,25 +306,25 @@ def _fraction(day: datetime.date) -> float:
     return day.year + days / length
 
 
-def _shown(day: datetime.date | str | float) -> str:
+def _date_text(day: datetime.date | str | float) -> str:
     return f"{day:g}" if isinstance(day, float | int) else str(day)
 
 
-def _model_of(year: float, asked: FieldModel | None) -> FieldModel:
-    """The family of models that is asked for, where it holds; by default the best known that holds in a year."""
+def _model_for(year: float, asked: FieldModel | None) -> FieldModel:
+    """Family of models for a year: the requested one if it is valid then, by default the most accurate one."""
     year_of(year)
     if asked is None:
-        return "wmm" if year >= YEARS["wmm"][0] else "igrf"
+        return "wmm" if year >= MODEL_YEARS["wmm"][0] else "igrf"
     if asked not in get_args(FieldModel):
         raise UsageError(f"field model {asked!r} is not known: need one of {', '.join(get_args(FieldModel))}")
-    first, last = YEARS[asked]
+    first, last = MODEL_YEARS[asked]
     if not first <= year <= last:
-        raise UsageError(f"{asked} holds from {first:.0f} to {last:.0f}, and {year:g} is outside: leave the model out")
+        raise UsageError(f"{asked} is valid from {first:.0f} to {last:.0f}, not in {year:g}: leave the model out")
     return asked
 
 
-def _refuse_nowhere(latitude_deg: float, longitude_deg: float, altitude_m: float) -> None:
-    """Refuse a place that is not on, or near, the earth."""
+def _refuse_invalid_place(latitude_deg: float, longitude_deg: float, altitude_m: float) -> None:
+    """Refuse a place that is not on or near the earth."""
     if not -90.0 <= latitude_deg <= 90.0:
         swapped = "; the latitude comes first" if abs(latitude_deg) <= 180.0 and abs(longitude_deg) <= 90.0 else ""
         raise UsageError(f"latitude is {latitude_deg:g}°: need −90° to 90°{swapped}")

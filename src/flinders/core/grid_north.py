@@ -1,4 +1,4 @@
-"""North of the map's grid: UTM, and UPS around the poles, on the ellipsoid of WGS 84.
+"""Grid north of maps: UTM, and UPS around the poles, on the ellipsoid of WGS 84.
 
 >>> grid_north(60.39135, 5.3249)
 GridNorth(name='UTM 32N', convergence_deg=-3.19628144...)
@@ -30,13 +30,13 @@ SOUTH_END_DEG, NORTH_END_DEG = -80.0, 84.0
 
 _N: Final = FLATTENING / (2.0 - FLATTENING)  # third flattening
 
-KRUEGER: Final = (
+KRUEGER_COEFFICIENTS: Final = (
     _N / 2 - _N**2 * 2 / 3 + _N**3 * 5 / 16 + _N**4 * 41 / 180,
     _N**2 * 13 / 48 - _N**3 * 3 / 5 + _N**4 * 557 / 1440,
     _N**3 * 61 / 240 - _N**4 * 103 / 140,
     _N**4 * 49561 / 161280,
 )
-"""α₁ to α₄ of Karney's equation 35. Terms left out change γ by less than 10⁻¹⁰ degrees within a zone."""
+"""α₁ to α₄ of Karney's equation 35. Higher terms change γ by less than 10⁻¹⁰ degrees within a zone."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -56,7 +56,7 @@ class GridNorth:
 
 
 def grid_north(latitude_deg: float, longitude_deg: float) -> GridNorth:
-    """North of the grid that maps use at a place: UTM from 80° S to 84° N, else UPS.
+    """Grid north of maps at a place: UTM from 80° S to 84° N, else UPS.
 
     Parameters
     ----------
@@ -96,7 +96,7 @@ def utm_convergence_deg(latitude_deg: float, from_middle_deg: float) -> float:
     latitude_deg : float, degrees
         Geodetic, north positive, away from the poles.
     from_middle_deg : float, degrees
-        Longitude less that of the middle meridian, within ±90.
+        Longitude relative to the middle meridian, within ±90.
     """
     angle, sine = math.radians(from_middle_deg), math.sin(math.radians(latitude_deg))
     isometric = math.atanh(sine) - ECCENTRICITY * math.atanh(ECCENTRICITY * sine)
@@ -104,6 +104,6 @@ def utm_convergence_deg(latitude_deg: float, from_middle_deg: float) -> float:
     spherical = complex(
         math.atan2(conformal, math.cos(angle)), math.asinh(math.sin(angle) / math.hypot(conformal, math.cos(angle)))
     )
-    stretch = 1.0 + sum(2 * j * alpha * cmath.cos(2 * j * spherical) for j, alpha in enumerate(KRUEGER, 1))
+    stretch = 1.0 + sum(2 * j * alpha * cmath.cos(2 * j * spherical) for j, alpha in enumerate(KRUEGER_COEFFICIENTS, 1))
     turned = math.atan2(math.tanh(isometric) * math.sin(angle), math.cos(angle))
     return math.degrees(turned - cmath.phase(stretch))

@@ -27,24 +27,24 @@ if TYPE_CHECKING:
 NAME: Final = "IGRF-14"
 
 REFERENCE_RADIUS_KM: Final = 6371.2
-"""Radius to which the coefficients belong."""
+"""Reference radius of the coefficients in km."""
 
 EQUATORIAL_RADIUS_KM, FLATTENING = 6378.137, 1.0 / 298.257223563
-"""The ellipsoid of WGS 84."""
+"""The ellipsoid of WGS 84: equatorial radius in km and flattening."""
 
 COMPONENT_SIGMA_NT: Final = (144.0, 136.0, 293.0)
-"""Standard deviations of the model north, east and down, crust and all.
+"""Standard deviations of the model's north, east and down components in nT, including the crust.
 
 Source: C. D. Beggan, *Evidence-based uncertainty estimates for the International Geomagnetic Reference Field*, Earth,
 Planets and Space 74:17 (2022): observatories and repeat stations, 1980 to 2021.
 """
 JUDGED_YEARS: Final = (1980.0, 2025.0)
-"""Years of that uncertainty: none is published for earlier years, and what follows the last epoch is a forecast."""
+"""First and last year of `COMPONENT_SIGMA_NT`: none is published before, and the model only predicts after."""
 
 _TABLE: Final = Path(__file__).with_name("igrf14.shc")
 
 _MIN_SINE: Final = 1e-10
-"""Sine of the colatitude that stands for a pole, where east would be undefined."""
+"""Smallest sine of the colatitude: at a pole east is undefined."""
 
 
 class Coefficients(NamedTuple):
@@ -55,7 +55,7 @@ class Coefficients(NamedTuple):
     h: Floats  # (E, 14, 14)
 
     def at(self, year: float) -> tuple[Floats, Floats]:
-        """(14, 14) g and h in a year, interpolated linearly."""
+        """(14, 14) g and h in a year, interpolated linearly, in nT."""
         after = int(np.clip(np.searchsorted(self.years, year, side="right"), 1, len(self.years) - 1))
         share = (year - self.years[after - 1]) / (self.years[after] - self.years[after - 1])
         g, h = ((1.0 - share) * table[after - 1] + share * table[after] for table in (self.g, self.h))
@@ -64,7 +64,7 @@ class Coefficients(NamedTuple):
 
 @functools.cache
 def coefficients() -> Coefficients:
-    """Read the table of coefficients, once."""
+    """Read the table of coefficients, with a cache."""
     lines = [line.split() for line in _TABLE.read_text(encoding="ascii").splitlines() if not line.startswith("#")]
     degrees, years = int(lines[0][1]) + 1, np.array(lines[1], float)
     g, h = np.zeros((2, len(years), degrees, degrees))
@@ -75,7 +75,7 @@ def coefficients() -> Coefficients:
 
 
 def igrf_field(latitude_deg: float, longitude_deg: float, altitude_m: float = 0.0, *, year: float) -> Floats:
-    """(3,) nT: the field along true north, east and down at a geodetic place.
+    """(3,) field in nT along true north, east and down at a geodetic place.
 
     Parameters
     ----------
@@ -84,7 +84,7 @@ def igrf_field(latitude_deg: float, longitude_deg: float, altitude_m: float = 0.
     altitude_m : float, m
         Above the ellipsoid of WGS 84.
     year : float
-        With its fraction, 1900 to 2030.
+        Decimal year, 1900 to 2030.
     """
     latitude, height = math.radians(latitude_deg), altitude_m / 1000.0
     eccentricity = FLATTENING * (2.0 - FLATTENING)  # squared
@@ -99,7 +99,7 @@ def igrf_field(latitude_deg: float, longitude_deg: float, altitude_m: float = 0.
 
 
 def geocentric_field(radius_km: float, colatitude_deg: float, longitude_deg: float, *, year: float) -> Floats:
-    """(3,) nT: the field north, east and inwards at a place on a sphere about the earth's centre."""
+    """(3,) field in nT along geocentric north, east and towards the earth's centre."""
     g, h = coefficients().at(year)
     orders = np.arange(len(g))
     longitude = math.radians(longitude_deg)

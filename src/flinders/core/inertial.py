@@ -30,24 +30,24 @@ if TYPE_CHECKING:
     from flinders.core.calibration_file import ProvenanceRecord
 
 STANDARD_GRAVITY: Final = 9.80665
-"""m/s²: the conventional g; that of a place lies between 9.764 and 9.834."""
+"""Standard gravity in m/s²; local gravity lies between 9.764 and 9.834."""
 
 SIZES: Final = {"m/s2": 1.0, "g": STANDARD_GRAVITY, "mg": 1e-3 * STANDARD_GRAVITY, "rad/s": 1.0}
-"""m/s², or rad/s, in one of each unit."""
+"""Size of each unit in m/s², or in rad/s."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Triad:
-    """``corrected = matrix (raw − offset)`` of three axes."""
+    """Correction of a three-axis sensor, ``corrected = matrix (raw − offset)``."""
 
-    matrix: Floats  #: (3, 3), m/s² or rad/s in one of `unit`: gains on its diagonal, misalignment beside it
-    offset: Floats  #: (3,), in `unit`: what the axes read in free fall, or of a gyro at rest
+    matrix: Floats  #: (3, 3), m/s² or rad/s per `unit`: gains on the diagonal, misalignment off the diagonal
+    offset: Floats  #: (3,), in `unit`: reading of an accelerometer in free fall, or of a gyro at rest
     unit: InertialUnit  #: of raw readings: ``m/s2``, ``g``, ``mg``, ``rad/s`` or ``counts``
-    matrix_sigma: Floats | None = None  #: (3, 3): 1 σ of each entry; None where it is not known
-    offset_sigma: Floats | None = None  #: (3,): 1 σ
+    matrix_sigma: Floats | None = None  #: (3, 3): 1 σ of each entry; None if not known
+    offset_sigma: Floats | None = None  #: (3,), in `unit`: 1 σ; None if not known
 
     def __post_init__(self) -> None:
-        """Take lists as arrays."""
+        """Convert lists to arrays."""
         object.__setattr__(self, "matrix", floats(self.matrix, "matrix"))
         object.__setattr__(self, "offset", floats(self.offset, "offset"))
 
@@ -57,9 +57,9 @@ class Triad:
         return corrected
 
     def in_unit(self, unit: InertialUnit, *, who: str = "this") -> Self:
-        """The same for readings in another unit; `UnitError` where counts would have to become one, or a unit counts.
+        """The same correction for readings in another unit; raises `UnitError` between counts and a physical unit.
 
-        `who`: what needs that unit, for the message.
+        `who` names the user of that unit in the message.
         """
         if unit == self.unit:
             return self
@@ -71,7 +71,7 @@ class Triad:
         return self.scaled(SIZES[self.unit] / SIZES[unit], unit)
 
     def scaled(self, size: float, unit: InertialUnit) -> Self:
-        """The same for readings that are `size` times as large, in `unit`."""
+        """The same correction for readings that are `size` times as large, in `unit`."""
         scaled = replace(self, matrix=self.matrix / size, offset=self.offset * size, unit=unit)
         matrix, offset = self.matrix_sigma, self.offset_sigma
         return replace(
@@ -81,7 +81,7 @@ class Triad:
         )
 
     def turned(self, turn: Floats) -> Self:
-        """The same in other axes: (3, 3) a signed permutation that takes the old axes to the new ones."""
+        """The same correction in other axes; `turn` is the (3, 3) signed permutation from the old axes to the new."""
         swap = np.abs(turn)
         return replace(
             self,
@@ -92,7 +92,7 @@ class Triad:
         )
 
     def to_record(self) -> TriadRecord:
-        """What a file keeps."""
+        """Make the record of a file."""
         return TriadRecord(
             matrix=_rows(self.matrix),
             matrix_sigma=None if self.matrix_sigma is None else _rows(self.matrix_sigma),
@@ -103,7 +103,7 @@ class Triad:
 
     @classmethod
     def from_record(cls, record: TriadRecord) -> Self:
-        """What a file states."""
+        """Make the correction of the record of a file."""
         return cls(
             np.array(record.matrix),
             np.array(record.offset),
@@ -117,12 +117,12 @@ class Triad:
 class TiltError:
     """Angle between the vertical that a calibrated accelerometer shows at rest and the true one, in degrees."""
 
-    rms: float  #: 1 σ: root of the mean square over all attitudes
+    rms: float  #: 1 σ: root mean square over all attitudes
     worst: float  #: 1 σ at the worst attitude
-    bound_95: float  #: all attitudes stay within, with a probability of 95 %
+    bound_95: float  #: with a probability of 95 % the errors at all attitudes are smaller
 
     def heading_error_deg(self, dip_deg: float) -> float:
-        """Heading error (1 σ) that it makes: tan I times the tilt about the horizontal field, half of its variance.
+        """Heading error (1 σ) from the tilt error: tan I times the tilt about the horizontal field, rms / √2.
 
         >>> round(TiltError(0.6, 0.8, 1.5).heading_error_deg(60.0), 2)
         0.73
@@ -132,7 +132,7 @@ class TiltError:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Inertial:
-    """What is known of the accelerometer and the gyro of one device."""
+    """Corrections of the accelerometer and the gyro of one device."""
 
     accelerometer: Triad | None = None
     gyro: Triad | None = None
@@ -144,7 +144,7 @@ class Inertial:
         return self.accelerometer is not None or self.gyro is not None
 
     def to_document(self) -> InertialDocument:
-        """Content of an accelerometer's file."""
+        """Make the content of the file of an accelerometer or a gyro."""
         tilt = self.tilt_error
         return InertialDocument(
             accelerometer=None if self.accelerometer is None else self.accelerometer.to_record(),
@@ -156,7 +156,7 @@ class Inertial:
 
     @classmethod
     def from_document(cls, document: InertialDocument) -> Self:
-        """What such a file states."""
+        """Make the corrections of the content of a file."""
         tilt = document.tilt_error_deg
         return cls(
             None if document.accelerometer is None else Triad.from_record(document.accelerometer),

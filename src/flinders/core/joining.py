@@ -1,4 +1,4 @@
-"""Recordings of one sensor joined to one, and blocks of a recording joined in memory.
+"""Several recordings of one sensor as one recording, and the blocks of a recording as one table in memory.
 
 >>> early, late = Samples.of([[1, 2, 3]]), Samples.of([[4, 5, 6]])
 >>> in_memory(joined([early, late])).field.tolist(), len(list(singles(joined([early, late]))))
@@ -34,14 +34,16 @@ class Joined:
 
     Raises
     ------
-    UnitError, AxesError
-        If one is in µT and another in counts; if one is in the axes of the vehicle and another in those of the sensor.
+    UnitError
+        If one recording is in µT and another in counts.
+    AxesError
+        If one recording is in axes of the vehicle and another in axes of the sensor.
     """
 
     recordings: tuple[Recording, ...]  #: at least one; all in one unit and one set of axes
 
     def __post_init__(self) -> None:
-        """Refuse recordings whose numbers do not belong together."""
+        """Refuse recordings in different units or axes."""
         first = self.recordings[0]
         for other in self.recordings[1:]:
             if other.unit.inside != first.unit.inside:
@@ -58,27 +60,27 @@ class Joined:
 
     @property
     def source(self) -> str:
-        """The sources, joined."""
+        """Sources of all recordings, joined by a plus."""
         return " + ".join(recording.source for recording in self.recordings)
 
     @property
     def unit(self) -> Unit:
-        """That of the first."""
+        """Unit of the first recording."""
         return self.recordings[0].unit
 
     @property
     def axes(self) -> Axes:
-        """Those of the first."""
+        """Axes of the first recording."""
         return self.recordings[0].axes
 
     @property
     def frame(self) -> str:
-        """That of all."""
+        """Frame of all recordings."""
         return frame_of(self.recordings[0])
 
     @property
     def onboard(self) -> Calibration | None:
-        """That of all, but for the strength of the field; None where they differ."""
+        """Onboard calibration of all recordings, regardless of the field strength; None if they differ."""
         first, *others = map(onboard_of, self.recordings)
         if first is None or None in others:
             return None
@@ -86,18 +88,18 @@ class Joined:
         return first if all(map(first.isclose, alike)) else None
 
     def blocks(self) -> Iterator[Samples]:
-        """Yield the blocks of each in turn."""
+        """Yield the blocks of all recordings in order."""
         for recording in self.recordings:
             yield from recording.blocks()
 
 
 def joined(recordings: Sequence[Recording]) -> Recording:
-    """Recordings of one sensor as one."""
+    """Join recordings of one sensor; a single recording stays as it is."""
     return Joined(tuple(recordings)) if len(recordings) > 1 else recordings[0]
 
 
 def singles(recording: Recording) -> Iterator[Recording]:
-    """The recordings that one is made of, each on its own, however they were joined."""
+    """Yield the single recordings of a joined one, also if it was joined in several steps."""
     if not isinstance(recording, Joined):
         yield recording
         return
@@ -106,7 +108,7 @@ def singles(recording: Recording) -> Iterator[Recording]:
 
 
 def concatenated(blocks: Sequence[Samples], recording: Recording) -> Samples:
-    """All columns of the blocks of a recording; none of those that one of them lacks.
+    """Concatenate the blocks of a recording; a column that is missing in a block is left out.
 
     >>> early, late = Samples.of([[1, 2, 3]], time=[0.0]), Samples.of([[4, 5, 6]])
     >>> concatenated([early, late], early).field, concatenated([early, late], early).time is None
@@ -114,7 +116,9 @@ def concatenated(blocks: Sequence[Samples], recording: Recording) -> Samples:
            [4., 5., 6.]]), True)
     """
     filled = [block for block in blocks if len(block)]
-    others: dict[str, Any] = {name: _joined_column([getattr(each, name) for each in filled]) for name in COLUMNS[1:]}
+    others: dict[str, Any] = {
+        name: _concatenate_column([getattr(each, name) for each in filled]) for name in COLUMNS[1:]
+    }
     return Samples(
         np.concatenate([np.empty((0, 3)), *(block.field for block in filled)]),
         unit=recording.unit,
@@ -124,24 +128,24 @@ def concatenated(blocks: Sequence[Samples], recording: Recording) -> Samples:
         skipped=reduce(added, (block.skipped for block in blocks), ()),
         nameless=next((block.nameless for block in filled if block.nameless), ""),
         onboard=onboard_of(recording),
-        auxiliary=_joined_auxiliary([block.auxiliary for block in filled]),
+        auxiliary=_concatenate_auxiliary([block.auxiliary for block in filled]),
         **others,
     )
 
 
-def _joined_auxiliary(blocks: Sequence[Mapping[str, NDArray[Any]]]) -> dict[str, NDArray[Any]]:
-    """Put the named columns of several blocks together, those that all have as numbers, or as words."""
+def _concatenate_auxiliary(blocks: Sequence[Mapping[str, NDArray[Any]]]) -> dict[str, NDArray[Any]]:
+    """Concatenate the auxiliary columns that all blocks have, and have as numbers or as words."""
     first = blocks[0] if blocks else {}
     alike = [name for name in first if len({are_words(block[name]) for block in blocks if name in block}) == 1]
     return {name: np.concatenate([b[name] for b in blocks]) for name in alike if all(name in b for b in blocks)}
 
 
-def _joined_column(columns: Sequence[Floats | None]) -> Floats | None:
-    """Put a column of several blocks together, if each has it."""
+def _concatenate_column(columns: Sequence[Floats | None]) -> Floats | None:
+    """Concatenate a column of several blocks; None if a block lacks it."""
     there = [column for column in columns if column is not None]
     return np.concatenate(there) if there and len(there) == len(columns) else None
 
 
 def in_memory(recording: Recording) -> Samples:
-    """All readings of a recording, in memory."""
+    """Read a recording into memory."""
     return recording if isinstance(recording, Samples) else concatenated(list(recording.blocks()), recording)

@@ -1,4 +1,4 @@
-"""Mistyped keywords of public functions, answered with the one that is like them."""
+"""Errors for mistyped keywords of public functions, with the most similar keyword."""
 
 from __future__ import annotations
 
@@ -10,17 +10,17 @@ from flinders.errors import UnknownParameter, did_you_mean
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
 
-NOWHERE: Final[Mapping[str, str]] = {}
+NO_KEYWORDS: Final[Mapping[str, str]] = {}
 OF_A_FIT: Final = dict.fromkeys(("method", "target_deg", "site", "disturbances", "aiding", "linearize"), "flinders.fit")
-"""Parameters of the function that fits what others read."""
+"""Parameters of `flinders.fit` that are typed by mistake in a call of another function."""
 P = ParamSpec("P")
 T = TypeVar("T")
 
 
-def spell_checked(elsewhere: Mapping[str, str] = NOWHERE) -> Callable[[Callable[P, T]], Callable[P, T]]:
-    """Answer a mistyped keyword of a function with an `UnknownParameter` that names the one that is like it.
+def spell_checked(elsewhere: Mapping[str, str] = NO_KEYWORDS) -> Callable[[Callable[P, T]], Callable[P, T]]:
+    """Decorate a function to raise `UnknownParameter` for a mistyped keyword, with the most similar one.
 
-    `elsewhere`: keywords that belong to another function, and which.
+    `elsewhere` maps keywords of other functions to the name of their function.
 
     >>> @spell_checked({"columns": "flinders.read"})
     ... def fit(*, target_deg: float) -> float:

@@ -1,4 +1,4 @@
-"""Public names of a package, looked up when they are first used, so that importing it costs next to nothing."""
+"""Public names of a package that are imported at their first use, which keeps the import of the package fast."""
 
 from __future__ import annotations
 
@@ -13,11 +13,10 @@ if TYPE_CHECKING:
 
 
 def attributes(package: str, homes: Mapping[str, str]) -> Callable[[str], object]:
-    """Make the ``__getattr__`` of a package, by public names and the module below it that each lives in.
+    """Make the ``__getattr__`` of a package from its public names and the submodule that defines each.
 
-    They are what `dir` lists of it, unless it has a ``__dir__`` of its own.
-
-    A module of the name that is asked for is the thing itself.
+    `dir` lists these names, unless the package has its own ``__dir__``. If the submodule has the same name as the
+    public name, the submodule itself is returned.
 
     >>> attributes("flinders", {"Unit": "core.units", "units": "core.units"})("Unit").__name__
     'Unit'

@@ -1,7 +1,7 @@
-"""Axes that answer the field along a curve: quadratic and cubic terms that are taken off a reading.
+"""Linearization of nonlinear axes: quadratic and cubic terms that are subtracted from a reading.
 
-An axis that reads d from its offset takes the field for ``d - (quadratic + cubic d) d²``: a nonlinearity correction by
-a polynomial of third order.
+A reading d of an axis, relative to its offset, is corrected to ``d - (quadratic + cubic d) d²``, a polynomial of third
+order.
 
 >>> curve = Linearization([0.001, 0, 0], [0, 1e-5, 0], [60, 60, 60])
 >>> curve.apply([50.0, 50.0, 50.0])
@@ -25,29 +25,30 @@ from flinders.errors import ArrayError
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike
 
-HALVINGS: Final = 60
-"""Of an interval, until a departure is known to the last bit."""
+BISECTIONS: Final = 60
+"""Steps of a bisection that determine a departure to the last bit."""
 
-STEEPEST: Final = 5.0
-"""How many times as steep an axis may answer as at its offset, or as flat: beyond that it tells little of the field."""
+MAX_SLOPE_RATIO: Final = 5.0
+"""Largest ratio of an axis's slope to its slope at the offset, and of the inverse; others are not plausible."""
 
 
 @dataclass(frozen=True, eq=False)
 class Linearization(Value):
-    """Terms of the three axes, by departure from the offset.
+    """Quadratic and cubic terms of the three axes, as functions of the departure from the offset.
 
-    Departures beyond `limit` are corrected by as much as those at it: no disturbed reading folds back to a likely one.
+    Departures beyond `limit` are corrected by the same amount as at the limit, so that no disturbed reading is mapped
+    back to a plausible one.
 
     Raises
     ------
     ArrayError
-        For any but three finite numbers each, a limit that is not positive, or an axis that answers too steeply, too
-        flatly or not in one direction alone within it.
+        For any but three finite numbers each, a limit that is not positive, or an axis that is too steep, too flat or
+        not monotonic within its limit.
     """
 
     quadratic: Floats  #: (3,), one over the unit of the readings; read-only
-    cubic: Floats  #: (3,), one over its square; read-only
-    limit: Floats  #: (3,), in the unit of the readings: how far from the offset the terms hold; read-only
+    cubic: Floats  #: (3,), one over the square of the unit; read-only
+    limit: Floats  #: (3,), in the unit of the readings: largest departure at which the terms hold; read-only
 
     def __post_init__(self) -> None:
         """Check the numbers and keep read-only copies of them."""
@@ -58,31 +59,31 @@ class Linearization(Value):
         with np.errstate(over="ignore", invalid="ignore"):
             read = np.linspace(-1.0, 1.0, 49)[:, np.newaxis] * self.limit
             slopes = 1.0 - (2.0 * self.quadratic + 3.0 * self.cubic * read) * read
-            is_straight = ((slopes > 1.0 / STEEPEST) & (slopes < STEEPEST)).all(axis=0)
+            is_straight = ((slopes > 1.0 / MAX_SLOPE_RATIO) & (slopes < MAX_SLOPE_RATIO)).all(axis=0)
         if not is_straight.all():
             axis = "xyz"[int(np.argmin(is_straight))]
             raise ArrayError(
-                f"the linearization bends axis {axis} too much within {self.limit.max():.4g} of the offset: its slope "
-                f"has to stay between {1.0 / STEEPEST:g} and {STEEPEST:g} of that at the offset"
+                f"the linearization bends axis {axis} too much within {self.limit.max():.4g} of the offset: need a "
+                f"slope between {1.0 / MAX_SLOPE_RATIO:g} and {MAX_SLOPE_RATIO:g} times that at the offset"
             )
 
     def as_dict(self) -> dict[str, list[float]]:
-        """The terms and their limit by name, ready for JSON."""
+        """The terms and their limit by name, JSON-ready."""
         return {name: getattr(self, name).tolist() for name in ("quadratic", "cubic", "limit")}
 
     def apply(self, departures: ArrayLike) -> Floats:
-        """(..., 3) linear departures from the offset of (..., 3) that were read."""
+        """Linearize (..., 3) departures from the offset."""
         read = vectors(departures, "departures", finite=False)
         held = read.clip(-self.limit, self.limit)
         linear: Floats = read - (self.quadratic + self.cubic * held) * held**2
         return linear
 
     def invert(self, linear: ArrayLike) -> Floats:
-        """(..., 3) departures that are read where they are linear: by bisection, since one grows with the other."""
+        """(..., 3) departures from linearized ones, the inverse of `apply`, by bisection."""
         wanted = vectors(linear, "linear", finite=False)
         most = (np.abs(self.quadratic) + np.abs(self.cubic) * self.limit) * self.limit**2
         low, high = wanted - most, wanted + most
-        for _ in range(HALVINGS):
+        for _ in range(BISECTIONS):
             middle = 0.5 * (low + high)
             is_below = self.apply(middle) < wanted
             low, high = np.where(is_below, middle, low), np.where(is_below, high, middle)
@@ -90,7 +91,7 @@ class Linearization(Value):
 
 
 def bend_alike(one: Linearization | None, other: Linearization | None, shape: Floats, tolerance: float) -> bool:
-    """Whether both linearize axes alike, to within `tolerance` where the field of a (3, 3) shape lies along them."""
+    """Whether both linearizations agree within `tolerance` where the field of a (3, 3) `shape` is along an axis."""
     if one is None or other is None:
         return one is other
     reach = np.linalg.norm(shape, axis=1) * np.array([[-1.0], [1.0]])

@@ -1,7 +1,7 @@
-"""Columns of a log by the names they have there: their unit, and the two words of a state as 0 and 1.
+"""Auxiliary columns of a log: their unit from their name, and the two words of a state as 0 and 1.
 
-A calibration may follow any column that changes with the field of the vehicle: the current of one battery, the speed
-of a wheel, the state of a charger. Its name in the log is its name everywhere.
+The offset of a calibration can follow any column that changes with the field of the vehicle: the current of one
+battery, the speed of a wheel, the state of a charger. The column keeps its name in the log.
 
 >>> unit_in("wheel_speed_rpm"), unit_in("Servo (µs)"), unit_in("BAT.Curr")
 ('rpm', 'µs', '')
@@ -28,62 +28,64 @@ if TYPE_CHECKING:
     from flinders.arrays import Floats
 
 RESERVED: Final = ("raw", "corrected", "columns", "heading", "level")
-"""Parameters of `Calibration.apply` and `unapply`: no column that is followed can have such a name."""
+"""Parameters of `Calibration.apply` and `unapply`, which cannot be names of columns that a calibration follows."""
 
 UNITS: Final = {
     "rpm": "rpm", "RPM": "rpm", "A": "A", "mA": "mA", "V": "V", "mV": "mV", "W": "W", "kW": "kW", "N": "N",
     "Nm": "N m", "Hz": "Hz", "mm": "mm", "bar": "bar", "Pa": "Pa", "kPa": "kPa", "degC": "°C", "deg": "°",
     "percent": "%", "pct": "%", "us": "µs", "mps": "m/s", "kmh": "km/h", "radps": "rad/s",
 }  # fmt: skip
-"""Units as the last word of a name spells them, and as they are printed."""
+"""Units as spelled in the last word of a column's name, and as printed."""
 
-_IN_BRACKETS: Final = re.compile(r"[(\[]\s*([^()\[\]]*[^()\[\]\d\s][^()\[\]]*?)\s*[)\]]\s*$")
+_UNIT_IN_BRACKETS: Final = re.compile(r"[(\[]\s*([^()\[\]]*[^()\[\]\d\s][^()\[\]]*?)\s*[)\]]\s*$")
 _LAST_WORD: Final = re.compile(r"[_ .]([A-Za-z]+)$")
 
-OFF: Final = frozenset(("off", "idle", "false", "no", "none", "stopped", "stop", "disabled", "inactive", "closed"))
-"""Words of the state at which the offset of a calibration holds; else it is the first of the two by the alphabet."""
+OFF_WORDS: Final = frozenset(
+    ("off", "idle", "false", "no", "none", "stopped", "stop", "disabled", "inactive", "closed")
+)
+"""Words for the state at which the offset holds; without one of them it is the first state in alphabetical order."""
 
 MAX_LISTED: Final = 6
-"""Words of a column that a refusal lists."""
+"""Largest number of words of a column in an error message."""
 
 
 def unit_in(name: str) -> str:
-    """The unit that a name states, in brackets or as its last word; empty where it states none."""
-    if match := _IN_BRACKETS.search(name):
+    """Unit in a column's name, in brackets or as its last word; empty if there is none."""
+    if match := _UNIT_IN_BRACKETS.search(name):
         return UNITS.get(match[1], match[1])
     match = _LAST_WORD.search(name)
     return UNITS.get(match[1], "") if match else ""
 
 
 def are_words(values: NDArray[Any]) -> bool:
-    """Whether a column has words, not numbers."""
+    """Whether a column has words instead of numbers."""
     return values.dtype.kind in "USO"
 
 
 def states_of(name: str, words: Iterable[str]) -> tuple[str, str]:
-    """The words of the two states of a column, the one at which the offset holds first.
+    """Words of the two states of a column; the state at which the offset holds comes first.
 
-    Raises `InputError` unless there are two.
+    Raises `InputError` unless there are two different words.
     """
-    found = sorted({word.strip() for word in words} - {""}, key=lambda word: (word.casefold() not in OFF, word))
+    found = sorted({word.strip() for word in words} - {""}, key=lambda word: (word.casefold() not in OFF_WORDS, word))
     if len(found) == 2:
         return found[0], found[1]
     listed = ", ".join(found[:MAX_LISTED]) + ", …" * (len(found) > MAX_LISTED)
     if len(found) < 2:
         raise InputError(
-            f"column {name} has {counted(len(found), 'word')} ({listed or 'all cells are empty'}): need two, one of "
-            "each state; record in both, or leave the column out"
+            f"column {name} has {counted(len(found), 'word')} ({listed or 'all cells are empty'}): need two, one for "
+            "each state; record in both states, or leave the column out"
         )
     raise InputError(
         f"column {name} has {len(found)} different words ({listed}): need two. Write a column with a number for each "
-        "state that counts, or calibrate the recordings of each state by themselves"
+        "state, or calibrate the recordings of each state separately"
     )
 
 
 def coded(values: ArrayLike, states: Sequence[str], name: str) -> Floats:
-    """(...) numbers as they are; 0 and 1 in the place of the words of two states, NaN where there is none.
+    """(...) values as numbers: 0 and 1 for the words of the two states, NaN for an empty cell; numbers stay.
 
-    Raises `UsageError` for a word that is none of the states; `ArrayError` for words where there are no states.
+    Raises `UsageError` for a word that is not one of the states; `ArrayError` for words in a column without states.
     """
     array = np.asarray(values)
     if not (states and are_words(array)):
@@ -94,5 +96,5 @@ def coded(values: ArrayLike, states: Sequence[str], name: str) -> Floats:
         numbers[words == state] = place
     unknown = np.isnan(numbers) & (words != "")
     if unknown.any():
-        raise UsageError(f"{name} is {words[unknown].ravel()[0]!r}: the calibration knows {' and '.join(states)}")
+        raise UsageError(f"{name} is {words[unknown].ravel()[0]!r}: the calibration needs {' or '.join(states)}")
     return numbers

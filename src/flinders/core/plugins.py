@@ -1,9 +1,9 @@
-"""Rows that other packages add to a table of this one: those of `flinders.apps`, and installed ones.
+"""Rows that other packages add to a table of the library: packages of `flinders.apps`, and installed plugins.
 
-A package of `flinders.apps` names its modules in ``rows.py``, a mapping for each table, and nothing is imported before
-it is asked for. What is not there adds nothing: the library works without any of them.
+A package of `flinders.apps` names its modules in ``rows.py``, in a mapping for each table; a module is imported at its
+first use. The library works without any of these packages.
 
-An installed package lists, in the group of a table, where its row or its sequence of rows is:
+An installed package declares its row, or its sequence of rows, as an entry point in the group of the table:
 
     [project.entry-points."flinders.readers"]
     vendor = "vendor_flinders:READERS"
@@ -32,7 +32,7 @@ if TYPE_CHECKING:
 Row = TypeVar("Row")
 
 APPS: Final = "flinders.apps"
-"""Package of the packages for one trade each."""
+"""Name of the package that contains one package for each trade."""
 
 
 @cache
@@ -44,13 +44,13 @@ def apps() -> tuple[str, ...]:
 
 @cache
 def app_modules(table: str) -> Mapping[str, str]:
-    """Full names of the modules that packages of `flinders.apps` add to a table, each by what the table calls it."""
+    """Full names of the modules that packages of `flinders.apps` add to a table, by the name of their row."""
     return {name: f"{app}.{module}" for name, app, module in app_rows(table)}
 
 
 @cache
 def app_rows(table: str) -> tuple[tuple[str, str, Any], ...]:
-    """Rows that packages of `flinders.apps` add to a table: name, full name of the package, and what it says of it."""
+    """Rows that packages of `flinders.apps` add to a table: name, full name of the package, and value."""
     return tuple(
         (name, f"{APPS}.{app}", row)
         for app in apps()
@@ -59,7 +59,7 @@ def app_rows(table: str) -> tuple[tuple[str, str, Any], ...]:
 
 
 def remark(about: str, *, before: str = "; ") -> str:
-    """What a package of `flinders.apps` says of something that it can do, behind `before`; empty without it.
+    """Remark of a package of `flinders.apps` on the subject `about`, after the text `before`; empty if there is none.
 
     >>> remark("no such thing")
     ''
@@ -68,21 +68,21 @@ def remark(about: str, *, before: str = "; ") -> str:
 
 
 class OtherContents(Protocol):
-    """What a path holds that is no recording of one sensor: many units, or what a command for these wrote."""
+    """Content of a path that is not a recording of one sensor, such as recordings of many units or a fleet's table."""
 
-    kind: str  # in words
-    is_one_recording: bool  # whether it may be read as a recording all the same
-    instead: str  # what it is, and what to type in place of a command for one recording
+    kind: str  # kind of content, in words
+    is_one_recording: bool  # whether it can also be read as one recording
+    instead: str  # for messages: kind of content, and the command to use instead
 
     def as_dict(self) -> dict[str, Any]:
         """JSON-ready fields."""
 
     def page(self) -> RenderableType:
-        """For the terminal."""
+        """Page for the terminal."""
 
 
 def other_contents(path: str) -> OtherContents | None:
-    """What a package of `flinders.apps` makes of a path; None if it is a recording of one sensor for all of them.
+    """Content of a path that a package of `flinders.apps` recognises; None if none does.
 
     >>> other_contents("no such file.csv")
     """
@@ -94,9 +94,9 @@ def other_contents(path: str) -> OtherContents | None:
 
 
 def modules_of(package: ModuleType, table: str, *, first: Iterable[str] = ()) -> dict[str, str]:
-    """Full names of the public modules of a package and of those that `flinders.apps` adds to its table, by last part.
+    """Full names, by short name, of the public modules of a package and of those that `flinders.apps` adds to a table.
 
-    Those of `first` come first, as far as they are there, and all others by name.
+    The names in `first` come first if they exist, then all others in alphabetical order.
     """
     own = {module.name: f"{package.__name__}.{module.name}" for module in iter_modules(package.__path__)}
     there = {**{name: path for name, path in own.items() if not name.startswith("_")}, **app_modules(table)}
@@ -105,9 +105,9 @@ def modules_of(package: ModuleType, table: str, *, first: Iterable[str] = ()) ->
 
 
 def plugin_rows(group: str, kind: type[Row]) -> tuple[Row, ...]:
-    """Load the rows of a group, in the order of the names of their entry points.
+    """Load the rows of a group of entry points, ordered by the names of the entry points.
 
-    Raises `PluginError` for a package that cannot be imported, or whose rows are of another kind.
+    Raises `PluginError` for a package that cannot be imported, or whose rows are not of type `kind`.
     """
     from importlib.metadata import entry_points
 
@@ -124,5 +124,5 @@ def _rows(entry: EntryPoint, kind: type[Row]) -> tuple[Row, ...]:
         raise PluginError(package, f"{entry.value} cannot be loaded ({type(error).__name__}: {error})") from error
     rows = (loaded,) if isinstance(loaded, kind) else tuple(loaded)
     if not all(isinstance(row, kind) for row in rows):
-        raise PluginError(package, f"{entry.value} has to be a {kind.__name__}, or a sequence of them")
+        raise PluginError(package, f"{entry.value} must be a {kind.__name__}, or a sequence of them")
     return rows

@@ -1,9 +1,9 @@
-"""Readings of a magnetometer, with what was recorded beside them.
+"""Readings of a magnetometer, with the other columns of their recording.
 
-`Samples` is what every reader yields and every fit takes: columns of equal length, in known units
-and axes. A `Recording` is anything that yields the same blocks of samples each time it is asked:
-a file on disk, several files of one sensor, or `Samples` themselves; fits go over it as often as
-they need without holding it in memory.
+Every reader yields `Samples` and every fit takes them: columns of equal length, in known units
+and axes. A `Recording` yields the same blocks of samples in each pass: a file on disk, several files
+of one sensor, or `Samples` themselves. A fit makes as many passes as it needs without holding the
+recording in memory.
 
 >>> samples = Samples.of([[0.2, 0.1, -0.4], [0.3, 0.0, -0.3]], unit="G")
 >>> samples.field[0], samples.unit.inside
@@ -38,39 +38,39 @@ if TYPE_CHECKING:
     from flinders.core.calibration import Calibration
 
 BLOCK: Final = 8192
-"""Rows worked on at a time: long enough for the arithmetic to dominate, short enough for the cache."""
+"""Rows in a block: long enough for the arithmetic to dominate, short enough for the cache."""
 SILENT: Final = "silent"
-"""Why readings are left out at which the sensor did not answer."""
-NOTED: Final = 10  # Lines that are named, of each reason
+"""Reason of skipped readings at which the sensor did not answer."""
+NOTED: Final = 10  # largest number of line numbers that are stored for each reason
 ACCOMPANYING: Final = "accompanying"
-"""Why lines are left out that a program prints with its readings: a heading, a state, a ruler."""
+"""Reason of skipped lines that a program prints with its readings: a title, a state, a ruler."""
 
 
 @dataclass(frozen=True, slots=True)
 class Skipped:
-    """Rows of a recording that are no readings.
+    """Rows of a recording that were skipped for one reason.
 
     >>> print(Skipped(SILENT, 200, (2, 4, 6, 8), "0, 0, 0"))
     200 readings are 0, 0, 0: the sensor did not answer (line 2, 4, 6, …)
     """
 
     reason: str  #: ``"not finite"``, ``"unreadable"``, ``"other"``, ``"silent"`` or ``"accompanying"``
-    rows: int  #: how many
+    rows: int  #: number of rows
     lines: tuple[int, ...] = ()  #: numbers of the first few lines of the file, or rows of the array, counted from 1
-    example: str = ""  #: what the first of them says, cut short; of silent ones what each of them says
+    example: str = ""  #: text of the first row, shortened; for silent readings the text of every row
 
     @property
     def is_silent(self) -> bool:
-        """The sensor did not answer."""
+        """Whether the sensor did not answer."""
         return self.reason == SILENT
 
     @property
     def kind(self) -> Hashable:
-        """What rows have in common that are counted together."""
+        """Key of the rows that are counted together: the reason, for silent readings with their text."""
         return (self.reason, self.example) if self.is_silent else self.reason
 
     def __add__(self, other: Skipped) -> Skipped:
-        """Count both; they must be of one kind."""
+        """Add the counts of two entries of the same kind."""
         return replace(self, rows=self.rows + other.rows, lines=(self.lines + other.lines)[:NOTED])
 
     def __str__(self) -> str:
@@ -85,12 +85,12 @@ class Skipped:
 
     @property
     def is_loss(self) -> bool:
-        """They should have been readings."""
+        """Whether the rows should have been readings."""
         return self.reason != ACCOMPANYING
 
 
 def added(one: tuple[Skipped, ...], other: tuple[Skipped, ...]) -> tuple[Skipped, ...]:
-    """Put two accounts of what was left out together, one entry a kind."""
+    """Merge two lists of skipped rows, with one entry for each kind."""
     kinds = {entry.kind: entry for entry in one}
     for entry in other:
         kinds[entry.kind] = kinds[entry.kind] + entry if entry.kind in kinds else entry
@@ -98,7 +98,7 @@ def added(one: tuple[Skipped, ...], other: tuple[Skipped, ...]) -> tuple[Skipped
 
 
 def unanswered(words: Floats, numbers: NDArray[Any]) -> tuple[Skipped, ...]:
-    """Account for readings at which the sensor did not answer, by their (N,) words and numbers.
+    """Make entries of silent readings, one for each word, from their (N,) words and row numbers.
 
     >>> [str(entry) for entry in unanswered(np.array([0.0, -1.0, 0.0]), np.array([3, 5, 6]))]
     ['1 reading is -1, -1, -1: the sensor did not answer (line 5)', '2 readings are 0, 0, 0: ...']
@@ -114,9 +114,9 @@ COLUMNS: Final = (
     "field", "time", "acceleration", "rate", "temperature", "current", "strength", "throttle", "attitude",
     "currents", "throttles",
 )  # fmt: skip
-"""What `Samples` has of each reading."""
+"""Columns of `Samples`."""
 
-NAMES: Final = {
+COLUMN_NAMES: Final = {
     "time": ("time_s", ""),
     "field": ("mag_{}_{unit}", "xyz"),
     "acceleration": ("acc_{}_mps2", "xyz"),
@@ -129,7 +129,7 @@ NAMES: Final = {
     "attitude": ("attitude_{}", "wxyz"),
     "strength": ("reference_strength_{unit}", ""),
 }
-"""What each of `COLUMNS` is called for the readers, and the axes of a vector; motors are counted from 1."""
+"""Names of `COLUMNS` in a table that the readers recognise, and the axes of a vector; motors are counted from 1."""
 
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
@@ -137,39 +137,39 @@ class Samples:
     """Columns of one recording, or of a stretch of it."""
 
     field: Floats  #: (N, 3), in `unit.inside`: raw readings, in `axes`
-    #: what the recording was written in, and what `field` is in now
+    #: unit of the recording, ``unit.name``, and unit of `field`, ``unit.inside``
     unit: Unit = dataclasses.field(default_factory=Unit.of)
-    #: how the recorded axes were turned before they became `field`; acceleration, rate and attitude alike, but for a
-    #: mirror image, which is that of the magnetometer alone
+    #: mapping from the recorded axes to those of `field`, acceleration, rate and attitude; a mirror image maps `field`
+    #: alone
     axes: Axes = dataclasses.field(default_factory=Axes)
-    time: Floats | None = None  #: (N,), s: ascending where the recording is sound
+    time: Floats | None = None  #: (N,), s: ascending in a sound recording
     #: (N, 3): specific force in any unit: a level sensor at rest with z down reads −g on z
     acceleration: Floats | None = None
     rate: Floats | None = None  #: (N, 3), rad/s: angular rate of the body
     temperature: Floats | None = None  #: (N,), °C
     current: Floats | None = None  #: (N,), A
-    #: (N,), in `unit.inside`: strength of the field at each reading, from a model or a reference magnetometer; NaN
-    #: where it is not known
+    #: (N,), in `unit.inside`: strength of the field at each reading, from a model or a reference magnetometer; NaN if
+    #: not known
     strength: Floats | None = None
-    #: (N,), 0 to 1: share of full thrust that the motors were asked for; NaN where it is not known
+    #: (N,), 0 to 1: commanded share of full thrust; NaN if not known
     throttle: Floats | None = None
-    #: (N, 4): unit quaternion w, x, y, z that turns the axes of `field` into north, east, down: with a perfect sensor
-    #: ``quaternions.rotated(attitude, field)`` is the field of the site. Where those are the axes of the vehicle,
-    #: forward, right, down, it is the vehicle's attitude. NaN where it is not known. It is an autopilot's estimate, and
-    #: its yaw may have come from the very compass that is to be calibrated.
+    #: (N, 4): unit quaternion w, x, y, z from the axes of `field` to north, east, down: for a perfect sensor
+    #: ``quaternions.rotated(attitude, field)`` is the field of the site. If the axes are forward, right, down, it is
+    #: the vehicle's attitude. NaN if not known. An autopilot estimates it, and its yaw may come from the compass that
+    #: is to be calibrated.
     attitude: Floats | None = None
-    currents: Floats | None = None  #: (N, M): current of each of M motors by itself, the first motor first
-    throttles: Floats | None = None  #: (N, M): throttle of each
-    #: (N,) of numbers or of words: columns that were asked for, by the names they have in the log
+    currents: Floats | None = None  #: (N, M), A: current of each of M motors, the first motor first
+    throttles: Floats | None = None  #: (N, M), 0 to 1: throttle of each of M motors
+    #: (N,) each, of numbers or of words: other columns of the log that the user chose, by their names there
     auxiliary: Mapping[str, NDArray[Any]] = dataclasses.field(default_factory=dict)
-    source: str = "array"  #: where it came from, for messages
-    #: what the recorded axes are: ``sensor``, or ``vehicle`` where they were turned into those before
+    source: str = "array"  #: file or other origin, for messages
+    #: frame of the recorded axes: ``sensor``, or ``vehicle`` if the logger rotated the readings by the mounting
     frame: str = "sensor"
-    skipped: tuple[Skipped, ...] = ()  #: what was left out while reading
-    #: columns that were taken for a magnetometer's though neither their names nor the user say so, as ``1,2,3``
+    skipped: tuple[Skipped, ...] = ()  #: rows that were skipped by the reader
+    #: columns that are assumed to be the magnetometer's, such as ``1,2,3``; empty if their names or the user say so
     nameless: str = ""
-    #: that was in force when the log was made; it is not in `field`, or was removed from it. None where none is known,
-    #: and where readings are as they were logged, after it.
+    #: calibration on board when the log was made, if `field` is without it. None if not known, or if `field` was logged
+    #: after it was applied.
     onboard: Calibration | None = None
 
     @classmethod
@@ -194,10 +194,10 @@ class Samples:
         auxiliary: Mapping[str, ArrayLike] | None = None,
         source: str = "array",
     ) -> Samples:
-        """Take columns in, in the recording's own unit and axes; leave out rows whose field is not finite.
+        """Make samples of columns in the recording's own unit and axes, without rows whose field is not finite.
 
-        Raises `ArrayError` for a wrong shape, columns of unequal length, a throttle beyond 0 to 1, or no unit
-        quaternions; `UnitError` or `AxesError` for a unit or mapping that is not known.
+        Raises `ArrayError` for a wrong shape, columns of unequal length, a throttle outside 0 to 1, or quaternions that
+        are not of unit length; `UnitError` or `AxesError` for an unknown unit or mapping.
 
         Parameters
         ----------
@@ -208,11 +208,11 @@ class Samples:
         scale : float, optional
             Microtesla in one count; only with ``counts``.
         axes : str or Axes
-            Where each new axis comes from, such as ``"x,-y,-z"``.
+            The recorded axis for each new axis, such as ``"x,-y,-z"``.
         time, acceleration, rate, temperature, current, strength, throttle, attitude, currents, throttles : optional
             As the attributes of the same names; vectors and attitude in the recorded axes, strength in `unit`.
         auxiliary : mapping of str to (N,) array-like, optional
-            Other columns of numbers or of words, which a calibration may follow by their names.
+            Other columns of numbers or of words, which the offset of a calibration can follow.
         """
         unit = unit if isinstance(unit, Unit) else Unit.of(unit, scale)
         axes = axes if isinstance(axes, Axes) else Axes.of(axes)
@@ -223,16 +223,16 @@ class Samples:
             unit=unit,
             axes=axes,
             time=None if time is None else column(time, rows, "time"),
-            acceleration=None if acceleration is None else _three_axes(acceleration, rows, "acceleration"),
-            rate=None if rate is None else _three_axes(rate, rows, "rate"),
+            acceleration=None if acceleration is None else _check_vectors(acceleration, rows, "acceleration"),
+            rate=None if rate is None else _check_vectors(rate, rows, "rate"),
             temperature=None if temperature is None else column(temperature, rows, "temperature"),
             current=None if current is None else column(current, rows, "current"),
             strength=None if strength is None else column(strength, rows, "strength"),
-            throttle=None if throttle is None else _share(column(throttle, rows, "throttle")),
-            attitude=None if attitude is None else _attitude(attitude, rows),
-            currents=None if currents is None else _of_motors(currents, rows, "currents"),
-            throttles=None if throttles is None else _share(_of_motors(throttles, rows, "throttles")),
-            auxiliary={name: _auxiliary(values, rows, name) for name, values in (auxiliary or {}).items()},
+            throttle=None if throttle is None else _check_throttle(column(throttle, rows, "throttle")),
+            attitude=None if attitude is None else _check_attitude(attitude, rows),
+            currents=None if currents is None else _check_motors(currents, rows, "currents"),
+            throttles=None if throttles is None else _check_throttle(_check_motors(throttles, rows, "throttles")),
+            auxiliary={name: _check_auxiliary(values, rows, name) for name, values in (auxiliary or {}).items()},
             source=source,
         )
 
@@ -250,7 +250,7 @@ class Samples:
         auxiliary: Mapping[str, NDArray[Any]] | None = None,
         **others: Floats | None,
     ) -> Samples:
-        """Take float64 columns of equal length, as a reader made them, without the checks of `of`."""
+        """Make samples of a reader's float64 columns of equal length, without the checks of `of`."""
         is_silent = silent(field)
         noted = unanswered(field[is_silent, 0], np.flatnonzero(is_silent) + 1)
         if unit.scale != 1.0:
@@ -268,11 +268,11 @@ class Samples:
             auxiliary=auxiliary or {},
             **others,  # type: ignore[arg-type]
         )
-        return read.turned(axes)._without(is_silent)
+        return read.turned(axes)._skip_rows(is_silent)
 
     @property
     def span(self) -> tuple[float, float]:
-        """Earliest and latest time in s; NaN where times are not known."""
+        """Earliest and latest time in s; NaN without times."""
         if self.time is None or not len(self.time):
             return np.nan, np.nan
         return float(np.fmin.reduce(self.time)), float(np.fmax.reduce(self.time))
@@ -289,14 +289,14 @@ class Samples:
         return f"Samples({self.source}: {counted(len(self), 'reading')}{over} in {self.unit.inside}{axes}{more})"
 
     def __getitem__(self, rows: slice | NDArray[np.bool_] | Sequence[int]) -> Samples:
-        """Take some rows: a slice is a view, an index or mask a copy."""
+        """Select rows: a slice gives a view, an index or a mask a copy."""
         columns = {name: getattr(self, name) for name in COLUMNS}
         auxiliary = {name: values[rows] for name, values in self.auxiliary.items()}
         taken = {name: values[rows] for name, values in columns.items() if values is not None}
         return replace(self, auxiliary=auxiliary, **taken)
 
     def driving(self, name: str) -> NDArray[Any] | None:
-        """(N,) values of a recorded disturbance, of a column of states its words; None where the recording lacks it.
+        """(N,) values of a recorded disturbance, or words of a column of states; None if it was not recorded.
 
         >>> flown = Samples.of([[1, 2, 3]], current=[9.0], currents=[[4.0, 5.0]])
         >>> flown.driving("current"), flown.driving("current2"), flown.driving("current3")
@@ -311,18 +311,17 @@ class Samples:
 
     @property
     def disturbances(self) -> tuple[str, ...]:
-        """Names of the disturbances that were recorded with the readings, those of each motor among them."""
+        """Names of the recorded disturbances, including those of single motors."""
         each = {kind: getattr(self, many) for kind, many in MOTORS.items()}
         numbered = [name for kind, table in each.items() if table is not None for name in motors(kind, table.shape[1])]
         there = [name for name in KINDS if getattr(self, name) is not None]
         return tuple(sorted([*there, *numbered, *self.auxiliary], key=place_of))
 
     def turned(self, axes: Axes) -> Samples:
-        """Map samples that are as recorded to other axes: field, acceleration, rate and attitude with them.
+        """Map field, acceleration, rate and attitude from the recorded axes to other axes.
 
-        The attitude is then that of the new axes. A mirror image maps the field alone: it mends a left-handed
-        magnetometer, and what is beside it stays in its axes, which are right-handed. Samples that were mapped before
-        raise `AxesError`.
+        The attitude becomes that of the new axes. A mirror image maps the field alone: it corrects a left-handed
+        magnetometer, while the other sensors are right-handed. Raises `AxesError` for samples that are mapped already.
 
         >>> level = Samples.of([[20.0, 0.0, 45.0]], unit="uT", attitude=[[1.0, 0.0, 0.0, 0.0]])
         >>> over = level.turned(Axes.of("x,-y,-z"))
@@ -344,17 +343,17 @@ class Samples:
             mapped,
             acceleration=None if self.acceleration is None else axes.apply(self.acceleration),
             rate=None if self.rate is None else axes.apply(self.rate),
-            attitude=None if self.attitude is None else _of_axes(self.attitude, axes),
+            attitude=None if self.attitude is None else _map_attitude(self.attitude, axes),
         )
 
     def as_columns(self) -> dict[str, NDArray[Any]]:
-        """Give each column, (N,), under a name that says its unit and that `flinders.read` understands.
+        """Columns, (N,) each, by names that contain the unit and that `flinders.read` recognises.
 
         >>> list(Samples.of([[20.0, 0.0, 45.0]], unit="uT", time=[0.0], throttles=[[0.2, 0.3]]).as_columns())
         ['time_s', 'mag_x_uT', 'mag_y_uT', 'mag_z_uT', 'throttle1_share', 'throttle2_share']
         """
         unit, columns = self.unit.inside, dict[str, "NDArray[Any]"]()
-        for kind, (name, axes) in NAMES.items():
+        for kind, (name, axes) in COLUMN_NAMES.items():
             values: Floats | None = getattr(self, kind)
             if values is None:
                 continue
@@ -363,19 +362,19 @@ class Samples:
         return {**columns, **{name: values for name, values in self.auxiliary.items() if name not in columns}}
 
     def to_arrow(self) -> Any:  # noqa: ANN401 - pyarrow ships no types
-        """As a table of Arrow, with the columns of `as_columns`; ``to_pandas()`` of it gives a frame of pandas.
+        """Make a pyarrow table of the columns of `as_columns`; its ``to_pandas()`` gives a pandas frame.
 
         Raises `MissingExtra` without pyarrow.
         """
         return needs("pyarrow", "parquet", "a table of Arrow").table(self.as_columns())
 
     def blocks(self, rows: int = BLOCK) -> Iterator[Samples]:
-        """Yield the rows in order, so many at a time, as views."""
+        """Yield blocks of `rows` rows in order, as views."""
         for start in range(0, len(self), rows):
             yield self[start : start + rows]
 
-    def _without(self, is_silent: NDArray[np.bool_]) -> Samples:
-        """Leave out silent readings, and rows whose field is not finite, and note which those were."""
+    def _skip_rows(self, is_silent: NDArray[np.bool_]) -> Samples:
+        """Remove silent readings and rows whose field is not finite, and list them in `skipped`."""
         is_finite = np.isfinite(self.field)
         if is_finite.all() and not is_silent.any():
             return self
@@ -387,58 +386,58 @@ class Samples:
 
 
 class Recording(Protocol):
-    """Blocks of samples that can be gone through again and again."""
+    """Source of samples that can be read block by block, any number of times."""
 
     @property
     def source(self) -> str:
-        """Where it comes from, for messages."""
+        """File or other origin, for messages."""
 
     @property
     def unit(self) -> Unit:
-        """What it is written in."""
+        """Unit of the recording and of its blocks."""
 
     @property
     def axes(self) -> Axes:
-        """How its axes are turned."""
+        """Mapping of the recorded axes to those of the blocks."""
 
     def blocks(self) -> Iterator[Samples]:
-        """Start again from the first block; all blocks have the same unit, axes and columns."""
+        """Yield all blocks from the first on; all have the same unit, axes and columns."""
 
 
 class Wrapped:
-    """A recording that goes through another one, and has its source, unit and axes."""
+    """Base of recordings that process the blocks of another recording and keep its source, unit and axes."""
 
     __slots__ = ()
     recording: Recording
 
     @property
     def source(self) -> str:
-        """That of the recording."""
+        """Source of the inner recording."""
         return self.recording.source
 
     @property
     def unit(self) -> Unit:
-        """That of the recording."""
+        """Unit of the inner recording."""
         return self.recording.unit
 
     @property
     def axes(self) -> Axes:
-        """Those of the recording."""
+        """Axes of the inner recording."""
         return self.recording.axes
 
     @property
     def frame(self) -> str:
-        """That of the recording."""
+        """Frame of the inner recording."""
         return frame_of(self.recording)
 
     @property
     def onboard(self) -> Calibration | None:
-        """That of the recording."""
+        """Onboard calibration of the inner recording."""
         return onboard_of(self.recording)
 
 
 def frame_of(recording: Recording) -> str:
-    """What a recording's own axes are: ``sensor``, or ``vehicle`` where it says that it was turned into those.
+    """Frame of the recorded axes: ``sensor``, or ``vehicle`` if the logger rotated the readings by the mounting.
 
     >>> frame_of(Samples.of([[1, 2, 3]]))
     'sensor'
@@ -447,20 +446,20 @@ def frame_of(recording: Recording) -> str:
 
 
 def onboard_of(recording: Recording) -> Calibration | None:
-    """The calibration that was in force when a log was made, for its readings without it; None where none is known."""
+    """Calibration on board when a log was made, if the readings are without it; None if not known."""
     onboard: Calibration | None = getattr(recording, "onboard", None)
     return onboard
 
 
-def _three_axes(values: ArrayLike, rows: int, name: str) -> Floats:
-    """Let through an (N, 3) column of N readings; it may have gaps of its own."""
+def _check_vectors(values: ArrayLike, rows: int, name: str) -> Floats:
+    """Check an (N, 3) column, which may have NaN in any row."""
     array = table(values, name, finite=False)
     column(array[:, 0], rows, name)
     return array
 
 
-def _of_motors(values: ArrayLike, rows: int, name: str) -> Floats:
-    """Let through an (N, M) column of M motors, with its gaps."""
+def _check_motors(values: ArrayLike, rows: int, name: str) -> Floats:
+    """Check an (N, M) column of M motors, which may have NaN in any row."""
     array = floats(values, name)
     if array.ndim != 2 or not 1 <= array.shape[1] <= MOST:
         raise ArrayError(f"{name} has shape {array.shape}: need ({rows}, M), a column for each of up to {MOST} motors")
@@ -468,33 +467,33 @@ def _of_motors(values: ArrayLike, rows: int, name: str) -> Floats:
     return array
 
 
-def _auxiliary(values: ArrayLike, rows: int, name: str) -> NDArray[Any]:
-    """Let through an (N,) column of numbers or of words."""
+def _check_auxiliary(values: ArrayLike, rows: int, name: str) -> NDArray[Any]:
+    """Check an (N,) column of numbers or of words."""
     array = np.asarray(values)
     if array.dtype.kind in "USO" and array.shape == (rows,) and any(isinstance(value, str) for value in array.tolist()):
         return np.array(["" if value is None else str(value) for value in array.tolist()])
     return column(values, rows, name)
 
 
-def _share(array: Floats) -> Floats:
-    """Let through throttles from 0 to 1, with their gaps."""
+def _check_throttle(array: Floats) -> Floats:
+    """Check throttles, 0 to 1 or NaN."""
     beyond = np.argwhere((array < 0.0) | (array > 1.0))
     if len(beyond):
         first = beyond[0]
         raise ArrayError(
             f"throttle is {array[tuple(first)]:g} at index {first[0]} ({len(beyond):,} such values): need 0 to 1, or "
-            "NaN where it is not known; divide per cent by 100"
+            "NaN if not known; divide per cent by 100"
         )
     return array
 
 
-def _of_axes(attitude: Floats, axes: Axes) -> Floats:
-    """(N, 4) attitude of mapped axes, right-handed ones, from that of the recorded ones."""
+def _map_attitude(attitude: Floats, axes: Axes) -> Floats:
+    """(N, 4) attitude of mapped right-handed axes, from that of the recorded axes."""
     return attitude if axes.is_identity else product(attitude, of_matrix(axes.apply(np.eye(3))))
 
 
-def _attitude(values: ArrayLike, rows: int) -> Floats:
-    """Let through (N, 4) unit quaternions, with their gaps."""
+def _check_attitude(values: ArrayLike, rows: int) -> Floats:
+    """Check (N, 4) unit quaternions, which may have NaN in any row."""
     array = attitudes(values)
     if array.shape != (rows, 4):
         raise ArrayError(f"attitude has shape {array.shape}: need ({rows}, 4), one quaternion w, x, y, z a reading")

@@ -1,4 +1,4 @@
-"""Values of many fields in one line: arrays by their shape, numbers to four digits, defaults left out.
+"""One-line repr of dataclasses with many fields: arrays by shape, numbers to four digits, without defaults.
 
 >>> from dataclasses import dataclass
 >>> @dataclass(repr=False)
@@ -22,60 +22,64 @@ import numpy as np
 from flinders.arrays import four_digits
 
 MAX_ENTRIES: Final = 9
-"""Entries of an array that are written out."""
+"""Largest array, in entries, whose entries are written."""
 MAX_LETTERS: Final = 80
-"""Characters of a field; a longer one is written as its type."""
+"""Longest text of a field in characters; a longer value is written as its type or length."""
 
 
 class ShortRepr:
-    """A dataclass, made with ``repr=False``, whose text is one line."""
+    """Base of dataclasses with ``repr=False`` whose repr is one line."""
 
     __slots__ = ()
 
     def __repr__(self) -> str:
         known = ((field, getattr(self, field.name)) for field in fields(cast("Any", self)))
-        shown = (f"{field.name}={short(value)}" for field, value in known if not _is_default(field, value))
+        shown = (f"{field.name}={short_text(value)}" for field, value in known if not _is_default(field, value))
         return f"{type(self).__name__}({', '.join(shown)})"
 
 
-def short(value: object) -> str:
-    """A value in less than a line.
+def short_text(value: object) -> str:
+    """Short text of a value.
 
-    >>> short(np.zeros((2, 3))), short({"step": 0.15200001}), short([4] * 99)
+    >>> short_text(np.zeros((2, 3))), short_text({"step": 0.15200001}), short_text([4] * 99)
     ('[[0, 0, 0], [0, 0, 0]]', "{'step': 0.152}", '99 entries')
     """
     if isinstance(value, np.ndarray):
-        return _array(value)
+        return _array_text(value)
     if isinstance(value, float):
         return f"{value:.4g}"
     if isinstance(value, Mapping):
-        return _within("{" + ", ".join(f"{name!r}: {short(each)}" for name, each in value.items()) + "}", value)
+        return _shorten("{" + ", ".join(f"{name!r}: {short_text(each)}" for name, each in value.items()) + "}", value)
     if type(value) in {list, tuple}:
-        parts = [short(each) for each in cast("list[object]", value)]
-        return _within(f"({', '.join(parts)}{',' * (len(parts) == 1)})", value)
-    return _within(repr(value), value)
+        parts = [short_text(each) for each in cast("list[object]", value)]
+        return _shorten(f"({', '.join(parts)}{',' * (len(parts) == 1)})", value)
+    return _shorten(repr(value), value)
 
 
-def _within(text: str, value: object) -> str:
-    """The text, where it is short enough."""
+def _shorten(text: str, value: object) -> str:
+    """`text` if it is short enough, else the length or the type of the value."""
     if len(text) <= MAX_LETTERS and "\n" not in text:
         return text
-    return f"{len(cast('Any', value)):,} entries" if isinstance(value, Mapping | list | tuple) else f"{_name(value)}(…)"
+    return (
+        f"{len(cast('Any', value)):,} entries"
+        if isinstance(value, Mapping | list | tuple)
+        else f"{_type_name(value)}(…)"
+    )
 
 
-def _name(value: object) -> str:
+def _type_name(value: object) -> str:
     return type(value).__name__
 
 
-def _array(array: np.ndarray[Any, Any]) -> str:
-    """Entries of a small array of numbers; of a larger one its shape."""
+def _array_text(array: np.ndarray[Any, Any]) -> str:
+    """Entries of a small array of numbers, or the shape of a larger one."""
     if array.size > MAX_ENTRIES or array.dtype.kind not in "iufb" or array.ndim > 2:
         return f"array of {' × '.join(f'{length:,}' for length in array.shape)}"
     return f"[{', '.join(map(four_digits, array))}]" if array.ndim == 2 else four_digits(np.atleast_1d(array))
 
 
 def _is_default(field: Field[Any], value: object) -> bool:
-    """Whether a field holds what it holds where nothing is given."""
+    """Whether the value of a field is its default."""
     if field.default_factory is not MISSING:
         return repr(value) == repr(field.default_factory())
     return field.default is not MISSING and (value is field.default or repr(value) == repr(field.default))

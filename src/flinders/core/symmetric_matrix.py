@@ -17,20 +17,20 @@ if TYPE_CHECKING:
 
 
 def invertible(values: ArrayLike, rotation: Rotation) -> Floats:
-    """Let through a matrix that has an inverse, and is symmetric where `rotation` says so."""
+    """Check that a matrix has an inverse, and that it is symmetric if `rotation` is ``symmetric``."""
     array = matrix(values)
     if rotation == "symmetric":
-        symmetric(array, "matrix", "; say how it is turned if that is meant", {"rotation": "estimated"})
+        symmetric(array, "matrix", "; give its rotation if it is meant to be asymmetric", {"rotation": "estimated"})
         if is_positive(array):
             return array
     largest, _, smallest = np.linalg.svd(array, compute_uv=False)
     if smallest <= largest * 3.0 * np.finfo(float).eps:  # as numpy.linalg.matrix_rank
-        raise ArrayError("matrix is singular: it would flatten all readings into a plane, and has no inverse")
+        raise ArrayError("matrix is singular, it maps all readings to a plane: need a matrix with an inverse")
     return array
 
 
 def is_positive(array: Floats) -> bool:
-    """Whether a symmetric matrix is positive definite beyond doubt: all there is to know of most.
+    """Whether a symmetric matrix is positive definite by more than rounding.
 
     >>> is_positive(np.diag([4.0, 9.0, 16.0])), is_positive(np.diag([4.0, 9.0, -1.0]))
     (True, False)
@@ -40,7 +40,7 @@ def is_positive(array: Floats) -> bool:
 
 
 def symmetric(array: Floats, name: str, advice: str = "", hint: Hint | None = None) -> Floats:
-    """Let through a matrix that equals its transpose to within a millionth."""
+    """Check that a matrix equals its transpose to within 1e-6 of its largest entry."""
     (_, d, e), (g, _, f), (h, i, _) = array.tolist()
     lack = max(abs(d - g), abs(e - h), abs(f - i))
     if lack and lack > 1e-6 * np.abs(array).max():

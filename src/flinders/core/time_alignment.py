@@ -1,14 +1,14 @@
-"""Readings of several sensors at the same moments: one grid of time, and by how much a clock is off.
+"""Readings of several sensors at common times, with the delay of each sensor's clock.
 
-The slowest sensor sets the moments; the readings of the others are taken there by a straight line between the two on
-either side, and left out where those are too far apart. Sensors of one log may have been stamped at different stages:
-how late one is against another shows where a common motion fits best,
+The slowest sensor determines the times. Readings of the others are interpolated linearly, and left out in gaps. The
+time stamps of sensors in one log may have different delays. The delay δ between two sensors is the shift at which an
+affine map M, c of one fits the other best,
 
     min over δ, M, c   Σ |x(tₖ + δ) − M y(tₖ) − c|²
 
-an affine map at each shift, since no calibration is known yet. Both are smoothed alike before, so that a shift by half
-a step, which takes noise off a straight line between two readings, is no better for that alone. A delay counts only
-where it saves many times its noise.
+The map is affine because no calibration is known yet. Both sensors are smoothed alike first: interpolation between two
+readings reduces their noise, which would favour a shift by half a step. A delay is used only if it exceeds many times
+its standard deviation.
 
 >>> time = np.arange(0.0, 30.0, 0.1)
 >>> turning = lambda t: np.stack([np.sin(t), np.cos(1.3 * t), np.sin(0.7 * t)], axis=1)
@@ -32,49 +32,49 @@ if TYPE_CHECKING:
 
     from flinders.arrays import Floats
 
-LONGEST_S: Final = 2.0
-"""By which a clock is looked for to be off, either way."""
+MAX_DELAY_S: Final = 2.0
+"""Largest delay that is searched, in s, of either sign."""
 
-GAP: Final = 3.0
-"""Usual intervals between two readings across which there is no straight line."""
+MAX_GAP_INTERVALS: Final = 3.0
+"""Smallest gap, in median intervals of the readings, across which readings are not interpolated."""
 
-SMOOTH: Final = 5
-"""Readings that are averaged before shifts are compared."""
+SMOOTHED_READINGS: Final = 5
+"""Readings in the moving average before shifts are compared."""
 
-PROVEN: Final = 6.0
-"""Standard deviations from which on a delay is one."""
+MIN_DELAY_SIGMAS: Final = 6.0
+"""Smallest delay that is used, in standard deviations."""
 
-LEAST: Final = 0.1
-"""Of a step: a smaller delay moves nothing."""
+MIN_DELAY_STEPS: Final = 0.1
+"""Smallest delay that is used, in steps."""
 
-MANY: Final = 4000
-"""Moments that a delay is looked for in."""
+MAX_TIMES: Final = 4000
+"""Largest number of times at which a delay is estimated."""
 
-FEWEST: Final = 50
-"""Moments from which a delay can be estimated."""
+MIN_TIMES: Final = 50
+"""Smallest number of times from which a delay is estimated."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Paired:
-    """Readings at common moments."""
+    """Readings of m sensors at N common times."""
 
-    time: Floats  #: (N,), s: by the clock of the reference; counted readings where there is no time
-    fields: Floats  #: (m, N, 3): NaN where a sensor has no reading
-    #: (m,), s: by how much each is behind the reference, 0 where that is not proven, and how well that is told
-    delays_s: Floats
-    delay_sigmas_s: Floats  #: (m,), s
+    time: Floats  #: (N,), s: by the clock of the reference sensor; row numbers without times
+    fields: Floats  #: (m, N, 3): NaN if a sensor has no reading
+    delays_s: Floats  #: (m,), s: delay of each sensor behind the reference; 0 if not significant
+    delay_sigmas_s: Floats  #: (m,), s: 1 σ of `delays_s`
 
 
 def paired(times: Sequence[Floats], fields: Sequence[Floats], *, reference: int = 0) -> Paired:
-    """Take readings to common moments, those at which two sensors or more have a reading.
+    """Interpolate readings to common times at which two sensors or more have a reading.
 
     Parameters
     ----------
     times : sequence of (N,) float, s
-        Of each sensor, ascending; lengths may differ.
+        Times of each sensor, ascending; lengths may differ.
     fields : sequence of (N, 3) float
+        Readings of each sensor.
     reference : int
-        Whose clock counts.
+        Index of the sensor whose clock is used.
     """
     delays, sigmas = np.zeros(len(times)), np.zeros(len(times))
     for sensor in range(len(times)):
@@ -91,7 +91,7 @@ def paired(times: Sequence[Floats], fields: Sequence[Floats], *, reference: int 
 
 
 def between(time: Floats, field: Floats, moments: Floats) -> Floats:
-    """(K, 3) readings at other moments, on a straight line from one to the next; NaN outside, and in a gap.
+    """(K, 3) readings interpolated linearly at (K,) times; NaN outside the recording and in gaps.
 
     >>> between(np.array([0.0, 1.0, 2.0, 9.0]), np.arange(12.0).reshape(4, 3), np.array([0.5, 2.0, 5.0]))[:, 0]
     array([1.5, 6. , nan])
@@ -103,14 +103,14 @@ def between(time: Floats, field: Floats, moments: Floats) -> Floats:
     share = np.where(step > 0.0, (moments - time[after - 1]) / np.where(step > 0.0, step, 1.0), 0.0)
     usual = float(np.median(np.diff(time)))
     exact = np.isclose(share, 0.0, atol=1e-9) | np.isclose(share, 1.0, atol=1e-9)
-    outside = (share < -1e-9) | (share > 1.0 + 1e-9) | ((step > GAP * usual) & ~exact)
+    outside = (share < -1e-9) | (share > 1.0 + 1e-9) | ((step > MAX_GAP_INTERVALS * usual) & ~exact)
     taken: Floats = field[after - 1] + share[:, np.newaxis] * (field[after] - field[after - 1])
     taken[outside] = np.nan
     return taken
 
 
 def affine_residuals(source: Floats, target: Floats) -> Floats:
-    """(K, 3) what the best affine map of (N, 3) readings leaves of others, where both are there."""
+    """(K, 3) residuals of the best affine map from (N, 3) `source` to `target`, at the K rows where both are finite."""
     both = np.isfinite(source).all(axis=1) & np.isfinite(target).all(axis=1)
     design = np.column_stack([source[both], np.ones(np.count_nonzero(both))])
     residuals: Floats = target[both] - design @ np.linalg.lstsq(design, target[both], rcond=None)[0]
@@ -118,24 +118,24 @@ def affine_residuals(source: Floats, target: Floats) -> Floats:
 
 
 def _delay(time: Floats, field: Floats, other_time: Floats, other: Floats) -> tuple[float, float]:
-    """By how much another sensor is behind, and the standard deviation of that; 0 where it is not proven."""
+    """Delay of another sensor in s, 0 if not significant, and its standard deviation."""
     first, last = max(time[0], other_time[0]), min(time[-1], other_time[-1])
     step = max(float(np.median(np.diff(time))), float(np.median(np.diff(other_time))))
-    if not step > 0.0 or last - first < FEWEST * step:
+    if not step > 0.0 or last - first < MIN_TIMES * step:
         return 0.0, math.inf
-    moments = np.arange(first, last, max(step, (last - first) / MANY))
+    moments = np.arange(first, last, max(step, (last - first) / MAX_TIMES))
     still = _smooth(between(time, field, moments))
-    reach = min(LONGEST_S, 0.25 * (last - first))
+    reach = min(MAX_DELAY_S, 0.25 * (last - first))
 
     def misfit(delay: float) -> tuple[float, int]:
         moved = _smooth(between(other_time, other, moments + delay))
         left = affine_residuals(still, moved)
-        return (math.inf, 1) if len(left) < FEWEST else (float(np.mean(left**2)), len(left))
+        return (math.inf, 1) if len(left) < MIN_TIMES else (float(np.mean(left**2)), len(left))
 
     shifts = np.arange(-math.ceil(reach / step), math.ceil(reach / step) + 1) * step
     best = float(shifts[int(np.argmin([misfit(float(shift))[0] for shift in shifts]))])
     width = step
-    for _ in range(3):  # a parabola through three points, each time a narrower one
+    for _ in range(3):  # minimum of a parabola through three points, which are closer in each step
         low, middle, high = (misfit(best + offset)[0] for offset in (-width, 0.0, width))
         bend = low - 2.0 * middle + high
         if not (np.isfinite(bend) and bend > 0.0):
@@ -145,22 +145,22 @@ def _delay(time: Floats, field: Floats, other_time: Floats, other: Floats) -> tu
     least, count = misfit(best)
     low, high = misfit(best - step)[0], misfit(best + step)[0]
     bend = (low - 2.0 * least + high) / step**2
-    free = 3.0 * count / SMOOTH
+    free = 3.0 * count / SMOOTHED_READINGS
     if not (np.isfinite(bend) and bend > 0.0):
         return 0.0, math.inf
     sigma = math.sqrt(2.0 * max(least, 1e-300) / (free * bend))
-    proven = abs(best) > max(PROVEN * sigma, LEAST * step) and abs(best) < reach
+    proven = abs(best) > max(MIN_DELAY_SIGMAS * sigma, MIN_DELAY_STEPS * step) and abs(best) < reach
     return (best if proven else 0.0), sigma
 
 
 def _smooth(field: Floats) -> Floats:
-    """(N, 3) moving average; NaN where one of its readings is."""
+    """(N, 3) moving average; NaN if any reading in its window is NaN."""
     total = np.cumsum(np.concatenate([np.zeros((1, 3)), np.nan_to_num(field)]), axis=0)
     gaps = np.cumsum(np.concatenate([[0], ~np.isfinite(field[:, 0])]))
     averaged = np.full(field.shape, np.nan)
-    half = SMOOTH // 2
-    if len(field) >= SMOOTH:
-        means = (total[SMOOTH:] - total[:-SMOOTH]) / SMOOTH
-        means[gaps[SMOOTH:] > gaps[:-SMOOTH]] = np.nan
+    half = SMOOTHED_READINGS // 2
+    if len(field) >= SMOOTHED_READINGS:
+        means = (total[SMOOTHED_READINGS:] - total[:-SMOOTHED_READINGS]) / SMOOTHED_READINGS
+        means[gaps[SMOOTHED_READINGS:] > gaps[:-SMOOTHED_READINGS]] = np.nan
         averaged[half : len(field) - half] = means
     return averaged

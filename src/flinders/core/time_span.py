@@ -23,14 +23,14 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True)
 class TimeSpan:
-    """From one time to another, in s from the beginning of the recording; both are within."""
+    """Span of time from `start` to `end`, both included, in s from the beginning of the recording."""
 
     start: float = -np.inf
     end: float = np.inf
 
     @classmethod
     def of(cls, start: float | None, end: float | None) -> TimeSpan:
-        """Take what the user gave; what is not given is not limited."""
+        """Check the user's times; None is unlimited."""
         ends: tuple[tuple[str, Any], ...] = (("from", start), ("to", end))
         for name, given in ends:
             is_number = isinstance(given, int | float | np.number)
@@ -38,16 +38,18 @@ class TimeSpan:
                 raise UsageError(f"--{name} is {given!r}: need seconds from the beginning of the recording, 0 or more")
         span = cls(-np.inf if start is None else float(start), np.inf if end is None else float(end))
         if span.end <= span.start:
-            raise UsageError(f"from {span.start:g} to {span.end:g} s: nothing lies between; the end comes second")
+            raise UsageError(
+                f"the time span from {span.start:g} to {span.end:g} s is empty: need an end after its start"
+            )
         return span
 
     @property
     def is_all(self) -> bool:
-        """Nothing is left out."""
+        """Whether the span is unlimited."""
         return self == TimeSpan()
 
     def clock(self, source: str, beginning: float = np.nan) -> SpanClock:
-        """Start a pass over the recording of this name; `beginning` is the time of its first reading, if known."""
+        """Start a pass over the recording `source`; `beginning` is the time of its first reading in s, if known."""
         return SpanClock(self, source, beginning)
 
     def __str__(self) -> str:
@@ -56,19 +58,19 @@ class TimeSpan:
 
 
 class SpanClock:
-    """One pass: takes the time of the first reading for the beginning, and knows whether any reading lay within."""
+    """One pass over a recording: selects readings within the span, and counts them."""
 
     def __init__(self, span: TimeSpan, source: str, beginning: float) -> None:
         self._span, self._source, self._beginning = span, source, beginning
         self._last, self._taken = np.nan, 0
 
     def within(self, samples: Samples) -> NDArray[np.bool_]:
-        """(N,) whether each reading lies within; those without a time do not."""
+        """(N,) whether each reading is within the span; a reading without a time is not."""
         if self._span.is_all:
             return np.ones(len(samples), dtype=np.bool_)
         if samples.time is None:
             raise UsageError(
-                f"{self._source} has no time: leave beginning and end out, or cut it with a text editor",
+                f"{self._source} has no times: leave beginning and end out, or cut the file with a text editor",
                 hint={"start": None, "end": None},
             )
         known = samples.time[np.isfinite(samples.time)]
@@ -81,13 +83,13 @@ class SpanClock:
         return inside
 
     def selected(self, samples: Samples, within: NDArray[np.bool_]) -> Samples:
-        """Those readings; nothing is copied where all are taken."""
+        """Readings within the span; the same object if all are."""
         return samples if within.all() else samples[within]
 
     def judge(self) -> None:
-        """Refuse a span in which nothing lies, at the end of the pass."""
+        """Raise `UsageError` at the end of the pass if no reading was within the span."""
         if not self._span.is_all and not self._taken:
-            length = "without a clock that runs"
+            length = "has no valid times"
             if np.isfinite(self._last - self._beginning):
-                length = f"{figures(self._last - self._beginning, 4)} s long"
-            raise UsageError(f"no reading of {self._source} lies {self._span}: it is {length}")
+                length = f"is {figures(self._last - self._beginning, 4)} s long"
+            raise UsageError(f"no reading of {self._source} is in the time span {self._span}: the recording {length}")

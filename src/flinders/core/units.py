@@ -1,7 +1,7 @@
-"""Units of a magnetic field, and how a recording's own unit becomes microtesla at the door.
+"""Units of a magnetic field, and their conversion to microtesla.
 
-Inside Flinders a field is in µT wherever the recording's unit is known. A recording in raw counts
-without a stated scale stays in ``"counts"``, and nothing claims µT for it.
+Flinders computes in µT if the unit of the recording is known. A recording in raw counts without a
+scale stays in ``"counts"``.
 
 >>> Unit.of("mG")
 Unit(name='mG', scale=0.1, inside='uT')
@@ -24,12 +24,12 @@ MICROTESLA: Final = "uT"
 COUNTS: Final = "counts"
 
 PER_UNIT: Final = {"uT": 1.0, "mG": 0.1, "G": 100.0, "nT": 1e-3, "mT": 1e3, "T": 1e6}
-"""Microtesla in one of each unit."""
+"""Size of each unit in microtesla."""
 
 EARTH_UT: Final = (22.0, 67.0)
-"""Between these strengths lies the earth's field at its surface, in microtesla."""
+"""Smallest and largest strength of the earth's field at its surface, in µT."""
 EARTH_WITH_ROOM_UT: Final = (20.0, 70.0)
-"""The same for readings whose strength is known roughly."""
+"""The same range with a tolerance for readings whose strength is known approximately, in µT."""
 
 _WORDS: Final = {
     "uT": ("microtesla", "utesla", "µtesla", "μtesla"), "mG": ("milligauss", "mgauss"), "G": ("gauss",),
@@ -41,9 +41,9 @@ SPELLINGS: Final = {
     "纳特斯拉": "nT", "纳特": "nT", "特斯拉": "T", "毫高斯": "mG", "高斯": "G", "raw": "counts",
     **{f"{word}{end}": name for name, words in _WORDS.items() for word in words for end in ("", "s", "es")},
 }  # fmt: skip
-"""Lower-case spellings, both code points of µ among them, and the name each stands for."""
+"""Names of units by their lower-case spellings, with both code points of µ."""
 PARTED: Final = re.compile(r"\b(micro|milli|nano)[\s_-]+(?=tesla|gauss)", re.IGNORECASE)
-"""A prefix that is written as a word of its own before its unit: ``micro Tesla``."""
+"""A prefix that is written as a separate word: ``micro Tesla``."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -51,42 +51,42 @@ class Unit:
     """The unit a recording is written in."""
 
     name: str  #: ``uT``, ``mG``, ``G``, ``nT``, ``mT``, ``T`` or ``counts``
-    scale: float  #: what one of it is, in the unit used inside
-    inside: str  #: ``uT``, or ``counts`` where no scale is known
+    scale: float  #: size of this unit in the unit `inside`
+    inside: str  #: unit in which Flinders computes: ``uT``, or ``counts`` if no scale is known
 
     @classmethod
     def of(cls, name: str = COUNTS, scale: float | None = None) -> Unit:
-        """Look a unit up by any of its spellings.
+        """Find a unit by any of its spellings.
 
-        Raises `UnitError` for a name that is not known, a scale that is not positive, or a scale for a unit that has
-        its own.
+        Raises `UnitError` for a name that is not known, a scale that is not positive, or a scale for a unit other than
+        counts.
 
         Parameters
         ----------
         name : str
-            As a person or a file header writes it: ``µT``, ``uT``, ``mGauss``, ``LSB`` …
+            As users and file headers write it: ``µT``, ``uT``, ``mGauss``, ``LSB`` …
         scale : float, optional
-            Microtesla in one count; only for counts.
+            Size of one count in microtesla; only for counts.
         """
         known = SPELLINGS.get(PARTED.sub(r"\1", name.strip().casefold()))
         if known is None:
             raise UnitError(f"unit {name!r} is not known: use one of {', '.join((*PER_UNIT, COUNTS))}")
         if scale is not None and not (math.isfinite(scale) and scale > 0):
-            raise UnitError(f"scale is {scale:g}: need a positive number of microtesla a count")
+            raise UnitError(f"scale is {scale:g}: need a positive number of microtesla per count")
         if known == COUNTS:
             return cls(COUNTS, 1.0, COUNTS) if scale is None else cls(COUNTS, float(scale), MICROTESLA)
         if scale is not None:
-            raise UnitError(f"{known} has a scale of its own: give one only with counts", hint={"scale": None})
+            raise UnitError(f"{known} has a fixed scale: give a scale only with counts", hint={"scale": None})
         return cls(known, PER_UNIT[known], MICROTESLA)
 
 
 def label(inside: str) -> str:
-    """Write a unit the way a person reads it: ``µT`` or ``counts``."""
+    """Printed form of a unit: ``µT`` or ``counts``."""
     return "µT" if inside == MICROTESLA else inside
 
 
 def unit_of_the_earth(strength: float) -> str:
-    """Find the unit in which a strength would be that of the earth's field; nothing where none would do.
+    """Unit in which `strength` would be that of the earth's field; empty if there is none.
 
     >>> unit_of_the_earth(48.0), unit_of_the_earth(480.0), unit_of_the_earth(4.8e-5), unit_of_the_earth(3.0)
     ('uT', 'mG', 'T', '')

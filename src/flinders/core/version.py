@@ -3,4 +3,4 @@
 from typing import Final
 
 VERSION: Final = "0.1.0"
-"""``importlib.metadata``, which knows it too, takes longer to load than a fit."""
+"""Kept here because ``importlib.metadata``, which has it too, takes longer to load than a fit."""

@@ -1,1 +1,1 @@
-"""What a recording shows of its own faults: still sensors, drift, exchanged axes, instruments that disagree."""
+"""Tests of a recording for faults: sensors at rest, drift, exchanged axes, instruments that disagree."""

@@ -1,14 +1,15 @@
-"""Whether readings are disturbed in step with the attitude: by a current that follows it, or by a loose magnetic part.
+"""Test for a disturbance that depends on the attitude, such as a current that follows it or a loose magnetic part.
 
-A load that grows as a body leans moves the offset by P d, for the vertical d that an accelerometer shows. Most of that
-hides in offset and soft iron. The rest is in the residuals as nᵀ P d, with the surface normal n: they are regressed on
-the nine products nᵢ dⱼ, less what the ellipsoid and any function of the direction up to degree four explain, so that
-axes that are not linear explain nothing here.
+A load that grows as a body leans moves the offset by P d, where d is the vertical by an accelerometer. Most of that is
+absorbed by offset and soft iron. The rest appears in the residuals as nᵀ P d, with the surface normal n. The residuals
+are regressed on the nine products nᵢ dⱼ, after the ellipsoid and any function of the direction up to degree four are
+removed from the products, so that nonlinear axes are not mistaken for this fault.
 
-Slow noise follows an attitude by chance. How far it does is seen by shifting the residuals in time against the
+Slow noise follows an attitude by chance. The size of that effect comes from residuals shifted in time against the
 attitudes: for the coefficients c on an orthonormal basis of the products, with the mean C of c cᵀ over all shifts,
-cᵀC⁻¹c is Hotelling's T² of a correlated series, about their number for noise of any memory that is short against the
-recording. `PROVEN` and `MUCH` come from simulated noise (``python -m benchmarks.adversary --felt``).
+cᵀC⁻¹c is Hotelling's T² of a correlated series. For noise it is about the number of coefficients, if the correlation
+time is short against the recording. `MIN_T2` and `MIN_EXPLAINED` come from simulated noise (``python -m
+benchmarks.adversary --felt``).
 
 >>> from flinders import simulate
 >>> from flinders.fitting import calibrate
@@ -37,63 +38,63 @@ if TYPE_CHECKING:
     from flinders.core.samples import Samples
     from flinders.geometry.ellipsoid import Ellipsoid
 
-FEWEST, MOST = 100, 2000
-"""Readings: fewer say too little; of more some are looked at, evenly spaced."""
+MIN_READINGS, MAX_READINGS = 100, 2000
+"""Smallest count of readings for the test, and the count to which a longer recording is thinned evenly."""
 
-TRUSTED: Final = 0.1
-"""Trust in a vertical below which the body was accelerated."""
+MIN_TRUST: Final = 0.1
+"""Smallest weight of a vertical; below it the body was accelerated."""
 
 POWERS: Final = EXPONENTS[DEGREES >= 3]
-"""(25, 3) monomials: on the sphere all functions up to degree four."""
+"""(25, 3) exponents of monomials that span all functions on the sphere up to degree four."""
 
-INDEPENDENT: Final = 1e-8
-"""Of the largest eigenvalue: what is smaller is rounding."""
+MIN_EIGENVALUE_RATIO: Final = 1e-8
+"""Smallest ratio of an eigenvalue to the largest one; smaller ones are rounding errors."""
 
-SEEN: Final = 0.05
-"""Root mean square of a product that the direction of the field does not explain, from which it is told."""
+MIN_PRODUCT_RMS: Final = 0.05
+"""Smallest rms of the part of a product that the direction of the field does not explain."""
 
-NEAR: Final = 0.05
-"""Share of the recording by which residuals are shifted at least: a smaller shift leaves much of them in place."""
+MIN_SHIFT: Final = 0.05
+"""Smallest shift of residuals in time, as a share of the recording; after a smaller one they still correlate."""
 
-PROVEN, MUCH = 40.0, 0.1
-"""T², and share of the square of the residuals, from which on they follow the attitude."""
+MIN_T2, MIN_EXPLAINED = 40.0, 0.1
+"""Smallest T², and smallest explained share of the squared residuals, of a dependence on the attitude."""
 
 
 @dataclass(frozen=True, slots=True)
 class AttitudeDependence:
-    """A disturbance of the readings that follows the attitude."""
+    """A disturbance of the readings that depends on the attitude."""
 
-    # what it makes of a level heading at the attitude where it is largest, about its mean; without the part that hides
-    # in offset and soft iron
+    # largest level heading error over all attitudes, about its mean; without the part absorbed by offset and soft iron
     heading_deg: float
-    explained: float  # share of the square of the residuals that it explains
-    significance: float  # T² of up to eight coefficients: about their number by chance
+    explained: float  # share of the squared residuals that it explains
+    significance: float  # T² of up to eight coefficients; by chance about their number
 
 
 def attitude_dependence_of(
     samples: Samples, ellipsoid: Ellipsoid, *, dip_deg: float, limit: float = math.inf
 ) -> AttitudeDependence | None:
-    """Test whether residuals follow the attitude; None where they do not, or nothing tells.
+    """Test whether residuals depend on the attitude; None if they do not, or the recording is not sufficient.
 
-    `samples`: in the order of recording; `limit`: distance from the ellipsoid beyond which readings are outliers.
+    `samples` are in the order of recording; `limit` is the distance from the ellipsoid beyond which readings are
+    outliers.
     """
-    some = samples[:: -(-len(samples) // MOST)]
+    some = samples[:: -(-len(samples) // MAX_READINGS)]
     if some.acceleration is None:
         return None
     off = distances(some.field, ellipsoid)
     down, trust = verticals(some.acceleration)
-    used = (np.abs(off) <= limit) & (trust > TRUSTED)
+    used = (np.abs(off) <= limit) & (trust > MIN_TRUST)
     off, down = off[used], down[used]
-    if len(off) < FEWEST:
+    if len(off) < MIN_READINGS:
         return None
     products = _products(directions_of(some.field[used], ellipsoid), down, ellipsoid)
-    basis = _orthonormal(products, smallest=SEEN**2 * len(off))
+    basis = _orthonormal(products, smallest=MIN_PRODUCT_RMS**2 * len(off))
     if not basis.shape[1]:
         return None
     coefficients = off @ products @ basis
     significance = _significance(products @ basis, off, coefficients)
     explained, total = float(coefficients @ coefficients), float(off @ off)
-    if not (significance > PROVEN and explained > MUCH * total):
+    if not (significance > MIN_T2 and explained > MIN_EXPLAINED * total):
         return None
     moved = down @ (basis @ coefficients).reshape(3, 3).T
     farthest = float(np.linalg.norm(moved - moved.mean(axis=0), axis=1).max())
@@ -102,7 +103,7 @@ def attitude_dependence_of(
 
 
 def _products(directions: Floats, down: Floats, ellipsoid: Ellipsoid) -> Floats:
-    """(N, 9) nᵢ dⱼ less what a function of the direction alone explains."""
+    """(N, 9) products nᵢ dⱼ without the part that a function of the direction alone explains."""
     jacobian = information(directions, ellipsoid)
     alone = np.concatenate([jacobian, np.prod(directions[:, np.newaxis] ** POWERS, axis=2)], axis=1)
     alone /= np.linalg.norm(alone, axis=0)
@@ -113,17 +114,17 @@ def _products(directions: Floats, down: Floats, ellipsoid: Ellipsoid) -> Floats:
 
 
 def _orthonormal(columns: Floats, *, smallest: float) -> Floats:
-    """(K, k) combinations of (N, K) columns that are orthonormal, of those with a square above the smallest."""
+    """(K, k) coefficients of orthonormal combinations of (N, K) columns, of those with a square above `smallest`."""
     squares, vectors = np.linalg.eigh(columns.T @ columns)
-    seen: NDArray[np.bool_] = squares > max(smallest, INDEPENDENT * squares[-1])
+    seen: NDArray[np.bool_] = squares > max(smallest, MIN_EIGENVALUE_RATIO * squares[-1])
     combinations: Floats = vectors[:, seen] / np.sqrt(squares[seen])
     return combinations
 
 
 def _significance(basis: Floats, off: Floats, coefficients: Floats) -> float:
-    """T² of coefficients on an orthonormal basis (N, k), against those of residuals that are shifted."""
-    count, nearest = len(off), math.ceil(NEAR * len(off))
+    """T² of coefficients on an orthonormal basis (N, k), against the coefficients of shifted residuals."""
+    count, nearest = len(off), math.ceil(MIN_SHIFT * len(off))
     spectrum = np.conj(np.fft.rfft(off))[:, np.newaxis] * np.fft.rfft(basis, axis=0)
     shifted = np.fft.irfft(spectrum, count, axis=0)[nearest : count - nearest]
     scatter = shifted.T @ shifted / len(shifted)
-    return float(coefficients @ np.linalg.pinv(scatter, rcond=INDEPENDENT, hermitian=True) @ coefficients)
+    return float(coefficients @ np.linalg.pinv(scatter, rcond=MIN_EIGENVALUE_RATIO, hermitian=True) @ coefficients)

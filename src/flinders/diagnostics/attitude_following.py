@@ -1,12 +1,12 @@
-"""Whether a column of a log follows the attitude: its values are a function of the direction of the field.
+"""Test whether a column of a log follows the attitude: its values are a function of the direction of the field.
 
-An offset that is a function of the direction of the field, P c(u), is soft iron, or a term of an ellipsoid that no
-calibration has: no recording tells the two apart. `following` measures it without a model of that function: a value is
-predicted from readings of nearly the same direction in other parts of the recording,
+An offset P c(u) that is a function of the direction u of the field cannot be distinguished from soft iron in any
+recording. `following` measures such a dependence without a model of the function: it predicts each value from readings
+of nearly the same direction in other parts of the recording,
 
-    R² = 1 − Σ (c − ĉ(u))² / Σ (c − c̄)²,        ĉ(u) the mean of the nearest readings that were kept
+    R² = 1 − Σ (c − ĉ(u))² / Σ (c − c̄)²,        ĉ(u) the mean of the nearest readings in the other parts
 
-over readings of a stretch that was left out. A column that only happened to change slowly predicts nothing there.
+over readings of a left-out stretch. A column that merely changes slowly has no predictable values there.
 
 >>> rng = np.random.default_rng(1)
 >>> directions = rng.normal(size=(3000, 3))
@@ -29,32 +29,32 @@ if TYPE_CHECKING:
 
     from flinders.arrays import Floats
 
-PIECES: Final = 4
+INTERVALS_PER_FOLD: Final = 4
 """Intervals of each fold."""
 
 MAX_READINGS: Final = 2_000
-"""Readings that are compared with each other."""
+"""Largest count of readings that are compared with each other."""
 
 NEIGHBOURS: Final = 8
-"""Readings of nearly the same direction whose mean predicts a value."""
+"""Count of readings of nearly the same direction whose mean predicts a value."""
 
 MIN_COSINE: Final = float(np.cos(np.deg2rad(20.0)))
-"""Of the angle between a reading and the farthest of those neighbours: others say nothing of it."""
+"""Cosine of the largest angle between a reading and its farthest neighbour; beyond 20° no value is predicted."""
 
 MIN_PREDICTED: Final = 0.2
-"""Share of the readings that have such neighbours; with fewer, nothing is said."""
+"""Smallest share of readings with such neighbours; with fewer the result is NaN."""
 
 
 def following(values: Floats, directions: Floats) -> float:
-    """Share of the variance of (N,) values that (N, 3) directions of the field predict in stretches left out, to 1.
+    """Share of the variance of (N,) values that (N, 3) field directions predict in left-out stretches, at most 1.
 
-    Below 0 where they predict less than the mean does; NaN where too few directions come again.
+    It is below 0 if the mean predicts better; NaN if too few directions recur.
     """
     stride = -(-len(values) // MAX_READINGS)
     values, directions = values[::stride], directions[::stride]
     total = left = 0.0
     predicted = 0
-    for kept, out in folds(len(values), PIECES):
+    for kept, out in folds(len(values), INTERVALS_PER_FOLD):
         near, is_near = _neighbours(directions[out], directions[kept])
         own = values[out][is_near]
         left += float(np.sum((own - values[kept][near[is_near]].mean(axis=1)) ** 2))
@@ -66,7 +66,7 @@ def following(values: Floats, directions: Floats) -> float:
 
 
 def _neighbours(of: Floats, among: Floats) -> tuple[NDArray[np.intp], NDArray[np.bool_]]:
-    """(M, k) places of the nearest of (K, 3) directions to each of (M, 3), and (M,) whether all of them are near."""
+    """(M, k) indices of the (K, 3) directions nearest to each of (M, 3), and (M,) whether all of these are near."""
     cosines = of @ among.T
     count = min(NEIGHBOURS, len(among))
     near = np.argpartition(-cosines, count - 1, axis=1)[:, :count]

@@ -1,16 +1,16 @@
-"""Whether an axis changed its sign, or two were exchanged, while the recording was made.
+"""Test whether an axis changed its sign, or two axes were exchanged, within a recording.
 
-A driver that is restarted, a cable with a bad wire or a firmware that changes the mounting it assumes does
-this. The field at the sensor goes on as smoothly as before, so readings on both sides of the moment fit together after,
-and only after, T is applied to those behind it:
+The cause is a restarted driver, a cable with a bad wire or firmware that changes its assumed mounting. The field at the
+sensor stays continuous, so that readings before and after the moment are continuous only if T is applied to those
+after:
 
     r₊ = T r₋      T one of x → −x, y → −y, z → −z, x ↔ y, y ↔ z, z ↔ x
 
-for r₋ and r₊ continued by half a step from before and from behind. Such a moment is a candidate. It is one where the
-readings with all candidates undone lie clearly closer to an ellipsoid than they do as recorded, as close as those of a
-usable recording: a gap in the recording passes neither, nor does a field that is not the same everywhere. What is so
-throughout has no moment, and a mirror image of an ellipsoid is an ellipsoid: no magnetometer alone can tell it. Nor can
-it where the offset along the axis is nothing: then nothing is changed but the heading.
+for r₋ and r₊ extrapolated by half a step from before and from after. Such a moment is a candidate. The candidates are
+confirmed if the readings with all of them undone lie clearly closer to an ellipsoid than as recorded, as close as
+readings of a usable recording. A gap in the recording, or a field that is not uniform, is not confirmed. A swap of the
+whole recording has no such moment, and the mirror image of an ellipsoid is an ellipsoid, so that a magnetometer alone
+cannot show it. Neither can it show a changed sign if the offset along the axis is zero: then only headings change.
 
 >>> import numpy as np
 >>> rng = np.random.default_rng(1)
@@ -38,26 +38,26 @@ if TYPE_CHECKING:
     from flinders.arrays import Floats
 
 SWAPS: Final = ("x", "y", "z", "xy", "yz", "zx")
-"""What can happen to axes, by the axes that it happens to, in the order of the engine."""
+"""Possible swaps, by their axes, in the order of the engine."""
 
 MAX_NOISE: Final = limit_of("noise")
-"""Largest noise of readings with the swap undone, as a share of the field: that of a recording that nothing limits."""
+"""Largest noise of readings with the swap undone, as a share of the field: the limit of a good recording."""
 
 
 @dataclass(frozen=True, slots=True)
 class AxisSwap:
-    """Axes that changed their sign, or were exchanged, while the recording was made."""
+    """Axes that changed their sign, or were exchanged, within a recording."""
 
     axes: str  # ``x``, ``y`` or ``z`` for a sign; ``xy``, ``yz`` or ``zx`` for two that were exchanged
-    rows: tuple[int, ...]  # readings, counted from 0, from each of which on it is so, or is so no longer
-    gain: float  # how many times closer to an ellipsoid all readings lie once it is undone
+    rows: tuple[int, ...]  # indices of readings at which the swap begins or ends, from 0
+    gain: float  # factor by which the distance from an ellipsoid shrinks if the swap is undone
 
 
 def axis_swap_of(readings: Floats, noise: float = math.inf) -> AxisSwap | None:
-    """Look for the moments at which axes slipped.
+    """Find the moments at which axes were swapped; None if there are none, or none can be shown.
 
-    `readings`: (N, 3), in the order of recording, in any unit; `noise`: of the readings that a fit keeps, 1 σ: all of
-    them have to lie as close once the swap is undone. Returns None where nothing slipped, or nothing that can be told.
+    `readings` are (N, 3), in the order of recording, in any unit; `noise` is the noise (1 σ) of the inliers of a fit,
+    which all readings must reach after the swap is undone.
     """
     change, rows = engine().axis_swap(readings, noise, MAX_NOISE)
     if change["swap"] < 0:

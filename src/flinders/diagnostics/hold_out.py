@@ -1,8 +1,8 @@
-"""Whether something that was found earns its place: how well it fits stretches of a recording that it has not seen.
+"""Cross-validation of a term of a fit: its misfit in stretches of a recording that were left out.
 
-A recording is cut in blocks of time; each is left out in turn, all else is fitted, and what was left out is looked at:
-how far its readings lie from the ellipsoid, and how much the field's angle to the vertical varies. What an
-additional term makes up from noise, or from an instrument that speaks of something else, shows here.
+A recording is cut into blocks of time. Each is left out in turn, the rest is fitted, and two errors of the left-out
+readings are computed: their distance from the ellipsoid, and the scatter of the field's angle to the vertical. An
+additional term that only fits noise, or an instrument that does not belong to the magnetometer, increases these errors.
 
 >>> [left_out.nonzero()[0].tolist() for _, left_out in folds(6)]
 [[0, 1], [2, 3], [4, 5]]
@@ -33,34 +33,34 @@ if TYPE_CHECKING:
     from flinders.likelihood.parameters import Parameters
 
 FOLDS: Final = 3
-"""Parts of a recording that are left out in turn."""
+"""Count of parts of a recording that are left out in turn."""
 
 
 class HoldOutMisfit(NamedTuple):
-    """What is off in readings that were left out."""
+    """Errors of left-out readings."""
 
-    length: float  # root mean square distance from the ellipsoid, in the unit of the readings
-    height: float = np.nan  # scatter of the sine of the dip, by the verticals that were asked for; NaN without any
+    length: float  # rms distance from the ellipsoid, in the unit of the readings
+    height: float = np.nan  # scatter of the sine of the dip, by the requested verticals; NaN without verticals
 
 
 def folds(count: int, pieces: int = 1) -> Iterator[tuple[NDArray[np.bool_], NDArray[np.bool_]]]:
-    """Which rows are kept, and which are left out: a third, in one piece or in so many spread evenly."""
+    """Yield masks of fitted and of left-out rows for each fold: a third is left out, in evenly spread `pieces`."""
     block = np.arange(count) * FOLDS * pieces // max(count, 1) % FOLDS
     for index in range(FOLDS):
         yield block != index, block == index
 
 
 def fitted(samples: Samples, terms: tuple[str, ...], rotation: Floats | None, near: Aided) -> list[Parameters]:
-    """What is found without each of the `folds` in turn; nothing where one of them finds none.
+    """Parameters of the fits without each of the `folds` in turn; empty if one of the fits fails.
 
     Parameters
     ----------
     terms : tuple of str
-        Of `flinders.estimators.aiding.AIDS`.
+        Names of `flinders.estimators.aiding.AIDS`.
     rotation : (3, 3) float, optional
-        Which way the magnetometer sits on the body, about which it is looked for.
+        Approximate rotation of the magnetometer on the body, about which the fit searches.
     near : Aided
-        What the whole recording says, where each fit begins.
+        Fit of the whole recording, at which each fit starts.
     """
     gyro_scale = SCALE_SIGMA if "gyro_scale" in near.layout else 0.0
     is_free = "accelerometer" in near.layout
@@ -82,9 +82,9 @@ def fitted(samples: Samples, terms: tuple[str, ...], rotation: Floats | None, ne
 
 
 def hold_out_misfit(samples: Samples, fits: list[Parameters], vertical: str | None) -> HoldOutMisfit:
-    """How far off readings are from what was `fitted` without them.
+    """Errors of readings against the parameters that were `fitted` without them.
 
-    `vertical`: ``dip`` or ``tilt``: by which verticals the dip is looked at.
+    `vertical` is ``dip`` or ``tilt``, the source of the verticals for the dip; None for no dip.
 
     >>> from flinders import simulate
     >>> from flinders.estimators.aiding import solve
@@ -105,7 +105,7 @@ def hold_out_misfit(samples: Samples, fits: list[Parameters], vertical: str | No
 
 
 def _heights(samples: Samples, parameters: Parameters, vertical: str | None) -> float:
-    """Variance of the field's height above the horizon, by verticals that are trusted."""
+    """Variance of the sine of the field's inclination, by trusted verticals."""
     if vertical == "dip" and samples.acceleration is not None:
         down, trust = dip.verticals(samples.acceleration)
         down, _ = dip.upright(down, parameters.accelerometer)

@@ -1,7 +1,7 @@
-"""What is wrong with what stands beside a magnetometer: unit, axes, turning about one axis, another site, its own yaw.
+"""Tests of the instruments recorded with a magnetometer: unit, axes, rotation about one axis, site, source of yaw.
 
-Each is a `Mistake` with its number, its limit and what to do; what cannot be trusted is left out of a fit. How often
-each is named, and how often wrongly, is measured by ``python -m benchmarks.wrong_use``.
+Each fault is a `Mistake` with its number, its limit and a remedy; a fit leaves untrusted instruments out.
+``python -m benchmarks.wrong_use`` measures how often each fault is found, and how often wrongly.
 
 >>> from dataclasses import replace
 >>> from flinders import simulate
@@ -56,46 +56,46 @@ if TYPE_CHECKING:
     from flinders.likelihood.site_field import Site
 
 CIRCULAR_DEG, CIRCULAR_SIGMAS, CIRCULAR_SHARE = 0.5, 3.0, 0.5
-"""A yaw that is off by so much, so far beyond what is claimed without it, and mostly as a compass, is a compass's."""
+"""Limits for a yaw from a compass: its error in degrees, over the claim, and the share of it that fits a deviation."""
 
-FEWEST_ATTITUDES: Final = 12
-"""Known ones; fewer tell nothing of where a yaw comes from."""
+MIN_ATTITUDES: Final = 12
+"""Smallest count of known attitudes for the test of the source of a yaw."""
 
-FOLLOWED: Final = 5000
-"""Readings that tell where a yaw comes from, or whether an accelerometer was shaken."""
+MAX_READINGS: Final = 5000
+"""Largest count of readings for the tests of the source of a yaw and of a shaken accelerometer."""
 
-ROUNDS: Final = 3
-"""Of finding an offset and where the rest points."""
+MAX_ROUNDS: Final = 3
+"""Count of rounds in which an offset and the direction of the remaining field are found."""
 
 UPRIGHT: Final = ("dip", "tilt", "attitude")
-"""Aiding that tell the vertical: one of them at a time."""
+"""Aiding sensors that show the vertical, of which a fit uses one."""
 
-JUST_BEFORE, MANY_MORE = 0.05, 1.0
-"""Of the range of a gyro's axis, what is just before its end; and how many times as many readings are at a limit."""
+NEAR_END_SHARE, MIN_CLIPPED_RATIO = 0.05, 1.0
+"""Share of a gyro axis's range that counts as near its end, and smallest ratio of readings at the end to these."""
 
-FEWEST_STILL, STILL = 100, 0.02
-"""Readings that tell how an accelerometer tilts, and the scatter of |g| up to which they are of a body at rest."""
+MIN_STILL_READINGS, MAX_STILL_SCATTER = 100, 0.02
+"""Smallest count of readings for the tilt of an accelerometer, and largest relative scatter of |g| at rest."""
 
-LEAST_TILT_DEG: Final = 0.5
-"""Heading error below which the tilt is noise: of a thousand clean accelerometers none came to 0.3°."""
+MIN_TILT_ERROR_DEG: Final = 0.5
+"""Smallest reported heading error by tilt: of 1,000 simulated accelerometers without error none reached 0.3°."""
 
 FAR_SITE_DEG, FAR_SITE_SIGMAS = 2.0, 3.0
-"""A dip that is off by more, and by more of what both are known to, is another place's."""
+"""Limits for another site: the difference of the dip in degrees, and over the standard deviation of both."""
 
 
 LEAN_DEG, LEAN_SIGMAS = 1.5, 3.0
-"""A vertical that leans by more, and by more of what a fit claims of headings, is none in turns.
+"""Limits for a vertical that leans in turns: its lean in degrees, and over the claimed heading error.
 
-Of 1,002 that do not lean none is named (``python -m benchmarks.wrong_use --cases leaning --seeds 167``).
+Of 1,002 recordings without a lean none exceeds them (``python -m benchmarks.wrong_use --cases leaning --seeds 167``).
 """
 
 STEEP_DEG: Final = 10.0
-"""A steeper dip has a sign that no iron near it turns round."""
+"""Smallest dip whose sign iron nearby cannot reverse."""
 
 
 @dataclass(frozen=True, slots=True)
 class Mistake:
-    """What does not fit together in a recording: a finding, which sensor it is about, and whether that was left out."""
+    """A finding on an instrument in a recording, with the sensor concerned and whether it is left out."""
 
     aid: str
     finding: Finding
@@ -103,68 +103,70 @@ class Mistake:
 
     @property
     def code(self) -> str:
-        """Of the finding."""
+        """Code of the finding."""
         return self.finding.code
 
     @property
     def number(self) -> float:
-        """Of the finding."""
+        """Number of the finding."""
         return self.finding.number
 
     @property
     def words(self) -> str:
-        """Of the finding."""
+        """Sentence of the finding."""
         return self.finding.advice
 
 
 def _mistake(code: str, aid: str, values: dict[str, Any], *, drops: bool = True) -> Mistake | None:
-    """What the catalogue makes of some values."""
+    """Mistake by the rules of the catalogue from `values`; None if within its limit."""
     finding = finding_in({**values, "aid": aid}, code)
     return None if finding is None else Mistake(aid, finding, drops)
 
 
-def _certain(code: str, aid: str, values: dict[str, Any], *, drops: bool = True) -> Mistake:
-    """The same, where it was decided already."""
+def _certain_mistake(code: str, aid: str, values: dict[str, Any], *, drops: bool = True) -> Mistake:
+    """Mistake whose rule is known to hold."""
     return Mistake(aid, certain({**values, "aid": aid}, code), drops)
 
 
 def of_instruments(
     samples: Samples, alone: Ellipsoid, wanted: Sequence[str], *, is_signed: bool = False
 ) -> tuple[Axes | None, list[Mistake]]:
-    """Look for mistakes in the unit and the axes of gyro and accelerometer.
+    """Find mistakes in the unit and the axes of gyro and accelerometer.
 
-    An instrument is left out where it cannot be told how it sits, and where the two do not sit alike: then the one
-    that sits as the magnetometer is right.
+    An instrument is left out if its axes cannot be determined. If gyro and accelerometer have different axes, the one
+    that agrees with the magnetometer is used.
 
-    `alone`: what the magnetometer finds by itself, well or badly; `wanted`: ``rate`` and ``dip`` are looked at;
-    `is_signed`: the sign of the dip is known, by which a mirrored axis is told from half a turn afterwards.
+    `alone` is the ellipsoid of the magnetometer alone; of `wanted` only ``rate`` and ``dip`` are tested; `is_signed`
+    states that the sign of the dip is known, which later distinguishes a mirrored axis from half a turn.
 
     Returns
     -------
     axes : Axes, optional
-        How the magnetometer sits among those that can be used, where that is not as recorded.
+        Axes of the magnetometer against the usable instruments, if they differ from the recorded ones.
     mistakes : list of Mistake
     """
-    empty = [mistake for aid in wanted if (mistake := _empty(samples, aid) or _clipped(samples, aid)) is not None]
+    empty = [
+        mistake for aid in wanted if (mistake := _empty_column(samples, aid) or _clipped_gyro(samples, aid)) is not None
+    ]
     wanted = [aid for aid in wanted if aid not in {mistake.aid for mistake in empty}]
     turned = by_rate(samples, alone) if "rate" in wanted else Mounted()
     felt = by_vertical(samples, alone) if "dip" in wanted else Mounted()
     mistakes = []
     if turned.left > EXPLAINED:
-        turned, mistakes = Mounted(), [_strange(turned)]
+        turned, mistakes = Mounted(), [_unrelated_gyro(turned)]
     if not turned.is_as_recorded:
         contradicted = felt.is_as_recorded and not felt.allows(turned.axes)
-        mistakes.append(_misread("rate", turned, contradicted=contradicted, is_signed=is_signed))
+        mistakes.append(_wrong_axes("rate", turned, contradicted=contradicted, is_signed=is_signed))
     is_used = "rate" in wanted and not any(mistake.drops for mistake in mistakes)
     if not felt.is_as_recorded:
         contradicted = is_used and not felt.allows(turned.axes)
-        mistakes.append(_misread("dip", felt, contradicted=contradicted, is_signed=is_signed))
+        mistakes.append(_wrong_axes("dip", felt, contradicted=contradicted, is_signed=is_signed))
     used = [mistake.aid for mistake in mistakes if not mistake.drops]
     return (None if not used else turned.axes if "rate" in used else felt.axes), [*empty, *mistakes]
 
 
 def without_gaps(samples: Samples, wanted: Sequence[str]) -> tuple[Samples, list[Mistake]]:
-    """Fill short gaps of the gyro, see `flinders.likelihood.gyro.bridged`, and say how many readings that was.
+    """Fill short gaps of the gyro, see `flinders.likelihood.gyro.bridged`, with a finding on the share of readings.
 
     >>> from dataclasses import replace
     >>> from flinders import simulate
@@ -179,27 +181,29 @@ def without_gaps(samples: Samples, wanted: Sequence[str]) -> tuple[Samples, list
     if not count:
         return samples, []
     gaps = {"gaps": count, "samples": len(samples), "gap_share": count / len(samples), "longest_gap": gyro.BRIDGED}
-    return replace(samples, rate=rate), [_certain("gyro-gaps", "rate", gaps, drops=False)]
+    return replace(samples, rate=rate), [_certain_mistake("gyro-gaps", "rate", gaps, drops=False)]
 
 
 def of_scales(off: float) -> Mistake:
-    """Say that a gyro's scales are farther off than those of gyros are.
+    """Mistake of a gyro whose scale error is implausibly large.
 
     >>> of_scales(0.2).words[:76]
     "the gyro's scales would be off by 20%, and those of gyros are by 2% or so: c"
     """
-    return _certain("gyro-scales", "rate", {"scales_off": min(off, 1.0), "scale_error": off, "usual": SCALE_SIGMA})
+    return _certain_mistake(
+        "gyro-scales", "rate", {"scales_off": min(off, 1.0), "scale_error": off, "usual": SCALE_SIGMA}
+    )
 
 
 def of_aid_and_gyro(aid: str, off: float) -> Mistake:
-    """Say that an aid does not go with a gyro that by itself goes with the magnetometer."""
-    return _certain("aids-disagree", aid, {"scales_off": min(off, 1.0), "scale_error": off})
+    """Mistake of an aiding sensor that contradicts a gyro which agrees with the magnetometer."""
+    return _certain_mistake("aids-disagree", aid, {"scales_off": min(off, 1.0), "scale_error": off})
 
 
 def of_turns(samples: Samples, aided: Aided, claimed_deg: float = 0.0) -> Mistake | None:
-    """Whether the vertical of an accelerometer leans in turns, by more than what a fit claims explains.
+    """Mistake of an accelerometer whose vertical leans in turns by more than the claim explains; None if it does not.
 
-    A fit without the accelerometer shows it best: one with it bends until little of the lean is left.
+    Use a fit without the accelerometer: a fit with it absorbs most of the lean.
 
     >>> from flinders import simulate
     >>> flown = simulate.tumble(seed=1, motion="flight", n=1500).samples
@@ -213,7 +217,7 @@ def of_turns(samples: Samples, aided: Aided, claimed_deg: float = 0.0) -> Mistak
 
 
 def is_diverged(aid: str, before_deg: float, after_deg: float) -> Mistake | None:
-    """Whether a fit has gone astray with an aid: it claims many times the heading error of the fit without it.
+    """Mistake of an aiding sensor with which a fit claims many times the heading error; None if it does not.
 
     >>> mistake = is_diverged("dip", 2.1, 180.0)
     >>> mistake is not None and mistake.words[:75]
@@ -224,7 +228,7 @@ def is_diverged(aid: str, before_deg: float, after_deg: float) -> Mistake | None
 
 
 def is_implausible(aided: Aided, aid: str) -> Mistake | None:
-    """Whether a vertical, or an attitude, does not go with the readings however the magnetometer sits.
+    """Mistake of a vertical or attitude that contradicts the readings for any mounting; None if it does not.
 
     >>> from flinders.geometry.quaternions import inverse, of_angles, rotated
     >>> attitude = of_angles(np.random.default_rng(1).uniform(-1.5, 1.5, (300, 3)))
@@ -241,9 +245,9 @@ def is_implausible(aided: Aided, aid: str) -> Mistake | None:
 
 
 def one_axis(rate: Floats) -> list[Mistake]:
-    """Say where all turning is about one axis.
+    """Mistakes of a recording in which all rotation is about one axis; empty for others.
 
-    `rate`: (N, 3), rad/s, without the gyro's bias.
+    `rate` is (N, 3), rad/s, without the gyro's bias.
 
     >>> one_axis(np.outer(np.linspace(-1.0, 1.0, 50), [0.0, 0.0, 1.0]))[0].code
     'one-axis'
@@ -253,20 +257,20 @@ def one_axis(rate: Floats) -> list[Mistake]:
 
 
 def is_at_another_site(aided: Aided, site: Site | None) -> bool:
-    """Whether the dip that was found cannot be that of the site, which the fit took it for."""
+    """Whether the fitted dip contradicts that of the site, which the fit assumed."""
     if site is None or site.inclination_deg is None or aided.site_off is None:
         return False
     return is_far(dip_of(aided), site) and abs(aided.site_off) > FAR_SITE_SIGMAS
 
 
 def is_far(seen_deg: float, site: Site, sigma_deg: float = 0.0) -> bool:
-    """Whether a dip, known to so much, is farther from that of the site than iron and rock and chance make it."""
+    """Whether a dip, with its sigma, differs from that of the site by more than iron or rock can cause."""
     beyond = max(FAR_SITE_DEG, FAR_SITE_SIGMAS * sigma_deg)
     return site.inclination_deg is not None and abs(seen_deg - site.inclination_deg) > beyond
 
 
 def wrong_dip(seen_deg: float, site: Site) -> Mistake:
-    """Say that the dip is not the site's; an accelerometer with all signs reversed has that of the other side.
+    """Mistake of a dip that is not the site's; with all signs of an accelerometer reversed, the dip is negated.
 
     >>> from flinders.likelihood.site_field import Site
     >>> wrong_dip(-59.6, Site(inclination_deg=60.0)).words
@@ -281,44 +285,44 @@ accelerometer that lies level reads −g on z; the site was not used'
     else:
         fault = "elsewhere"
     numbers = {"dip_deg": seen_deg, "site_dip_deg": there, "dip_off_deg": abs(seen_deg - there)}
-    return _certain("site-differs", "site", {**numbers, "site_fault": fault})
+    return _certain_mistake("site-differs", "site", {**numbers, "site_fault": fault})
 
 
 def dip_of(aided: Aided) -> float:
-    """The dip in degrees, of a fit that looked for it."""
+    """The fitted dip in degrees."""
     sine = aided.parameters.sine if "sine" in aided.layout else float(aided.parameters.direction[2])
     return float(np.rad2deg(np.arcsin(np.clip(sine, -1.0, 1.0))))
 
 
 def circular(samples: Samples, reference: Aided, dip_deg: float) -> Mistake | None:
-    """Whether a logged yaw comes from a compass that was not calibrated, such as this one.
+    """Mistake of a logged yaw that comes from an uncalibrated compass, such as this one; None if it does not.
 
-    The field, corrected without that yaw and turned into the world by the logged attitude, points the same way at all
-    times if the attitude is right. Two things give a compass away. Readings less some other offset point the same way,
-    and much better so. Or the error goes with the heading, A + B sin ψ + C cos ψ + D sin 2ψ + E cos 2ψ, as a deviation
-    does. How the magnetometer sits comes from the logged vertical, which no yaw disturbs.
+    The field, corrected without that yaw and rotated into the world by the logged attitude, has a constant direction if
+    the attitude is right. Two signs show a compass: the direction is much more constant after subtracting another
+    offset; or the error depends on the heading like a deviation, A + B sin ψ + C cos ψ + D sin 2ψ + E cos 2ψ. The
+    mounting of the magnetometer comes from the logged vertical, which does not depend on yaw.
 
     Parameters
     ----------
     samples : Samples
         With an attitude.
     reference : Aided
-        A fit that knows nothing of that yaw.
+        A fit that does not use that yaw.
     dip_deg : float
-        Inclination at which what it claims is taken.
+        Inclination for the claim of `reference`.
     """
     if samples.attitude is None:
         return None
-    each = 1 if "rate" in reference.aiding else max(1, len(samples) // FOLLOWED)
+    each = 1 if "rate" in reference.aiding else max(1, len(samples) // MAX_READINGS)
     matrices, samples = attitude.body_to_world(samples.attitude[::each]), samples[::each]
     known = np.isfinite(matrices[:, 0, 0])
-    if np.count_nonzero(known) < FEWEST_ATTITUDES:
+    if np.count_nonzero(known) < MIN_ATTITUDES:
         return None
     if "tilt" not in reference.aiding:
         terms = (*(aid for aid in reference.aiding if aid == "rate"), "tilt")
         reference = solve(samples, terms, near=reference, is_rough=True)
     matrices, field = matrices[known], samples.field[known]
-    turned = _from_the_middle(matrices, reference.corrected(field))
+    turned = _angles_from_mean(matrices, reference.corrected(field))
     off = float(np.rad2deg(np.std(turned)))
     claimed = level_error(reference.ellipsoid, reference.covariance[:9, :9], dip_deg=dip_deg).rms
     limit = max(CIRCULAR_DEG, CIRCULAR_SIGMAS * claimed)
@@ -326,7 +330,7 @@ def circular(samples: Samples, reference: Aided, dip_deg: float) -> Mistake | No
     follows = columns[:, 1:] @ np.linalg.lstsq(columns, turned, rcond=None)[0][1:]
     deviation = float(np.rad2deg(np.std(follows)))
     shaped = reference.corrected(field), field @ reference.parameters.rotation.T
-    by_offset = min(float(np.rad2deg(np.std(_less_an_offset(matrices, seated)))) for seated in shaped)
+    by_offset = min(float(np.rad2deg(np.std(_angles_with_offset(matrices, seated)))) for seated in shaped)
     if deviation > limit and np.var(follows) > CIRCULAR_SHARE * np.var(turned):
         amount = deviation
     elif off > limit and by_offset < CIRCULAR_SHARE * off:
@@ -337,31 +341,33 @@ def circular(samples: Samples, reference: Aided, dip_deg: float) -> Mistake | No
 
 
 def vertical_error_deg(field: Floats, acceleration: Floats, calibration: Calibration, estimate: Estimate) -> float:
-    """Heading error (1 σ) by a vertical that leans with the attitude, as the dip of (N, 3) readings shows it.
+    """Heading error (1 σ, degrees) from a vertical that leans with the attitude, by the dip of (N, 3) readings.
 
-    NaN where the accelerometer was shaken, and below `LEAST_TILT_DEG`.
+    NaN if the accelerometer was shaken, and below `MIN_TILT_ERROR_DEG`.
     """
-    if len(field) < FEWEST_STILL:
+    if len(field) < MIN_STILL_READINGS:
         return math.nan
-    field, acceleration = field[: 10 * FOLLOWED], acceleration[: 10 * FOLLOWED]
+    field, acceleration = field[: 10 * MAX_READINGS], acceleration[: 10 * MAX_READINGS]
     near = np.abs(distances(field, estimate.ellipsoid)) <= estimate.rejected_beyond
     field, acceleration = field[near], acceleration[near]
-    own_deg = math.hypot(direction_error_deg(estimate.ellipsoid, estimate.covariance).worst, _lasting_deg(estimate))
+    own_deg = math.hypot(
+        direction_error_deg(estimate.ellipsoid, estimate.covariance).worst, _correlated_error_deg(estimate)
+    )
     added = tilt_error_deg(calibration.apply(field), acceleration, own_deg=own_deg)
-    if not added > LEAST_TILT_DEG:
+    if not added > MIN_TILT_ERROR_DEG:
         return math.nan
-    felt = acceleration[:: max(1, len(acceleration) // FOLLOWED)]
-    return added if scatter_at_rest(felt) < STILL else math.nan
+    felt = acceleration[:: max(1, len(acceleration) // MAX_READINGS)]
+    return added if scatter_at_rest(felt) < MAX_STILL_SCATTER else math.nan
 
 
-def _lasting_deg(estimate: Estimate) -> float:
-    """Angle by which residuals that last move a direction, 1 σ."""
+def _correlated_error_deg(estimate: Estimate) -> float:
+    """Error of a direction from correlated residuals, 1 σ, in degrees."""
     lasting = 0.0 if estimate.correlation is None else max(estimate.correlation.lag_one, 0.0)
     return math.degrees(estimate.noise * math.sqrt(lasting) / estimate.ellipsoid.radius)
 
 
-def _empty(samples: Samples, aid: str) -> Mistake | None:
-    """Say where a column is there and nothing is in it; one that is not there is no matter of this."""
+def _empty_column(samples: Samples, aid: str) -> Mistake | None:
+    """Mistake of a column without values; None also if there is no such column."""
     if aid == "rate" and samples.rate is not None and samples.time is not None:
         inside = gyro.windows(samples.time, samples.rate)
         usable = inside.size
@@ -374,45 +380,47 @@ def _empty(samples: Samples, aid: str) -> Mistake | None:
     return _mistake("aid-empty", aid, {"usable": usable, "samples": len(samples)})
 
 
-def _clipped(samples: Samples, aid: str) -> Mistake | None:
-    """Say where a gyro was at its limit: many readings share the end of an axis, many more than lie just before it."""
+def _clipped_gyro(samples: Samples, aid: str) -> Mistake | None:
+    """Mistake of a saturated gyro: many readings at the end of an axis's range, many more than just before it."""
     if aid != "rate" or samples.rate is None:
         return None
     known = samples.rate[np.isfinite(samples.rate).all(axis=1)]
     for rail in DataQuality.of(Samples.of(known)).rails if len(known) else ():
         inside = np.abs(known[:, rail.axis] - rail.value)
         at_the_end = int(np.count_nonzero(inside == 0.0))
-        width = JUST_BEFORE * float(np.ptp(known[:, rail.axis]))
+        width = NEAR_END_SHARE * float(np.ptp(known[:, rail.axis]))
         next_to_it = float(inside[inside > 0.0].min(initial=np.inf))
         before = int(np.count_nonzero((inside > 0.0) & (inside <= max(width, next_to_it))))
-        if at_the_end > MANY_MORE * before:
+        if at_the_end > MIN_CLIPPED_RATIO * before:
             values = {"clipped_share": rail.share, "gyro_range": abs(rail.value), "axis": "xyz"[rail.axis]}
             return _mistake("gyro-clipped", "rate", values)
     return None
 
 
-def _strange(mounted: Mounted) -> Mistake:
-    """Say that a gyro does not tell how the field moves, in whatever unit and axes."""
-    return _certain("gyro-differs", "rate", {"gyro_leaves": mounted.left})
+def _unrelated_gyro(mounted: Mounted) -> Mistake:
+    """Mistake of a gyro that does not explain the change of the field in any unit and axes."""
+    return _certain_mistake("gyro-differs", "rate", {"gyro_leaves": mounted.left})
 
 
-def _misread(aid: str, mounted: Mounted, *, contradicted: bool, is_signed: bool) -> Mistake:
-    """What is wrong with an instrument, and whether it can be used all the same."""
+def _wrong_axes(aid: str, mounted: Mounted, *, contradicted: bool, is_signed: bool) -> Mistake:
+    """Mistake of an instrument in wrong axes or a wrong unit, and whether it is left out."""
     if mounted.unit != RAD_S or (aid == "rate" and mounted.axes == REVERSED):
         rate_unit = "" if mounted.unit == RAD_S else mounted.unit
         axes = "" if mounted.axes.is_identity else str(mounted.axes)
-        return _certain("gyro-unit", aid, {"times_better": mounted.better, "rate_unit": rate_unit, "axes": axes})
+        return _certain_mistake(
+            "gyro-unit", aid, {"times_better": mounted.better, "rate_unit": rate_unit, "axes": axes}
+        )
     drops = contradicted or not mounted.is_clear or mounted.axes.is_mirror
     is_half_turn = mounted.axes.order == (0, 1, 2) and not is_signed
     clear = "half-turned" if is_half_turn else "clear"
     seat = "contradicted" if contradicted else clear if mounted.is_clear else "unclear"
     seat = "mirrored" if mounted.axes.is_mirror else seat
     values = {"times_better": mounted.better, "axes": str(mounted.axes), "seat": seat}
-    return _certain("swapped-axes", aid, values, drops=drops)
+    return _certain_mistake("swapped-axes", aid, values, drops=drops)
 
 
-def _from_the_middle(matrices: Floats, corrected: Floats) -> Floats:
-    """(N,) angle of a field (N, 3) in the world's plane from its mean direction, rad."""
+def _angles_from_mean(matrices: Floats, corrected: Floats) -> Floats:
+    """(N,) horizontal angle of a field (N, 3) in world axes from its mean direction, rad."""
     world = np.einsum("nij,nj->ni", matrices, corrected)
     across = world[:, 0] + 1j * world[:, 1]
     middle = np.sum(across)
@@ -420,38 +428,38 @@ def _from_the_middle(matrices: Floats, corrected: Floats) -> Floats:
     return angles
 
 
-def _less_an_offset(matrices: Floats, field: Floats) -> Floats:
-    """(N,) angles from the mean direction that are left once the offset is removed with which they are least.
+def _angles_with_offset(matrices: Floats, field: Floats) -> Floats:
+    """(N,) angles from the mean direction, in rad, after subtracting the offset that minimises them.
 
-    What is left across the mean direction is linear in the offset; the direction follows in a few rounds.
+    The component across the mean direction is linear in the offset; the direction converges in a few rounds.
     """
     offset = np.zeros(3)
-    for _ in range(ROUNDS):
+    for _ in range(MAX_ROUNDS):
         north = np.einsum("nij,nj->i", matrices, field - offset)
         east = np.array([-north[1], north[0], 0.0]) / max(float(np.hypot(north[0], north[1])), 1e-300)
         rows = np.einsum("i,nij->nj", east, matrices)
         offset = np.linalg.lstsq(rows, np.einsum("nj,nj->n", rows, field), rcond=1e-6)[0]
-    return _from_the_middle(matrices, field - offset)
+    return _angles_from_mean(matrices, field - offset)
 
 
 MEAN_S: Final = 1.0
-"""Over which noise is averaged; turns last longer."""
+"""Duration over which readings are averaged; turns last longer."""
 
-FEWEST: Final = 20
-"""Means of nine unknowns."""
+MIN_MEANS: Final = 20
+"""Smallest count of means, for nine unknowns."""
 
 
 def lean_in_turns_deg(samples: Samples, aided: Aided) -> float:
-    """Angle (rms) by which the vertical of an accelerometer leans with the rate of turning.
+    """Angle (rms, degrees) by which the vertical of an accelerometer leans in proportion to the rate of rotation.
 
-    A vehicle that turns at the rate ω at speed s is accelerated by sω to one side of its body, and its vertical v leans
-    to the other, by ωw, with w at rest in the body. In the dip of a fit, |v| sin I − vᵀq, that leaves ω wᵀq: means over
-    a second are regressed on the three products, and |w| times the rms rate is the lean. Where a fit knows nothing of
-    the accelerometer, its rotation against the magnetometer leaves a multiple of each of v × q, and its bias one of
-    each of q − (vᵀq)v: both are regressed on as well.
+    A vehicle that turns at the rate ω with speed s is accelerated sideways by sω, and its vertical v leans to the other
+    side by ωw, with w constant in the body. The residual of the dip of a fit, |v| sin I − vᵀq, then contains ω wᵀq.
+    Means over 1 s are regressed on the three products, and |w| times the rms rate is the lean. If the fit does not
+    include the accelerometer, its rotation against the magnetometer adds multiples of the components of v × q, and its
+    bias multiples of those of q − (vᵀq)v: these are further regressors.
 
-    `samples`: with times and an acceleration, or there is nothing to see; `aided`: a fit to them, best without ``dip``:
-    that one bends until less of the lean is left. Returns degrees, 0 where nothing is seen.
+    `samples` need times and an acceleration; `aided` is a fit to them, best without ``dip``, as a fit with it absorbs
+    part of the lean. The result is 0 if no lean can be determined.
 
     >>> from flinders import simulate
     >>> swayed, flown = (simulate.tumble(seed=1, motion=motion, n=1500).samples for motion in ("swayed", "flight"))
@@ -472,7 +480,7 @@ def lean_in_turns_deg(samples: Samples, aided: Aided) -> float:
     across = q - np.einsum("ni,ni->n", vertical, q)[:, np.newaxis] * vertical
     others = () if "sine" in aided.layout else (np.cross(vertical, q), across)
     rows = _means(np.column_stack([left, turning, turning[:, np.newaxis] * q, *others]), time)
-    if len(rows) < FEWEST:
+    if len(rows) < MIN_MEANS:
         return 0.0
     rows -= rows.mean(axis=0)
     lean = np.linalg.lstsq(rows[:, 2:], rows[:, 0], rcond=1e-6)[0][:3]
@@ -480,7 +488,7 @@ def lean_in_turns_deg(samples: Samples, aided: Aided) -> float:
 
 
 def _means(rows: Floats, time: Floats) -> Floats:
-    """(M, K) means of (N, K) rows over `MEAN_S`."""
+    """(M, K) means of (N, K) rows over intervals of `MEAN_S`."""
     each = max(1, round(MEAN_S / float(np.median(np.diff(time)))))
     whole = len(rows) // each * each
     means: Floats = rows[:whole].reshape(-1, each, rows.shape[1]).mean(axis=1)

@@ -1,8 +1,9 @@
-"""Whether an axis of the magnetometer has the wrong sign, which makes it left-handed.
+"""Test whether an axis of the magnetometer has the wrong sign, which makes its axes left-handed.
 
-Neither a gyro nor the dip shows that by itself. With F the change of sign of one axis, −F turns by 180° about it, and
-readings F m are those of a sensor turned by −F in a field −m; that is turned as m is by a gyro, and keeps its angle to
-the vertical. What tells the two is the sign of the dip, of which the site knows.
+Neither a gyro nor the constancy of the dip shows that. Let F reverse the sign of one axis; then −F is a rotation by
+180° about it, and readings F m are those of a sensor rotated by −F in a field −m. A gyro explains the change of −m as
+well as that of m, and the angle of −m to the vertical is constant as well. Only the sign of the dip, known from the
+site, distinguishes the two.
 
 >>> from flinders.likelihood.site_field import Site
 >>> mistake = mirrored_axis(-64.1, Site(inclination_deg=64.0), np.diag([1.0, -1.0, -1.0]))
@@ -30,21 +31,21 @@ if TYPE_CHECKING:
     from flinders.geometry.ellipsoid import Ellipsoid
     from flinders.likelihood.site_field import Site
 
-MIRROR_DEG: Final = 10.0
-"""How far the dip that a mirrored sensor shows may be off the site's with the other sign: iron and rock are near."""
+MAX_DIP_DIFFERENCE_DEG: Final = 10.0
+"""Largest difference between the dip of a mirrored sensor and the negated dip of the site, for iron or rock nearby."""
 
 
 def mirrored_axis(seen_deg: float, site: Site, rotation: Floats | None) -> Mistake | None:
-    """The mistake of an axis with the wrong sign; None where the dip does not show one.
+    """Mistake of an axis with the wrong sign; None if the dip does not show one.
 
-    It does where the dip has the sign of the site's only with that axis turned over.
+    The dip shows one if it has the sign of the site's dip only after the sign of that axis is reversed.
 
     Parameters
     ----------
     seen_deg : float
-        Dip that the readings show when they are turned by `rotation`.
+        Dip of the readings rotated by `rotation`.
     rotation : (3, 3) float, optional
-        From the axes of the magnetometer to those of the body. Of one nearest to unity, or unknown, nothing is said.
+        From the axes of the magnetometer to those of the body. The result is None if unknown or nearest to unity.
     """
     there = site.inclination_deg or 0.0
     turned = None if rotation is None else nearest_to(rotation)
@@ -52,7 +53,7 @@ def mirrored_axis(seen_deg: float, site: Site, rotation: Floats | None) -> Mista
         return None
     if not (seen_deg * there < 0.0 and min(abs(seen_deg), abs(there)) > STEEP_DEG):
         return None
-    if abs(seen_deg + there) > MIRROR_DEG:
+    if abs(seen_deg + there) > MAX_DIP_DIFFERENCE_DEG:
         return None
     mended = turned.opposite
     numbers = {"handedness": -1.0, "dip_deg": seen_deg, "site_dip_deg": there}
@@ -61,7 +62,7 @@ def mirrored_axis(seen_deg: float, site: Site, rotation: Floats | None) -> Mista
 
 
 def middle_dip_deg(samples: Samples, ellipsoid: Ellipsoid, axes: Axes) -> float:
-    """Median dip by an accelerometer, which may lean in turns, of a magnetometer whose axes are turned; NaN without."""
+    """Median dip of a magnetometer with other `axes`, by an accelerometer that may lean in turns; NaN without one."""
     if samples.acceleration is None:
         return math.nan
     down, trust = dip.verticals(samples.acceleration)

@@ -1,19 +1,18 @@
-"""Whether a calibration stayed what it was: a random walk of the offset, followed through a recording.
+"""Random walk of the offset within a recording, as a test whether a calibration stayed valid.
 
-The shape is kept, and the offset may wander by q per root of a second,
+The shape is fixed, and the offset changes by q per root of a second,
 
     b(t + dt) = b(t) + w,   cov w = q² dt · 1,        s_k = n_k · (b(t_k) − b) + noise
 
-with s and n the Sampson distance and the normal of each reading. Readings of a short span are put together to
-their normal equations, Σ n nᵀ and Σ n s; a Kalman filter goes over the spans, and a smoother back. q is that which
-makes the recording most likely; without a walk (q = 0) it is the fit that it began with, and the gain in twice the
-logarithm of the likelihood says which of both is true: as q cannot be negative, chance alone makes more than 2.7 in
-one recording of twenty. Correlated residuals count for as many as are independent, else a body near iron
-would pass for a walk.
+with s and n the Sampson distance and the normal of each reading. Readings of a short span are summed to their normal
+equations, Σ n nᵀ and Σ n s; a Kalman filter runs over the spans, and a smoother back. q maximises the likelihood of the
+recording. Without a walk (q = 0) the offset is that of the fit; twice the logarithm of the likelihood ratio tests
+against that: as q cannot be negative, it exceeds 2.7 by chance in one recording of twenty. Correlated residuals count
+as the equivalent number of independent ones, else a body near iron would be mistaken for a walk.
 
-When to use it: for a recording over minutes or hours, whose sensor warms up, whose cargo moves. Not to correct with:
-the offset that it ends with is as uncertain as few readings make it. A single step looks like a walk as well, and
-`path` shows when it came.
+When to use it: for a recording over minutes or hours in which the sensor warms up or cargo moves. Do not correct with
+the last offset, which is as uncertain as if it came from a few readings. A single step also appears as a walk, and
+`path` shows its time.
 
 Source: Kalman (1960); smoothing after Rauch, Tung, Striebel (1965); the variance of a walk by its innovations as in
 Harvey, "Forecasting, Structural Time Series Models and the Kalman Filter" (1989), §3.4.
@@ -56,56 +55,55 @@ if TYPE_CHECKING:
     from flinders.geometry.plane import Plane
 
 SPANS: Final = 200
-"""Spans that a recording is cut into."""
+"""Count of spans that a recording is cut into."""
 
 FEWEST: Final = 100
-"""Readings below which a walk is not told from noise."""
+"""Smallest count of readings; with fewer a walk cannot be distinguished from noise."""
 
-NEAR: Final = 4.0
-"""Standard deviations of a residual, beyond which it is one of a stray and counts as those at that distance."""
+MAX_RESIDUAL_SIGMAS: Final = 4.0
+"""Standard deviations at which a residual is clipped, as that of an outlier."""
 
-PROVEN: Final = 2.7
-"""Twice the logarithm of a likelihood ratio that chance makes more of in one recording of twenty."""
+MIN_LIKELIHOOD_GAIN: Final = 2.7
+"""Twice the logarithm of the likelihood ratio that chance exceeds in one recording of twenty."""
 
-TRIED: Final = 25
-"""Sizes of a walk that are tried, from none to one field over the recording."""
+TRIAL_SIZES: Final = 25
+"""Count of trial sizes of a walk, from none to one field strength over the recording."""
 
 BARS: Final = "▁▂▃▄▅▆▇█"
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class RandomWalk:
-    """How the offset moved over a recording."""
+    """Random walk of the offset in a recording."""
 
     random_walk_per_root_s: float  #: q, in the unit of the readings; the most likely one, 0 for a constant offset
-    random_walk_upper_bound: float  #: what q could be with nineteen chances of twenty
-    log_likelihood_gain: float  #: twice the logarithm of how much likelier the walk is than a constant offset
+    random_walk_upper_bound: float  #: upper limit of q with a probability of 95 %
+    log_likelihood_gain: float  #: twice the logarithm of the likelihood ratio of the walk and a constant offset
     time: Floats  #: (K,), s: middle of each span
-    path: Floats  #: (K, 3): offset there, less that of the fit; where no walk is proven, one and the same all along
-    #: (K, 3): its standard deviation; where no walk is proven, how far from `path` the largest that it could be may
-    #: have been, rms
+    path: Floats  #: (K, 3): offset at `time` minus that of the fit; constant if no walk is proven
+    #: (K, 3): standard deviation of `path`; if no walk is proven, rms distance from `path` of the largest possible walk
     sigma: Floats
     field: float  #: radius of the ellipsoid, in the same unit
 
     @property
     def is_proven(self) -> bool:
-        """It is no chance that the offset moved."""
-        return self.log_likelihood_gain > PROVEN
+        """Whether the offset moved significantly."""
+        return self.log_likelihood_gain > MIN_LIKELIHOOD_GAIN
 
     @property
     def offset_change(self) -> float:
-        """How far the offset went at the most from where it began, in the unit of the readings."""
+        """Largest distance of the offset from its start, in the unit of the readings."""
         return float(np.linalg.norm(self.path - self.path[0], axis=1).max())
 
     @property
     def seconds(self) -> float:
-        """How long the recording is."""
+        """Duration of the recording."""
         return float(self.time[-1] - self.time[0])
 
     def valid_for_s(self, level_deg: float, *, dip_deg: float = 60.0) -> float:
-        """For how long a calibration holds to a heading error (1 σ), in s, if the offset goes on as it did.
+        """Time in s until the walk causes a heading error of `level_deg` (1 σ).
 
-        A walk turns the heading by q √t / (F cos dip); where none is proven, the largest that it could be counts.
+        A walk changes the heading by q √t / (F cos dip). If none is proven, the largest possible walk is used.
 
         >>> walk = RandomWalk(0.0, 0.01, 0.0, np.zeros(1), np.zeros((1, 3)), np.zeros((1, 3)), 50.0)
         >>> round(walk.valid_for_s(1.0) / 60.0)
@@ -117,37 +115,37 @@ class RandomWalk:
 
     @property
     def at_most_moved(self) -> float:
-        """How far (1 σ) the largest walk that it could be goes over the recording, in the unit of the readings."""
+        """Change of the offset (1 σ) by the largest possible walk over the recording, in the unit of the readings."""
         return float(self.random_walk_upper_bound * np.sqrt(self.seconds))
 
     def is_determined(self, level_deg: float, *, dip_deg: float = 60.0) -> bool:
-        """Whether the recording tells if the offset stayed: a walk that goes beyond this level in it would show."""
+        """Whether a walk that causes a heading error of `level_deg` within the recording would be detected."""
         return self.is_proven or self.valid_for_s(level_deg, dip_deg=dip_deg) >= self.seconds
 
     def words(self, unit: str, *, level_deg: float = 1.0, dip_deg: float = 60.0) -> str:
-        """Say how far the offset moved, and for how long a calibration holds."""
+        """Sentence on the change of the offset, and on how long a calibration stays within `level_deg`."""
         lifetime = duration(self.valid_for_s(level_deg, dip_deg=dip_deg))
         least = "" if self.is_proven else "at least "
         story = self.story(unit, level_deg=level_deg, dip_deg=dip_deg)
         return f"{story}; {level_deg:g}° of heading (1 σ, dip {dip_deg:.0f}°) takes {least}{lifetime}"
 
     def story(self, unit: str, *, level_deg: float = 1.0, dip_deg: float = 60.0) -> str:
-        """Say how far the offset moved, or that nobody can tell to this level."""
+        """Sentence on the change of the offset, or that it cannot be determined to `level_deg`."""
         over = duration(self.seconds)
         if not self.is_determined(level_deg, dip_deg=dip_deg):
             return (
-                f"cannot tell whether the offset stayed where it was: {figures(self.at_most_moved)} {unit} over {over} "
+                f"cannot determine whether the offset moved: {figures(self.at_most_moved)} {unit} over {over} "
                 "would not show in this recording"
             )
         if not self.is_proven:
-            return f"the offset stayed where it was over {over}, as far as this recording tells"
+            return f"the offset did not move over {over}, as far as this recording shows"
         return (
             f"the offset moved by up to {figures(self.offset_change)} {unit} over {over}, as in a "
             f"random walk of {figures(self.random_walk_per_root_s)} {unit}/√s"
         )
 
     def drawn(self, width: int = 60) -> str:
-        """Draw how far the offset was from where it began, in a line of bars.
+        """Line of bars that shows the distance of the offset from its start over time.
 
         >>> path = np.outer(np.linspace(0.0, 7.0, 8), [1.0, 0.0, 0.0])
         >>> RandomWalk(1.0, 1.0, 9.0, np.arange(8.0), path, np.ones((8, 3)), 50.0).drawn(8)
@@ -160,10 +158,10 @@ class RandomWalk:
         return "".join(BARS[round(float(height / most) * (len(BARS) - 1))] for height in heights)
 
     def as_dict(self, *, level_deg: float = 1.0, dip_deg: float = 60.0) -> dict[str, Any]:
-        """JSON-ready; `valid_for_s` is None for any time, ."""
+        """JSON-ready; `valid_for_s` is None if unlimited."""
         valid_for_s = self.valid_for_s(level_deg, dip_deg=dip_deg)
         return {
-            "limit_deg": level_deg,  # heading error (1 σ) that `valid_for_s` is for
+            "limit_deg": level_deg,  # heading error (1 σ) for `valid_for_s`
             "valid_for_s": valid_for_s if np.isfinite(valid_for_s) else None,
             "random_walk_per_root_s": self.random_walk_per_root_s,
             "random_walk_upper_bound": self.random_walk_upper_bound,
@@ -179,7 +177,7 @@ class RandomWalk:
 
 
 class _Spans(NamedTuple):
-    """What the readings of each span say of the offset, in standard deviations."""
+    """Normal equations of the offset for each span, in standard deviations."""
 
     time: Floats  #: (K,), s
     information: Floats  #: (K, 3, 3): Σ n nᵀ / σ²
@@ -195,11 +193,11 @@ def random_walk_of(
     dip_deg: float = 60.0,
     is_own: bool = True,
 ) -> RandomWalk:
-    """Follow the offset through a recording.
+    """Estimate the random walk of the offset in a recording.
 
-    What was turned in one plane tells of the offset in that plane alone, and across it nothing is said to move.
+    Readings in one plane determine the offset in that plane alone; across it the offset is constant.
 
-    Raises `NeedsSamples` without times that go forward; `TooFewSamples` for fewer than a hundred readings.
+    Raises `NeedsSamples` without increasing times; `TooFewSamples` for fewer than 100 readings.
 
     Parameters
     ----------
@@ -207,45 +205,49 @@ def random_walk_of(
         In the order of recording.
     time : (N,) float, s
     ellipsoid : Ellipsoid
-        The fit to them.
+        Fit to the readings.
     plane : str, optional
-        That of a fit to readings of one plane.
+        Plane of a fit to readings in one plane.
     dip_deg : float
-        With a plane: the inclination that the fit was made with.
+        With a plane: the inclination of the fit.
     is_own : bool
-        The ellipsoid is the fit to these readings, and what they lie off it is noise. Of another one, noise is what is
-        left beside a course of twelve pieces.
+        Whether the ellipsoid is the fit to these readings, so that their residuals are noise. For another ellipsoid,
+        noise is the residual after subtracting a constant offset in each of twelve pieces.
     """
     if time is None or not bool(np.all(np.diff(time) >= 0.0)) or time[-1] <= time[0]:
         raise NeedsSamples("walk")
     if len(readings) < FEWEST:
         raise TooFewSamples(found=len(readings), needed=FEWEST, method="walk")
-    laid = (readings, ellipsoid) if plane is None else _laid_flat(readings, ellipsoid, plane, dip_deg)
+    laid = (readings, ellipsoid) if plane is None else _flatten(readings, ellipsoid, plane, dip_deg)
     spans = _spans(*laid, time, is_own=is_own)
-    sizes = np.append(0.0, np.geomspace(1e-6, 1.0, TRIED - 1) * ellipsoid.radius / np.sqrt(time[-1] - time[0]))
+    sizes = np.append(0.0, np.geomspace(1e-6, 1.0, TRIAL_SIZES - 1) * ellipsoid.radius / np.sqrt(time[-1] - time[0]))
     likelihoods = _filtered(spans, sizes, ellipsoid.radius).likelihood
     gain = 2.0 * float(likelihoods.max() - likelihoods[0])
-    q = _refined(sizes, likelihoods, int(np.argmax(likelihoods)))
-    at_most = float(sizes[likelihoods > likelihoods.max() - PROVEN / 2.0].max())
-    path, sigma = _followed(spans, q, ellipsoid.radius) if gain > PROVEN else _steady(spans, at_most, ellipsoid.radius)
+    q = _refine_size(sizes, likelihoods, int(np.argmax(likelihoods)))
+    at_most = float(sizes[likelihoods > likelihoods.max() - MIN_LIKELIHOOD_GAIN / 2.0].max())
+    path, sigma = (
+        _smoothed_path(spans, q, ellipsoid.radius)
+        if gain > MIN_LIKELIHOOD_GAIN
+        else _constant_path(spans, at_most, ellipsoid.radius)
+    )
     return RandomWalk(q, at_most, gain, spans.time, path, sigma, ellipsoid.radius)
 
 
-def _followed(spans: _Spans, q: float, radius: float) -> tuple[Floats, Floats]:
-    """Path (K, 3) of a walk, and its standard deviation (K, 3)."""
+def _smoothed_path(spans: _Spans, q: float, radius: float) -> tuple[Floats, Floats]:
+    """Path (K, 3) of a walk of size q, and its standard deviation (K, 3)."""
     path, covariance = _smoothed(_filtered(spans, np.array([q]), radius))
     return path[:, 0], _sigma(covariance[:, 0])
 
 
-def _steady(spans: _Spans, at_most: float, radius: float) -> tuple[Floats, Floats]:
-    """One offset (K, 3) all along, and how far (K, 3) from it a walk of this size may have been, rms."""
+def _constant_path(spans: _Spans, at_most: float, radius: float) -> tuple[Floats, Floats]:
+    """Constant path (K, 3), and rms distance (K, 3) from it of a walk of size `at_most`."""
     paths, covariances = _smoothed(_filtered(spans, np.array([0.0, at_most]), radius))
-    path = np.tile(paths[-1, 0], (len(paths), 1))  # rounding apart the same in all spans
+    path = np.tile(paths[-1, 0], (len(paths), 1))  # the same in all spans except for rounding
     return path, np.hypot(paths[:, 1] - path, _sigma(covariances[:, 1]))
 
 
 def _sigma(covariance: Floats) -> Floats:
-    """(K, 3) standard deviations."""
+    """(K, 3) standard deviations of (K, 3, 3) covariances."""
     sigma: Floats = np.sqrt(np.maximum(np.einsum("kii->ki", covariance), 0.0))
     return sigma
 
@@ -258,9 +260,9 @@ def walk_through(
     dip_deg: float = 60.0,
     is_own: bool = True,
 ) -> RandomWalk:
-    """Follow the offset through a recording, or through the first of several: nobody knows what was between two.
+    """Estimate the random walk of the offset in a recording, or in the first of several.
 
-    As `random_walk_of` otherwise.
+    Times between recordings are unknown. Other parameters are as for `random_walk_of`.
 
     Raises `NeedsSamples` or `TooFewSamples` as `random_walk_of`.
     """
@@ -274,8 +276,8 @@ def walk_through(
     return random_walk_of(field, time, ellipsoid, plane=plane, dip_deg=dip_deg, is_own=is_own)
 
 
-def _laid_flat(readings: Floats, ellipsoid: Ellipsoid, plane: Plane, dip_deg: float) -> tuple[Floats, Ellipsoid]:
-    """Readings without what they are across their plane, and the ellipsoid whose equator is the ellipse in it."""
+def _flatten(readings: Floats, ellipsoid: Ellipsoid, plane: Plane, dip_deg: float) -> tuple[Floats, Ellipsoid]:
+    """Readings projected into their plane, and the ellipsoid whose equator is the ellipse in it."""
     first, second, third = order_of(plane)
     seen, dip = [first, second], np.deg2rad(dip_deg)
     centre = ellipsoid.centre[seen] + np.sin(dip) * ellipsoid.shape[seen, third]
@@ -287,14 +289,14 @@ def _laid_flat(readings: Floats, ellipsoid: Ellipsoid, plane: Plane, dip_deg: fl
 
 
 def _spans(readings: Floats, ellipsoid: Ellipsoid, time: Floats, *, is_own: bool = True) -> _Spans:
-    """Put readings together, a reading that is far off with no more weight than one at the limit."""
+    """Sum readings to the normal equations of spans, with residuals clipped."""
     distances = magnitude.distances(readings, ellipsoid)
     jacobian = magnitude.information(directions_of(readings, ellipsoid), ellipsoid)
-    residuals = distances if is_own else distances - _in_pieces(distances, jacobian, time)
+    residuals = distances if is_own else distances - _piecewise_effect(distances, jacobian, time)
     noise = max(robust_sigma(residuals), 1e-9 * ellipsoid.radius)
-    weights = np.minimum(1.0, NEAR * noise / np.maximum(np.abs(residuals), np.finfo(float).tiny)) ** 2
+    weights = np.minimum(1.0, MAX_RESIDUAL_SIGMAS * noise / np.maximum(np.abs(residuals), np.finfo(float).tiny)) ** 2
     left = distances * np.sqrt(weights)
-    alike = _time_of_noise(left, jacobian, time)
+    alike = _correlation_length(left, jacobian, time)
     normals = jacobian[:, :3] * (weights / (noise**2 * alike))[:, np.newaxis]
     edges = np.linspace(time[0], time[-1], min(SPANS, len(time) // 10) + 1)
     span = np.clip(np.searchsorted(edges, time, side="right") - 1, 0, len(edges) - 2)
@@ -305,14 +307,14 @@ def _spans(readings: Floats, ellipsoid: Ellipsoid, time: Floats, *, is_own: bool
     return _Spans((edges[:-1] + edges[1:]) / 2.0, information, gradient)
 
 
-def _time_of_noise(left: Floats, jacobian: Floats, time: Floats) -> float:
-    """Readings that say as much as one independent one, once a walk of a few spans was subtracted from them."""
-    residuals = Residuals(left - _in_pieces(left, jacobian, time), jacobian, [np.arange(len(left))])
+def _correlation_length(left: Floats, jacobian: Floats, time: Floats) -> float:
+    """Count of readings equivalent to one independent reading, after subtracting a walk over few spans."""
+    residuals = Residuals(left - _piecewise_effect(left, jacobian, time), jacobian, [np.arange(len(left))])
     return max(1.0, time_of(residuals.autocovariance()))
 
 
-def _in_pieces(left: Floats, jacobian: Floats, time: Floats) -> Floats:
-    """(N,) what offsets make of distances that stay the same for a twelfth of the recording each."""
+def _piecewise_effect(left: Floats, jacobian: Floats, time: Floats) -> Floats:
+    """(N,) effect on the distances of an offset that is constant in each twelfth of the recording."""
     slow = np.clip(((time - time[0]) / (time[-1] - time[0]) * 12.0).astype(int), 0, 11)
     smooth = np.zeros(len(left))
     for part in range(12):
@@ -323,25 +325,27 @@ def _in_pieces(left: Floats, jacobian: Floats, time: Floats) -> Floats:
     return smooth
 
 
-class _Filtered(NamedTuple):
-    """What a Kalman filter knew after each span, and before it, for each of T sizes of a walk."""
+class _FilterRun(NamedTuple):
+    """States and covariances of a Kalman filter before and after each span, for each of T sizes of a walk."""
 
-    likelihood: Floats  #: (T,): logarithm of the recording's, but for a constant
+    likelihood: Floats  #: (T,): logarithm of the likelihood, up to a constant
     before: Floats  #: (K, T, 3)
     after: Floats  #: (K, T, 3)
     covariance_before: Floats  #: (K, T, 3, 3)
     covariance_after: Floats  #: (K, T, 3, 3)
 
 
-def _filtered(spans: _Spans, sizes: Floats, radius: float) -> _Filtered:
-    """Go over the spans, in information form: of g = Σ n s / σ² with N = Σ n nᵀ / σ², g − N b has the covariance N.
+def _filtered(spans: _Spans, sizes: Floats, radius: float) -> _FilterRun:
+    """Run Kalman filters over the spans in information form.
+
+    With g = Σ n s / σ² and N = Σ n nᵀ / σ², g − N b has the covariance N.
 
     Parameters
     ----------
     sizes : (T,) float
-        Of a walk, q; a filter for each of them goes along.
+        Sizes q of a walk, with one filter for each.
     radius : float
-        Of the ellipsoid: the offset begins within a tenth of it.
+        Radius of the ellipsoid; the initial offset has a standard deviation of a tenth of it.
     """
     count, unity = len(spans.time), np.eye(3)
     steps = np.diff(spans.time, prepend=spans.time[0])
@@ -359,16 +363,16 @@ def _filtered(spans: _Spans, sizes: Floats, radius: float) -> _Filtered:
         wider = unity + covariance @ information
         gained = np.linalg.solve(wider, covariance)  # (P⁻¹ + N)⁻¹
         moved = np.einsum("tij,tj->ti", gained, innovation)
-        likelihood += state @ gradient - 0.5 * np.einsum("ti,ti->t", predicted, state)  # of what was predicted
+        likelihood += state @ gradient - 0.5 * np.einsum("ti,ti->t", predicted, state)  # of the predicted state
         likelihood += 0.5 * (np.einsum("ti,ti->t", innovation, moved) - np.linalg.slogdet(wider)[1])
         state = state + moved
         covariance = (gained + gained.swapaxes(1, 2)) / 2.0
         after[place], covariance_after[place] = state, covariance
-    return _Filtered(likelihood, before, after, covariance_before, covariance_after)
+    return _FilterRun(likelihood, before, after, covariance_before, covariance_after)
 
 
-def _smoothed(filtered: _Filtered) -> tuple[Floats, Floats]:
-    """Paths (K, T, 3) and their covariance (K, T, 3, 3), knowing the whole recording; Rauch, Tung and Striebel."""
+def _smoothed(filtered: _FilterRun) -> tuple[Floats, Floats]:
+    """Smoothed paths (K, T, 3) and their covariance (K, T, 3, 3), after Rauch, Tung and Striebel."""
     path, covariance = filtered.after.copy(), filtered.covariance_after.copy()
     ahead = filtered.covariance_before[1:]
     gains = np.linalg.solve(ahead, filtered.covariance_after[:-1]).swapaxes(2, 3)
@@ -379,8 +383,8 @@ def _smoothed(filtered: _Filtered) -> tuple[Floats, Floats]:
     return path, covariance
 
 
-def _refined(sizes: Floats, likelihoods: Floats, best: int) -> float:
-    """The most likely size by a parabola in its logarithm; none where none is best."""
+def _refine_size(sizes: Floats, likelihoods: Floats, best: int) -> float:
+    """The most likely size, by a parabola in its logarithm; 0 if no walk is most likely."""
     if best == 0:
         return 0.0
     if not 1 < best < len(sizes) - 1:

@@ -1,8 +1,7 @@
-"""Several recordings of one sensor, compared with each other.
+"""Comparison of several recordings of one sensor with each other.
 
-Each is fitted on its own. As far as they scatter beyond what each claims, something changed from one to the
-next: a battery that moved, another place, the cover put on. A joint fit smooths that over, and its
-residuals hardly show it.
+Each is fitted separately. A scatter beyond their claims shows that something changed between recordings: a battery that
+moved, another place, the cover put on. The residuals of a joint fit hardly show it.
 
 >>> from flinders.geometry.ellipsoid import Ellipsoid
 >>> sphere, moved = (Ellipsoid(np.array([x, 0.0, 0.0]), 50.0 * np.eye(3)) for x in (0.0, 3.0))
@@ -33,12 +32,12 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class RecordingFit:
-    """One recording of several, fitted on its own."""
+    """Separate fit of one recording of several."""
 
     source: str
     samples: int  #: readings used
     ellipsoid: Ellipsoid
-    covariance: Floats  #: (9, 9): of (b, S), in unit²
+    covariance: Floats  #: (9, 9): of offset b and shape S, in unit²
 
     @property
     def parameters(self) -> Floats:
@@ -48,29 +47,29 @@ class RecordingFit:
 
 @dataclass(frozen=True, slots=True)
 class Repeat:
-    """How one recording stands to the others."""
+    """Comparison of one recording with the others."""
 
     source: str  #: name of the recording
     samples: int  #: readings used
-    claimed_deg: float  #: worst level heading error that it claims on its own, 1 σ
+    claimed_deg: float  #: claimed worst level heading error of its separate fit, 1 σ
     difference_deg: float  #: worst level heading difference from the others
-    difference_sigma_deg: float  #: what both claim of that difference, 1 σ
-    offset_difference: float  #: distance of its offset from theirs, in the unit of the readings
-    p_value: float  #: how often chance alone makes one recording of so many differ as much, over all nine parameters
+    difference_sigma_deg: float  #: standard deviation of that difference by both claims
+    offset_difference: float  #: distance of its offset from that of the others, in the unit of the readings
+    p_value: float  #: probability that one of so many recordings differs as much by chance, over all nine parameters
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Repeats:
-    """Recordings of one sensor against each other."""
+    """Comparison of recordings of one sensor."""
 
-    parts: tuple[Repeat, ...]  #: in the order given; those that give no fit of their own are not among them
-    scatter: Floats  #: (9, 9): what their scatter adds to the covariance of a joint fit, in unit²
-    scatter_deg: float  #: worst level heading error (1 σ) from that alone
-    p_value: float  #: how often chance alone scatters them as far
+    parts: tuple[Repeat, ...]  #: in the order given, without recordings that give no separate fit
+    scatter: Floats  #: (9, 9): addition to the covariance of a joint fit by the scatter, in unit²
+    scatter_deg: float  #: worst level heading error (1 σ) from the scatter alone
+    p_value: float  #: probability of as much scatter by chance
 
     @property
     def farthest(self) -> Repeat:
-        """The recording that chance explains least."""
+        """The recording with the smallest p-value."""
         return min(self.parts, key=lambda part: (part.p_value, -part.difference_deg))
 
     def as_dict(self) -> dict[str, Any]:
@@ -83,7 +82,7 @@ class Repeats:
 
 
 def compared(parts: Sequence[RecordingFit], *, dip_deg: float) -> Repeats:
-    """Hold two or more recordings against each other, for a level vehicle at a dip."""
+    """Compare two or more recordings, for a level vehicle at a dip."""
     parameters, covariances = [part.parameters for part in parts], [part.covariance for part in parts]
     together = pool(parameters, covariances)
     middle = parts[0].ellipsoid

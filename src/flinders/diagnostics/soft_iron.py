@@ -1,6 +1,6 @@
-"""What has changed since an earlier calibration whose soft iron a fit has.
+"""Changes since an earlier calibration whose soft iron a fit uses.
 
-Whether readings contradict that soft iron, the engine says (``refresh.c``).
+The engine tests whether readings contradict that soft iron (``refresh.c``).
 """
 
 from __future__ import annotations
@@ -14,14 +14,14 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Refreshed:
-    """A fit whose soft iron is that of an earlier calibration."""
+    """Changes of a fit that uses the soft iron of an earlier calibration."""
 
     previous: str  # name of the earlier calibration
     offset_change: Floats  # (3,): from its offset to that of the fit, in the unit of the calibration
-    # heading error at the worst heading of a level vehicle that goes on with the earlier calibration
+    # worst level heading error if the vehicle continues to use the earlier calibration
     heading_change_deg: float
-    soft_iron_p_value: float  # how often chance alone makes as much of a change of the soft iron as the readings show
-    distortion: float = 0.0  # `Residuals.distortion` of the earlier calibration: it belongs to the sensor
+    soft_iron_p_value: float  # probability by chance of a change of the soft iron as large as the readings show
+    distortion: float = 0.0  # `Residuals.distortion` of the earlier calibration, a property of the sensor
 
     def as_dict(self) -> dict[str, Any]:
         """JSON-ready."""

@@ -1,12 +1,12 @@
-"""What residuals have in common beside noise: a field or iron that changed, axes that are not linear, or late.
+"""Systematic errors in residuals: a field or iron that changed, and axes that are nonlinear or late.
 
-Drift. An offset that creeps and a field that grows leave residuals that depend on time and direction together, as
+Drift. An offset that changes steadily, and a field that grows, cause residuals that depend on time and direction,
 
     s = J δθ + t (n · ḃ + n · S u ġ),      −½ ≤ t ≤ ½ over the recording
 
-beside what noise leaves. ḃ and ġ are found by least squares along with the nine parameters, and compared with the
-scatter that the remaining residuals, as they are correlated, would give them by chance. A sensor that is turned from
-pole to pole along a spiral has time and direction in one: what only noise tells apart there is left out
+plus noise. ḃ and ġ are found by least squares together with the nine parameters, and compared with their scatter by
+chance, which the remaining correlated residuals give. If a sensor is turned from pole to pole along a spiral, time and
+direction are not independent: combinations that only noise could distinguish are left out
 (`flinders.likelihood.identifiability`).
 
 >>> from flinders.geometry.ellipsoid import Ellipsoid
@@ -19,10 +19,11 @@ pole to pole along a spiral has time and direction in one: what only noise tells
 >>> round(drift.offset[0], 1), round(drift.heading_deg, -1), drift.p_value < 0.001
 (4.0, 10.0, True)
 
-Axes. An axis that reads r q (t/r)² + r c (t/r)³ too much at t, its linear reading from the centre, r the radius of the
-ellipsoid, leaves residuals that no ellipsoid takes off, and moves offset and matrix as well. Near the end of its range,
-or in a strong field of the vehicle, a sensor does so. q and c of the three axes are found by least squares along with
-the nine parameters, weighted by the noise that the fit has found, slow noise included (`nonlinearity.c`).
+Nonlinear axes. Let t be the linear reading of an axis from the centre and r the radius of the ellipsoid. A nonlinear
+axis adds r q (t/r)² + r c (t/r)³ to the reading. That causes residuals that fit no ellipsoid, and moves offset and
+matrix. It happens near the end of a sensor's range, or in a strong field of the vehicle. q and c of the three axes are
+found by least squares together with the nine parameters, weighted by the noise of the fit, slow noise included
+(`nonlinearity.c`).
 
 >>> field = 50.0 * directions + rng.normal(scale=0.5, size=directions.shape)
 >>> field[:, 0] += 0.03 * 50.0 * directions[:, 0] ** 2
@@ -32,11 +33,11 @@ the nine parameters, weighted by the noise that the fit has found, slow noise in
 >>> nonlinearity.axis, f"{nonlinearity.share:.0%}"
 ('x', '3%')
 
-A fit that was asked to linearizes such axes: `flinders.fitting.linearization`.
+A fit with `linearize` corrects such axes: `flinders.fitting.linearization`.
 
-Lags. An axis that is read later than the others reads less by its rate of change times that lag while the sensor turns,
-which moves offset and matrix. The lags about their mean are found along with the nine parameters in the same way
-(`lag.c`); one that all axes have in common leaves no residual, and does no harm.
+Lags. While the sensor turns, the error of an axis that is read later than the others is its rate of change times the
+lag, which moves offset and matrix. The lags about their mean are found together with the nine parameters in the same
+way (`lag.c`); a lag common to all axes causes no residual and no error.
 """
 
 from __future__ import annotations
@@ -55,10 +56,10 @@ if TYPE_CHECKING:
     from flinders.geometry.ellipsoid import Ellipsoid
     from flinders.native.layouts import Records
 
-BY_CHANCE: Final = 1e-4
-"""Chance below which axes count as not linear, or late: it makes as much in less than one of a thousand recordings."""
+MAX_P_VALUE: Final = 1e-4
+"""Largest p-value of proven nonlinear or late axes; fewer than one of a thousand recordings reach it by chance."""
 
-HARDLY_BY_CHANCE: Final = 0.01
+MAX_LIKELY_P_VALUE: Final = 0.01
 
 
 @dataclass(frozen=True, slots=True)
@@ -66,21 +67,21 @@ class Drift:
     """A steady change over a recording, from its beginning to its end."""
 
     offset: tuple[float, float, float]  # (3,): in the unit of the readings
-    strength: float  # of the field, as a fraction of it
-    heading_deg: float  # what the change of the offset does to a level heading, at the worst heading
-    p_value: float  # how often chance alone makes as much
-    # how far the halves of the recording are apart at the worst heading, over what both claim; looked for where the
-    # change is proven and below the target
+    strength: float  # change of the field strength, as a fraction of it
+    heading_deg: float  # worst level heading error from the change of the offset
+    p_value: float  # probability of as much by chance
+    # heading difference between the halves of the recording at the worst heading, over its claimed sigma; computed if
+    # the change is proven and below the target
     halves_ratio: float | None = None
 
 
 def drift_of(readings: Floats, ellipsoid: Ellipsoid, *, dip_deg: float = 60.0) -> Drift | None:
-    """Look for a steady change in (N, 3) readings, in the order of recording; None where nothing can be told of it."""
+    """Steady change in (N, 3) readings, in the order of recording; None if it cannot be determined."""
     return drift_in(engine().drift(readings, ellipsoid.centre, ellipsoid.shape, dip_deg=dip_deg))
 
 
 def drift_in(record: Records) -> Drift | None:
-    """The steady change that a record tells of; None where it tells nothing."""
+    """Steady change in a record of the engine; None if it has none."""
     if math.isnan(record["drift_deg"]):
         return None
     return Drift(
@@ -95,22 +96,22 @@ def drift_in(record: Records) -> Drift | None:
 class Nonlinearity:
     """Quadratic and cubic terms of the axes."""
 
-    # (3,): what an axis reads too much where the field lies along it, as a fraction of the field
+    # (3,): error of the reading of an axis with the field along it, as a fraction of the field
     quadratic: tuple[float, float, float]
-    cubic: tuple[float, float, float]  # (3,): the same of the third power
-    heading_deg: float  # what they do to a level heading, at the worst heading; of corrected ones what is left, 1 σ
-    p_value: float  # how often chance alone makes as much
-    is_corrected: bool = False  # the calibration linearizes the axes
+    cubic: tuple[float, float, float]  # (3,): the same for the cubic term
+    heading_deg: float  # worst level heading error from the terms; if corrected, the remaining error, 1 σ
+    p_value: float  # probability of as much by chance
+    is_corrected: bool = False  # whether the calibration linearizes the axes
 
     @property
     def is_proven(self) -> bool:
-        """Whether chance does not explain them."""
-        return self.p_value < BY_CHANCE
+        """Whether the terms are significant."""
+        return self.p_value < MAX_P_VALUE
 
     @property
     def is_likely(self) -> bool:
-        """Whether chance hardly explains them, which is enough where somebody asks for their correction."""
-        return self.p_value < HARDLY_BY_CHANCE
+        """Whether the terms are unlikely by chance, which is enough for a requested correction."""
+        return self.p_value < MAX_LIKELY_P_VALUE
 
     @property
     def axis(self) -> str:
@@ -119,7 +120,7 @@ class Nonlinearity:
 
     @property
     def share(self) -> float:
-        """What that axis reads too much at most, over the range from -1 to 1 of the field, a fraction of the field."""
+        """Largest error of the reading of that axis within ± the field strength, as a fraction of the field."""
         return max(self._sizes)
 
     @property
@@ -128,7 +129,7 @@ class Nonlinearity:
 
 
 def nonlinearity_in(record: Records) -> Nonlinearity | None:
-    """The terms that a record tells of; None where it tells nothing."""
+    """Nonlinear terms in a record of the engine; None if it has none."""
     if math.isnan(record["nonlinear_deg"]):
         return None
     terms = record["nonlinearity"].tolist()
@@ -142,19 +143,19 @@ def nonlinearity_in(record: Records) -> Nonlinearity | None:
 
 @dataclass(frozen=True, slots=True)
 class AxisLag:
-    """How late each axis is read."""
+    """Delay of each axis."""
 
-    # (3,): of x, y and z about their mean: s, or readings where the recording has no times
+    # (3,): of x, y and z about their mean, in s, or in readings if the recording has no times
     lags: tuple[float, float, float]
     is_timed: bool  # whether they are in s
-    heading_deg: float  # what they do to a level heading of a vehicle at rest, at the worst heading
-    p_value: float  # how often chance alone makes as much
-    is_corrected: ClassVar[bool] = False  # by no calibration: it would have to know how fast the sensor turns
+    heading_deg: float  # worst level heading error from the lags, of a vehicle at rest
+    p_value: float  # probability of as much by chance
+    is_corrected: ClassVar[bool] = False  # a calibration cannot correct lags, as it does not get the rate of rotation
 
     @property
     def is_proven(self) -> bool:
-        """Whether chance does not explain them."""
-        return self.p_value < BY_CHANCE
+        """Whether the lags are significant."""
+        return self.p_value < MAX_P_VALUE
 
     @property
     def axis(self) -> str:
@@ -163,7 +164,7 @@ class AxisLag:
 
     @property
     def apart(self) -> float:
-        """How much later that axis is read than the mean of the other two."""
+        """Delay of that axis behind the mean of the other two."""
         return 1.5 * self.lags[self._place]
 
     @property
@@ -171,7 +172,7 @@ class AxisLag:
         return int(np.argmax(np.abs(self.lags)))
 
     def __str__(self) -> str:
-        """The axis that differs most from the other two, and by how much.
+        """Sentence on the axis that differs most from the other two, with its lag.
 
         >>> str(AxisLag((0.02, -0.01, -0.01), True, 0.8, 0.0)), str(AxisLag((0.4, 0.3, -0.7), False, 0.8, 0.0))
         ('axis x is read 30 ms later than the others', 'axis z is read 1.05 readings earlier than the others')
@@ -180,7 +181,7 @@ class AxisLag:
 
 
 def lag_in(record: Records) -> AxisLag | None:
-    """The lags of axes that a record tells of; None where it tells nothing."""
+    """Lags of axes in a record of the engine; None if it has none."""
     if math.isnan(record["lag_deg"]):
         return None
     return AxisLag(

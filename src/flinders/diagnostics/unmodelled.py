@@ -1,8 +1,8 @@
-"""Whether readings follow a column that was recorded and not asked for: a motor's current makes a good ellipsoid a lie.
+"""Test whether readings follow a recorded column that the fit does not use, such as a motor's current.
 
-With a disturbance c that moves the offset by p for each unit of it, residuals of a fit without it are n·p (c − c̄) for
-surface normals n, but for what the nine parameters of the ellipsoid take up. They are regressed on both, and p
-counts where it explains far more than correlated residuals could by chance (`disturbance.c`).
+If a disturbance c moves the offset by p per unit, residuals of a fit without it are n·p (c − c̄) for surface normals n,
+except for the part that the nine parameters of the ellipsoid absorb. Residuals are regressed on p and these parameters;
+p is significant if it explains far more than correlated residuals do by chance (`disturbance.c`).
 
 >>> from flinders import simulate
 >>> from flinders.fitting import calibrate
@@ -30,58 +30,58 @@ if TYPE_CHECKING:
     from flinders.core.samples import Samples
     from flinders.geometry.ellipsoid import Ellipsoid
 
-FEWEST: Final = 100
-"""Fewer say too little."""
+MIN_READINGS: Final = 100
+"""Smallest count of readings for the test."""
 
-PROVEN: Final = 40.0
-"""χ² of three, for independent readings, from which a disturbance explains residuals: by chance once in 10⁸."""
+MIN_CHI2: Final = 40.0
+"""Smallest significant χ² with three degrees of freedom, for independent readings: by chance once in 10⁸."""
 
 
 @dataclass(frozen=True, slots=True)
 class Unmodelled:
-    """Something that was recorded beside the readings and moves them, and that the calibration does not follow."""
+    """A recorded disturbance that changes the readings and that the calibration does not follow."""
 
     name: str  # ``current``, ``throttle`` or ``temperature``
-    # by how much it moves the offset for each unit of it, roughly, in the unit of the readings
+    # approximate change of the offset per unit of the disturbance, in the unit of the readings
     per_unit: tuple[float, ...]
-    heading_deg: float  # what that makes of a level heading at the far end of its recorded range, at most
-    chi_square: float  # how much better residuals are explained with it, for independent readings
+    heading_deg: float  # largest level heading error at the far end of its recorded range
+    chi_square: float  # χ² that it explains in the residuals, for independent readings
 
 
 def unmodelled_of(
     samples: Samples, ellipsoid: Ellipsoid, *, dip_deg: float, time: float = 1.0, limit: float = math.inf
 ) -> Unmodelled | None:
-    """Look at each disturbance that was recorded; of several the one that explains most.
+    """The recorded disturbance that explains most of the residuals; None if none is significant.
 
     Parameters
     ----------
     ellipsoid : Ellipsoid
-        A fit that follows none of them.
+        A fit without disturbances.
     time : float
-        Readings that say as much as one independent reading.
+        Count of readings equivalent to one independent reading.
     limit : float
         Distance from the ellipsoid beyond which readings are outliers.
     """
     kinds = (name for name in samples.disturbances if not is_column(name))
-    tests = (_by(samples, name, ellipsoid, dip_deg, time, limit) for name in kinds)
+    tests = (_test_disturbance(samples, name, ellipsoid, dip_deg, time, limit) for name in kinds)
     return max((one for one in tests if one is not None), key=lambda one: one.chi_square, default=None)
 
 
-def _by(
+def _test_disturbance(
     samples: Samples, name: str, ellipsoid: Ellipsoid, dip_deg: float, time: float, limit: float
 ) -> Unmodelled | None:
-    """What one disturbance explains; None where it was not recorded, hardly changed, or explains nothing."""
+    """Test of one disturbance; None if it was not recorded, hardly changed, or explains nothing."""
     values = samples.driving(name)
     if values is None:
         return None
     regression = engine().regress(samples.field, values, ellipsoid.centre, ellipsoid.shape, limit=limit)
     used, stride = int(regression["used"]), int(regression["stride"])
-    if used < FEWEST or regression["range"] < known(name).least:
+    if used < MIN_READINGS or regression["range"] < known(name).least:
         return None
     variance = float(regression["left"]) / max(used - 12, 1)
     time = max(time / stride, min(time, 1.0))
     chi_square = float(regression["explained"]) / max(variance * time, np.finfo(float).tiny)
-    if chi_square < PROVEN:
+    if chi_square < MIN_CHI2:
         return None
     per_unit = regression["per_unit"].tolist()
     level = ellipsoid.radius * math.cos(math.radians(dip_deg))

@@ -1,10 +1,10 @@
-"""Whether a sensor was hardly turned: all readings lie around one point, and none of them shows a surface.
+"""Test whether a sensor was hardly turned: all readings lie around one point and show no surface.
 
-Any fit to such readings follows their noise: it finds an ellipsoid as small as the noise, all of whose sides were
-seen. A fully turned sensor beside strong iron also points in one direction, seen from zero, so a small angle alone
-proves nothing. What tells the two apart is the middle of the cloud. Readings on a surface, or on a ring or an arc of
-it, leave their mean empty: in units of their principal standard deviations none comes close to it. Noise, a slow
-drift and a wobble fill it.
+Any fit to such readings follows their noise: it finds a well-covered ellipsoid as small as the noise. With strong iron
+nearby, readings of a fully turned sensor also lie in one direction from zero, so that a small angle alone proves
+nothing. The middle of the cloud distinguishes the two. Readings on a surface, or on a ring or an arc of it, stay away
+from their mean: in units of their principal standard deviations none is close to it. Noise, a slow drift and a wobble
+fill the middle.
 
 >>> import numpy as np
 >>> from flinders.summary.summary import Summary
@@ -17,12 +17,12 @@ drift and a wobble fill it.
 >>> unmoved_deg(Summary.of([300.0, 400.0, 0.0] + 50.0 * directions), MICROTESLA) is None      # ten fields of iron
 True
 
-The angle is that at which the readings are seen from the centre of the sphere that they belong to. That centre lies
-the strength of the field away from them, in whatever direction. Where the readings show how far they curve, their
-sphere is known. Else the size of their mean stands for the strength, which is right as long as the offset is small; in
-microtesla it is taken for 22 to 67, between which the earth's field lies, so that iron of many field strengths does
-not make the angle small, nor an offset that cancels the field make it large. Of counts nothing but their mean is
-known: beside strong iron, the true angle is as many times larger as the iron is stronger than the field.
+The angle is the one that the readings span, as seen from the centre of their sphere. That centre is one field strength
+away from them, in an unknown direction. If the readings show their curvature, the sphere is known. Else the size of
+their mean is used as the strength, which is right as long as the offset is small. In µT it is limited to 22 to 67 µT,
+the range of the earth's field, so that iron many times stronger than the field does not make the angle small, nor an
+offset that cancels the field make it large. In counts only the mean is known: near iron n times stronger than the
+field, the true angle is about n times larger.
 """
 
 from __future__ import annotations
@@ -41,14 +41,14 @@ if TYPE_CHECKING:
     from flinders.native.layouts import Records
     from flinders.summary.summary import Summary
 
-UNKNOWN: Final = (0.0, math.inf)
-"""Weakest and strongest field where nothing is known of it."""
+ANY_FIELD: Final = (0.0, math.inf)
+"""Weakest and strongest field if the strength is unknown."""
 
 
 def require_moved(summary: Summary, unit: str, how: str = "through all directions") -> None:
-    """Refuse readings of a sensor that was hardly turned.
+    """Raise `Unmoved` for readings of a sensor that was hardly turned.
 
-    Raises `Unmoved`, which says within which angle all of them lie, and `how` the sensor has to be turned.
+    The error states the angle within which all readings lie, and `how` to turn the sensor.
     """
     angle = unmoved_deg(summary, unit)
     if angle is not None:
@@ -56,30 +56,31 @@ def require_moved(summary: Summary, unit: str, how: str = "through all direction
 
 
 def was_turned(records: Records, unit: str, *, weakest: float = EARTH_UT[0]) -> NDArray[np.bool_]:
-    """Whether a record alone shows a sensor that was turned out of one plane, and was at no rail.
+    """Whether a record alone proves that a sensor was turned out of one plane and was never at a rail.
 
     Parameters
     ----------
     records : (U,) of `flinders.native.layouts.RECORD`, or one
     unit : str
-        Of the readings, ``uT`` or ``counts``.
+        Unit of the readings, ``uT`` or ``counts``.
     weakest : float, µT
-        Least field that readings are compared with; 0 where noise that looks like a turn is refused later on.
+        Smallest field that readings are compared with; 0 if a later step refuses noise that resembles a turn.
 
     Returns
     -------
     (U,) bool, or one
-        False where the summary has to be asked: `unmoved_deg`, rails, a level turn.
+        False if the summary is needed to decide: `unmoved_deg`, rails, a level turn.
     """
-    return engine().turned(records, (weakest, EARTH_UT[1]) if unit == MICROTESLA else UNKNOWN)
+    return engine().turned(records, (weakest, EARTH_UT[1]) if unit == MICROTESLA else ANY_FIELD)
 
 
 def unmoved_deg(summary: Summary, unit: str) -> float | None:
-    """Angle within which all readings of a sensor lie that was hardly turned; None of one that was.
+    """Angle in degrees within which all readings lie, if the sensor was hardly turned; None if it was turned.
 
-    `unit`: of the readings, ``uT`` or ``counts``.
+    `unit` is the unit of the readings, ``uT`` or ``counts``.
     """
-    cloud = summary.cloud  # each place counts once, so that a rest amid a turn weighs no more than its place
-    strengths = EARTH_UT if unit == MICROTESLA else UNKNOWN
+    cloud = summary.cloud  # each place counts once, so that a rest within a turn has no more weight than any other
+    # place
+    strengths = EARTH_UT if unit == MICROTESLA else ANY_FIELD
     angle = engine().unmoved_deg(cloud.means, float(cloud.counts.sum()), strengths)
     return None if math.isnan(angle) else angle

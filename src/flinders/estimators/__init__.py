@@ -1,8 +1,8 @@
-"""Ways of finding the ellipsoid, one file each: the formula, when to use it and when not, its source and an example.
+"""Methods that estimate the ellipsoid, one file each: formula, when to use it and when not, source and an example.
 
-Each file of a method ends with its row, ``METHOD``, by which it is found here: a new method is a new file of its name
-and nothing else. `METHODS` maps names to classes, and the rows make the lists of docs and command line; a file is
-imported when its method is asked for.
+Each file of a method ends with its row, ``METHOD``, which registers it: a new method needs only a new file of its name.
+`METHODS` maps names to classes; the rows give the lists in docs and command line. The file of a method is imported at
+its first use.
 
 >>> METHODS["consistent"]()
 Consistent()
@@ -36,11 +36,11 @@ if TYPE_CHECKING:
     from flinders.estimators.minmax import MinMax as MinMax
     from flinders.estimators.robust import Robust as Robust
 
-FIRST: Final = (
+FIRST_METHODS: Final = (
     "auto", "likelihood", "robust", "level", "consistent", "li", "algebraic", "ellipsoid", "axes", "sphere", "minmax",
     "two-step", "alonso-shuster", "sequential", "ekf", "ellipse", "two-axis",
 )  # fmt: skip
-"""Methods in the order in which they are listed, the one to try first at the top; all others come after them."""
+"""Methods at the beginning of lists, the one to try first at the top; all others follow in alphabetical order."""
 
 
 T = TypeVar("T")
@@ -48,13 +48,13 @@ T = TypeVar("T")
 
 @cache
 def _modules() -> dict[str, str]:
-    """Full names of the modules of methods, and of others of this package, by their last part."""
+    """Full names, by short name, of the modules of this package and of methods in other packages."""
     return modules_of(sys.modules[__name__], "METHODS")
 
 
 @cache
 def _row(name: str) -> Method | None:
-    """The row at the end of the file of a method; None where there is no such method."""
+    """Row of a method, from the end of its file; None if there is no such method."""
     module = _modules().get(name.replace("-", "_"))
     row: Method | None = getattr(import_module(module), "METHOD", None) if module else None
     return row if row and row.kind.name == name else None
@@ -62,20 +62,20 @@ def _row(name: str) -> Method | None:
 
 @cache
 def _names() -> tuple[str, ...]:
-    """All methods, the one to try first at the top."""
+    """Names of all methods, the one to try first at the top."""
     names = {stem.replace("_", "-") for stem in _modules()}
     there = {name for name in names if _row(name)}
-    listed = [name for name in FIRST if name in there]
+    listed = [name for name in FIRST_METHODS if name in there]
     return (*listed, *sorted(there.difference(listed)))
 
 
-class _ByName(Mapping[str, T]):
-    """Something of each method, by its name.
+class _RowMapping(Mapping[str, T]):
+    """Mapping from the names of methods to a part of their rows.
 
     Parameters
     ----------
     part : callable
-        What it is, of the row of a method.
+        Returns the part of a row.
     """
 
     def __init__(self, part: Callable[[Method], T]) -> None:
@@ -94,17 +94,17 @@ class _ByName(Mapping[str, T]):
         return len(_names())
 
 
-ROWS: Final[Mapping[str, Method]] = _ByName(lambda row: row)
-"""What each method is for and whom it follows, by name."""
+ROWS: Final[Mapping[str, Method]] = _RowMapping(lambda row: row)
+"""Rows of all methods by name, with use and source."""
 
-METHODS: Final[Mapping[str, type[Estimator]]] = _ByName(lambda row: row.kind)
-"""Every method by name, the one to try first at the top."""
+METHODS: Final[Mapping[str, type[Estimator]]] = _RowMapping(lambda row: row.kind)
+"""Classes of all methods by name, the one to try first at the top."""
 
 
 def method_of(name: str) -> type[Estimator]:
-    """Look a method up.
+    """Class of a method by its name.
 
-    Raises `UsageError` for a name that does not exist.
+    Raises `UsageError` for an unknown name.
     """
     if name not in METHODS:
         raise UsageError(f"method {name!r} is not known{did_you_mean(name, METHODS)}: use one of {', '.join(METHODS)}")
@@ -112,14 +112,14 @@ def method_of(name: str) -> type[Estimator]:
 
 
 def table() -> str:
-    """The methods as a Markdown table, as in docs/methods.md."""
+    """Markdown table of all methods, as in docs/methods.md."""
     rows = [(f"`{name}`", str(row.kind.unknowns), row.use, row.source) for name, row in ROWS.items()]
     lines = "".join(f"| {' | '.join(cells)} |\n" for cells in rows)
     return f"| method | unknowns | when to use it | source |\n|---|---:|---|---|\n{lines}"
 
 
-def __getattr__(name: str) -> Any:  # noqa: ANN401 - of which type checkers know those that are imported above
-    """The class of a method by its own name, ``flinders.estimators.Likelihood``."""
+def __getattr__(name: str) -> Any:  # noqa: ANN401 - type checkers see the imports above
+    """Class of a method by the name of the class, ``flinders.estimators.Likelihood``."""
     for kind in METHODS.values() if name[0].isupper() else ():
         if kind.__name__ == name:
             return kind

@@ -1,22 +1,22 @@
-"""What the length of gravity says of an accelerometer: its bias, its gains, and how square its axes are.
+"""Bias, gains and misalignment of an accelerometer from the length of gravity.
 
-At rest (1 + Γ)(gβ − f) is as long as gravity however the body is held, so that with a unit vector w along it
+At rest (1 + Γ)(gβ − f) has the length of gravity at any attitude. With a unit vector w along it
 
     1 − |(1 + Γ)(β − f/g)|,    J = (w, w_i w_j)
 
-are residuals and Jacobian of the nine errors, as those of a magnetometer are in its field. Noise of f along gravity
-stands in them, and that across it in the vertical of `flinders.likelihood.dip`: they say different things, and what is
-found here is what a joint fit knows of the accelerometer before. A body that is accelerated has residuals that last:
-so many in a row count as one.
+are residuals and Jacobian of the nine errors, as for a magnetometer in its field. These residuals contain the noise of
+f along gravity; the vertical of `flinders.likelihood.dip` contains the noise across it. Therefore both are independent,
+and the result is the prior of the accelerometer in a joint fit. Residuals of an accelerated body are correlated, and
+count according to their correlation length.
 
-When to use it: always; a body that stays level learns from it only what its prior says.
+When to use it: always. For a body that stays level the result is the prior.
 
-Source: minimum of squares with Huber's weights and a normal prior; the model as in I. Frosio, F. Pedersini, N. A.
-Borghese, IEEE Trans. Instrum. Meas. 58 (2009), eq. 4.
+Source: least squares with Huber's weights and a normal prior; the model as in I. Frosio, F. Pedersini, N. A. Borghese,
+IEEE Trans. Instrum. Meas. 58 (2009), eq. 4.
 
 >>> from flinders import simulate
->>> felt = simulate.tumble(seed=1, motion="hand", n=1500).samples.acceleration
->>> prior = known_before(1.02 * felt + [0.2, 0.0, 0.0], AccelerometerPrior.of())
+>>> acceleration = simulate.tumble(seed=1, motion="hand", n=1500).samples.acceleration
+>>> prior = known_before(1.02 * acceleration + [0.2, 0.0, 0.0], AccelerometerPrior.of())
 >>> sigma = np.sqrt(np.diag(np.linalg.inv(prior.precision)))
 >>> bool(abs(prior.mean[0] - 0.2 / 9.80665) < 4.0 * sigma[0] < 0.003)
 True
@@ -38,17 +38,17 @@ from flinders.likelihood.robust import huber, robust_sigma
 if TYPE_CHECKING:
     from flinders.arrays import Floats
 
-STEPS: Final = 5
-"""Of Gauss and Newton, with weights that follow; the errors are small, and two would do."""
+NEWTON_STEPS: Final = 5
+"""Number of Gauss–Newton steps; two are usually enough, as the errors are small."""
 
-FINEST_LENGTH: Final = 1e-4
-"""Of gravity: no length is known better."""
+MIN_LENGTH_SIGMA: Final = 1e-4
+"""Smallest standard deviation of the length of gravity, relative to gravity."""
 
 
 def known_before(acceleration: Floats, prior: AccelerometerPrior) -> AccelerometerPrior:
-    """What lengths add to a prior.
+    """Update a prior by the lengths of accelerations.
 
-    `acceleration`: (N, 3), specific force in body axes, any unit; NaN where there is none.
+    `acceleration`: (N, 3) specific force in body axes, in any unit; NaN for missing readings.
     """
     force = acceleration[np.isfinite(acceleration).all(axis=1) & acceleration.any(axis=1)]
     if not len(force):
@@ -56,14 +56,14 @@ def known_before(acceleration: Floats, prior: AccelerometerPrior) -> Acceleromet
     scale = float(np.median(lengths(force)))
     force = force / scale
     errors = prior.mean
-    for _ in range(STEPS):
+    for _ in range(NEWTON_STEPS):
         corrected = (errors[:3] - force) @ (np.eye(3) + symmetric(errors[3:]))
         residuals = 1.0 - lengths(corrected)
-        sigma = max(robust_sigma(residuals), FINEST_LENGTH)
-        weights = huber(residuals / sigma) / (sigma**2 * _in_a_row(residuals))
+        sigma = max(robust_sigma(residuals), MIN_LENGTH_SIGMA)
+        weights = huber(residuals / sigma) / (sigma**2 * _correlation_length(residuals))
         along = corrected / np.maximum(1.0 - residuals, 1e-300)[:, np.newaxis]
         jacobian = _gradients(along, along)
-        root, reliability = _reliable(jacobian, along, weights, sigma)
+        root, reliability = _reliability(jacobian, along, weights, sigma)
         precision = prior.precision + (root * reliability**2) @ root.T
         seen = root @ (reliability * np.linalg.solve(root, jacobian.T @ (weights * residuals)))
         errors = errors + np.linalg.solve(precision, prior.precision @ (prior.mean - errors) + seen)
@@ -71,7 +71,7 @@ def known_before(acceleration: Floats, prior: AccelerometerPrior) -> Acceleromet
 
 
 def scatter_at_rest(acceleration: Floats) -> float:
-    """Scatter of |g| that no errors of an accelerometer explain, as a share: a body that is moved, and noise."""
+    """Relative scatter of |g| that errors of an accelerometer do not explain, from motion and noise."""
     errors = known_before(acceleration, AccelerometerPrior.of()).mean
     force = acceleration[np.isfinite(acceleration).all(axis=1)]
     corrected = lengths((errors[:3] - force / np.median(lengths(force))) @ (np.eye(3) + symmetric(errors[3:])))
@@ -79,28 +79,28 @@ def scatter_at_rest(acceleration: Floats) -> float:
 
 
 def _gradients(first: Floats, second: Floats) -> Floats:
-    """(N, 9) wβ + wΓw′ as linear functions of (β, Γ), of (N, 3) w and w′: of unit length, without noise along them."""
+    """(N, 9) derivatives of wβ + wΓw′ by (β, Γ), for (N, 3) unit vectors w and w′."""
     return np.concatenate([first, by_symmetric(first, second)], axis=1)
 
 
-def _reliable(jacobian: Floats, along: Floats, weights: Floats, sigma: float) -> tuple[Floats, Floats]:
-    """(9, 9) root of the information, and (9,) of each of its columns the share that noise across gravity did not make.
+def _reliability(jacobian: Floats, along: Floats, weights: Floats, sigma: float) -> tuple[Floats, Floats]:
+    """(9, 9) root of the information, and (9,) reliability of its columns: the share not due to noise across gravity.
 
-    Noise in the Jacobian shrinks what is found to that share: of a body that stays level, to nothing (errors in
-    variables, W. A. Fuller, *Measurement Error Models*, 1987, §1.1). Less than a tenth is none.
+    Noise in the Jacobian shrinks the estimate by this share, for a level body to zero (errors in variables, W. A.
+    Fuller, *Measurement Error Models*, 1987, §1.1). A reliability below a tenth is set to zero.
     """
     spurious = np.zeros((9, 9))
     for aside in np.moveaxis(across(along), 2, 0):
         moved = sigma * _gradients(aside, 2.0 * along)
         spurious += (moved.T * weights) @ moved
-    lower = np.linalg.cholesky((jacobian.T * weights) @ jacobian + np.eye(9))  # 1: far less than any prior
+    lower = np.linalg.cholesky((jacobian.T * weights) @ jacobian + np.eye(9))  # 1 is much less than any prior
     half = np.linalg.solve(lower, spurious)
     shares, turned = np.linalg.eigh(np.linalg.solve(lower, half.T))
     return lower @ turned, np.where(shares < MOST, np.clip(1.0 - shares, 0.0, 1.0), 0.0)
 
 
-def _in_a_row(residuals: Floats) -> float:
-    """How many residuals, one after the other, say as much as one."""
+def _correlation_length(residuals: Floats) -> float:
+    """Correlation length of consecutive residuals: their number per independent residual."""
     middle = residuals - residuals.mean()
     alone = Residuals(middle, np.zeros((len(middle), 1)), [np.arange(len(middle))])
     return max(1.0, time_of(alone.autocovariance()))

@@ -1,16 +1,16 @@
 """Offsets, gains and misalignment of an accelerometer from still poses, by the length of gravity alone.
 
-At rest (1 + Γ)(f/g − β) has length 1 however the device is held. Minimises over β and the symmetric Γ
+At rest (1 + Γ)(f/g − β) has length 1 at any attitude. Minimises over β and the symmetric Γ
 
     Σ ((1 − |(1 + Γ)(β − f/g)|) / σ)²  +  |Γ₁₂, Γ₁₃, Γ₂₃|² / 0.01²
 
-σ is the noise of the mean of a pose. The second term is what is known of a chip before: its axes are square to 1 %. Of
-six poses on the sides it decides the misalignment, so that these determine offsets and gains, and the claim has the
-misalignment in it; poses on edges and corners determine all nine. A rotation of the whole accelerometer against the
-device cannot be seen by gravity's length, nor by any other fit of this kind.
+with σ the noise of the mean of a pose. The second term is a prior: the axes of a chip are orthogonal to 1 %. Six poses
+on the sides determine offsets and gains; the misalignment is then that of the prior, and included in the claim. Poses
+on edges and corners determine all nine parameters. The length of gravity does not depend on a rotation of the whole
+accelerometer relative to the device, which therefore cannot be estimated.
 
-When to use it: a device can be put down on its six sides, or held still in ten or more attitudes. Where it can only be
-turned slowly, each reading counts as a pose, and residuals tell the noise (`from_readings`).
+When to use it: if the device can be put down on its six sides, or held still in ten or more attitudes. If it can only
+be turned slowly, each reading counts as a pose, and the noise is estimated from residuals (`from_readings`).
 
 Source: I. Frosio, F. Pedersini, N. A. Borghese, IEEE Trans. Instrum. Meas. 58 (2009), eq. 4 and 8; six sides as in
 IEEE Std 1293 (2018).
@@ -19,14 +19,14 @@ IEEE Std 1293 (2018).
 >>> rng = np.random.default_rng(2)
 >>> sides = np.concatenate([np.eye(3), -np.eye(3)])
 >>> read = sides @ np.diag([9.9, 9.7, 9.8]) + [0.2, -0.1, 0.3]
->>> felt = np.repeat(read, 100, axis=0) + rng.normal(scale=0.02, size=(600, 3))
->>> found = from_poses(StillPoses.of(felt))
+>>> acceleration = np.repeat(read, 100, axis=0) + rng.normal(scale=0.02, size=(600, 3))
+>>> found = from_poses(StillPoses.of(acceleration))
 >>> triad = found.triad()
 >>> bool(np.all(np.abs(triad.offset - [0.2, -0.1, 0.3]) < 4.0 * triad.offset_sigma))
 True
 >>> triad.unit, found.sees_misalignment
 ('m/s2', False)
->>> round(found.tilt_error.rms, 1)                                   # degrees: misalignment that was not seen
+>>> round(found.tilt_error.rms, 1)                                   # degrees: from the unknown misalignment
 0.6
 """
 
@@ -54,32 +54,34 @@ if TYPE_CHECKING:
     from flinders.estimators.still_poses import StillPoses
 
 OFFSET_SIGMA: Final = 0.2
-"""Of gravity: what an offset may be before; poses tell it a hundred times better, or it is open."""
+"""Prior standard deviation of an offset, relative to gravity."""
 GAIN_SIGMA: Final = 0.2
-"""What gains may differ by before, from that of the median length."""
+"""Prior standard deviation of a gain, relative to that of the median length."""
 ORTHOGONALITY_SIGMA: Final = 0.01
-"""rad: half of what two axes are off 90° by, 1 σ; data sheets say 1 to 2 % of cross-axis sensitivity."""
-OPEN: Final = 0.02
-"""Standard deviation of an offset, of gravity, or of a gain, that poses leave open: it alone makes a tilt of 1°."""
-SEEN: Final = 0.5
-"""Share of ORTHOGONALITY_SIGMA below which poses show the misalignment."""
-FINEST: Final = 1e-4
-"""Of gravity: no mean of a pose is known better, as offsets wander and tables give way."""
-BY_HAND: Final = 0.05
-"""rad: how exactly a side can be put up again; what a repeated side tells through its small tilt does not count."""
-STEPS: Final = 20
+"""Prior standard deviation of half the angle error between two axes in rad; data sheets say 1 to 2 % cross-axis."""
+MIN_UNDETERMINED_SIGMA: Final = 0.02
+"""Smallest standard deviation of an undetermined offset, relative to gravity, or gain; it gives a tilt of 1°."""
+MAX_DETERMINED_RATIO: Final = 0.5
+"""Largest standard deviation of a determined misalignment, relative to ORTHOGONALITY_SIGMA."""
+MIN_POSE_SIGMA: Final = 1e-4
+"""Smallest standard deviation of the mean of a pose, relative to gravity, as offsets and tables move."""
+PLACEMENT_SIGMA_RAD: Final = 0.05
+"""Accuracy in rad with which a side can be put up again by hand, in the choice of the next side."""
+NEWTON_STEPS: Final = 20
+"""Number of Gauss–Newton steps."""
 MIN_POSES: Final = 6
+"""Smallest number of poses that determine offsets and gains."""
 MIN_READINGS: Final = 60
-"""Readings, each a pose of its own, of a device that is turned slowly."""
-SURE: Final = 0.01
-"""Probability below which residuals are too large for the noise of the poses."""
-MOST_LEFT: Final = 0.05
-"""Of gravity: what poses may differ by in length after the fit, rms."""
-NEARLY: Final = 0.1
-"""What the median length of gravity may differ by from that of a unit, of an accelerometer that is not calibrated."""
+"""Smallest number of readings of a slowly turned device, each of which counts as a pose."""
+EXCESS_PROBABILITY: Final = 0.01
+"""Probability of larger residuals by chance below which the covariance is widened."""
+MAX_RMS_RESIDUAL: Final = 0.05
+"""Largest rms residual of the lengths of poses, relative to gravity."""
+MAX_GRAVITY_DIFFERENCE: Final = 0.1
+"""Largest relative difference between the median length of uncalibrated readings and gravity in a unit."""
 
 SIDES: Final = np.concatenate([np.eye(3), -np.eye(3)])
-"""(6, 3) specific force on the six sides: the axis that points up."""
+"""(6, 3) direction of the specific force in the six poses on the sides: the axis that points up."""
 SIDE_WORDS: Final = tuple(f"{sign}{axis}" for sign, axis in product("+−", "xyz"))
 
 
@@ -89,15 +91,15 @@ class AccelerometerEstimate:
 
     errors: Floats  #: (9,): β, and the upper triangle of Γ, as in `flinders.likelihood.dip.AccelerometerPrior`
     covariance: Floats  #: (9, 9)
-    scale: float  #: what gravity is in the unit of the readings, for Γ = 0
-    poses: int  #: poses that were used, or readings that each count as one
-    excess: float = 1.0  #: factor by which residuals are larger than the noise of the poses explains, 1 σ
+    scale: float  #: gravity in the unit of the readings, for Γ = 0
+    poses: int  #: number of poses, or of readings that count as poses
+    excess: float = 1.0  #: ratio of the residuals to the noise of the poses
     gravity: float = STANDARD_GRAVITY  #: m/s²
 
     @property
     def sees_misalignment(self) -> bool:
-        """Whether poses show how square the axes are."""
-        return bool(np.sqrt(np.diag(self.covariance)[6:].max()) < SEEN * ORTHOGONALITY_SIGMA)
+        """Whether the poses determine the misalignment of the axes."""
+        return bool(np.sqrt(np.diag(self.covariance)[6:].max()) < MAX_DETERMINED_RATIO * ORTHOGONALITY_SIGMA)
 
     @cached_property
     def tilt_error(self) -> TiltError:
@@ -106,16 +108,16 @@ class AccelerometerEstimate:
 
     @property
     def next_side(self) -> str:
-        """The side that tells most of what is open, by the axis that then points up: ``−y``."""
+        """Side to put up next for the most information, named by the axis that points up: ``−y``."""
         return SIDE_WORDS[int(np.argmax(self._gains(SIDES)))]
 
     @property
     def open_parameters(self) -> int:
-        """How many of the three offsets and three gains the poses leave open."""
-        return int(np.count_nonzero(np.sqrt(np.diag(self.covariance)[:6]) > OPEN))
+        """Number of offsets and gains, of six, that the poses do not determine."""
+        return int(np.count_nonzero(np.sqrt(np.diag(self.covariance)[:6]) > MIN_UNDETERMINED_SIGMA))
 
     def triad(self) -> Triad:
-        """The correction, in the unit that the length of gravity tells."""
+        """Correction of the accelerometer, in the unit that follows from the length of gravity."""
         whole, size = np.eye(3) + symmetric(self.errors[3:]), self.gravity / self.scale
         sigma = np.sqrt(np.diag(self.covariance))
         return Triad(
@@ -124,49 +126,53 @@ class AccelerometerEstimate:
         )  # fmt: skip
 
     def _gains(self, attitudes: Floats) -> Floats:
-        """(N,) by how much one more pose in each of (N, 3) attitudes shrinks the mean square of tilts."""
+        """(N,) reduction of the mean square tilt by one more pose in each of (N, 3) attitudes."""
         row = np.concatenate([-attitudes, by_symmetric(attitudes, attitudes)], axis=1)
         moved = turns(self.errors, np.concatenate([SIDES, attitudes]))
         tilts = np.einsum("nki,nkj->ij", moved, moved)
         seen = row @ self.covariance
-        shrunk: Floats = np.einsum("ni,ij,nj->n", seen, tilts, seen) / (np.einsum("ni,ni->n", seen, row) + BY_HAND**2)
+        shrunk: Floats = np.einsum("ni,ij,nj->n", seen, tilts, seen) / (
+            np.einsum("ni,ni->n", seen, row) + PLACEMENT_SIGMA_RAD**2
+        )
         return shrunk
 
 
 def from_poses(poses: StillPoses, *, gravity: float = STANDARD_GRAVITY) -> AccelerometerEstimate:
-    """Estimate from still poses.
+    """Estimate an accelerometer's errors from still poses.
 
     Parameters
     ----------
+    poses : StillPoses
+        Means of the still spans.
     gravity : float, m/s²
-        That of the place. An error of it goes into all gains alike, and into no tilt.
+        Gravity of the place. Its error changes all gains equally, and no tilt.
 
     Raises
     ------
     MissingPose
-        Where the poses leave an offset or a gain open; it says which side to put up next.
+        If the poses do not determine an offset or a gain; the message names the side to put up next.
     """
     if not len(poses):
         raise MissingPose("no still pose was found: put the device down on each of its six sides for 2 s")
     scale, before = poses.scale, _prior()
-    force, sigma = poses.mean / scale, np.hypot(poses.noise / scale, FINEST)
+    force, sigma = poses.mean / scale, np.hypot(poses.noise / scale, MIN_POSE_SIGMA)
     errors = before.mean
-    for _ in range(STEPS):
+    for _ in range(NEWTON_STEPS):
         residuals, jacobian = _equations(force, errors)
         weighted = jacobian.T / sigma**2
         precision = before.precision + weighted @ jacobian
         gradient = before.precision @ (before.mean - errors) + weighted @ residuals
         errors = errors + np.linalg.solve(precision, gradient)
     residuals, jacobian = _equations(force, errors)
-    _refuse_far(residuals)
+    _refuse_residuals(residuals)
     covariance = np.linalg.inv(before.precision + (jacobian.T / sigma**2) @ jacobian)
     found = AccelerometerEstimate(errors, covariance, scale, len(poses), gravity=gravity)
-    _refuse_open(found)
-    return _widened(found, residuals, jacobian, sigma)
+    _refuse_undetermined(found)
+    return _widen(found, residuals, jacobian, sigma)
 
 
 def from_readings(acceleration: Floats, *, gravity: float = STANDARD_GRAVITY) -> AccelerometerEstimate:
-    """Estimate from (N, 3) readings of a device that is turned slowly, each a pose; residuals tell the noise.
+    """Estimate an accelerometer's errors from (N, 3) readings of a slowly turned device; each counts as a pose.
 
     Raises as `from_poses`, and `TooFewSamples`.
     """
@@ -176,28 +182,30 @@ def from_readings(acceleration: Floats, *, gravity: float = STANDARD_GRAVITY) ->
     after = known_before(known, _prior())
     scale = float(np.median(lengths(known)))
     found = AccelerometerEstimate(after.mean, np.linalg.inv(after.precision), scale, len(known), gravity=gravity)
-    _refuse_open(found)
+    _refuse_undetermined(found)
     return found
 
 
 def unit_of(scale: float) -> InertialUnit:
-    """The unit in which gravity has about this length; counts where it has in none.
+    """Unit in which gravity has about the length `scale`; counts if there is none.
 
     >>> unit_of(9.7), unit_of(1.02), unit_of(990.0), unit_of(4130.0)
     ('m/s2', 'g', 'mg', 'counts')
     """
     names: tuple[InertialUnit, ...] = ("m/s2", "g", "mg")
-    return next((name for name in names if abs(scale * SIZES[name] / STANDARD_GRAVITY - 1.0) < NEARLY), "counts")
+    return next(
+        (name for name in names if abs(scale * SIZES[name] / STANDARD_GRAVITY - 1.0) < MAX_GRAVITY_DIFFERENCE), "counts"
+    )
 
 
 def _prior() -> AccelerometerPrior:
-    """What is known of any accelerometer."""
+    """Prior of the errors of any accelerometer."""
     sigmas = np.repeat([OFFSET_SIGMA, GAIN_SIGMA, ORTHOGONALITY_SIGMA], 3)
     return AccelerometerPrior(np.zeros(9), np.diag(sigmas**-2.0))
 
 
 def _equations(force: Floats, errors: Floats) -> tuple[Floats, Floats]:
-    """(P,) residuals 1 − |(1 + Γ)(β − f)|, and (P, 9) how their negative moves with the errors."""
+    """(P,) residuals 1 − |(1 + Γ)(β − f)|, and their negative (P, 9) derivatives by the errors."""
     whole = np.eye(3) + symmetric(errors[3:])
     felt = errors[:3] - force
     corrected = felt @ whole
@@ -206,13 +214,13 @@ def _equations(force: Floats, errors: Floats) -> tuple[Floats, Floats]:
     return 1.0 - length, np.concatenate([along @ whole, by_symmetric(along, felt)], axis=1)
 
 
-def _refuse_open(found: AccelerometerEstimate) -> None:
-    """Raise `MissingPose` where an offset or a gain is open."""
+def _refuse_undetermined(found: AccelerometerEstimate) -> None:
+    """Raise `MissingPose` if an offset or a gain is not determined."""
     if found.open_parameters:
         side = found.next_side
         opposite = ("−" if side[0] == "+" else "+") + side[1]
         raise MissingPose(
-            f"the poses leave {found.open_parameters} of the 6 offsets and gains open: turn the box so that "
+            f"the poses do not determine {found.open_parameters} of the 6 offsets and gains: turn the device so that "
             f"{side} points up ({opposite} down), hold it still for 2 s, and record all poses again",
             side=side.replace("−", "-"),
             poses=found.poses,
@@ -220,20 +228,20 @@ def _refuse_open(found: AccelerometerEstimate) -> None:
         )
 
 
-def _refuse_far(residuals: Floats) -> None:
-    """Raise `FitError` where no offsets and gains make the poses as long as gravity."""
+def _refuse_residuals(residuals: Floats) -> None:
+    """Raise `FitError` if the lengths of the poses differ after the fit, as for another sensor."""
     left = float(np.sqrt(np.mean(residuals**2)))
-    if not left < MOST_LEFT:
+    if not left < MAX_RMS_RESIDUAL:
         raise FitError(
-            f"lengths of the still poses differ by {left:.0%} whatever offsets and gains are taken off: give the "
-            "columns of an accelerometer, and of an analog one less the reading of its middle",
+            f"lengths of the still poses differ by {left:.0%} for any offsets and gains: give the columns of an "
+            "accelerometer, and for an analog one subtract its reading at zero acceleration",
             hint={"columns": None},
             left=left,
         )
 
 
-def _widened(found: AccelerometerEstimate, residuals: Floats, jacobian: Floats, sigma: Floats) -> AccelerometerEstimate:
-    """The estimate with a wider covariance where residuals are larger than the noise of the poses explains."""
+def _widen(found: AccelerometerEstimate, residuals: Floats, jacobian: Floats, sigma: Floats) -> AccelerometerEstimate:
+    """Widen the covariance of an estimate if its residuals are larger than the noise of the poses explains."""
     used = np.einsum("pi,ij,pj->", jacobian / sigma[:, np.newaxis], found.covariance, jacobian / sigma[:, np.newaxis])
     freedom = len(residuals) - float(used)
     if freedom < 1.0:
@@ -241,7 +249,7 @@ def _widened(found: AccelerometerEstimate, residuals: Floats, jacobian: Floats, 
     excess = float(np.sum((residuals / sigma) ** 2)) / freedom
     if excess <= _chi_square_limit(freedom) / freedom:
         return found
-    student = 1.0 + 2.0 / freedom  # few residuals may show it too small
+    student = 1.0 + 2.0 / freedom  # few residuals can underestimate the excess
     is_known = np.diag(found.covariance) < 0.25 * np.repeat([OFFSET_SIGMA, GAIN_SIGMA, ORTHOGONALITY_SIGMA], 3) ** 2
     factor = np.where(is_known, math.sqrt(excess * student), 1.0)
     covariance = found.covariance * np.outer(factor, factor)
@@ -249,6 +257,6 @@ def _widened(found: AccelerometerEstimate, residuals: Floats, jacobian: Floats, 
 
 
 def _chi_square_limit(freedom: float) -> float:
-    """χ² that chance exceeds with the probability `SURE` (E. B. Wilson, M. M. Hilferty, PNAS 17 (1931) 684)."""
+    """χ² exceeded by chance with `EXCESS_PROBABILITY` (E. B. Wilson, M. M. Hilferty, PNAS 17 (1931) 684)."""
     part = 2.0 / (9.0 * freedom)
     return freedom * (1.0 - part + 2.326 * math.sqrt(part)) ** 3

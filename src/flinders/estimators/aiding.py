@@ -1,19 +1,17 @@
-"""Aided: offset, shape and rotation from all that a recording holds beside its magnetometer.
+"""Aided: offset, shape and rotation from a magnetometer and aiding sensors.
 
-Minimises the sum of the squares of all residuals, each in its own standard deviation, over
+Minimises the sum of the squares of all residuals, in their standard deviations, over
 
     θ = (b, S, R, gyro bias, scales and delay, accelerometer bias and gains, sin I or m)
 
-and a direction of the field for each group of readings that shares one, see `flinders.likelihood.observations`.
-Levenberg–Marquardt on the normal equations of all groups, their directions eliminated; the noise of readings and of
-verticals comes from their residuals (components of variance: each sum of squares over the residuals that are left
-free); then the mean gradient that noise makes on the sphere is removed, as for `Likelihood`. It starts where large
-residuals of readings count less, and leaves out readings that do not belong
+and a direction of the field for each group of readings that shares one, see `flinders.likelihood.observations`. The
+directions are eliminated from the normal equations, which are solved by Levenberg–Marquardt. The noise of readings and
+of verticals is estimated from their residuals (variance components). Then the mean gradient by noise on the curved
+sphere is subtracted, as for `Likelihood`. The start has reduced weights for large residuals; outliers are left out
 (`flinders.estimators.joint_outliers`).
 
-When to use it: wherever the body cannot be turned all over and there is a gyro, an accelerometer, or an attitude that
-does not come from this compass. All claims are for what the recording shows: a gyro says nothing of the rotation
-about an axis that it always turns about.
+When to use it: if the body cannot be turned in all directions, and there is a gyro, an accelerometer, or an attitude
+that is independent of this compass. A gyro does not observe the rotation about the only axis of a recording's turns.
 
 >>> from flinders import simulate
 >>> drive = simulate.tumble(seed=1, motion="flight", n=1500)
@@ -67,84 +65,84 @@ if TYPE_CHECKING:
     from flinders.likelihood.solver import Equations
 
 AIDS: Final = {term.name: term.words for term in TERMS.values()}
-"""What can be asked for, and what it goes by."""
+"""Terms of aiding sensors and the principle of each, in words."""
 
-UNSEEN: Final = 0.5
-"""Share of the prior's variance that is left of a rotation that nothing has seen."""
+MAX_OBSERVED_RATIO: Final = 0.5
+"""Ratio of the variance of a rotation to that of its prior from which the rotation is not observed."""
 
-SPANNED, SAME_SPAN = 3, 0.2
-"""Times that is looked at how verticals are correlated, and change of a logarithm that is none."""
+MAX_SPAN_ESTIMATES, MAX_SPAN_CHANGE = 3, 0.2
+"""Largest number of estimates of the correlation length of verticals, and change of its logarithm at convergence."""
 
-WALKED: Final = 4
-"""Times that the walk of a gyro is looked at again, as a fit that it bends shows it too small."""
+MAX_WALK_ESTIMATES: Final = 4
+"""Largest number of estimates of a gyro's random walk, which is underestimated before the bias correction."""
 
-STILL: Final = 0.1
-"""Standard deviations: what a walk moves by less is left."""
+MIN_WALK_STEP: Final = 0.1
+"""Largest step by the bias correction for a walk, in standard deviations, that is not taken."""
 
 FAR_SCALES: Final = 5.0
-"""Standard deviations of what is thought of a gyro's scales: beyond, something else is wrong, and they are held."""
+"""Largest scale error of a gyro, in standard deviations of its prior; a larger one is an artefact and is not used."""
 
-SEARCHED: Final = 2000
-"""Readings that starts are tried on; all of them from where the best leads."""
+SEARCH_READINGS: Final = 2000
+"""Readings with which starts are compared; the fit then uses all readings."""
 
 SEARCH_STEPS, APPROACH_STEPS = 20, 8
-"""Of a long recording, from each start with some readings, and from there with all: those of the correction follow."""
+"""Steps for a long recording, from each start with some readings, and from the best one with all readings."""
 
-GLANCE: Final = 2
-"""Steps of the correction, of a long recording, before verticals are looked at: correlated ones get another weight."""
+LONG_CORRECTION_STEPS: Final = 2
+"""Correction steps for a long recording before the correlation of verticals, which changes weights, is estimated."""
 
-FEWEST: Final = 12  # readings that are needed
+MIN_READINGS: Final = 12  # smallest number of readings
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Aided:
-    """What was found."""
+    """Result of a fit with aiding sensors."""
 
     parameters: Parameters
     # (P, P): of the free parameters, in the order of `layout`; a rotation by its rotation vector on the left, in rad
     covariance: Floats
-    textbook: Floats  # (P, P): the same if all residuals were independent
+    textbook: Floats  # (P, P): the same for independent residuals
     layout: ParameterLayout
     noise: float  # standard deviation of a component of a reading, in its unit
     # standard deviation of dᵀq, in rad across the vertical; with ``attitude``, of an attitude about each axis
     vertical_noise: float | None
-    aiding: tuple[str, ...]  # those that were used
-    used: int  # readings
-    outliers: NDArray[np.intp]  # (K,): readings that did not belong, counted from 0
-    prior_influence: float  # share of the least known parameter of the shape that the prior speaks for
-    # rad/√s: random walk of the direction within windows that residuals show: the gyro's noise, and what looks like it
+    aiding: tuple[str, ...]  # names of the terms in the fit
+    used: int  # number of readings in the fit
+    outliers: NDArray[np.intp]  # (K,): index of each reading that was left out
+    prior_influence: float  # fraction of information from the prior, in the least known parameter of the shape
+    # rad/√s: random walk of the direction within windows by the residuals: the gyro's noise and similar errors
     walk: float
-    # (3,): share of the prior's variance that is left of the rotation about the body's x, y and z
+    # (3,): ratio of the variance of the rotation about the body's x, y and z to that of the prior
     rotation_seen: Floats
-    # factor by which stretches of the recording scatter more than their residuals explain, in variance
+    # factor by which the scatter of parts of the recording exceeds that of their residuals, in variance
     excess_variance: float = 1.0
-    site_off: float | None = None  # standard deviations between the dip found and that of the site
-    # the farthest of the gyro's scales, where beyond `FAR_SCALES`: they were held instead. 0 where they are usual.
+    site_off: float | None = None  # standard deviations between the estimated dip and that of the site
+    # largest scale error of the gyro if it is beyond `FAR_SCALES`, and the fit is without scale errors; otherwise 0
     scales_off: float = 0.0
-    gravity_reading: float = 1.0  # what accelerations are long at rest, in their recorded unit
+    gravity_reading: float = 1.0  # length of accelerations at rest, in their recorded unit
 
     @property
     def ellipsoid(self) -> Ellipsoid:
-        """In the magnetometer's own axes."""
+        """Ellipsoid in the magnetometer's own axes."""
         return self.parameters.ellipsoid
 
     @property
     def matrix(self) -> Floats:
-        """(3, 3) R S⁻¹: takes readings about the offset to unit vectors in body axes."""
+        """(3, 3) matrix R S⁻¹, from readings minus the offset to unit vectors in body axes."""
         return np.linalg.inv(self.parameters.ellipsoid_like)
 
     @property
     def sees_rotation(self) -> bool:
-        """Something saw how the magnetometer is turned against the body, about one axis at least."""
-        return "rotation" in self.layout and bool(np.any(self.rotation_seen < UNSEEN))
+        """Whether the rotation from the magnetometer to the body is observed about at least one axis."""
+        return "rotation" in self.layout and bool(np.any(self.rotation_seen < MAX_OBSERVED_RATIO))
 
     @property
     def rotation_covariance(self) -> Floats | None:
-        """(3, 3) rad², of the rotation; None where it was not looked for."""
+        """(3, 3) covariance of the rotation in rad²; None if it is not a free parameter."""
         return self.of("rotation")
 
     def of(self, name: str) -> Floats | None:
-        """(k, k) covariance of one block of parameters; None where it was not free."""
+        """(k, k) covariance of one block of parameters; None if it is not free."""
         if name not in self.layout:
             return None
         columns = self.layout.columns[name]
@@ -152,12 +150,12 @@ class Aided:
         return part
 
     def corrected(self, field: Floats) -> Floats:
-        """(N, 3) unit-length field in body axes of (N, 3) readings."""
+        """Correct (N, 3) readings to fields of unit length in body axes."""
         turned: Floats = (field - self.parameters.offset) @ self.matrix.T
         return turned
 
     def estimate(self) -> Estimate:
-        """The ellipsoid with its marginal covariance, as every other method gives it."""
+        """The ellipsoid with its marginal covariance, in the form of other methods."""
         return Estimate(
             self.ellipsoid,
             self.covariance[:9, :9],
@@ -186,53 +184,51 @@ def solve(
     shape: KnownShape | None = None,
     is_rough: bool = False,
 ) -> Aided:
-    """Fit all that a recording holds.
+    """Fit a magnetometer with aiding sensors.
 
-    Raises `UsageError` for a term that is not known, or whose column is missing; `TooFewSamples` for fewer readings
-    than parameters; `NotAnEllipsoid` if no step leads to a closed surface; `FitError` for a column in which nothing is
-    told.
+    Raises `UsageError` for an unknown term, or a missing column; `TooFewSamples` for fewer readings than parameters;
+    `NotAnEllipsoid` if no step leads to a closed surface; `FitError` for a column without valid values.
 
     Parameters
     ----------
     samples : Samples
         One recording, in memory.
     terms : sequence of str
-        Of `AIDS`; none of them leaves the magnitude alone.
+        Names in `AIDS`; an empty sequence uses the magnitude alone.
     site : Site, optional
-        What is known of the field there.
+        Known field of the site.
     start : Ellipsoid, optional
-        Where to begin; by default what `Auto` finds, or a sphere about the readings.
+        Ellipsoid to start from; by default that of `Auto`, or a sphere about the readings.
     rotation : (3, 3) float, optional
-        Which way the magnetometer sits on the body, about which the rotation is looked for.
+        Assumed rotation from the magnetometer's axes to the body's; mean of its prior.
     spread : float
-        Of the prior on the shape, see `flinders.likelihood.prior`.
+        Spread of the prior of the shape, see `flinders.likelihood.prior`.
     window_s : float
-        Length of the windows of the rate, in s.
+        Length of the windows of the gyro, in s.
     gyro_scale : float
-        What the scales of the gyro may be off by, 1 σ, and its axes from square and from those of an accelerometer, in
-        rad: they are found with the rest.
-        0 where that gyro has been calibrated. Scales that come out at more than `FAR_SCALES` times as much tell of
-        something else that is wrong; they are then held, and `Aided.scales_off` says what they were.
+        Prior 1 σ of the gyro's scale errors, and of its misalignment angles in rad, which are estimated. 0 for a
+        calibrated gyro. Scale errors of more than `FAR_SCALES` times this value indicate another error: the fit is then
+        repeated without scale errors, and `Aided.scales_off` has the largest one.
     acceleration_bias : float
-        What the accelerometer may be off by on each axis, 1 σ, in m/s²: it is found with the rest. 0 where that
-        accelerometer has been calibrated; its gains are then exact, too.
+        Prior 1 σ of the accelerometer's bias on each axis in m/s², which is estimated. 0 for a calibrated
+        accelerometer, whose gains are then exact, too.
     acceleration_gain : float
-        What its gains may be off by, 1 σ, and its axes from square, in rad: found with the rest as well.
+        Prior 1 σ of the accelerometer's gains, and of its misalignment angles in rad, which are estimated.
     near : Aided, optional
-        Another fit to the same readings: tried before any other start.
+        Another fit to the same readings, which is the first start.
     shape : KnownShape, optional
-        Of an earlier calibration of this sensor, instead of `spread`.
+        Prior of the shape from an earlier calibration of this sensor, instead of `spread`.
     is_rough : bool
-        Whether a fraction of a standard deviation does not matter, as for a check: few steps are taken.
+        Whether an error of a fraction of a standard deviation is acceptable, as for a check; saves steps.
     """
     refuse_without(samples, terms)
-    samples = _rested(samples)
+    samples = _average_rests(samples)
     accelerometer = _accelerometer(samples, terms, acceleration_bias, acceleration_gain)
-    put = _Prepared(samples, tuple(terms), site, rotation, spread, window_s, accelerometer, shape, is_rough)
-    aided = _solved(put, gyro_scale, start, near).finished()
+    put = _Inputs(samples, tuple(terms), site, rotation, spread, window_s, accelerometer, shape, is_rough)
+    aided = _solve_from_starts(put, gyro_scale, start, near).compute_claims()
     off = float(np.abs(aided.parameters.gyro_scale).max())
     if gyro_scale > 0.0 and off > FAR_SCALES * gyro_scale:
-        return replace(_solved(put, 0.0, start, near).finished(), scales_off=off)
+        return replace(_solve_from_starts(put, 0.0, start, near).compute_claims(), scales_off=off)
     return aided
 
 
@@ -246,16 +242,16 @@ def parameters_of(
     acceleration_bias: float = ACCELERATION_SIGMA,
     acceleration_gain: float = GAIN_SIGMA,
 ) -> Parameters:
-    """What `solve` finds in part of the readings of another fit, without what it claims, which takes as long again."""
-    samples = _rested(samples)
+    """Parameters from part of the readings of another fit, as in `solve`, but without the slow claims."""
+    samples = _average_rests(samples)
     accelerometer = _accelerometer(samples, terms, acceleration_bias, acceleration_gain)
-    put = _Prepared(samples, tuple(terms), None, rotation, prior.SPREAD, gyro.WINDOW_S, accelerometer)
-    solved_for = _solved(put, gyro_scale, None, near)
+    put = _Inputs(samples, tuple(terms), None, rotation, prior.SPREAD, gyro.WINDOW_S, accelerometer)
+    solved_for = _solve_from_starts(put, gyro_scale, None, near)
     return bias_corrected(solved_for.problem.freed(), solved_for.iterate)[0].at
 
 
-def _rested(samples: Samples) -> Samples:
-    """Each rest as one reading or none, which no window of the gyro goes across; its short gaps are bridged before."""
+def _average_rests(samples: Samples) -> Samples:
+    """Samples with rests as one reading or none, at which gyro windows end, and with short gyro gaps bridged."""
     samples = replace(samples, rate=gyro.bridged(samples.time, samples.rate)[0])
     rests = Rests.of(samples)
     if not len(rests):
@@ -266,8 +262,8 @@ def _rested(samples: Samples) -> Samples:
     return once
 
 
-class _Prepared(NamedTuple):
-    """What is asked for, but for the gyro's scales."""
+class _Inputs(NamedTuple):
+    """Arguments of `solve`, except the gyro's scales."""
 
     samples: Samples
     terms: tuple[str, ...]
@@ -280,62 +276,64 @@ class _Prepared(NamedTuple):
     is_rough: bool = False
 
     def problem(self, gyro_scale: float) -> JointProblem:
-        """Put the readings in groups."""
+        """Make the problem for a prior of the gyro's scales."""
         return JointProblem.of(
             self.samples, self.terms, self.site, self.rotation, self.spread, self.window_s,
             gyro_scale=gyro_scale, accelerometer=self.accelerometer, shape=self.shape, is_rough=self.is_rough,
         )  # fmt: skip
 
 
-class _Solved(NamedTuple):
-    """Where the best start leads without readings that do not belong, and how far the rate was moved for it."""
+class _Solution(NamedTuple):
+    """Solution from the best start without outliers, and the shift of the gyro's time."""
 
     problem: JointProblem
     iterate: JointIterate
-    late_s: float  # in whole intervals
+    late_s: float  # s: shift of the rate, in whole intervals
 
-    def finished(self) -> Aided:
-        """What is found and claimed."""
-        aided = _finished(self.problem.freed(), self.iterate)
+    def compute_claims(self) -> Aided:
+        """Correct the bias, and compute the claims."""
+        aided = _compute_claims(self.problem.freed(), self.iterate)
         whole = replace(aided.parameters, delay=aided.parameters.delay + self.late_s)
         return replace(aided, parameters=whole)
 
 
 def _accelerometer(samples: Samples, terms: Sequence[str], bias: float, gain: float) -> AccelerometerPrior | None:
-    """What is known of the accelerometer before, where it brings verticals and is not stated to be exact."""
+    """Prior of the accelerometer's errors; None if it is not used or stated to be exact."""
     if "dip" not in terms or samples.acceleration is None or not bias:
         return None
     return known_before(samples.acceleration, AccelerometerPrior.of(bias=bias, gain=gain))
 
 
-def _solved(put: _Prepared, gyro_scale: float, start: Ellipsoid | None, near: Aided | None) -> _Solved:
-    """Go down from each start until one leaves no more than noise.
+def _solve_from_starts(put: _Inputs, gyro_scale: float, start: Ellipsoid | None, near: Aided | None) -> _Solution:
+    """Solve from each start until the residuals of one are only noise.
 
     Raises `TooFewSamples`, `NotAnEllipsoid` or `FitError` as `solve`.
     """
-    if len(put.samples) < FEWEST:
-        raise TooFewSamples(found=len(put.samples), needed=FEWEST, method="aided")
+    if len(put.samples) < MIN_READINGS:
+        raise TooFewSamples(found=len(put.samples), needed=MIN_READINGS, method="aided")
     problem = put.problem(gyro_scale)
-    _refuse_nothing(problem, put.samples)
+    _refuse_empty_column(problem, put.samples)
     search_steps, steps = (SEARCH_STEPS, APPROACH_STEPS) if problem.is_long else (STEPS, STEPS)
     alone = found_alone(put.samples.field) if start is None else None
-    starts = [start] if start is not None else _starts(put.samples, put.site, alone)
-    some = _searched(_to_search(problem, alone).thinned(SEARCHED), _begins(problem, starts, near), search_steps)
+    starts = [start] if start is not None else _start_ellipsoids(put.samples, put.site, alone)
+    some = _search(
+        _search_problem(problem, alone).thinned(SEARCH_READINGS), _start_parameters(problem, starts, near), search_steps
+    )
     best = without_outliers(problem, initial(problem, some.at), steps)
     late = _whole_intervals(best.at.delay, problem.interval)
     if not late or put.samples.rate is None:
-        return _Solved(problem, best, 0.0)
+        return _Solution(problem, best, 0.0)
     late_s = late * problem.interval
-    behind = put._replace(samples=replace(put.samples, rate=_moved_back(put.samples.rate, late))).problem(gyro_scale)
+    behind = put._replace(samples=replace(put.samples, rate=_shift_rate(put.samples.rate, late))).problem(gyro_scale)
     at = replace(best.at, delay=best.at.delay - late_s)
     begin = initial(behind, behind.begin_near(at, problem.layout))
-    return _Solved(behind, without_outliers(behind, begin, steps), late_s)
+    return _Solution(behind, without_outliers(behind, begin, steps), late_s)
 
 
-def _searched(problem: JointProblem, begins: Iterable[Parameters], steps: int) -> JointIterate:
-    """Where the best of some starts leads, the first that leaves no more than noise.
+def _search(problem: JointProblem, begins: Iterable[Parameters], steps: int) -> JointIterate:
+    """Best solution from several starts; stops at the first whose residuals are only noise.
 
-    Raises `NotAnEllipsoid` where there is none.
+    Raises `NotAnEllipsoid` if there is no start.
     """
     best: JointIterate | None = None
     for begin in begins:
@@ -349,54 +347,54 @@ def _searched(problem: JointProblem, begins: Iterable[Parameters], steps: int) -
     return best
 
 
-def _to_search(problem: JointProblem, alone: Estimate | None) -> JointProblem:
-    """The problem of which a start is looked for: with less weight for large residuals, or without known outliers.
+def _search_problem(problem: JointProblem, alone: Estimate | None) -> JointProblem:
+    """The problem for the search of a start: with reduced weights of large residuals, or without known outliers.
 
-    The latter with an attitude alone: one of each reading holds the directions, as no vertical and no rate does.
+    The latter is used for a level turn with attitudes, which determine the direction at each reading.
     """
     if alone is None or not alone.plane or not alone.outliers or problem.aiding != ("attitude",):
         return problem.robust()
     return leaving_out(problem, alone.outliers)
 
 
-def _begins(problem: JointProblem, starts: Iterable[Ellipsoid], near: Aided | None) -> Iterator[Parameters]:
-    """Where to start: near another fit, and from ellipsoids."""
+def _start_parameters(problem: JointProblem, starts: Iterable[Ellipsoid], near: Aided | None) -> Iterator[Parameters]:
+    """Yield parameters to start from: those of another fit, and from ellipsoids."""
     if near is not None:
         yield problem.begin_near(near.parameters, near.layout)
     yield from map(problem.begin, starts)
 
 
-def _starts(samples: Samples, site: Site | None, alone: Estimate | None) -> Iterator[Ellipsoid]:
-    """Ellipsoids to begin with: that of all readings, and spheres about them."""
+def _start_ellipsoids(samples: Samples, site: Site | None, alone: Estimate | None) -> Iterator[Ellipsoid]:
+    """Yield ellipsoids to start from: that of the magnetometer alone, and spheres about the readings."""
     if alone is not None and not alone.plane and not alone.unobserved:
         yield alone.ellipsoid
     yield from spheres_about(samples.field, None if site is None else site.strength)
 
 
-def _refuse_nothing(problem: JointProblem, samples: Samples) -> None:
-    """Refuse a column that is there and tells nothing.
+def _refuse_empty_column(problem: JointProblem, samples: Samples) -> None:
+    """Refuse an aiding column without valid values.
 
-    Raises `FitError`, which names it.
+    Raises `FitError`, which names the column.
     """
     trusts = [group.trust for group in problem.groups if group.trust is not None]
     if trusts and not any(trust.any() for trust in trusts):
         column = "acceleration" if "dip" in problem.aiding else "attitude"
         raise FitError(
-            f"{samples.source}: no reading has an {column} that tells a direction, all are zero or missing: "
+            f"{samples.source}: no reading has a valid {column}, all are zero or missing: "
             f"record it, or leave {' and '.join(aid for aid in problem.aiding if aid != 'rate')} out",
             column=column,
         )
 
 
 def _whole_intervals(delay_s: float, interval_s: float) -> int:
-    """How many readings a delay is, to the nearest; what is left of it moves readings by less than the rate changes."""
+    """Number of readings in a delay, rounded; the remainder is estimated as the delay of the shifted rate."""
     return round(delay_s / interval_s) if interval_s > 0.0 else 0
 
 
-def _moved_back(rate: Floats, rows: int) -> Floats:
-    """(N, 3) rates, so many readings later; NaN where that was not recorded.
+def _shift_rate(rate: Floats, rows: int) -> Floats:
+    """(N, 3) rates shifted by `rows` readings to later times; NaN where none was recorded.
 
-    >>> _moved_back(np.array([[1.0], [2.0], [3.0]]), 1).ravel()
+    >>> _shift_rate(np.array([[1.0], [2.0], [3.0]]), 1).ravel()
     array([nan,  1.,  2.])
     """
     moved = np.roll(rate, rows, axis=0).astype(float)
@@ -405,29 +403,29 @@ def _moved_back(rate: Floats, rows: int) -> Floats:
 
 
 def refuse_without(samples: Samples, terms: Iterable[str]) -> None:
-    """Refuse terms that are not known, and those whose column a recording lacks.
+    """Refuse unknown terms, and terms whose column is missing in the recording.
 
-    Raises `UsageError`, which names what is needed.
+    Raises `UsageError`, which names the column.
     """
     for term in terms:
         if term not in TERMS:
-            raise UsageError(f"aid {term!r} is not known: use one of {', '.join(TERMS)}, or auto")
+            raise UsageError(f"aiding sensor {term!r} is not known: use one of {', '.join(TERMS)}, or auto")
         for column in TERMS[term].needs:
             if getattr(samples, column) is None:
                 raise UsageError(
-                    f"{samples.source} has no {column}, which {term!r} goes by: leave {term!r} out, or record {column}"
+                    f"{samples.source} has no {column}, which {term!r} needs: leave {term!r} out, or record {column}"
                 )
 
 
-def _finished(problem: JointProblem, iterate: JointIterate) -> Aided:
-    """Take off what the sphere's curvature adds, and say how far to trust what is left."""
-    steps = GLANCE if problem.is_long else CORRECTED
-    iterate, equations = _spanned(problem, *bias_corrected(problem, iterate, steps=steps))
+def _compute_claims(problem: JointProblem, iterate: JointIterate) -> Aided:
+    """Subtract the bias by the sphere's curvature, and compute the claims."""
+    steps = LONG_CORRECTION_STEPS if problem.is_long else CORRECTED
+    iterate, equations = _weight_verticals(problem, *bias_corrected(problem, iterate, steps=steps))
     inverse = _inverse(equations)
     walk = random_walk_of(problem, iterate, inverse)
-    for _ in range(WALKED):
+    for _ in range(MAX_WALK_ESTIMATES):
         iterate = replace(iterate, weights=iterate.weights._replace(own=walk.own))
-        if (problem.is_long and walk.variance == 0.0) or _left(equations, walk.bent) < STILL:
+        if (problem.is_long and walk.variance == 0.0) or _next_step_length(equations, walk.bent) < MIN_WALK_STEP:
             break
         iterate, equations = bias_corrected(problem, iterate, walk.bent)
         inverse = _inverse(equations)
@@ -456,17 +454,19 @@ def _finished(problem: JointProblem, iterate: JointIterate) -> Aided:
         math.sqrt(walk.variance / max(problem.interval, 1e-9)),
         seen,
         scatter.excess_variance,
-        _site_off(problem, iterate, covariance),
+        _site_difference(problem, iterate, covariance),
         gravity_reading=1.0 if problem.accelerometer is None else problem.accelerometer.scale,
     )
 
 
-def _spanned(problem: JointProblem, iterate: JointIterate, equations: Equations) -> tuple[JointIterate, Equations]:
-    """Weigh verticals for as many as say something of their own: else they would outvote all that is thought before."""
-    for _ in range(SPANNED):
+def _weight_verticals(
+    problem: JointProblem, iterate: JointIterate, equations: Equations
+) -> tuple[JointIterate, Equations]:
+    """Weight verticals by their correlation length, so that correlated ones do not outweigh the priors."""
+    for _ in range(MAX_SPAN_ESTIMATES):
         span = span_of(iterate)
-        is_same = abs(math.log(span.readings / iterate.weights.span)) < SAME_SPAN
-        if is_same and (not problem.is_long or _left(equations) < EASED):
+        is_same = abs(math.log(span.readings / iterate.weights.span)) < MAX_SPAN_CHANGE
+        if is_same and (not problem.is_long or _next_step_length(equations) < EASED):
             break
         if not is_same:
             iterate = replace(iterate, weights=iterate.weights._replace(span=span.readings))
@@ -476,19 +476,19 @@ def _spanned(problem: JointProblem, iterate: JointIterate, equations: Equations)
     return iterate, equations
 
 
-def _left(equations: Equations, bias: Floats | float = 0.0) -> float:
-    """Length of the step that is left to take, in standard deviations."""
+def _next_step_length(equations: Equations, bias: Floats | float = 0.0) -> float:
+    """Length of the next step in standard deviations."""
     gradient = equations.unbiased(bias).gradient + equations.prior.gradient
     return math.sqrt(max(float(gradient @ _inverse(equations) @ gradient), 0.0))
 
 
 def _inverse(equations: Equations) -> Floats:
-    """(P, P) covariance for residuals that are independent."""
+    """(P, P) covariance for independent residuals."""
     return replace(equations.prior, matrix=equations.matrix + equations.prior.matrix).inverse()
 
 
-def _site_off(problem: JointProblem, iterate: JointIterate, covariance: Floats) -> float | None:
-    """How far the dip found is from that of the site, in standard deviations of what the site is known to."""
+def _site_difference(problem: JointProblem, iterate: JointIterate, covariance: Floats) -> float | None:
+    """Difference of the estimated dip from that of the site, in the latter's standard deviations, or None."""
     if problem.site is None or problem.site.sine is None:
         return None
     if "sine" in problem.layout:

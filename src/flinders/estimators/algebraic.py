@@ -1,7 +1,7 @@
-"""Algebraic: the ellipsoid fit of NXP, MATLAB and MotionCal. Ten coefficients, one scale.
+"""Algebraic: the ellipsoid fit of NXP, MATLAB and MotionCal, with ten coefficients and one scale.
 
-Linear, fast and biased: noise makes the best quadric flatter than the ellipsoid, by an amount that
-grows with σ² and with what the recording leaves unseen.
+Linear, fast and biased: noise makes the best quadric flatter than the ellipsoid. The bias grows with σ²
+and with the directions that the recording lacks.
 """
 
 from __future__ import annotations
@@ -38,16 +38,16 @@ class Algebraic:
     Minimises ``Σ q(x)²``, ``q(x) = xᵀQx + l·x + d``, with one of these normalisations:
 
     ``"trace"``
-        tr Q = 3: moving, turning and scaling the readings does the same to the answer. The default.
+        tr Q = 3, the default: moving, rotating or scaling the readings does the same to the result.
     ``"unit"``
         The ten coefficients have unit length after the mean is removed and the readings are
         divided by their root mean square distance from it.
     ``"nxp"``
-        The same after taking the first reading off and dividing by 50: NXP's and Freescale's
-        ten-element calibration, MotionCal and MATLAB's ``magcal`` up to where they put the origin.
+        The same after subtracting the first reading and dividing by 50: the ten-element calibration of
+        NXP and Freescale, MotionCal and MATLAB's ``magcal``, except for their choice of origin.
 
-    Use it for parity with those tools; for accuracy use `Consistent`, which costs as much and has
-    no bias, or `Likelihood`.
+    Use it for the same results as these tools. For accuracy use `Consistent`, which takes the same time and
+    has no bias, or `Likelihood`.
 
     References
     ----------
@@ -72,7 +72,7 @@ class Algebraic:
     is_biased: ClassVar[bool] = True
 
     def __post_init__(self) -> None:
-        """Refuse a normalisation that is not there."""
+        """Refuse an unknown normalisation."""
         if self.normalisation not in get_args(Normalisation):
             raise UsageError(f"normalisation is {self.normalisation!r}: need {', '.join(get_args(Normalisation))}")
 
@@ -91,14 +91,14 @@ class Algebraic:
 
 
 def trace_fit(scatter: Floats) -> Floats:
-    """(10,) coefficients that minimise cᵀ M c with tr Q = 3."""
+    """(10,) coefficients c that minimise cᵀMc with tr Q = 3, for a (10, 10) scatter M."""
     return least_squares(scatter, _TRACE, _TRACE_FREE)
 
 
 def fit_error(moments: Moments, ellipsoid: Ellipsoid) -> float:
-    """NXP's and MATLAB's fit error: √(mean (|y|² − B²)²) / 2B², y the corrected reading, B its ideal length.
+    """Fit error of NXP and MATLAB: √(mean (|y|² − B²)²) / 2B², with corrected readings y and their ideal length B.
 
-    A fraction of the field; about the relative noise. MotionCal prints it in percent.
+    It is about the noise relative to the field. MotionCal prints it in per cent.
     """
     scale = ellipsoid.radius
     quadric = Ellipsoid(np.zeros(3), ellipsoid.shape / scale).as_quadric()

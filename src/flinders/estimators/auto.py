@@ -1,4 +1,4 @@
-"""Auto: the best that can be had from what is given."""
+"""Auto: the default method, which chooses by the readings."""
 
 from __future__ import annotations
 
@@ -24,22 +24,22 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True)
 class Auto:
-    """Likelihood from a consistent start; robust where residuals ask for it; consistent where there are only sums.
+    """Likelihood from a consistent start; robust if residuals show outliers; consistent if there are only sums.
 
-    Minimises what `Likelihood` minimises, over all readings or, as `Robust`, over those that belong together; of a
-    level turn, what `Level` does, and of one that is nearly level whichever claims the smaller level heading error.
+    Minimises the cost of `Likelihood` over all readings, or over the inliers as `Robust`. For a level turn it is
+    `Level`; for a nearly level one, the method that claims the smaller level heading error.
 
-    Use it unless there is a reason not to. The estimate names what was run.
+    Use it unless there is a reason not to. The estimate names the method that gave it.
 
     Parameters
     ----------
     prior : float, optional
-        See `Likelihood`; without one a level turn is not fitted either. Sums go without: `Consistent` leaves what
-        was not seen free, as None asks for.
+        See `Likelihood`; a level turn is fitted only with a prior. For sums the prior is not used: `Consistent` leaves
+        unobserved parameters free, as None does.
     robust : bool
-        Look for outliers whether or not the residuals ask for it.
+        Reject outliers regardless of the residuals.
     dip_deg : float
-        Inclination of the field at the site; it matters only to `Level`.
+        Inclination of the field at the site in degrees; only `Level` uses it.
 
     Examples
     --------
@@ -66,7 +66,7 @@ class Auto:
     is_biased: ClassVar[bool] = False
 
     def __post_init__(self) -> None:
-        """Refuse a prior that means nothing."""
+        """Refuse an invalid prior."""
         check_prior(self.prior)
 
     def estimate(self, readings: Readings) -> Estimate:
@@ -75,9 +75,9 @@ class Auto:
         Raises
         ------
         TooFewSamples, OutOfScale, StuckAxis, Unmoved, NotAnEllipsoid, Undetermined
-            As the method that is run.
+            As the chosen method.
         NeedsSamples
-            If only sums were given, and `robust` or a prior of its own was asked for: neither works on sums.
+            If only sums were given, and `robust` or a prior other than the default, which need readings.
         """
         if readings.recording is None and not self.robust:
             return self._from_sums(readings)
@@ -89,12 +89,12 @@ class Auto:
         return estimated(record, readings, has_statistics=True)
 
     def recorded(self, readings: Readings, *, statistics: int = 1) -> Records:
-        """The engine's record of what `estimate` does with readings in memory."""
-        robust, level = 2 if self.robust else 1, levelness(readings)
+        """Record of the engine for the fit of `estimate`, of readings in memory."""
+        robust, level = 2 if self.robust else 1, level_option(readings)
         return recorded(readings, self.prior, robust=robust, level=level, dip_deg=self.dip_deg, statistics=statistics)
 
     def _from_sums(self, readings: Readings) -> Estimate:
-        """Fit an ellipsoid without looking at a reading."""
+        """Fit an ellipsoid to the sums alone."""
         if self.prior not in (None, prior.SPREAD):
             raise NeedsSamples(f"{self.name} with a prior of {self.prior:g}")
         from flinders.estimators.consistent import Consistent
@@ -102,8 +102,8 @@ class Auto:
         return Consistent().estimate(readings)
 
 
-def levelness(readings: Readings) -> int:
-    """What an accelerometer shows of a level turn, for the engine: 0 that there is none, 2 that there is, 1 nothing."""
+def level_option(readings: Readings) -> int:
+    """Option ``level`` of the engine by an accelerometer: 0 for no level turn, 2 for a level turn, 1 if not known."""
     recording = readings.recording
     if not isinstance(recording, Samples) or recording.acceleration is None:
         return 1
@@ -111,7 +111,7 @@ def levelness(readings: Readings) -> int:
 
 
 def found_alone(field: Floats) -> Estimate | None:
-    """What (N, 3) readings of one sensor give by themselves, those that are there; None where that is no ellipsoid."""
+    """Estimate of `Auto` from (N, 3) readings of one sensor, without NaN; None if the fit fails."""
     try:
         return Auto().estimate(Readings.of(field[np.isfinite(field).all(axis=1)]))
     except FitError:
@@ -120,6 +120,6 @@ def found_alone(field: Floats) -> Estimate | None:
 
 METHOD: Final = Method(
     Auto,
-    use="the default: likelihood, or robust where residuals ask for it; consistent where there are only sums",
-    source="the likelihood, after `robust` where residuals ask for it",
+    use="the default: likelihood, or robust if residuals show outliers; consistent if there are only sums",
+    source="the likelihood, after `robust` if residuals show outliers",
 )

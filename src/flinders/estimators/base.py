@@ -1,10 +1,10 @@
-"""What an estimator is, and what it gives back; a claim widened by what its method leaves out of it.
+"""Interface of estimators and their estimates, with claims that include the bias of a method.
 
-A closed form claims what independent residuals would allow, and residuals of real recordings are not independent. A
-sphere through the readings of an ellipsoid, or plain least squares on half a sphere, is wrong by far more than its
-scatter says. The likelihood of the same readings is there to be asked: how residuals are correlated it has found, and
-both fits can be compared with each other: what chance explains of the difference is removed, the rest joins the
-claim.
+A closed form claims the uncertainty for independent residuals, but residuals of real recordings are correlated. Also,
+the error of a sphere through the readings of an ellipsoid, or of plain least squares on half a sphere, is much larger
+than its scatter. Therefore a closed form is compared with the likelihood of the same readings: the correlation of
+residuals is taken from the likelihood, and the difference of both fits, without the part that chance explains, is
+added to the claim.
 """
 
 from __future__ import annotations
@@ -29,36 +29,36 @@ if TYPE_CHECKING:
 
 
 OF_SITE: Final = ("dip_deg", "field_strength")
-"""Options of methods that the site says: `flinders.fit` gives them."""
+"""Options of methods that `flinders.fit` sets from the site."""
 
 
 @dataclass(frozen=True, slots=True)
 class Correlation:
-    """What residuals say of each other."""
+    """Correlation of residuals in time and direction."""
 
-    lag_one: float  # correlation of a residual with the next
-    time: float  # readings that say as much as one independent reading
-    direction: float  # standard deviation of the distortion that belongs to directions, in the unit of the readings
-    excess_variance: float = 1.0  # factor by which blocks of the recording scatter more than that allows, in variance
+    lag_one: float  # correlation of consecutive residuals
+    time: float  # correlation length: number of readings per independent reading
+    direction: float  # standard deviation of the distortion by direction, in the unit of the readings
+    excess_variance: float = 1.0  # factor by which the scatter of blocks exceeds this model, in variance
     lasting: float = 0.0  # probability that slow noise lasts longer than a third of the recording
-    steps_kurtosis: float = math.nan  # of steps between means of successive residuals, where they are correlated
+    steps_kurtosis: float = math.nan  # of steps between means of successive residuals, if they are correlated
 
     @property
     def is_white(self) -> bool:
-        """Nothing but independent noise was found."""
+        """Whether the residuals are independent."""
         return self.time == 1.0 and self.direction == 0.0 and self.excess_variance == 1.0
 
     def effective(self, count: float) -> float:
-        """How many independent readings say as much as `count` of these."""
+        """Number of independent readings that are equivalent to `count` readings."""
         return count / (self.time * self.excess_variance)
 
 
 class SiteStrength(NamedTuple):
-    """The strength of the field at a site beside that of readings, in their unit."""
+    """Strength of the field at a site compared with that of readings, in the unit of the readings."""
 
-    site: float
-    found: float  # mean semi-axis of the ellipsoid as the readings alone show it
-    sigmas: float  # how far the two are apart, over what is not known of both
+    site: float  # strength of the site
+    found: float  # mean semi-axis of the ellipsoid by the readings alone
+    sigmas: float  # difference of both in standard deviations
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -66,39 +66,38 @@ class Estimate:
     """An ellipsoid with its uncertainty."""
 
     ellipsoid: Ellipsoid
-    # (9, 9): of (b, S₁₁, S₂₂, S₃₃, S₁₂, S₁₃, S₂₃), in unit²; singular where a method holds some of them
+    # (9, 9): of (b, S₁₁, S₂₂, S₃₃, S₁₂, S₁₃, S₂₃), in unit²; singular if a method fixes some of them
     covariance: Floats
     noise: float  # standard deviation of the distance from the ellipsoid, in the unit of the readings
-    method: str  # what was run in the end, with its variant
-    # (9,): difference from the likelihood (from the consistent fit where there are only sums), as far as chance does
-    # not explain it, and None where it does; in the covariance already
+    method: str  # method that gave the estimate, with its variant
+    # (9,): difference from the likelihood (from the consistent fit if there are only sums), without the part that
+    # chance explains; None if chance explains all. It is included in the covariance
     bias: Floats | None = None
-    # share of the worst known shape parameter that a prior speaks for: 0 where the readings say it all, 1 where they
-    # say nothing
+    # fraction of information from the prior in the least known shape parameter: 0 to 1
     prior_influence: float = 0.0
-    correlation: Correlation | None = None  # how residuals are correlated; the covariance is wider for it
-    textbook: Floats | None = None  # (9, 9): covariance that would hold for independent residuals
-    used: int = 0  # readings that it rests on
-    unobserved: int = 0  # directions of parameter space of which the readings say nothing
+    correlation: Correlation | None = None  # correlation of the residuals, which is included in the covariance
+    textbook: Floats | None = None  # (9, 9): covariance for independent residuals
+    used: int = 0  # number of readings in the fit
+    unobserved: int = 0  # number of directions of parameter space that the readings do not determine
     rejected_beyond: float = np.inf  # distance from the surface beyond which readings were left out, in their unit
-    outliers: tuple[Outlier, ...] = ()  # all that was left out: `used` and their rows add up to the readings there were
-    # length that the method gives to corrected readings where no field strength is known; None for that which makes the
-    # determinant of the matrix 1
+    outliers: tuple[Outlier, ...] = ()  # runs of outliers; `used` and their rows add up to the number of readings
+    # length of corrected readings by the method if no field strength is known; None for that of a matrix with
+    # determinant 1
     strength: float | None = None
-    site_strength: SiteStrength | None = None  # where the site's strength was used, or contradicts the readings
-    plane: Plane | None = None  # ``xy``, ``yz`` or ``zx`` where the readings of one plane are all that it rests on
-    # ``constant`` or ``varying`` where the recording tells the field's strength at each reading and the scale rests on
-    # it; `strength` is then its mean, and known
+    site_strength: SiteStrength | None = None  # if the site's strength was used, or contradicts the readings
+    plane: Plane | None = None  # ``xy``, ``yz`` or ``zx`` for a fit of readings in one plane
+    # ``constant`` or ``varying`` if the recording has the field's strength at each reading, which determines the scale;
+    # `strength` is then its mean, and known
     follows: Literal["", "constant", "varying"] = ""
-    may_be_swapped: bool = True  # False where the engine saw no moment at which axes changed sign or place
-    # False where an accelerometer shows that z points elsewhere, so that the dip of the site was left out; None where
-    # that dip was used and neither an accelerometer nor anybody says which way z points
+    may_be_swapped: bool = True  # False if the engine found no exchange of axes during the recording
+    # False if an accelerometer shows that z does not point down, so that the dip of the site was not used; None if that
+    # dip was used, and the direction of z is not known
     z_down: bool | None = True
-    is_aided: bool = False  # the surface is that of the magnetometer and of aiding sensors
-    estimator: str = ""  # row of the table of methods that made it, where `method` says more than its name
+    is_aided: bool = False  # whether the surface is from the magnetometer and aiding sensors
+    estimator: str = ""  # name of the method in the table of methods, if `method` is longer
 
     def variance_inflation(self, parameters: Iterable[int] = range(9)) -> float:
-        """Mean ratio of variances to those that would hold for independent residuals; 1 where these are not known."""
+        """Mean ratio of variances to those for independent residuals; 1 if the latter are not known."""
         if self.textbook is None:
             return 1.0
         claimed, independent = self.covariance.diagonal().tolist(), self.textbook.diagonal().tolist()
@@ -107,20 +106,20 @@ class Estimate:
 
 
 def check_prior(spread: object) -> None:
-    """Let the spread of a prior through that means something, or None for no prior; else raise UsageError."""
+    """Check the spread of a prior, a positive number or None for no prior; raises UsageError."""
     if spread is not None and not (isinstance(spread, int | float) and 0.0 < spread < np.inf):
         raise UsageError(f"prior is {spread!r}: need a positive number such as {SPREAD:g}, or None")
 
 
 class Estimator(Protocol):
-    """A way of finding an ellipsoid."""
+    """Interface of a method that estimates an ellipsoid."""
 
-    name: ClassVar[str]  # what `flinders.fit(method=…)` calls it
-    unknowns: ClassVar[int]  # what it finds, the noise among it, and so the least number of readings
-    is_biased: ClassVar[bool]  # its model or its equation leaves an error that more readings do not take away
+    name: ClassVar[str]  # name in `flinders.fit(method=…)`
+    unknowns: ClassVar[int]  # number of unknowns including the noise, which is the smallest number of readings
+    is_biased: ClassVar[bool]  # whether its model or equation leaves an error that more readings do not reduce
 
     def estimate(self, readings: Readings) -> Estimate:
-        """Fit.
+        """Fit an ellipsoid.
 
         Raises `FitError` if these readings give no ellipsoid.
         """
@@ -128,14 +127,14 @@ class Estimator(Protocol):
 
 @dataclass(frozen=True, slots=True)
 class Method:
-    """A row of the table of methods, at the end of the file of each."""
+    """Row of the table of methods, at the end of the file of each method."""
 
-    kind: type[Estimator]  # with its name and unknowns
+    kind: type[Estimator]  # class of the method, with its name and unknowns
     use: str  # when to use it, in one line
     source: str  # paper or program that it follows
-    is_recipe: bool = False  # kept as it was published: its numbers may be asked for where its fit is refused
+    is_recipe: bool = False  # whether it is a published recipe, whose numbers are available even if its fit is refused
 
     @property
     def parameters(self) -> int:
-        """Parameters of its ellipsoid, which has no more than nine, without the noise."""
+        """Number of parameters of its ellipsoid, at most nine, without the noise."""
         return min(self.kind.unknowns - 1, 9)

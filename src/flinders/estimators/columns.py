@@ -1,4 +1,4 @@
-"""Columns of a log as an offset may follow them: the words of states as 0 and 1, over whole recordings."""
+"""Conversion of a log's columns of states to 0 and 1, with the same states in all recordings."""
 
 from __future__ import annotations
 
@@ -21,19 +21,19 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Coded(Wrapped):
-    """A recording with 0 and 1 in the place of the words of states."""
+    """A recording whose words of states are converted to 0 and 1."""
 
     recording: Recording
-    states: Mapping[str, tuple[str, ...]]  #: words by the name of their column
+    states: Mapping[str, tuple[str, ...]]  #: the two words of each column of states, by the name of the column
 
     def blocks(self) -> Iterator[Samples]:
-        """Yield blocks with numbers alone."""
+        """Yield converted blocks."""
         for block in self.recording.blocks():
             yield in_numbers(block, self.states)
 
 
 def in_numbers(samples: Samples, states: Mapping[str, tuple[str, ...]]) -> Samples:
-    """Samples with 0 and 1 in the place of the words of states.
+    """Convert the words of states to 0 and 1.
 
     >>> from flinders.core.samples import Samples
     >>> parked = Samples.of([[1, 2, 3], [1, 2, 4]], auxiliary={"charger": ["idle", "charging"]})
@@ -46,9 +46,9 @@ def in_numbers(samples: Samples, states: Mapping[str, tuple[str, ...]]) -> Sampl
 
 
 def states_in(recordings: Sequence[Recording], names: Sequence[str]) -> dict[str, tuple[str, ...]]:
-    """Words of the columns of states among some names, over all recordings.
+    """The two words of each column of states among `names`, over all recordings.
 
-    Raises `InputError` for a column that has words and not two of them.
+    Raises `InputError` for a column of words whose number of different words is not two.
     """
     words: dict[str, set[str]] = {}
     columns = list(filter(is_column, names))

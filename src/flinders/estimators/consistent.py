@@ -1,4 +1,4 @@
-"""Consistent: the adjusted least squares of Kukush, Markovsky and Van Huffel. One pass, no bias."""
+"""Consistent: the adjusted least squares of Kukush, Markovsky and Van Huffel, in one pass and without bias."""
 
 from __future__ import annotations
 
@@ -18,16 +18,16 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True)
 class Consistent:
-    """General ellipsoid from sums corrected for noise, whose variance is found on the way.
+    """General ellipsoid from sums that are corrected for noise; the noise is estimated, too.
 
-    Finds the σ² at which the smallest eigenvalue of the corrected scatter matrix
-    ``Ψ(σ²) = Σ φφᵀ`` with every product of monomials replaced by its Hermite polynomial is zero; the
-    eigenvector is the quadric. Newton's method on σ²: a handful of 10 × 10 eigenproblems, whatever the
-    length of the recording.
+    The corrected scatter matrix is ``Ψ(σ²) = Σ φφᵀ`` with each product of monomials replaced by its Hermite
+    polynomial. The estimate of σ² is the value at which its smallest eigenvalue is zero; the eigenvector is
+    the quadric. Newton's method on σ² needs a few 10 × 10 eigenproblems, regardless of the length of the
+    recording.
 
-    Use it where there are only sums (a fleet, a stream, a saved `Summary`), and as the start of
-    `Likelihood`. It has no bias where plain least squares is off by degrees, and falls short of
-    the likelihood's accuracy where coverage is partial.
+    Use it if there are only sums (a fleet, a stream, a saved `Summary`), and as the start of `Likelihood`.
+    It has no bias where that of plain least squares is degrees of heading. With partial coverage it is less
+    accurate than the likelihood.
 
     References
     ----------
@@ -64,7 +64,7 @@ class Consistent:
 
 
 def adjusted(readings: Readings) -> tuple[Ellipsoid, float]:
-    """Give the ellipsoid and the noise, in the unit of the readings.
+    """Ellipsoid and noise, in the unit of the readings, by adjusted least squares.
 
     Raises `NotAnEllipsoid` if the quadric is open.
     """

@@ -1,31 +1,31 @@
-"""Covariance of a fit: that of the closed forms, and what autocorrelated residuals add to it, in time and direction.
+"""Covariance of a fit: that of closed forms, and the effect of residuals correlated in time and direction.
 
-The textbook covariance σ²(JᵀJ)⁻¹ takes residuals for independent. Those of real recordings are not: the
-field has gradients along the path of the hand, the body is near, the sensor is not linear. Four
-calibrations of one board differ in heading by about three times what the textbook claims.
+The textbook covariance σ²(JᵀJ)⁻¹ assumes independent residuals. Residuals of real recordings are
+correlated, because of gradients of the field along the path of the hand, magnetic parts of the body, and
+nonlinearity of the sensor. Four calibrations of one board differ in heading by about three times the
+textbook claim.
 
-What a fit's error depends on is the scatter of Σ J s over residuals s. With correlated residuals it is
+The error of a fit depends on the scatter of Σ J s over residuals s. With correlated residuals it is
 
     B = Σᵢⱼ Jᵢ Jⱼᵀ C(tᵢ − tⱼ) + Σᵢⱼ Jᵢ Jⱼᵀ D(uᵢ, uⱼ)
 
-C is the autocovariance of the residuals, a function of one lag, estimated from all of them and cut off
-where it sinks into its own noise; the products of Jacobians are those of the recording. D is a
-distortion that belongs to the direction, not to the moment: its size is what residuals in one
-direction have in common at different times, and it is taken for smooth, without the part
-that an ellipsoid fitted all around would absorb.
+C is the autocovariance of the residuals as a function of the lag. It is estimated from all residuals and
+truncated where it is smaller than its noise; the products of Jacobians are those of the recording. D is a
+distortion that depends on the direction. Its size is estimated from residuals in one direction at different
+times; it is modelled as smooth, without the part that an ellipsoid over all directions would absorb.
 
-What creeps over minutes below the noise of a single reading has no autocovariance that rises above its own noise, and
-yet moves a fit more than the noise does. It shows when the recording is cut in a few blocks: their gradients
-Σ J s are then larger than B lets them be, and B is enlarged by as much.
+A slow drift over minutes that is smaller than the noise of a single reading has an autocovariance below its noise, but
+can change a fit more than the noise does. It is detected by dividing the recording into a few blocks: their gradients
+Σ J s are then larger than B allows, and B is multiplied by the excess.
 
-Residuals below `FINEST`, a millionth of the field, are those of rounding: of exact readings, or of readings kept in
-single precision. They follow the arithmetic and not the sensor, and are taken for white. The covariance claims no
-less noise than that, so that nothing is gained by them either.
+Residuals below `FINEST`, a millionth of the field, are rounding, of exact readings or of readings in single precision.
+They depend on the arithmetic instead of the sensor, and are treated as white. The covariance claims at least this
+noise, so that rounding does not reduce it.
 
 References
 ----------
 W. K. Newey, K. D. West, Econometrica 55 (1987) 703–708, for sums over lags; a Gaussian process on the sphere with
-a squared exponential kernel for D; blocks as in R. T. Birge, Phys. Rev. 40 (1932) 207–227, external beside internal
+a squared exponential kernel for D; blocks as in R. T. Birge, Phys. Rev. 40 (1932) 207–227, by external and internal
 consistency.
 """
 
@@ -54,10 +54,10 @@ EVERYTHING: Final = np.eye(9)
 """Basis of the parameters of a fit without constraints."""
 
 AXES_ALIGNED: Final = np.eye(9)[:, :6]
-"""Basis of the parameters where the shape is diagonal."""
+"""Basis of the parameters of a fit with a diagonal shape."""
 
 SPHERICAL: Final = np.concatenate([np.eye(9)[:, :3], np.eye(9)[:, 3:6].sum(axis=1, keepdims=True)], axis=1)
-"""Basis of the parameters where the shape is a multiple of the identity."""
+"""Basis of the parameters of a fit whose shape is a multiple of the identity."""
 
 
 def algebraic_noise(readings: Readings, ellipsoid: Ellipsoid, unknowns: int) -> float:
@@ -65,7 +65,7 @@ def algebraic_noise(readings: Readings, ellipsoid: Ellipsoid, unknowns: int) -> 
 
     With q(x) = |S⁻¹(x − b)|² − 1 and s ≈ q/|∇q| it is √(Σq² / Σ|∇q|²), corrected for the unknowns.
 
-    Raises `NotAnEllipsoid` for a surface so far from its readings that their sums do not tell.
+    Raises `NotAnEllipsoid` for a surface so far from its readings that only rounding remains.
     """
     moments = readings.summary.moments
     scale = ellipsoid.radius
@@ -74,21 +74,21 @@ def algebraic_noise(readings: Readings, ellipsoid: Ellipsoid, unknowns: int) -> 
     form = np.linalg.matrix_power(np.linalg.inv(ellipsoid.shape / scale), 4)
     steepness = 4.0 * float(np.sum(form * scatter[6:9, 6:9]))
     freedom = max(moments.count - unknowns, 1.0) / moments.count
-    if not steepness > 0.0:  # nothing but rounding is left of a surface far away from its readings
+    if not steepness > 0.0:  # only rounding remains for a surface far from its readings
         raise NotAnEllipsoid()
     square = max(float(local @ scatter @ local), 0.0) / steepness / freedom
     return scale * float(np.sqrt(square))
 
 
 def algebraic_covariance(readings: Readings, ellipsoid: Ellipsoid, noise: float, basis: Floats = EVERYTHING) -> Floats:
-    """(9, 9) covariance of a fit that minimises Σ q(x)², whatever its normalisation.
+    """(9, 9) covariance of a fit that minimises Σ q(x)², with any normalisation.
 
     q = |∇q| s, so to first order such a fit is a least-squares fit of the distances s with weights
-    w = |∇q|², and its covariance is σ² N⁻¹ (Σ w² JJᵀ) N⁻¹ with N = Σ w JJᵀ: larger than that of the
-    likelihood, which weighs all distances alike. The sums run over the cells of the cloud. A direction that the
-    readings do not see gets the radius for its standard deviation.
+    w = |∇q|². Its covariance is σ² N⁻¹ (Σ w² JJᵀ) N⁻¹ with N = Σ w JJᵀ, which is larger than that of the
+    likelihood with equal weights. The sums are over the cells of the cloud. The standard deviation of an unobservable
+    direction is the radius.
 
-    `noise`: in the unit of the readings; `basis`: (9, k), the parameters that the method adjusts.
+    `noise`: in the unit of the readings; `basis`: (9, k) basis of the parameters of the method.
     """
     cloud = readings.summary.cloud
     directions = directions_of(cloud.means, ellipsoid)
@@ -111,10 +111,9 @@ def algebraic_covariance(readings: Readings, ellipsoid: Ellipsoid, noise: float,
 
 
 def beyond_chance(difference: Floats, covariance: Floats) -> Floats:
-    """(P,) what of a difference d of two estimates its covariance C does not explain.
+    """(P,) part of a difference d of two estimates that its covariance C does not explain.
 
-    Where only chance is at work χ² = dᵀC⁻¹d is P on average; √max(0, 1 − P/χ²) of d is left, as James and Stein shrink
-    a mean.
+    By chance alone χ² = dᵀC⁻¹d has the mean P. The result is d √max(0, 1 − P/χ²), as in James–Stein shrinkage.
     """
     chi_square = float(difference @ np.linalg.pinv(covariance, rcond=1e-12, hermitian=True) @ difference)
     share = max(0.0, 1.0 - len(difference) / chi_square) if chi_square > 0.0 else 0.0
@@ -122,24 +121,24 @@ def beyond_chance(difference: Floats, covariance: Floats) -> Floats:
     return beyond
 
 
-LONGEST_LAG: Final = 1000
-"""Readings: twenty seconds at 50 Hz, longer than a turn by hand takes."""
+MAX_LAG: Final = 1000
+"""Largest lag in readings: twenty seconds at 50 Hz, longer than a turn by hand."""
 
-PARTNERS: Final = 0.75
-"""Of the readings: with fewer pairs than that a lag is not looked at, as their sum falls short of it."""
+MIN_PAIR_SHARE: Final = 0.75
+"""Smallest number of pairs at a lag, relative to the number of readings; with fewer the sum would be too small."""
 
-SIGNIFICANT: Final = 2.0
-"""Standard errors beyond which a correlation is one."""
+MIN_CORRELATION_ERRORS: Final = 2.0
+"""Smallest significant correlation in standard errors."""
 
 BLOCKS: Final = 8
-"""Blocks of a recording, put together to four, that tell what creeps."""
+"""Blocks of a recording, also merged to four, that show slow drifts."""
 
 BY_CHANCE: Final = 0.02
-"""Creeping that chance makes more often than this is not one."""
+"""Largest probability by chance of a slow drift that is taken as real."""
 
 
 def time_of(autocovariance: Floats) -> float:
-    """Readings that say as much as one independent reading: 1 + 2 Σ C(k)/C(0)."""
+    """Correlation length 1 + 2 Σ C(k)/C(0), the number of readings per independent reading."""
     return 1.0 + 2.0 * float(autocovariance[1:].sum()) / max(float(autocovariance[0]), 1e-300)
 
 
@@ -149,40 +148,40 @@ class Residuals:
 
     distances: Floats  # (N,)
     jacobian: Floats  # (N, 9)
-    segments: list[NDArray[np.int64]]  # list of (m,) int: places of consecutive ones
+    segments: list[NDArray[np.int64]]  # list of (m,) int: indices of consecutive residuals
 
     def lag_one(self) -> float:
-        """Correlation of one with the next."""
+        """Correlation of consecutive residuals."""
         products = sum(float(self.distances[s][1:] @ self.distances[s][:-1]) for s in self.segments)
         return products / max(float(self.distances @ self.distances), 1e-300)
 
     def variance(self) -> Floats:
-        """(1,) C(0) alone: the autocovariance of white residuals."""
+        """(1,) C(0), the autocovariance of white residuals."""
         return np.array([float(self.distances @ self.distances) / len(self.distances)])
 
     def autocovariance(self) -> Floats:
-        """(K,) C(0), C(1), … up to where it sinks into its noise; C(0) alone where residuals are white."""
+        """(K,) autocovariance C(0), C(1), … to the lag at which it is below its noise; C(0) for white residuals."""
         total = len(self.distances)
-        most = self._longest_lag()
-        if abs(self.lag_one()) < SIGNIFICANT / np.sqrt(total) or most < 2:
+        most = self._max_lag()
+        if abs(self.lag_one()) < MIN_CORRELATION_ERRORS / np.sqrt(total) or most < 2:
             return self.variance()
         sums = np.zeros(most)
         for segment in self.segments:
             spectrum = np.fft.rfft(self.distances[segment], 2 * len(segment))
             products = np.fft.irfft(np.abs(spectrum) ** 2)[: min(most, len(segment))]
             sums[: len(products)] += products
-        sunk = np.flatnonzero(sums < SIGNIFICANT / np.sqrt(total) * sums[0])
+        sunk = np.flatnonzero(sums < MIN_CORRELATION_ERRORS / np.sqrt(total) * sums[0])
         return sums[: sunk[0] if len(sunk) else most] / total
 
-    def _longest_lag(self) -> int:
-        """The largest lag at which enough readings still have a partner in their stretch, however short some are."""
+    def _max_lag(self) -> int:
+        """Largest lag at which enough readings have a partner in their segment."""
         lengths = np.array([len(segment) for segment in self.segments])
-        lags = np.arange(1, min(int(lengths.max()), LONGEST_LAG) + 1)
+        lags = np.arange(1, min(int(lengths.max()), MAX_LAG) + 1)
         partners = np.maximum(lengths - lags[:, np.newaxis], 0).sum(axis=1)
-        return int(np.count_nonzero(partners >= PARTNERS * lengths.sum()))
+        return int(np.count_nonzero(partners >= MIN_PAIR_SHARE * lengths.sum()))
 
     def scatter(self, autocovariance: Floats) -> Floats:
-        """(9, 9) Σᵢⱼ JᵢJⱼᵀ C(i − j), the products of Jacobians interpolated between a few lags."""
+        """(9, 9) scatter Σᵢⱼ JᵢJⱼᵀ C(i − j), with the products of Jacobians interpolated between a few lags."""
         white = autocovariance[0] * self.jacobian.T @ self.jacobian
         total = white.copy()
         lags, weights = quadrature(autocovariance)
@@ -191,16 +190,16 @@ class Residuals:
                 rows = self.jacobian[segment]
                 product = rows[:-lag].T @ rows[lag:]
                 total += weight * (product + product.T)
-        return total if not lags else _not_below(total, white)
+        return total if not lags else _raise_eigenvalues(total, white)
 
     def excess_variance(self, scatter: Floats) -> float:
-        """Factor by which blocks of the recording scatter more than a scatter (9, 9) of the whole allows; at least 1.
+        """Factor by which the scatter of blocks exceeds a (9, 9) scatter of the whole, in variance; at least 1.
 
-        With gᵦ = Σ J s and Nᵦ = Σ JJᵀ of a block, N and B of the whole, q = Σ gᵦᵀB⁻¹gᵦ has the mean
-        9 − Σ tr (N⁻¹Nᵦ)² about a fit, and twice that sum for its variance. Eight and four blocks are
-        looked at; the largest q over its mean that chance does not explain counts.
+        With gᵦ = Σ J s and Nᵦ = Σ JJᵀ of a block, and N and B of the whole, q = Σ gᵦᵀB⁻¹gᵦ has the mean
+        9 − Σ tr (N⁻¹Nᵦ)² about a fit, and a variance of twice that sum. The result is the largest ratio of q to its
+        mean, of eight and of four blocks, that chance does not explain.
         """
-        values, vectors = _principal(scatter)
+        values, vectors = _principal_axes(scatter)
         rows = self.jacobian @ (vectors / np.sqrt(values))  # in which B is the unit matrix
         blocks = np.array_split(np.arange(len(rows)), BLOCKS)
         gradients = np.stack([self.distances[block] @ rows[block] for block in blocks])
@@ -210,16 +209,16 @@ class Residuals:
 
 
 def largest_excess(gradients: Floats, squares: Floats, inverse: Floats) -> float:
-    """Largest q over its mean that chance does not explain, of blocks, of pairs of them and so on; at least 1.
+    """Largest ratio of q to its mean that chance does not explain, of blocks, of pairs of blocks and so on; at least 1.
 
     Parameters
     ----------
     gradients : (B, P) float
-        Of blocks of a recording, in a basis in which their scatter should be the unit matrix.
+        Gradients of blocks of a recording, in a basis in which their expected scatter is the unit matrix.
     squares : (B, P, P) float
-        Their Σ JJᵀ.
+        Σ JJᵀ of the blocks, in the same basis.
     inverse : (P, P) float
-        That of the sum of the squares.
+        Inverse of the sum of `squares`.
     """
     largest = 1.0
     while len(gradients) >= 4:
@@ -233,13 +232,13 @@ def largest_excess(gradients: Floats, squares: Floats, inverse: Floats) -> float
     return largest
 
 
-def _not_below(scatter: Floats, white: Floats) -> Floats:
-    """Keep a scatter matrix from claiming more than white residuals would, or much more than it does on average.
+def _raise_eigenvalues(scatter: Floats, white: Floats) -> Floats:
+    """Bound the eigenvalues of a scatter matrix from below, relative to the scatter of white residuals.
 
-    An autocovariance that is cut off is not positive definite, and few independent readings make a noisy sum: in
-    units of the white scatter no eigenvalue may be below one, or below a quarter of their mean.
+    A truncated autocovariance is not positive definite, and few independent readings give a noisy sum. In units of the
+    white scatter, the eigenvalues are raised to at least one, and to at least a quarter of their mean.
     """
-    values, vectors = _principal(white)
+    values, vectors = _principal_axes(white)
     inverse = vectors / np.sqrt(values)
     inflation, turned = np.linalg.eigh(inverse.T @ scatter @ inverse)
     inflation = np.maximum(inflation, max(1.0, float(inflation.mean()) / 4.0))
@@ -248,8 +247,8 @@ def _not_below(scatter: Floats, white: Floats) -> Floats:
     return bounded
 
 
-def _principal(matrix: Floats) -> tuple[Floats, Floats]:
-    """(k,) and (9, k): VᵀMV is diag(values) for a symmetric M, over the directions that rounding leaves of it."""
+def _principal_axes(matrix: Floats) -> tuple[Floats, Floats]:
+    """(k,) values and (9, k) V with VᵀMV = diag(values) for a symmetric M, without directions of rounding."""
     diagonal = np.diag(matrix)
     observed = diagonal > ROUNDING * float(diagonal.max())
     scale = np.sqrt(np.where(observed, diagonal, 1.0))
@@ -259,7 +258,7 @@ def _principal(matrix: Floats) -> tuple[Floats, Floats]:
 
 
 def quadrature(autocovariance: Floats) -> tuple[list[int], Floats]:
-    """Lags at which products are taken, and their weights: Σₖ C(k) M(k) with M linear between them."""
+    """Lags and weights of a sum that approximates Σₖ C(k) M(k), with M linear between these lags."""
     last = len(autocovariance)
     if last < 2:
         return [], np.empty(0)

@@ -1,4 +1,4 @@
-"""Readings as an estimator takes them: the sums of a recording, and the recording itself where it is there.
+"""Input of an estimator: the sums of a recording, and the recording itself if available.
 
 >>> readings = Readings.of(np.random.default_rng(1).normal(size=(50, 3)))
 >>> len(readings.summary), readings.thinned(20).shape
@@ -19,7 +19,7 @@ Inliers are readings near a surface:
 [array([[50.,  0.,  0.],
        [ 0.,  0., 51.]])]
 
-A saturated reading says only that the field was stronger, so none is used:
+Saturated readings give only a limit of the field, and are not used:
 
 >>> from flinders.summary.quality import Rail
 >>> samples = Samples(np.array([[50.0, 0, 0], [40.0, 9, 0], [50.0, 3, 2]]))
@@ -64,21 +64,22 @@ if TYPE_CHECKING:
     from flinders.summary.summary import Statistics
 
 HELD: Final = 500_000
-"""Readings that are kept in memory, 16 MB with times, 76 MB with all columns. A longer recording is gone through
-again, and fitted to every second, third … reading."""
+"""Largest number of readings that are held in memory, 16 MB with times, 76 MB with all columns.
+
+A longer recording is read again in each pass, and fits use every second, third … reading."""
 
 
-def _consumed(blocks: deque[Samples]) -> Iterator[Samples]:
-    """Blocks, none of which stays in memory."""
+def _release_blocks(blocks: deque[Samples]) -> Iterator[Samples]:
+    """Yield blocks, and release each from memory."""
     while blocks:
         yield blocks.popleft()
 
 
-def together(recordings: Sequence[Recording]) -> tuple[Recording, Sequence[Recording]]:
-    """Several recordings as one, and each of them.
+def join_with_parts(recordings: Sequence[Recording]) -> tuple[Recording, Sequence[Recording]]:
+    """Join several recordings; returns the whole and its parts.
 
-    Where all are in memory and not too long, so is the whole, and each is a view of it; else the whole goes through
-    them in turn.
+    If all are in memory and not too long, the whole is in memory and the parts are views of it. Otherwise the whole
+    reads the parts in order.
     """
     joined = Joined(tuple(recordings))
     in_memory = [recording for recording in recordings if isinstance(recording, Samples)]
@@ -93,14 +94,14 @@ def together(recordings: Sequence[Recording]) -> tuple[Recording, Sequence[Recor
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Inliers(Wrapped):
-    """The readings of a recording that are close to a surface."""
+    """A recording without the readings that are far from a surface."""
 
     recording: Recording
     ellipsoid: Ellipsoid
-    limit: float  # farthest Sampson distance, in the unit of the readings
+    limit: float  # largest Sampson distance, in the unit of the readings
 
     def blocks(self) -> Iterator[Samples]:
-        """Go through the recording without what is farther."""
+        """Yield blocks with the inliers."""
         for block in self.recording.blocks():
             far = np.abs(magnitude.distances(block.field, self.ellipsoid)) > self.limit
             yield block[~far]
@@ -108,13 +109,13 @@ class Inliers(Wrapped):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class WithinRange(Wrapped):
-    """A recording without the readings at a rail."""
+    """A recording without saturated readings."""
 
     recording: Recording
     rails: tuple[Rail, ...]
 
     def blocks(self) -> Iterator[Samples]:
-        """Go through the recording."""
+        """Yield blocks without readings at a rail."""
         for block in self.recording.blocks():
             free = np.ones(len(block), dtype=bool)
             for rail in self.rails:
@@ -123,15 +124,15 @@ class WithinRange(Wrapped):
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Flat(Wrapped):
-    """A recording whose first and second column are a plane's axes, and whose third one is the same for all."""
+class PlanarRecording(Wrapped):
+    """A recording projected to a plane: x and y are the axes of the plane, z is constant."""
 
     recording: Recording
     plane: Plane
-    height: float = 0.0
+    height: float = 0.0  # value of z, in the unit of the readings
 
     def blocks(self) -> Iterator[Samples]:
-        """Go through the recording."""
+        """Yield projected blocks."""
         first, second, _ = order_of(self.plane)
         for block in self.recording.blocks():
             field = np.full_like(block.field, self.height)
@@ -140,19 +141,19 @@ class Flat(Wrapped):
 
 
 def laid_flat(readings: Readings, plane: Plane, height: float = 0.0) -> Readings:
-    """The readings of a plane, all at one height, with the sums of all."""
-    return readings.through(lambda recording: Flat(recording, plane, height))
+    """Readings projected to a plane at a constant height; their summary stays that of all readings."""
+    return readings.through(lambda recording: PlanarRecording(recording, plane, height))
 
 
 def within_range(readings: Readings) -> Readings:
-    """Those readings that are at no rail, with the sums of all."""
+    """Readings without saturated ones; their summary stays that of all readings."""
     rails = readings.summary.health.rails
     return readings.through(lambda recording: WithinRange(recording, rails)) if rails else readings
 
 
 @dataclass(slots=True, eq=False)
 class CountedRecording(Wrapped):
-    """A recording that counts its readings, and notes their earliest and latest time, on each pass.
+    """A recording that counts its readings in each pass, and stores their earliest and latest time.
 
     >>> counted = CountedRecording(Samples.of([[1, 2, 3], [3, 2, 1]], time=[5.0, 4.0]))
     >>> [len(block) for block in counted.blocks()], counted.rows, counted.span
@@ -160,20 +161,20 @@ class CountedRecording(Wrapped):
     """
 
     recording: Recording
-    rows: int = 0
-    span: tuple[float, float] = (math.nan, math.nan)  #: earliest and latest time, s; NaN where not known
+    rows: int = 0  #: number of readings in the last pass
+    span: tuple[float, float] = (math.nan, math.nan)  #: s: earliest and latest time; NaN if not known
 
     def __len__(self) -> int:
         return self.rows
 
     @property
     def skipped(self) -> tuple[Skipped, ...]:
-        """What the last pass left out."""
+        """Rows that were skipped in the last pass."""
         skipped: tuple[Skipped, ...] = getattr(self.recording, "skipped", ())
         return skipped
 
     def blocks(self) -> Iterator[Samples]:
-        """Go through the recording."""
+        """Yield blocks, and update `rows` and `span`."""
         self.rows, self.span = 0, (math.nan, math.nan)
         for block in self.recording.blocks():
             self.rows += len(block)
@@ -183,32 +184,31 @@ class CountedRecording(Wrapped):
 
 
 SMALLEST, LARGEST = 1e-12, 1e15
-"""Between these sizes, in any unit, fourth powers and their inverses are numbers."""
+"""Range of readings, in any unit, whose fourth powers and their inverses are finite."""
 
 FARTHEST: Final = 1000.0
-"""Offset in spreads of the readings; a magnet that strong leaves no range to any sensor."""
+"""Largest ratio of the offset to the spread of the readings; a stronger magnet saturates any sensor."""
 
 
 def is_recording(source: Recording | ArrayLike) -> TypeGuard[Recording]:
-    """Anything with blocks is a recording; all else has to be an array."""
+    """Whether a source is a recording, which has blocks; otherwise it must be an array."""
     return hasattr(source, "blocks")
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Readings:
-    """The sums of a recording, and the recording itself where it can be gone through again."""
+    """Summary of a recording, and the recording itself if it can be read again."""
 
     summary: Summary
-    recording: Recording | None = None  # None where only the sums came: methods that need each reading then refuse
-    # where it is several recordings of one sensor: each of them. Nothing that follows the order of the readings goes
-    # across from one to the next.
+    recording: Recording | None = None  # None for sums alone, with which some methods fail
+    # single recordings if there are several of one sensor; statistics of the order do not cross their ends
     parts: tuple[Readings, ...] = ()
-    whole: Readings | None = None  # where these are those that a fit goes by: the same with all of each rest, …
-    rests: Rests | None = None  # … and where the rests are in their recording
+    whole: Readings | None = None  # all readings, if rests in these readings are replaced by one reading or none
+    rests: Rests | None = None  # the rests in `whole`
 
     @classmethod
     def of(cls, source: Summary | Recording | ArrayLike) -> Self:
-        """Summarise whatever is given, in one pass; recordings that are not too long in all are kept in memory."""
+        """Summarise a source in one pass; recordings are held in memory if they are short enough in total."""
         if isinstance(source, Summary):
             return cls(source)
         recording = source if is_recording(source) else Samples.of(cast("ArrayLike", source))
@@ -224,7 +224,7 @@ class Readings:
 
     @classmethod
     def _of_one(cls, recording: Recording, room: int) -> Self:
-        """Summarise one recording, and keep it if it has no more readings than there is room for."""
+        """Summarise one recording, and hold it in memory if it has at most `room` readings."""
         if isinstance(recording, Samples):
             return cls(Summary.deferred(recording), recording)
         blocks, begun, rows = recording.blocks(), deque[Samples](), 0
@@ -232,23 +232,23 @@ class Readings:
             begun.append(block)
             rows += len(block)
             if rows > room:
-                return cls(Summary.over(chain(_consumed(begun), blocks)), recording)
+                return cls(Summary.over(chain(_release_blocks(begun), blocks)), recording)
         whole = concatenated(begun, recording)
         return cls(Summary.deferred(whole), whole)
 
     @classmethod
     def _of_parts(cls, summary: Summary, parts: Sequence[Readings]) -> Self:
-        """Several recordings as one."""
-        whole, each = together([part.recording for part in parts if part.recording is not None])
+        """Join the readings of several recordings."""
+        whole, each = join_with_parts([part.recording for part in parts if part.recording is not None])
         return cls(summary, whole, tuple(replace(part, recording=own) for part, own in zip(parts, each, strict=True)))
 
     def __len__(self) -> int:
         return len(self.recording) if isinstance(self.recording, Samples) else len(self.summary)
 
     def blocks(self, method: str) -> Iterator[Floats]:
-        """Go through all readings.
+        """Yield blocks of (m, 3) readings.
 
-        Raises `NeedsSamples` where there are only sums.
+        Raises `NeedsSamples` if there are only sums.
         """
         if self.recording is None:
             raise NeedsSamples(method)
@@ -259,7 +259,7 @@ class Readings:
             yield block.field
 
     def thinned(self, limit: int, method: str = "") -> Floats:
-        """Take at most about `limit` readings, spread evenly over the recording."""
+        """(M, 3) readings, at most about `limit`, spread evenly over the recording."""
         stride = max(1, -(-len(self) // limit))
         if isinstance(self.recording, Samples):
             return self.recording.field[::stride]
@@ -270,14 +270,14 @@ class Readings:
         return thinned[: -(-seen // stride)]  # a recording without its outliers has fewer than its sums
 
     def in_memory(self, method: str = "") -> tuple[Floats, NDArray[np.int64] | None]:
-        """(N, 3) readings, and where each of several recordings ends; of a longer one every second, third … reading."""
+        """(N, 3) readings, thinned if too many, and the row after the end of each of several recordings."""
         if not isinstance(self.recording, Samples):
             return self.thinned(HELD, method), None
         ends = np.cumsum([len(part) for part in self.parts]) if self.parts else None
         return self.recording.field, ends
 
     def fitted(self) -> Readings:
-        """Those that a fit goes by, each rest as one or none; as they are where they are that, or not in memory."""
+        """Readings for a fit, with each rest replaced by one reading or none; unchanged if not in memory."""
         if self.rests is not None or not isinstance(self.recording, Samples):
             return self
         ends = self.in_memory()[1]
@@ -299,12 +299,12 @@ class Readings:
 
     @property
     def as_read(self) -> Readings:
-        """The readings as they were read, with all of each rest."""
+        """All readings, including those at rest."""
         return self.whole or self
 
     @property
     def statistics(self) -> Statistics:
-        """What a verdict asks of the recording."""
+        """Statistics of the recording for a verdict."""
         statistics = self.summary.statistics
         if self.rests is None or not isinstance(self.recording, Samples):
             return statistics
@@ -322,15 +322,15 @@ class Readings:
 
     @property
     def each(self) -> tuple[Readings, ...]:
-        """The recordings one by one: the parts, or this."""
+        """The single recordings: the parts, or this one."""
         return self.parts or (self,)
 
     def near(self, ellipsoid: Ellipsoid, limit: float) -> Self:
-        """Those readings that are close to a surface, with the sums of all."""
+        """Readings within `limit` of a surface; their summary stays that of all readings."""
         return self if np.isinf(limit) else self.through(lambda recording: Inliers(recording, ellipsoid, limit))
 
     def through(self, wrapped: Callable[[Recording], Recording]) -> Self:
-        """What another recording makes of each, with the sums of all; in memory where the readings are."""
+        """Wrap each recording by a function; held in memory if the readings are. The summary stays unchanged."""
         if self.recording is None:
             return self
         if self.parts:
@@ -342,16 +342,16 @@ class Readings:
 
     @property
     def are_in_scale(self) -> bool:
-        """The largest of them is of a size that a magnetometer reads, in any unit; others cannot be calculated with."""
+        """Whether the largest reading is in a range in which fits can be computed, in any unit."""
         return SMALLEST < self.summary.moments.unit < LARGEST
 
     def require(self, unknowns: int, method: str, *, axes: str = "xyz") -> None:
-        """Refuse what no method can work with; `axes` are those that have to change.
+        """Refuse readings that no method can fit; `axes` are the axes that must change.
 
-        Raises `TooFewSamples` unless there are as many different readings as unknowns. Raises `OutOfScale` for numbers
-        that no magnetometer reads. Raises `StuckAxis` if an axis never changes. Raises `Unmoved` if the readings vary
-        by less than a thousandth of their mean: sums about zero tell too little of them. What `flinders.fit` refuses
-        besides, see `flinders.diagnostics.unmoved`.
+        Raises `TooFewSamples` unless there are as many different readings as unknowns. Raises `OutOfScale` for readings
+        outside the range of any magnetometer. Raises `StuckAxis` if an axis never changes. Raises `Unmoved` if the
+        readings vary by less than a thousandth of their mean, which sums about zero do not resolve. `flinders.fit` also
+        checks `flinders.diagnostics.unmoved`.
         """
         plane = "" if axes == "xyz" else f"all the way round in the plane {axes}"
         how = plane or "through all directions"
@@ -371,15 +371,15 @@ class Readings:
 
 
 def recording_of(
-    source: Any,  # noqa: ANN401 - arrays, paths, frames of packages that need not be there
+    source: Any,  # noqa: ANN401 - arrays, paths, frames of packages that may be missing
     unit: Unit | None = None,
     axes: Axes | None = None,
     sensor: str | int | None = None,
     columns: AnyColumns | None = None,
 ) -> tuple[Recording | Summary, str | None]:
-    """Readings as a recording, in their unit and axes where those are given; and what their sensor is called.
+    """Recording of a source, in the given unit and axes, and the name of its sensor.
 
-    A recording and a Summary are returned as they are. Raises what `flinders.read` raises.
+    A recording or a Summary is returned unchanged. Raises the errors of `flinders.read`.
 
     >>> recording, _ = recording_of([[200, 100, -400], [300, 0, -300]], Unit.of("mG"), Axes.of("x,-y,-z"))
     >>> recording.field[0]
@@ -388,11 +388,11 @@ def recording_of(
     name = None if sensor is None else str(sensor)
     if isinstance(source, Summary) or hasattr(source, "blocks"):
         if columns is not None:
-            raise UsageError("columns are chosen where a recording is read: leave them out", hint={"columns": None})
+            raise UsageError("columns are chosen when a recording is read: leave them out", hint={"columns": None})
         return cast("Recording | Summary", source), name
-    if not _is_read(source):
+    if not _needs_reader(source):
         if columns is not None:
-            raise UsageError("an array has no names of columns: take those of the magnetometer, (N, 3), out of it")
+            raise UsageError("an array has no named columns: give only those of the magnetometer, (N, 3)")
         return Samples.of(source, unit=unit or COUNTS, axes=axes or Axes()), name
     from flinders.readers import Choice, open_recording
 
@@ -407,8 +407,8 @@ def recording_of(
     return recording, getattr(recording, "name", "") or name
 
 
-def _is_read(source: object) -> bool:
-    """Whether `flinders.read` reads it; the readers are imported only where it is no array."""
+def _needs_reader(source: object) -> bool:
+    """Whether a source is for `flinders.read`; the readers are not imported for an array."""
     if isinstance(source, np.ndarray):
         return source.dtype.names is not None
     if isinstance(source, list | tuple):

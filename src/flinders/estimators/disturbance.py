@@ -1,21 +1,20 @@
-"""What drives the offset, found along with the ellipsoid: motors, throttle, temperature.
+"""Joint fit of the ellipsoid and the disturbances of the offset: motors, throttle, temperature.
 
 Minimises
 
     Σ s(x − Σ P (c(t − lag) − reference))² / σ² + prior
 
 over offset b, shape S, the offset per unit P of each disturbance, the growth a of the scale with the temperature, and
-the lag of motors, s being the Sampson distance. `flinders.estimators.regressors` has the columns,
-`flinders.estimators.disturbance_problem` the sum for the solver, `flinders.estimators.time_delay` looks for lags and
-keeps those that readings prove, and `flinders.estimators.regressor_quality` says whether a column is fit to be used.
+the lag of motors, with the Sampson distance s. `flinders.estimators.regressors` has the columns,
+`flinders.estimators.disturbance_problem` the problem of the solver, `flinders.estimators.time_delay` estimates lags and
+keeps the significant ones, and `flinders.estimators.regressor_quality` checks the quality of a column.
 
-Use it where a current, a throttle or a temperature was recorded beside the readings and changed while the sensor was
-turned. Not where the disturbance only changed in step with the attitude (see
-`DisturbanceEstimate.attitude_collinearity`), nor for a sensor that was not turned: for that there is
-`flinders.estimators.static_bench`.
+Use it if a current, a throttle or a temperature was recorded with the readings and changed while the sensor was turned.
+Not if the disturbance changed only with the attitude (see `DisturbanceEstimate.attitude_collinearity`). For a sensor
+that was not turned use `flinders.estimators.static_bench`.
 
-The ellipsoid itself is then fitted to the settled readings by whatever method is asked for. What is not known of P is
-carried over to b and S by `DisturbanceFit.carried`, so that their covariance is that of the joint fit:
+The ellipsoid is then fitted to the compensated readings by any method. The uncertainty of P is propagated to b and S by
+`DisturbanceFit.carried`, so that their covariance is that of the joint fit:
 
     C = C | P + G C_P Gᵀ,        G = −(JᵀJ)⁻¹ JᵀJ_P
 
@@ -71,59 +70,59 @@ if TYPE_CHECKING:
     from flinders.estimators.time_delay import Lag
     from flinders.geometry.ellipsoid import Ellipsoid
 
-LEANT: Final = 0.5
-"""Leverage from which on a reading says more of the surface through it than all others say there."""
+MIN_LEVERAGE: Final = 0.5
+"""Leverage from which a reading determines the surface near it more than all others together."""
 
-MOST_LEVERAGE: Final = 0.99
-"""More would say anything of what the reading is off."""
+MAX_LEVERAGE: Final = 0.99
+"""Largest leverage in the estimate of a reading's error, which diverges at 1."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class DisturbanceFit:
-    """Disturbances with their uncertainty, and what that does to an ellipsoid."""
+    """Disturbances with their uncertainty, and its effect on an ellipsoid."""
 
     disturbances: tuple[Disturbance, ...]
     #: (K, K): of (P₁, P₂, …, a): three rows for each disturbance, and one for the growth of the scale with temperature
     covariance: Floats
-    carried: Floats  #: (9, K): by how much offset and shape move for each unit of those
-    ellipsoid: Ellipsoid  #: the one found along with them
-    noise: float  #: standard deviation of the distances that are left, in the unit of the readings
-    noise_without: float  #: the same of the best ellipsoid that follows nothing, over the same readings
-    #: one for each disturbance, without what it does to headings
+    carried: Floats  #: (9, K): derivative of offset and shape by these parameters
+    ellipsoid: Ellipsoid  #: ellipsoid of the joint fit
+    noise: float  #: standard deviation of the residual distances, in the unit of the readings
+    noise_without: float  #: the same for the best ellipsoid without disturbances, over the same readings
+    #: one for each disturbance, without its effect on headings
     estimates: tuple[DisturbanceEstimate, ...]
-    constant: tuple[str, ...] = ()  #: disturbances that hardly changed, of which nothing was found
-    #: (D, D): what a unit of one disturbance goes with of another motor's, in its unit, row by row; ones on the
+    constant: tuple[str, ...] = ()  #: disturbances that hardly changed, which are not estimated
+    #: (D, D): regression slope of each motor's disturbance (column) on another one (row), in its unit; ones on the
     #: diagonal
     along: Floats = field(default_factory=lambda: np.eye(0))
-    #: (9, 9): covariance of offset and shape from what single readings may be off on which they lean
+    #: (9, 9): covariance of offset and shape by the errors of single readings of high leverage
     leaning: Floats = field(default_factory=lambda: np.zeros((9, 9)))
 
     @property
     def calibration(self) -> Calibration:
-        """A calibration that follows the disturbances, by which readings are settled."""
+        """A calibration with the disturbances, to compensate readings."""
         return replace(
             Calibration.from_ellipsoid(self.ellipsoid.centre, self.ellipsoid.shape), disturbances=self.disturbances
         )
 
     def with_states(self, states: Mapping[str, tuple[str, ...]]) -> DisturbanceFit:
-        """The same with the words of columns of states, by name."""
+        """A copy with the words of columns of states, by the name of the column."""
         disturbances = tuple(one.with_states(states.get(one.name, ())) for one in self.disturbances)
         estimates = zip(self.estimates, disturbances, strict=True)
         worded = tuple(replace(estimate, disturbance=one) for estimate, one in estimates)
         return replace(self, disturbances=disturbances, estimates=worded)
 
     def widened(self, covariance: Floats) -> Floats:
-        """(9, 9) covariance of offset and shape at the references, from that which takes the disturbances as known."""
+        """(9, 9) covariance of offset and shape at the references, from that for known disturbances."""
         wider: Floats = covariance + self.leaning + self.carried @ self.covariance @ self.carried.T
         return wider
 
     def joint(self, covariance: Floats) -> Floats:
-        """(9 + K, 9 + K) covariance of offset, shape and disturbances, given the widened one of offset and shape."""
+        """(9 + K, 9 + K) covariance of offset, shape and disturbances, from the widened one of offset and shape."""
         across = self.carried @ self.covariance
         return np.block([[covariance, across], [across.T, self.covariance]])
 
     def at_end(self, covariance: Floats, place: int) -> Floats:
-        """(9, 9) the same at the far end of the range of one disturbance, the others at their references."""
+        """(9, 9) covariance of offset and shape at the far end of the range of one disturbance."""
         disturbance = self.disturbances[place]
         carried = self.carried.copy()
         away = (disturbance.farthest - disturbance.reference) * self.along[place]
@@ -134,27 +133,27 @@ class DisturbanceFit:
     def remaining_error(
         self, ellipsoid: Ellipsoid, place: int, *, dip_deg: float, down: Floats | None = None
     ) -> HeadingError:
-        """Heading error (1 σ) that the uncertainty of one disturbance leaves at the far end of its range."""
+        """Heading error (1 σ) by the uncertainty of one disturbance, at the far end of its range."""
         return level_error(ellipsoid, self.at_end(np.zeros((9, 9)), place), dip_deg=dip_deg, down=down)
 
 
 def fit_disturbances(
     recordings: Sequence[Recording], names: Sequence[str], *, spread: float | None = prior.SPREAD
 ) -> DisturbanceFit:
-    """Find what drives the offset.
+    """Estimate disturbances of the offset.
 
-    Raises `UsageError` for a name that is not known; `InputError` where a recording lacks the column; `TooFewSamples`
-    for fewer readings than anything can be distinguished from.
+    Raises `UsageError` for an unknown name; `InputError` if a recording lacks the column; `TooFewSamples` for too few
+    readings.
 
     Parameters
     ----------
     recordings : sequence of Recording
-        Of one sensor; a lag does not reach from one into the next.
+        Recordings of one sensor; lags do not cross their ends.
     names : sequence of str
         ``current``, ``throttle``, ``temperature``; of one motor ``current1`` or ``throttle1``, of all ``currents`` or
         ``throttles``; another column of numbers by its name in the log.
     spread : float, optional
-        As for `flinders.likelihood.prior`, on the shape; None for the default, as a solver needs a hold.
+        Spread of the prior of the shape, see `flinders.likelihood.prior`; None for the default, which the solver needs.
     """
     logged = Logged.of(recordings, tuple(names))
     moving, constant = logged.split()
@@ -165,19 +164,19 @@ def fit_disturbances(
         return DisturbanceFit((), *nothing, without.at.ellipsoid, without.noise, without.noise, (), constant)
     lags, near = lags_of(logged, moving, prior_spread)
     problem = DisturbanceProblem(logged, moving, prior_spread, proven_lags(lags))
-    return _identified(problem, settle(problem, near), lags, without, constant)
+    return _make_fit(problem, settle(problem, near), lags, without, constant)
 
 
-def _identified(
+def _make_fit(
     problem: DisturbanceProblem, solved: Solved, lags: dict[str, Lag], without: Solved, constant: tuple[str, ...]
 ) -> DisturbanceFit:
-    """Put together what was found, with the covariance that the residuals allow."""
+    """Make the result, with a covariance by the residuals."""
     residuals = residuals_of(solved)
     believed = problem.prior_matrix(solved.at)
     matrix = residuals.jacobian.T @ residuals.jacobian / solved.noise**2 + believed
     inverse = NormalEquations(matrix, np.zeros(len(matrix)), 0.0, 0).inverse()
     scatter = residuals.scatter(residuals.autocovariance()) / solved.noise**4
-    covariance = _metered(problem, solved, inverse @ (scatter + believed) @ inverse, inverse)
+    covariance = _add_meter_errors(problem, solved, inverse @ (scatter + believed) @ inverse, inverse)
     plain = NormalEquations(matrix[:9, :9], np.zeros(9), 0.0, 0).inverse()
     disturbances = _disturbances(problem, solved)
     return DisturbanceFit(
@@ -186,25 +185,25 @@ def _identified(
         -plain @ matrix[:9, 9:],
         solved.at.ellipsoid,
         solved.noise,
-        _noise_on(without, solved.used),
+        _rms_over(without, solved.used),
         tuple(_estimate(problem, solved, (inverse, covariance), each, lags.get(each.name)) for each in disturbances),
         constant,
-        _along(problem),
-        _leaning(solved, matrix),
+        _motor_slopes(problem),
+        _leverage_covariance(solved, matrix),
     )
 
 
-def _leaning(solved: Solved, matrix: Floats) -> Floats:
-    """(9, 9) covariance of offset and shape, the disturbances as found, from readings that the fit leans on.
+def _leverage_covariance(solved: Solved, matrix: Floats) -> Floats:
+    """(9, 9) covariance of offset and shape, for known disturbances, by readings of high leverage.
 
-    A reading of leverage h pulls the surface to itself, and its distance s says s/(1 − h) of what it may be off. The
-    others of its kind tell nothing of that: a fit that was told by one reading across a gap of directions would claim
-    the usual noise for it. Source: J. G. MacKinnon, H. White, J. Econometrics 29 (1985) 305–325, their HC3.
+    A reading of leverage h pulls the surface to itself; its error is estimated from its distance s as s/(1 − h). The
+    noise of other readings is no estimate of this error: for example, a single reading in a gap of directions would be
+    claimed to have the usual noise. Source: J. G. MacKinnon, H. White, J. Econometrics 29 (1985) 305–325, HC3.
     """
     rows, distances = solved.jacobian[solved.used], solved.distances[solved.used]
     inverse = NormalEquations(matrix, np.zeros(len(matrix)), 0.0, len(rows)).inverse() / solved.noise**2
-    leverage = np.minimum(np.einsum("ij,jk,ik->i", rows, inverse, rows), MOST_LEVERAGE)
-    leant = leverage > LEANT
+    leverage = np.minimum(np.einsum("ij,jk,ik->i", rows, inverse, rows), MAX_LEVERAGE)
+    leant = leverage > MIN_LEVERAGE
     off = distances[leant] / (1.0 - leverage[leant])
     plain = NormalEquations(matrix[:9, :9], np.zeros(9), 0.0, len(rows)).inverse() / solved.noise**2
     moved = (rows[leant, :9] * off[:, np.newaxis]) @ plain
@@ -212,16 +211,16 @@ def _leaning(solved: Solved, matrix: Floats) -> Floats:
     return sensitivity
 
 
-def _metered(problem: DisturbanceProblem, solved: Solved, covariance: Floats, inverse: Floats) -> Floats:
-    """(9 + K, 9 + K) covariance with what the meters add to it.
+def _add_meter_errors(problem: DisturbanceProblem, solved: Solved, covariance: Floats, inverse: Floats) -> Floats:
+    """(9 + K, 9 + K) covariance with the effect of noise and rounding of the meters.
 
-    What was rounded off is the same throughout a setting, and pulls as one beside what it does to the normal matrix.
+    A rounding error is constant while the meter shows one value, so it also has a common effect on these readings.
     """
     used = solved.used
     normals = solved.jacobian[used, :3]
     squares, turned = np.linalg.eigh(normals.T @ normals)
     per_variance = turned * np.sqrt(np.maximum(squares, 0.0)) / solved.noise
-    noises = _noises(problem, solved)
+    noises = _meter_noises(problem, solved)
     meters, pulled = [], np.zeros_like(inverse)
     for place, name in enumerate(problem.names):
         rounded, setting = rounding(problem.logged.values[name], name)
@@ -232,13 +231,13 @@ def _metered(problem: DisturbanceProblem, solved: Solved, covariance: Floats, in
         pulls = np.stack([np.bincount(setting[used], weights=column) for column in rows.T], axis=1)
         moved = pulls @ inverse / solved.noise**2
         pulled += rounded * moved.T @ moved
-    coefficients = np.zeros(len(inverse))  # the growth of the scale is multiplied with no column of a meter alone
+    coefficients = np.zeros(len(inverse))  # 0 for the growth of the scale, which has no column of its own
     coefficients[9 : 9 + 3 * len(problem.names)] = solved.at.disturbances.ravel()
     return widened(covariance, inverse, coefficients, meters) + pulled
 
 
-def _noises(problem: DisturbanceProblem, solved: Solved) -> dict[str, Noise]:
-    """Noise of each meter; those of motors that are followed one by one are of one kind."""
+def _meter_noises(problem: DisturbanceProblem, solved: Solved) -> dict[str, Noise]:
+    """Noise of each meter; meters of single motors have a common noise."""
     used, departures, noises = solved.used, problem.departures, {}
     for place, name in enumerate(problem.names):
         sensitivity = solved.jacobian[used, :3] @ solved.at.disturbances[place]
@@ -248,8 +247,8 @@ def _noises(problem: DisturbanceProblem, solved: Solved) -> dict[str, Noise]:
     return noises
 
 
-def _along(problem: DisturbanceProblem) -> Floats:
-    """(D, D) slopes through no current of each motor's column over another's, in one family; else the unit matrix."""
+def _motor_slopes(problem: DisturbanceProblem) -> Floats:
+    """(D, D) slopes through zero between the columns of motors of one kind; otherwise the unit matrix."""
     departures = problem.departures
     products = departures.T @ departures
     slopes = products / np.diag(products)[:, np.newaxis]
@@ -259,7 +258,7 @@ def _along(problem: DisturbanceProblem) -> Floats:
 
 
 def _disturbances(problem: DisturbanceProblem, solved: Solved) -> tuple[Disturbance, ...]:
-    """The disturbances that a solution stands for."""
+    """Disturbances of a solution."""
     return tuple(
         Disturbance(
             name,
@@ -276,7 +275,7 @@ def _disturbances(problem: DisturbanceProblem, solved: Solved) -> tuple[Disturba
 def _estimate(
     problem: DisturbanceProblem, solved: Solved, covariances: tuple[Floats, Floats], found: Disturbance, lag: Lag | None
 ) -> DisturbanceEstimate:
-    """What is known of one disturbance; `covariances` (9 + K, 9 + K) by white noise, and as claimed."""
+    """Statistics of one disturbance; `covariances`: (9 + K, 9 + K) for white noise, and as claimed."""
     inverse, claimed = covariances
     place, used = problem.names.index(found.name), solved.used
     rows = slice(9 + 3 * place, 12 + 3 * place)
@@ -305,22 +304,22 @@ def _estimate(
     )
 
 
-def _noise_on(solved: Solved, used: NDArray[np.bool_]) -> float:
-    """Root mean square distance over readings that another solution used."""
+def _rms_over(solved: Solved, used: NDArray[np.bool_]) -> float:
+    """Root mean square distance of a solution over the readings that another solution used."""
     return float(np.sqrt(np.mean(solved.distances[used] ** 2)))
 
 
 def with_disturbances(
     source: object, names: Sequence[str], *, spread: float | None
 ) -> tuple[DisturbanceFit, Recording]:
-    """Find what drives a recording, and settle it: what is left is fitted like any other.
+    """Estimate the disturbances of a recording, and compensate it; the result can be fitted like any recording.
 
-    Raises `UsageError` for what is no recording, or a disturbance that is not known; `NotTurned` where the sensor was
-    still: `still` finds its disturbances, and nothing finds an ellipsoid; `InputError` or `TooFewSamples` as
+    Raises `UsageError` for a source that is not a recording, or an unknown disturbance; `NotTurned` if the sensor was
+    still, so that `still` can estimate its disturbances, but no ellipsoid; `InputError` or `TooFewSamples` as
     `fit_disturbances`.
     """
     if not hasattr(source, "blocks"):
-        raise UsageError(f"to follow {' and '.join(names)} needs a recording with that column: give Samples")
+        raise UsageError(f"to follow {' and '.join(names)}, give a recording with that column, such as Samples")
     recording = cast("Recording", source)
     parts = list(singles(recording))
     unturned = still(parts, names)

@@ -1,20 +1,20 @@
-"""Offset, shape, and what disturbances add to them, by the magnitude alone: a problem of `flinders.likelihood.solver`.
+"""Problem of `flinders.likelihood.solver` for offset, shape and disturbances, by the magnitude alone.
 
 Minimises
 
     Σ ρ(s(x − Σ P (c(t − lag) − reference)) / σ) + prior
 
-over (b, S, P, a), c the disturbances and τ the departure of the temperature, with which the scale may grow. The Sampson
-distance s has the direction of each reading eliminated already; with the Jacobian J = [n, n_i u_j] of
-`flinders.likelihood.magnitude` its change is linear in P, so that from a fair start a few steps are enough:
+over (b, S, P, a), with the disturbances c and the departure τ of the temperature, by which the scale may grow. The
+direction of each reading is eliminated in the Sampson distance s. With the Jacobian J = [n, n_i u_j] of
+`flinders.likelihood.magnitude` its change is linear in P, so a few steps from a good start are enough:
 
     ∂s/∂P = −n c,        ∂s/∂a = −τ n·S u
 
-Readings that lie far off count less at first, ρ(s) = k² log(1 + s²/k²), and not at all in the end, where ρ(s) = s².
-Lags are given: `flinders.estimators.time_delay` looks for them.
+At first large distances have reduced weights, ρ(s) = k² log(1 + s²/k²). In the end outliers are left out, and
+ρ(s) = s². Lags are known here; `flinders.estimators.time_delay` estimates them.
 
-Source: the model is that of ArduPilot's CompassMot, estimated with the magnitude as the only witness; P. W. Holland,
-R. E. Welsch, Comm. Statist. A 6 (1977) 813–827, for Cauchy weights and their k.
+Source: the model of ArduPilot's CompassMot, estimated from the magnitude; P. W. Holland, R. E. Welsch, Comm. Statist. A
+6 (1977) 813–827, for Cauchy weights and their k.
 
 >>> from flinders import simulate
 >>> from flinders.estimators.regressors import Logged
@@ -48,43 +48,43 @@ if TYPE_CHECKING:
     from flinders.estimators.regressors import Logged
     from flinders.likelihood.solver import Equations
 
-ROUGHLY: Final = 1_000
-"""Readings on which a start is found."""
+MAX_START_READINGS: Final = 1_000
+"""Largest number of readings for the search of a start."""
 
-NO_WORSE: Final = 0.01
-"""In χ²: a step that costs less is taken, as the Jacobian is that of the surface and not of the cost."""
+MAX_COST_INCREASE: Final = 0.01
+"""Largest increase of χ² by an accepted step, as the Jacobian is that of the surface instead of the cost."""
 
-SETTLED: Final = 1e-5
-"""Standard deviations: such a step is the last. Where a disturbance follows the attitude, steps shrink slowly."""
+LAST_STEP_SIGMAS: Final = 1e-5
+"""Length of the last step in standard deviations; steps converge slowly if a disturbance follows the attitude."""
 
-FINEST: Final = 1e-9
-"""Of the radius: no scale of the residuals is smaller."""
+MIN_SCALE: Final = 1e-9
+"""Smallest scale of the residuals, relative to the radius."""
 
-FAR: Final = 4.0
-"""Robust standard deviations beyond which a reading is left out in the end."""
+OUTLIER_SIGMAS: Final = 4.0
+"""Distance of an outlier in robust standard deviations."""
 
-CAUCHY: Final = 2.4
-"""Robust standard deviations at which a reading counts half at first."""
+CAUCHY_SIGMAS: Final = 2.4
+"""Distance in robust standard deviations at which the weight of a reading is one half at first."""
 
-FEWEST_KEPT: Final = 0.5
-"""Share of the readings that is kept, however far the others lie."""
+MIN_INLIER_SHARE: Final = 0.5
+"""Smallest fraction of the readings that are inliers."""
 
 WEAK: Final = 1.0
-"""Fields over the recorded range, 1 σ: what is thought likely of a disturbance before it is looked at."""
+"""Prior standard deviation of a disturbance over its recorded range, relative to the field."""
 
-GROWTH: Final = 0.005
-"""Share of the scale per °C, 1 σ: the same."""
+GROWTH_SIGMA: Final = 0.005
+"""Prior standard deviation of the relative growth of the scale per °C."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class DisturbedSurface(Surface):
-    """Offset and shape at the references of the disturbances, and what these change."""
+    """Offset and shape at the references of the disturbances, and the disturbances."""
 
     disturbances: Floats  # (K, 3) P: offset for each unit of each disturbance
-    slope: float = 0.0  # a, 1/°C: of the scale
+    slope: float = 0.0  # a, 1/°C: relative growth of the scale
 
     def moved(self, step: Floats, layout: ParameterLayout) -> Self:
-        """Take a step."""
+        """Surface after a (P,) step."""
         shifts, growth = step[layout.columns["disturbances"]], step[layout.columns["slope"]]
         return type(self)(
             self.offset + step[:3],
@@ -96,22 +96,22 @@ class DisturbedSurface(Surface):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class CompensatedReadings:
-    """Observations of the magnitude alone, of readings less what disturbances add."""
+    """Observations of the magnitude of compensated readings."""
 
     field: Floats  # (N, 3)
-    departures: Floats  # (N, K): values of the disturbances less their references
-    warmth: Floats | None  # (N,): that of the temperature among them, which the scale may follow
-    inliers: NDArray[np.bool_] | None = None  # (N,): readings that count; None for Cauchy weights
+    departures: Floats  # (N, K): values of the disturbances minus their references
+    warmth: Floats | None  # (N,), °C: departure of the temperature, if the scale can follow it
+    inliers: NDArray[np.bool_] | None = None  # (N,): readings in the cost; None for Cauchy weights
 
     def thinned(self, most: int) -> Self:
-        """The same on fewer readings, spread evenly over all."""
+        """The observations of at most `most` readings, spread evenly."""
         stride = -(-len(self.field) // most)
         warmth = None if self.warmth is None else self.warmth[::stride]
         return replace(self, field=self.field[::stride], departures=self.departures[::stride], warmth=warmth)
 
     @property
     def layout(self) -> ParameterLayout:
-        """Offset, shape, P and a."""
+        """Columns of offset, shape, P and a."""
         end = 9 + 3 * self.departures.shape[1]
         size = end + (self.warmth is not None)
         return ParameterLayout({"disturbances": slice(9, end), "slope": slice(end, size)}, size)
@@ -129,7 +129,7 @@ class CompensatedReadings:
         return magnitude.distances(self.compensated(at), at.ellipsoid)
 
     def jacobian(self, at: DisturbedSurface) -> Floats:
-        """(N, P) by how much each parameter moves the surface there."""
+        """(N, P) displacement of the surface at each reading by each parameter."""
         directions = directions_of(self.compensated(at), at.ellipsoid)
         jacobian = magnitude.information(directions, at.ellipsoid)
         columns = [jacobian, *(jacobian[:, :3] * values[:, np.newaxis] for values in self.departures.T)]
@@ -138,19 +138,19 @@ class CompensatedReadings:
         return np.column_stack(columns)
 
     def scale(self, at: DisturbedSurface) -> float:
-        """Robust standard deviation of the distances that count."""
+        """Robust standard deviation of the distances of inliers."""
         distances = self.distances(at)
         counted = distances if self.inliers is None else distances[self.inliers]
-        return max(robust_sigma(counted), FINEST * at.ellipsoid.radius)
+        return max(robust_sigma(counted), MIN_SCALE * at.ellipsoid.radius)
 
     def at(self, _: DisturbedSurface) -> Self:
-        """Nothing of it is calculated before."""
+        """The same observations, which do not depend on the parameters."""
         return self
 
     def linearised(self, at: DisturbedSurface, _: Floats, __: ParameterLayout, scale: float) -> Linearised:
-        """Normal equations, of iteratively reweighted least squares; it has no directions of its own."""
+        """Normal equations of iteratively reweighted least squares, without own directions."""
         scaled = self.distances(at) / scale
-        weights = 1.0 / (1.0 + (scaled / CAUCHY) ** 2) if self.inliers is None else self.inliers.astype(float)
+        weights = 1.0 / (1.0 + (scaled / CAUCHY_SIGMAS) ** 2) if self.inliers is None else self.inliers.astype(float)
         rows = self.jacobian(at) / scale
         weighted = rows * weights[:, np.newaxis]
         return Linearised.without_directions(weighted.T @ rows, weighted.T @ scaled, self._loss(scaled))
@@ -162,7 +162,7 @@ class CompensatedReadings:
     def _loss(self, scaled: Floats) -> float:
         """Σ ρ of (N,) scaled distances."""
         if self.inliers is None:
-            return float(CAUCHY**2 * np.log1p((scaled / CAUCHY) ** 2).sum())
+            return float(CAUCHY_SIGMAS**2 * np.log1p((scaled / CAUCHY_SIGMAS) ** 2).sum())
         return float(scaled[self.inliers] @ scaled[self.inliers])
 
 
@@ -171,53 +171,53 @@ CompensatedIterate: TypeAlias = Iterate[DisturbedSurface, CompensatedReadings, f
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Fit:
-    """Readings, and what is thought of the parameters before."""
+    """Readings, and the prior of the parameters."""
 
     readings: CompensatedReadings
-    spread: float  # of the prior on the shape
-    tolerance: ClassVar[float] = NO_WORSE
-    settled: ClassVar[float] = SETTLED
+    spread: float  # of the prior of the shape
+    tolerance: ClassVar[float] = MAX_COST_INCREASE
+    settled: ClassVar[float] = LAST_STEP_SIGMAS
 
     @property
     def layout(self) -> ParameterLayout:
-        """Of the readings."""
+        """Columns of the parameters."""
         return self.readings.layout
 
     def prior_equations(self, at: DisturbedSurface) -> NormalEquations:
-        """What is thought before: of the shape, and that P and a are small over what was recorded."""
+        """Normal equations of the prior: that of the shape, and small effects of P and a over the recorded range."""
         matrix, gradient = np.zeros((self.layout.size, self.layout.size)), np.zeros(self.layout.size)
         shape = prior.equations(at.ellipsoid, spread=self.spread)
         ranges = np.maximum(np.abs(self.readings.departures).max(axis=0, initial=0.0), np.finfo(float).tiny)
         precision = np.repeat((ranges / (WEAK * at.ellipsoid.radius)) ** 2, 3)
         if self.readings.warmth is not None:
-            precision = np.append(precision, 1.0 / GROWTH**2)
+            precision = np.append(precision, 1.0 / GROWTH_SIGMA**2)
         values = np.append(at.disturbances.ravel(), [] if self.readings.warmth is None else [at.slope])
         matrix[:9, :9], gradient[:9] = shape.matrix, shape.gradient
         matrix[9:, 9:], gradient[9:] = np.diag(precision), -precision * values
         return NormalEquations(matrix, gradient, shape.cost + float(precision @ values**2), 0)
 
     def reweighed(self, iterate: CompensatedIterate, _: Equations) -> CompensatedIterate:
-        """Weighed by the robust scale of the distances."""
+        """Set the scale of the distances to their robust standard deviation."""
         return replace(iterate, weights=self.readings.scale(iterate.at))
 
     def solved(self, at: DisturbedSurface) -> DisturbedSurface:
-        """Where the solver leads from some parameters."""
+        """Solution of the solver from a start."""
         start = Iterate(at, (self.readings,), (np.empty((0, 3)),), self.readings.scale(at))
         return levenberg_marquardt(self, start).at
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class DisturbanceProblem:
-    """A recording, and the disturbances that are to be found in it."""
+    """A recording, and the disturbances to estimate."""
 
     logged: Logged
-    names: tuple[str, ...]  # of the disturbances that are followed
-    spread: float  # of the prior on the shape
-    lags: dict[str, float]  # s: those that are not zero
+    names: tuple[str, ...]  # names of the disturbances
+    spread: float  # of the prior of the shape
+    lags: dict[str, float]  # s: lags by name, where not zero
 
     @property
     def departures(self) -> Floats:
-        """(N, K) values of the disturbances less their references."""
+        """(N, K) values of the disturbances minus their references."""
         return self.logged.departures(self.names, self.lags)
 
     @property
@@ -228,34 +228,34 @@ class DisturbanceProblem:
         return CompensatedReadings(self.logged.field, departures, warmth)
 
     def prior_matrix(self, at: DisturbedSurface) -> Floats:
-        """(P, P) precision of what is thought before."""
+        """(P, P) inverse covariance of the prior."""
         return _Fit(self.readings, self.spread).prior_equations(at).matrix
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Solved:
-    """A solution."""
+    """Solution of a `DisturbanceProblem`."""
 
     at: DisturbedSurface
     distances: Floats  # (N,)
-    jacobian: Floats  # (N, 9 + K): of offset, shape, P₁, P₂, … and a
-    used: NDArray[np.bool_]  # (N,): readings that belong to the surface
+    jacobian: Floats  # (N, 9 + K): by offset, shape, P₁, P₂, … and a
+    used: NDArray[np.bool_]  # (N,): inliers
 
     @property
     def noise(self) -> float:
-        """Standard deviation of the distances of the readings that were used."""
+        """Standard deviation of the distances of inliers."""
         used = self.distances[self.used]
         return float(np.sqrt(used @ used / max(len(used) - self.jacobian.shape[1], 1)))
 
 
 def settle(problem: DisturbanceProblem, start: Solved | None = None) -> Solved:
-    """Solve from each of a few starts, robustly at first, and keep the best."""
+    """Solve robustly from the best of a few starts or from `start`, then without outliers."""
     readings = problem.readings
-    at = _start(readings.thinned(ROUGHLY), problem.spread) if start is None else start.at
-    used = _near(readings.distances(at))
+    at = _start(readings.thinned(MAX_START_READINGS), problem.spread) if start is None else start.at
+    used = _find_inliers(readings.distances(at))
     for _ in range(3):
         at = _Fit(replace(readings, inliers=used), problem.spread).solved(at)
-        again = _near(readings.distances(at))
+        again = _find_inliers(readings.distances(at))
         if np.array_equal(again, used):
             break
         used = again
@@ -263,32 +263,32 @@ def settle(problem: DisturbanceProblem, start: Solved | None = None) -> Solved:
 
 
 def _start(readings: CompensatedReadings, spread: float) -> DisturbedSurface:
-    """The best of what the solver finds from spheres: about readings as they are, and without steps of disturbances."""
+    """Best solution from two spheres: about readings, and about readings compensated by steps of the disturbances."""
     shifts: list[Floats] = [np.zeros((readings.departures.shape[1], 3))]
     if readings.departures.shape[1]:
-        shifts.append(_by_steps(readings))
+        shifts.append(_shifts_from_steps(readings))
     solutions = [_Fit(readings, spread).solved(_sphere(readings, shift)) for shift in shifts]
     return min(solutions, key=lambda at: robust_sigma(readings.distances(at)))
 
 
-def _by_steps(readings: CompensatedReadings) -> Floats:
-    """(K, 3) P from steps between neighbours: where a disturbance jumps, the attitude has hardly changed."""
+def _shifts_from_steps(readings: CompensatedReadings) -> Floats:
+    """(K, 3) P from differences of neighbouring readings, as the attitude hardly changes while a disturbance jumps."""
     wide = max(1, len(readings.field) // 2000)
     steps, moved = (values[wide:] - values[:-wide] for values in (readings.departures, readings.field))
     shifts: Floats = np.linalg.lstsq(steps, moved, rcond=None)[0]
     return shifts
 
 
-def _near(distances: Floats) -> NDArray[np.bool_]:
-    """Which readings belong to the surface."""
+def _find_inliers(distances: Floats) -> NDArray[np.bool_]:
+    """(N,) whether each reading is an inlier, by its distance from the surface."""
     size = np.abs(distances)
-    limit = max(FAR * robust_sigma(distances), float(np.quantile(size, FEWEST_KEPT)))
+    limit = max(OUTLIER_SIGMAS * robust_sigma(distances), float(np.quantile(size, MIN_INLIER_SHARE)))
     near: NDArray[np.bool_] = size <= max(limit, np.finfo(float).tiny)
     return near
 
 
 def _sphere(readings: CompensatedReadings, shifts: Floats) -> DisturbedSurface:
-    """A sphere about compensated readings, by linear least squares about the median one; also of flat ones."""
+    """Sphere about compensated readings, by linear least squares about their median; also for flat readings."""
     settled = readings.field - readings.departures @ shifts
     centre, _ = sphere_through(settled, np.median(settled, axis=0))
     radius = max(float(np.median(np.linalg.norm(settled - centre, axis=1))), 1e-12)

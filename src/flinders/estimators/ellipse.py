@@ -1,4 +1,4 @@
-"""Ellipse: least squares in one plane, for turns that were not even, not whole, or about any axis."""
+"""Ellipse: least squares in one plane, for uneven or partial turns about any axis."""
 
 from __future__ import annotations
 
@@ -21,29 +21,29 @@ if TYPE_CHECKING:
 class Ellipse:
     """Ellipse of the readings in one plane: two offsets, two scales and their skew.
 
-    Minimises Σ s²/σ² as `Likelihood` does, s the distance of a reading from the ellipse to first order, with the
-    bias of curvature removed, and robustly where the residuals ask for it. How the readings are spread around does
-    not matter: an arc, a turn that stops or 1.2 turns give the same ellipse, with the uncertainty that is theirs.
+    Minimises Σ s²/σ² as `Likelihood`, with s the distance of a reading from the ellipse to first order, with a
+    correction of the bias by curvature, and robustly if residuals show outliers. The result is independent of the
+    spacing of the readings: an arc, a turn that stops or 1.2 turns give the same ellipse, with different uncertainties.
 
-    Use it in place of `TwoAxisRecipe` wherever headings were not equally spaced, and for a sweep about x or y.
-    `Level` finds the same ellipse of a turn about z, and places the offset along z by the dip; this one
-    leaves the third axis as it is.
+    Use it instead of `TwoAxisRecipe` if headings were not equally spaced, and for a sweep about x or y. `Level`
+    estimates the same ellipse for a turn about z, and sets the offset along z by the dip; this method leaves the third
+    axis unchanged.
 
     Parameters
     ----------
     plane : str
-        ``"xy"``, ``"yz"`` or ``"zx"``: the third axis is the one that is turned about.
+        ``"xy"``, ``"yz"`` or ``"zx"``: the third axis is the axis of the turn.
     prior : float
-        See `Likelihood`; it matters only where less than a full turn was recorded.
+        See `Likelihood`; it matters only for less than a full turn.
     dip_deg : float
-        Inclination of the field, towards the axis that is turned about.
+        Inclination of the field towards the axis of the turn, in degrees.
     field_strength : float, optional
-        Of the site.
+        Strength of the site.
 
     Notes
     -----
-    The centre includes what soft iron lends from the vertical field, b + sin I · F (S₁₃, S₂₃) for the plane xy: right
-    while the vehicle stays level, at this dip.
+    The centre includes the effect of soft iron in the vertical field, b + sin I · F (S₁₃, S₂₃) for the plane xy. It is
+    valid while the vehicle stays level, at this dip.
 
     References
     ----------
@@ -72,7 +72,7 @@ class Ellipse:
     is_biased: ClassVar[bool] = False
 
     def __post_init__(self) -> None:
-        """Refuse a plane or a prior that means nothing.
+        """Refuse an unknown plane or an invalid prior.
 
         Raises `UsageError` for either.
         """

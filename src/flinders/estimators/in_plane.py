@@ -1,7 +1,7 @@
-"""Between one plane and three axes: readings laid flat, and what is found of them put back.
+"""Fits in one plane: projection of readings to the plane, and the estimate for three axes.
 
-In a plane an estimate is that of an ellipsoid whose equator holds the readings, as for `Level`: first and second axis
-of the plane are then x and y, and all readings are at one height.
+In the plane an estimate is an ellipsoid whose equator contains the readings, as for `Level`. First and second axis of
+the plane are x and y, and z is constant.
 """
 
 from __future__ import annotations
@@ -25,11 +25,11 @@ if TYPE_CHECKING:
     from flinders.estimators.data import Readings
     from flinders.geometry.plane import Plane
 
-_ENTRIES = ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))
+_ENTRY_PAIRS = ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))
 
 
 class NotAnEllipse(NotAnEllipsoid):
-    """No ellipse goes through the readings of a plane: they are on a line, or half of them in one place."""
+    """Readings in a plane that give no ellipse: they are on a line, or half of them in one place."""
 
     def __init__(self, method: str) -> None:
         self.eigenvalues = (0.0, 0.0, 0.0)
@@ -42,10 +42,10 @@ class NotAnEllipse(NotAnEllipsoid):
 
 
 def require_turn(readings: Readings, unknowns: int, method: str, plane: Plane) -> None:
-    """Refuse what no method can work with in a plane.
+    """Refuse readings that no method can fit in a plane.
 
-    Raises `TooFewSamples`, `OutOfScale`, `StuckAxis` or `Unmoved`: see `Readings.require`; the last one also where next
-    to nothing varies in the plane.
+    Raises `TooFewSamples`, `OutOfScale`, `StuckAxis` or `Unmoved`: see `Readings.require`; `Unmoved` also if the
+    readings hardly vary in the plane.
     """
     readings.require(unknowns, method, axes=plane)
     seen = list(order_of(plane)[:2])
@@ -58,7 +58,7 @@ def require_turn(readings: Readings, unknowns: int, method: str, plane: Plane) -
 
 
 def fitted_flat(flat: Readings, spread: float) -> Estimate:
-    """Fit an ellipse to readings laid flat, as `Likelihood` fits an ellipsoid; robustly where residuals ask for it.
+    """Fit an ellipse to projected readings, as `Likelihood` fits an ellipsoid; robustly if residuals show outliers.
 
     Raises `NotAnEllipse` if half of the readings are in one place, or all on a line; `NeedsSamples` if only sums were
     given.
@@ -71,7 +71,7 @@ def fitted_flat(flat: Readings, spread: float) -> Estimate:
 
 
 def equator(ellipse: PlaneEllipse) -> Ellipsoid:
-    """The ellipsoid whose equator is an ellipse, as wide across it as on average in it."""
+    """Ellipsoid whose equator is an ellipse; its third semi-axis is their geometric mean."""
     shape = np.zeros((3, 3))
     shape[:2, :2], shape[2, 2] = ellipse.shape, ellipse.radius
     return Ellipsoid(np.append(ellipse.centre, 0.0), shape)
@@ -80,32 +80,33 @@ def equator(ellipse: PlaneEllipse) -> Ellipsoid:
 def lifted(
     flat: Estimate, readings: Readings, plane: Plane, *, name: str, dip_deg: float, field_strength: float | None
 ) -> Estimate:
-    """Take an ellipse to the ellipsoid of three axes whose third one has unit gain and no offset.
+    """Estimate for three axes from the ellipse in a plane; the third axis has unit gain and no offset.
 
-    A vehicle that turns about the third axis, which points down, meets F (cos I cos ψ, −cos I sin ψ, sin I), and so
-    its ellipse has the shape cos I · S₂. Nothing is known across the plane but a prior: the offset in the plane
-    is the ellipse's centre less sin I times what the third axis lends to it, which is taken as nothing.
+    If a vehicle turns about the third axis, which points down, the field is F (cos I cos ψ, −cos I sin ψ, sin I), and
+    the ellipse has the shape cos I · S₂. Across the plane there is only a prior. The offset in the plane is the centre
+    of the ellipse minus sin I times the coupling from the third axis, which is assumed to be zero.
 
     Parameters
     ----------
     flat : Estimate
-        Of readings laid flat.
+        Estimate of the projected readings.
     readings : Readings
-        All three axes. The offset of the third is zero, give or take its mean reading and the field.
+        Readings of all three axes. The offset of the third axis is zero, with its mean reading and the field as 1 σ.
+    plane : Plane
+        Plane of the turn.
     name : str
-        Of the method.
+        Name of the method.
     dip_deg : float
-        Inclination of the field, towards the third axis.
+        Inclination of the field towards the third axis, in degrees.
     field_strength : float, optional
-        Where it is known the third axis gets it for its semi-axis, else the mean of those in the plane: the matrix has
-        a 1 there either way.
+        Semi-axis of the third axis, by default the mean of those in the plane; the matrix has a 1 there in both cases.
     """
     dip = np.deg2rad(dip_deg)
     level = equator(PlaneEllipse(flat.ellipsoid.centre[:2], flat.ellipsoid.shape[:2, :2]))
     shape = level.shape / np.cos(dip)
     if field_strength is not None:
         shape[2, 2] = field_strength
-    lift = lift_of(float(dip))
+    lift = lift_matrix(float(dip))
     order = order_of(plane)
     unclaimed = np.hypot(float(readings.summary.moments.mean[order[2]]), shape[2, 2])
     there = [order.index(axis) for axis in range(3)]
@@ -124,8 +125,8 @@ def lifted(
     )
 
 
-def lift_of(dip: float) -> Floats:
-    """(9, 9) from offset and shape of an equator to those of the ellipsoid that has the ellipse at a dip, in rad."""
+def lift_matrix(dip: float) -> Floats:
+    """(9, 9) matrix from the parameters of an equator to those of the ellipsoid with this ellipse at a dip in rad."""
     lift = np.eye(9)
     lift[3:, 3:] /= np.cos(dip)
     lift[[0, 1, 2], [7, 8, 5]] = -np.tan(dip)
@@ -133,7 +134,7 @@ def lift_of(dip: float) -> Floats:
 
 
 def lifted_covariance(covariance: Floats, lift: Floats, unclaimed: float) -> Floats:
-    """(9, 9) covariance of the lifted ellipsoid; the offset across is known to `unclaimed`, whatever it was before."""
+    """(9, 9) covariance of the ellipsoid; `unclaimed` is the standard deviation of the offset across the plane."""
     known = covariance.copy()
     known[2, :] = known[:, 2] = 0.0
     carried: Floats = lift @ known @ lift.T
@@ -142,6 +143,6 @@ def lifted_covariance(covariance: Floats, lift: Floats, unclaimed: float) -> Flo
 
 
 def _parameters(there: list[int]) -> list[int]:
-    """Places among the nine parameters of a plane's frame, for those of the sensor's in their order."""
-    entries = [_ENTRIES.index((min(pair), max(pair))) for pair in ((there[i], there[j]) for i, j in _ENTRIES)]
+    """Indices, in the nine parameters of the plane's frame, of the sensor's parameters in order."""
+    entries = [_ENTRY_PAIRS.index((min(pair), max(pair))) for pair in ((there[i], there[j]) for i, j in _ENTRY_PAIRS)]
     return [*there, *(3 + entry for entry in entries)]

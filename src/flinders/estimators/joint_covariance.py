@@ -1,26 +1,24 @@
-"""Covariance of a joint fit: autocorrelated residuals, and information that is but noise.
+"""Covariance of a joint fit, with autocorrelated residuals and without spurious information.
 
-What a fit's error depends on is the scatter of Σ Jr. White residuals give the normal matrix itself. Four things add
-to it:
+The error of a fit depends on the scatter of Σ Jr. For white residuals it is the normal matrix. Four effects add to it:
 
-- in a window, the gyro's noise makes a random walk of the direction: each step φ at reading j moves all later ones by
-  S ΔR_kᵀ (v × φ), see `flinders.likelihood.gyro_noise`;
+- in a window, the gyro's noise gives a random walk of the direction: a step φ at reading j changes all later readings
+  by S ΔR_kᵀ (v × φ), see `flinders.likelihood.gyro_noise`;
 - residuals of single readings are correlated in time, as in `flinders.estimators.covariance`;
-- stretches of the recording differ by more than that explains: the factor `excess_variance`;
-- the field of what made readings outliers fades out, and is left in the readings before and after them. Where the
-  gradient g of those is larger than chance makes it, g gᵀ is added: the claim then holds how far the fit moves without
-  them.
+- parts of the recording differ by more than these effects explain: the factor `excess_variance`;
+- the disturbing field of outliers fades, and remains in the readings before and after them. If the gradient g of these
+  readings is larger than by chance, g gᵀ is added; the claim then includes the change of the fit without them.
 
-Noise-induced information is removed, as `flinders.likelihood.identifiability` does for the magnitude alone. A
-reading's Jacobian is taken where its noise has put the field's direction q, and an accelerometer's noise stands in
-the vertical d itself. Both move the Jacobian, and the squares of what they move add up in JᵀJ to information that is
-not there. With the Jacobian J(q, d), the group's own direction removed, it is
+Spurious information is removed, as in `flinders.likelihood.identifiability` for the magnitude alone. The Jacobian of a
+reading is evaluated at a direction q with noise, and an accelerometer's noise is in the vertical d. Both change the
+Jacobian, and the squares of these changes add spurious information to JᵀJ. With the Jacobian J(q, d) after elimination
+of the group's own direction it is
 
     Σ (∂J/∂ε)ᵀ (∂J/∂ε)
 
-over the noises ε in standard deviations: two of q, from what its readings say of it, and two across d. Where parameters
-are well seen that is nothing; a body that leans by a few degrees sees the bias of its accelerometer, and the offset
-along its vertical, by so little that it counts.
+over the noises ε in standard deviations: two of q, by the information of its readings, and two across d. It is
+negligible for well-observed parameters. For a body that tilts by only a few degrees, the information on the bias of its
+accelerometer, and on the offset along its vertical, is so small that it matters.
 """
 
 from __future__ import annotations
@@ -55,29 +53,29 @@ if TYPE_CHECKING:
     from flinders.arrays import Floats
     from flinders.likelihood.joint import JointIterate, JointProblem
 
-INFORMATION_READINGS: Final = 2000
-"""Readings that stand for all."""
+MAX_INFORMATION_READINGS: Final = 2000
+"""Largest number of readings from which spurious information is computed."""
 
 MOST: Final = 0.9
-"""Share of what a direction of parameters is told that noise may pretend: beyond, the prior alone speaks."""
+"""Largest fraction of spurious information that is removed; the rest keeps the matrix positive definite."""
 
 
 def spurious_information_of(problem: JointProblem, iterate: JointIterate) -> Floats:
-    """(P, P) what noise adds to the normal matrix, in standard deviations."""
+    """(P, P) spurious information by noise in the normal matrix."""
     size = problem.layout.size
     total = np.zeros((size, size))
-    every = max(1, -(-sum(group.rows.size for group in iterate.groups) // INFORMATION_READINGS))
+    every = max(1, -(-sum(group.rows.size for group in iterate.groups) // MAX_INFORMATION_READINGS))
     for group, directions in zip(iterate.groups, iterate.directions, strict=True):
         some, towards = group.every(every), directions[::every]
         seen = len(directions) / len(towards)
-        for first, second in _moved(some, towards, problem, iterate):
+        for first, second in _noisy_jacobians(some, towards, problem, iterate):
             moved = 0.5 * (first - second).transpose(3, 1, 0, 2).reshape(size, -1)
             total += seen * (moved @ moved.T)
     return total
 
 
 def without(matrix: Floats, spurious: Floats, believed: Floats) -> Floats:
-    """(P, P) the normal matrix with the prior, less its noise-induced information.
+    """(P, P) normal matrix plus that of the prior, minus spurious information.
 
     >>> without(np.diag([4.0, 4.0]), np.diag([1.0, 0.0]), np.eye(2)).round(9)
     array([[4., 0.],
@@ -95,10 +93,10 @@ def without(matrix: Floats, spurious: Floats, believed: Floats) -> Floats:
     return less
 
 
-def _moved(
+def _noisy_jacobians(
     group: ObservationGroup, directions: Floats, problem: JointProblem, iterate: JointIterate
 ) -> Iterator[tuple[Floats, Floats]]:
-    """Yield Jacobians on both sides of where noise has put them, a standard deviation away, of each kind of noise."""
+    """Yield pairs of Jacobians with each kind of noise changed by plus and minus one standard deviation."""
 
     def jacobian(group: ObservationGroup, directions: Floats) -> Floats:
         return projected(rows_of(group, iterate.at, directions, problem.layout, iterate.weights))[0]
@@ -118,41 +116,41 @@ def _moved(
         yield jacobian(replace(group, down=up), directions), jacobian(replace(group, down=down), directions)
 
 
-MOST_WALKED: Final = 0.1
-"""rad within a window: a walk that is longer is a gyro that does not fit, of which second order says nothing."""
+MAX_WALK_RAD: Final = 0.1
+"""Largest random walk in rad within a window for the bias correction, which is of second order."""
 
-MOST_LIFTED: Final = 0.8
-"""Of the variance of verticals' residuals: a walk that would make more is none."""
+MAX_WALK_SHARE: Final = 0.8
+"""Largest fraction of the variance of verticals' residuals that is attributed to a walk."""
 
-COARSE: Final = 25
-"""Steps of a walk within a window that are looked at for its size."""
+WALK_STEPS: Final = 25
+"""Number of steps in a window from which the size of a walk is estimated."""
 
-LOOKED_AT: Final = 20_000
-"""Readings that tell how residuals are correlated."""
+MAX_CORRELATION_READINGS: Final = 20_000
+"""Largest number of readings from which the correlation of residuals is estimated."""
 
-FADING: Final = 10 * MARGIN
-"""Readings before and after outliers in which their field may fade: five seconds at 50 Hz."""
+FADING_READINGS: Final = 10 * MARGIN
+"""Readings before and after outliers in which their field can fade: five seconds at 50 Hz."""
 
 
 @dataclass(slots=True, eq=False)
-class _Evidence:
-    """What stretches of the recording say, added up group by group."""
+class _Sums:
+    """Sums over parts of the recording, to which each group is added."""
 
-    scatter: Floats
-    gradients: Floats
-    squares: Floats
-    fading_gradient: Floats  # of the readings near outliers
-    fading_squares: Floats
+    scatter: Floats  # (P, P): of the gradient
+    gradients: Floats  # (B, P): Σ Jr of each block
+    squares: Floats  # (B, P, P): Σ JJᵀ of each block
+    fading_gradient: Floats  # (P,): of the readings near outliers
+    fading_squares: Floats  # (P, P): of the readings near outliers
 
     @classmethod
     def of(cls, size: int) -> Self:
-        """Nothing yet, of so many parameters."""
+        """Sums of zero for `size` parameters."""
         square = np.zeros((size, size))
         return cls(square, np.zeros((BLOCKS, size)), np.zeros((BLOCKS, size, size)), np.zeros(size), square.copy())
 
     @property
     def basis(self) -> Floats:
-        """(P, K) in which the scatter is the unit matrix."""
+        """(P, K) basis in which the scatter is the unit matrix."""
         diagonal = np.sqrt(np.maximum(np.diag(self.scatter), 1e-300))
         values, vectors = np.linalg.eigh(self.scatter / np.outer(diagonal, diagonal))
         independent = values > 1e-9 * values[-1]
@@ -161,39 +159,39 @@ class _Evidence:
 
 
 class DirectionRandomWalk(NamedTuple):
-    """The random walk of the direction within windows: the gyro's noise, and what looks like it."""
+    """Random walk of the direction within windows, by the gyro's noise and similar errors."""
 
-    variance: float  # rad² a reading, about each axis
-    bent: Floats  # (P,): mean gradient that it makes
-    own: float  # share of the variance of verticals' residuals that it does not make
-    steps: Floats  # (P, P): scatter of the gradient that a walk of one rad² a reading makes
+    variance: float  # rad² per reading, about each axis
+    bent: Floats  # (P,): mean gradient by the walk
+    own: float  # fraction of the variance of verticals' residuals that is not from the walk
+    steps: Floats  # (P, P): scatter of the gradient by a walk of 1 rad² per reading
 
 
 class Scatter(NamedTuple):
-    """How far the gradient of a fit scatters."""
+    """Scatter of the gradient of a fit."""
 
-    covariance: Floats  # (P, P): of the gradient, without what creeps
-    excess_variance: float
-    fading: Floats  # (P, P): what the field that made outliers adds where it fades out
+    covariance: Floats  # (P, P): of the gradient, without slow drifts
+    excess_variance: float  # factor by which parts of the recording scatter more, in variance
+    fading: Floats  # (P, P): effect of the fading field of outliers
 
     @property
     def whole(self) -> Floats:
-        """(P, P) of the gradient."""
+        """(P, P) total scatter of the gradient."""
         return self.excess_variance * self.covariance + self.fading
 
 
 class CorrelationLength(NamedTuple):
-    """How residuals of verticals are correlated."""
+    """Correlation of the residuals of verticals."""
 
-    readings: float  # in a row that say as much as one; at least 1
-    noise: float  # standard deviation of dᵀq in rad, of verticals that are weighed as they are
+    readings: float  # correlation length in readings; at least 1
+    noise: float  # standard deviation of dᵀq in rad, with the current weights
 
 
 def span_of(iterate: JointIterate) -> CorrelationLength:
-    """Look at the verticals' residuals, one after the other.
+    """Estimate the correlation length of the verticals' residuals in time order.
 
-    Weighed as one of τ a row has the variance 1/τ, so that of the share Q of it that its direction leaves the square is
-    Q²/τ, and Q − Q² comes from the readings.
+    A vertical that is weighted for a correlation length τ has the variance 1/τ. With Q the share that its fitted
+    direction leaves, its expected square is Q²/τ from verticals, and Q − Q² from readings.
     """
     rows, residuals, expected = [], [], 0.0
     span = iterate.weights.span
@@ -205,7 +203,7 @@ def span_of(iterate: JointIterate) -> CorrelationLength:
             observed = group.trust > 0.0
             rows.append(group.rows[observed])
             residuals.append(vertical[..., 0][observed] * np.sqrt(group.trust[observed]))
-            left = _left_of(own_of(group, iterate.at, directions, iterate.weights))[observed]
+            left = _share_left(own_of(group, iterate.at, directions, iterate.weights))[observed]
             expected += float(np.sum(left**2 + span * (left - left**2)))
     if not rows:
         return CorrelationLength(1.0, iterate.weights.vertical)
@@ -215,15 +213,15 @@ def span_of(iterate: JointIterate) -> CorrelationLength:
     return CorrelationLength(max(1.0, time_of(alone.autocovariance())), noise)
 
 
-def _left_of(own: Floats) -> Floats:
-    """(W, n) of each vertical's row, what the direction of its group leaves; of `own_of`."""
+def _share_left(own: Floats) -> Floats:
+    """(W, n) share of each vertical's residual that the fitted direction leaves, from the Jacobian of `own_of`."""
     upright = orthonormal(own)[0][:, 3]
     left: Floats = 1.0 - np.einsum("wna,wna->wn", upright, upright)
     return left
 
 
 def random_walk_of(problem: JointProblem, iterate: JointIterate, textbook: Floats) -> DirectionRandomWalk:
-    """Look at how residuals of windows grow with time; textbook is the (P, P) covariance for white residuals."""
+    """Estimate the random walk within windows; `textbook` is the (P, P) covariance for white residuals."""
     size = problem.layout.size
     walks, bent, steps = np.zeros(2), np.zeros(size), np.zeros((size, size))
     longest, lifted, heights = 1, 0.0, 0.0
@@ -233,8 +231,8 @@ def random_walk_of(problem: JointProblem, iterate: JointIterate, textbook: Float
         rows = rows_of(group, iterate.at, directions, problem.layout, iterate.weights)
         jacobian, residual = projected(rows)
         pushes = walked.pushes(group, iterate.at, directions, iterate.weights)
-        pulled = _later(jacobian, pushes)
-        walks += _walks(rows, residual, pushes, pulled, textbook)
+        pulled = _sum_later(jacobian, pushes)
+        walks += _walk_score(rows, residual, pushes, pulled, textbook)
         pulled[:, 0] = 0.0  # a window begins where its direction is
         flat = pulled.transpose(3, 2, 0, 1).reshape(size, -1)
         steps += flat @ flat.T
@@ -242,23 +240,23 @@ def random_walk_of(problem: JointProblem, iterate: JointIterate, textbook: Float
         bent += walked.mean_gradient(whole, group, iterate.at, directions, problem.layout, iterate.weights)
         longest = max(longest, pushes.shape[2])
         if group.down is not None and group.attitudes is None and group.trust is not None:
-            lifted += _lifted(rows, pushes)
+            lifted += _walk_squares(rows, pushes)
             heights += float(np.count_nonzero(group.trust))
     variance = max(float(walks[0] / walks[1]), 0.0) if walks[1] > 0.0 else 0.0
-    own = 1.0 - min(variance * lifted / max(heights, 1.0), MOST_LIFTED)
-    return DirectionRandomWalk(variance, min(variance, MOST_WALKED**2 / longest) * bent, own, steps)
+    own = 1.0 - min(variance * lifted / max(heights, 1.0), MAX_WALK_SHARE)
+    return DirectionRandomWalk(variance, min(variance, MAX_WALK_RAD**2 / longest) * bent, own, steps)
 
 
 def scatter_of(problem: JointProblem, iterate: JointIterate, walk: DirectionRandomWalk) -> Scatter:
-    """Look at the residuals of a fit.
+    """Scatter of the gradient from the residuals of a fit.
 
-    `iterate`: where it settled; `walk`: of the same fit.
+    `iterate`: state at convergence; `walk`: random walk of the same fit.
     """
     size = problem.layout.size
-    evidence = _Evidence.of(size)
-    fading = _fading_of(iterate.groups)
+    evidence = _Sums.of(size)
+    fading = _near_outliers(iterate.groups)
     readings = len(fading)
-    looked, chosen = _looked_at(iterate.groups)
+    looked, chosen = _choose_groups(iterate.groups)
     for index, (group, directions) in enumerate(zip(iterate.groups, iterate.directions, strict=True)):
         rows = rows_of(group, iterate.at, directions, problem.layout, iterate.weights)
         jacobian, residual = projected(rows)
@@ -267,14 +265,16 @@ def scatter_of(problem: JointProblem, iterate: JointIterate, walk: DirectionRand
         if group.turned is not None:
             evidence.scatter += squares
         elif index in chosen:
-            evidence.scatter += looked * _autocorrelated(rows, _free(rows.own[:, :, 0], iterate.at.direction))
+            evidence.scatter += looked * _autocorrelated_scatter(
+                rows, _free_directions(rows.own[:, :, 0], iterate.at.direction)
+            )
     evidence.scatter += walk.variance * walk.steps
     excess = _excess_variance(evidence)
     return Scatter(evidence.scatter, excess, _fading_scatter(evidence, excess))
 
 
-def _later(rows: Floats, pushes: Floats) -> Floats:
-    """(W, n, 3, m) Σ over reading j and all after it of (W, k, n, m) rows times what a turn at j does to them."""
+def _sum_later(rows: Floats, pushes: Floats) -> Floats:
+    """(W, n, 3, m) sums over reading j and all later ones of (W, k, n, m) rows times their `pushes`."""
     windows, _, n, width = rows.shape
     products = np.empty((width, 3, windows, n)).transpose(2, 3, 1, 0)
     np.einsum("wknj,wknm->wnjm", pushes, rows, out=products)
@@ -282,19 +282,19 @@ def _later(rows: Floats, pushes: Floats) -> Floats:
     return summed
 
 
-def _walks(rows: ObservationRows, residual: Floats, pushes: Floats, pulled: Floats, textbook: Floats) -> Floats:
-    """(2,) score and information for the variance of a walk, in rad² a reading: their ratio is the estimate.
+def _walk_score(rows: ObservationRows, residual: Floats, pushes: Floats, pulled: Floats, textbook: Floats) -> Floats:
+    """(2,) score and information of the variance of a walk in rad² per reading; their ratio is the estimate.
 
-    For residuals r = P(n + Σ w_j φ_j), P taking off directions and parameters, Σ (w_jᵀr)² has the mean
-    Σ w_jᵀPw_j + s Σ (w_jᵀPw_l)². A few of the steps j stand for all.
+    For residuals r = P(n + Σ w_j φ_j), where P removes fitted directions and parameters, Σ (w_jᵀr)² has the mean
+    Σ w_jᵀPw_j + s Σ (w_jᵀPw_l)². The sums are over a subset of the steps j.
     """
-    stride = max(1, pushes.shape[2] // COARSE)
+    stride = max(1, pushes.shape[2] // WALK_STEPS)
     starts = slice(stride // 2, None, stride)
-    seen = _later(residual[..., np.newaxis], pushes)[:, starts, :, 0]
+    seen = _sum_later(residual[..., np.newaxis], pushes)[:, starts, :, 0]
     own = rows.own.reshape(len(rows.own), -1, 2)
     inverse = inverse_of(np.swapaxes(own, 1, 2) @ own)
-    of_own, of_all = _later(rows.own, pushes)[:, starts], pulled[:, starts]
-    squares = _later(pushes, pushes)[:, starts]
+    of_own, of_all = _sum_later(rows.own, pushes)[:, starts], pulled[:, starts]
+    squares = _sum_later(pushes, pushes)[:, starts]
     lumps = squares.shape[1]
     last = np.maximum.outer(np.arange(lumps), np.arange(lumps))
     gram = squares[:, last].transpose(0, 1, 3, 2, 4).reshape(len(own), 3 * lumps, 3 * lumps)
@@ -304,31 +304,31 @@ def _walks(rows: ObservationRows, residual: Floats, pushes: Floats, pulled: Floa
     return np.array([score, stride * float(np.sum(gram**2))])
 
 
-def _lifted(rows: ObservationRows, pushes: Floats) -> float:
-    """Σ squares of verticals' residuals that a walk of one rad² a reading makes, the windows' directions removed."""
+def _walk_squares(rows: ObservationRows, pushes: Floats) -> float:
+    """Sum of the squared residuals of verticals by a walk of 1 rad² per reading, with fitted directions."""
     own = rows.own.reshape(len(rows.own), -1, 2)
     inverse = inverse_of(np.swapaxes(own, 1, 2) @ own)
     upright, raised = rows.own[:, 3:], pushes[:, 3:]
     of_uprights = upright.reshape(len(own), -1, 2)
-    taken = _later(rows.own, pushes) @ inverse[:, np.newaxis]  # (W, n, 3, 2): what the direction takes of each step
-    squares = np.trace(_later(raised, raised), axis1=2, axis2=3).sum()
-    crossed = np.sum(_later(upright, raised) * taken)
+    taken = _sum_later(rows.own, pushes) @ inverse[:, np.newaxis]  # (W, n, 3, 2): change of the direction by each step
+    squares = np.trace(_sum_later(raised, raised), axis1=2, axis2=3).sum()
+    crossed = np.sum(_sum_later(upright, raised) * taken)
     of_own = np.swapaxes(of_uprights, 1, 2) @ of_uprights
     return float(squares - 2.0 * crossed + np.sum((taken @ of_own[:, np.newaxis]) * taken))
 
 
-def _looked_at(groups: Sequence[ObservationGroup]) -> tuple[float, set[int]]:
-    """Which groups without windows tell how residuals are correlated, and for how many times as many they stand."""
+def _choose_groups(groups: Sequence[ObservationGroup]) -> tuple[float, set[int]]:
+    """Ratio of all single readings to those in chosen groups, and the indices of these groups."""
     single = [index for index, group in enumerate(groups) if group.turned is None]
     total = sum(groups[index].rows.size for index in single)
-    every = max(1, -(-total // LOOKED_AT))
+    every = max(1, -(-total // MAX_CORRELATION_READINGS))
     chosen = set(single[::every])
     some = sum(groups[index].rows.size for index in chosen)
     return total / max(some, 1), chosen
 
 
 def projected(rows: ObservationRows) -> tuple[Floats, Floats]:
-    """Jacobian (W, k, n, P) and residuals (W, k, n) without what the windows' own directions take up."""
+    """(W, k, n, P) Jacobian and (W, k, n) residuals after elimination of the windows' own directions."""
     own, _ = orthonormal(rows.own)
     pulled = np.einsum("wkna,wkn->wa", own, rows.residual)
     mixed = mixed_of(rows.jacobian, own)[:, np.newaxis, np.newaxis]
@@ -338,8 +338,8 @@ def projected(rows: ObservationRows) -> tuple[Floats, Floats]:
     return jacobian, rows.residual - np.einsum("wkna,wa->wkn", own, pulled)
 
 
-def _add_blocks(evidence: _Evidence, block: NDArray[np.intp], jacobian: Floats, residual: Floats) -> Floats:
-    """Add gradients and squares to the stretch (W,) of the recording that each window belongs to; (P, P) their sum."""
+def _add_blocks(evidence: _Sums, block: NDArray[np.intp], jacobian: Floats, residual: Floats) -> Floats:
+    """Add gradients and squares of windows to their (W,) blocks of the recording; returns the (P, P) sum of squares."""
     total = np.zeros_like(evidence.scatter)
     for index in np.unique(block):
         inside = slice(*np.searchsorted(block, [index, index + 1]))
@@ -351,15 +351,15 @@ def _add_blocks(evidence: _Evidence, block: NDArray[np.intp], jacobian: Floats, 
     return total
 
 
-def _fading_of(groups: Sequence[ObservationGroup]) -> NDArray[np.bool_]:
-    """(N,) readings near which others were left out."""
+def _near_outliers(groups: Sequence[ObservationGroup]) -> NDArray[np.bool_]:
+    """(N,) whether each reading is near outliers."""
     outliers = np.zeros(1 + max(int(group.rows.max()) for group in groups), dtype=bool)
     for group in groups:
         outliers[group.rows[group.weight == 0.0]] = True
-    return within(FADING, outliers) if outliers.any() else outliers
+    return within(FADING_READINGS, outliers) if outliers.any() else outliers
 
 
-def _add_fading(evidence: _Evidence, windows: NDArray[np.bool_], jacobian: Floats, residual: Floats) -> None:
+def _add_fading(evidence: _Sums, windows: NDArray[np.bool_], jacobian: Floats, residual: Floats) -> None:
     """Add gradient and squares of (W,) windows near outliers."""
     if windows.any():
         rows = jacobian[windows].transpose(3, 1, 0, 2).reshape(jacobian.shape[-1], -1)
@@ -367,8 +367,8 @@ def _add_fading(evidence: _Evidence, windows: NDArray[np.bool_], jacobian: Float
         evidence.fading_gradient += rows @ np.swapaxes(residual[windows], 0, 1).ravel()
 
 
-def _fading_scatter(evidence: _Evidence, excess: float) -> Floats:
-    """(P, P) what readings near outliers add to the scatter: nothing where chance makes their gradient as large.
+def _fading_scatter(evidence: _Sums, excess: float) -> Floats:
+    """(P, P) scatter by readings near outliers; zero if chance explains their gradient.
 
     With M = N_f/N − (N_f/N)², N_f the squares of those readings and N of all, gᵀg in the scatter's basis has the mean
     tr M and the variance 2 tr M².
@@ -385,8 +385,8 @@ def _fading_scatter(evidence: _Evidence, excess: float) -> Floats:
     return added if chance < BY_CHANCE else np.zeros_like(added)
 
 
-def _autocorrelated(rows: ObservationRows, basis: Floats) -> Floats:
-    """(P, P) scatter of Σ J r of single readings with residuals that are correlated in time, each kind on its own."""
+def _autocorrelated_scatter(rows: ObservationRows, basis: Floats) -> Floats:
+    """(P, P) scatter of Σ J r of single readings with residuals correlated in time, separately for each kind."""
     jacobian = np.einsum("wkf,wkp->wfp", basis, rows.jacobian[:, :, 0])
     residual = np.einsum("wkf,wk->wf", basis, rows.residual[:, :, 0])
     total = np.zeros((jacobian.shape[-1], jacobian.shape[-1]))
@@ -396,11 +396,11 @@ def _autocorrelated(rows: ObservationRows, basis: Floats) -> Floats:
     return total
 
 
-def _free(own: Floats, direction: Floats) -> Floats:
-    """(W, k, f) directions of residual space that a reading's own direction leaves free: outward, and what is beside.
+def _free_directions(own: Floats, direction: Floats) -> Floats:
+    """(W, k, f) directions of residual space that are independent of a reading's own direction.
 
-    Beside it is upward for a vertical; for an attitude two, across the site's field in the world, in which errors of
-    attitudes last.
+    The first is along the surface's normal. The others are one for a vertical, or two for an attitude, across the
+    site's field in the world, in which errors of attitudes are correlated.
     """
     count, kinds, _ = own.shape
     normal = np.cross(own[:, :3, 0], own[:, :3, 1])
@@ -419,8 +419,8 @@ def _free(own: Floats, direction: Floats) -> Floats:
     return free
 
 
-def _excess_variance(evidence: _Evidence) -> float:
-    """Factor by which stretches of the recording scatter more than a scatter of the whole allows; at least 1.
+def _excess_variance(evidence: _Sums) -> float:
+    """Factor by which the scatter of parts of the recording exceeds that of the whole, in variance; at least 1.
 
     As `flinders.estimators.covariance.Residuals.excess_variance`, over all parameters.
     """
@@ -428,5 +428,5 @@ def _excess_variance(evidence: _Evidence) -> float:
     gradients = evidence.gradients @ basis
     squares = np.swapaxes(basis, 0, 1) @ evidence.squares @ basis
     inverse = np.linalg.pinv(squares.sum(axis=0))
-    gradients = gradients - squares @ (inverse @ gradients.sum(axis=0))  # where it settled, the sum is what noise makes
+    gradients = gradients - squares @ (inverse @ gradients.sum(axis=0))  # at convergence the sum is the bias by noise
     return largest_excess(gradients, squares, inverse)

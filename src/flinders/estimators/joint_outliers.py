@@ -1,10 +1,10 @@
-"""Readings that do not belong to a joint fit: what is left out, and the fit without it.
+"""Outliers of a joint fit, and the fit without them.
 
-A reading is far where its residual is many times the median; with it go its neighbours, as for a fit of the magnitude
-(`flinders.estimators.outliers`). Where a body hardly leans, a few readings near a magnet move the offset along its
-vertical by more than all others hold it, and then hardly stick out: the fit has to start where large residuals count
-less (`JointProblem.robust`), and not where least squares end. Of a level turn the ellipse in its plane shows them, and
-the fit starts without them: along the vertical even such weights let them pull it far.
+A reading is an outlier if its residual is many times the median; its neighbours are left out as well, as in a fit of
+the magnitude (`flinders.estimators.outliers`). If a body hardly tilts, a few readings near a magnet can change the
+offset along its vertical more than all others, and then have small residuals. Therefore the fit starts with reduced
+weights of large residuals (`JointProblem.robust`) instead of least squares. For a level turn even such weights are not
+enough along the vertical; there the ellipse in the plane shows the outliers, and the fit starts without them.
 """
 
 from __future__ import annotations
@@ -29,28 +29,29 @@ if TYPE_CHECKING:
     from flinders.likelihood.joint import JointIterate, JointProblem
     from flinders.likelihood.observations import ObservationGroup
 
-FAR: Final = 6.0
-"""Times the median residual beyond which a reading does not belong to the rest."""
+OUTLIER_RATIO: Final = 6.0
+"""Residual of an outlier, as a multiple of the median residual."""
 
-FEWEST_LEFT: Final = 0.8
-"""Share of the readings that have to belong: where fewer do, the model is wrong and not the readings."""
+MIN_INLIER_SHARE: Final = 0.8
+"""Smallest fraction of inliers; with fewer, the model is wrong, and no reading is left out."""
 
-ROUNDS: Final = 4
-"""Of a fit, and of looking for readings that do not belong to it."""
+MAX_ROUNDS: Final = 4
+"""Largest number of fits and searches for outliers."""
 
 
 def without_outliers(problem: JointProblem, iterate: JointIterate, steps: int) -> JointIterate:
-    """Leave out readings that do not belong to the rest, and fit the others, until they are the same again.
+    """Fit without outliers, and find outliers again, until they no longer change.
 
     Parameters
     ----------
     problem : JointProblem
+        The problem with all readings.
     iterate : JointIterate
-        Where to begin, near enough for outliers to be seen.
+        Start, near enough for outliers to have large residuals.
     steps : int
-        Of each fit, at most.
+        Largest number of steps of each fit.
     """
-    for attempt in range(ROUNDS):
+    for attempt in range(MAX_ROUNDS):
         groups = _inliers(iterate)
         pairs = zip(groups, iterate.groups, strict=True)
         if attempt and all(np.array_equal(new.weight, old.weight) for new, old in pairs):
@@ -60,31 +61,31 @@ def without_outliers(problem: JointProblem, iterate: JointIterate, steps: int) -
 
 
 def leaving_out(problem: JointProblem, outliers: Sequence[Outlier]) -> JointProblem:
-    """The problem in which runs of readings count nothing."""
+    """The problem with weight 0 for runs of outliers."""
     weight = np.ones(1 + max(int(group.rows.max()) for group in problem.groups))
     for run in outliers:
         weight[run.first - 1 : run.last] = 0.0
-    return replace(problem, groups=tuple(_weighed(group, weight[group.rows]) for group in problem.groups))
+    return replace(problem, groups=tuple(_set_weights(group, weight[group.rows]) for group in problem.groups))
 
 
 def _inliers(iterate: JointIterate) -> tuple[ObservationGroup, ...]:
-    """Groups in which readings that do not belong count nothing; with neighbours or alone, as enough are left."""
+    """Groups with weight 0 for outliers and their neighbours, or for outliers alone if too few would remain."""
     rows = np.concatenate([group.rows.ravel() for group in iterate.groups])
     far = np.zeros(int(rows.max()) + 1, dtype=bool)
-    far[rows] = _is_far(iterate)
-    enough = (one for one in (~with_runs(far), ~far) if one[rows].mean() > FEWEST_LEFT)
+    far[rows] = _find_outliers(iterate)
+    enough = (one for one in (~with_runs(far), ~far) if one[rows].mean() > MIN_INLIER_SHARE)
     weight = next(enough, np.ones_like(far)).astype(float)
-    return tuple(_weighed(group, weight[group.rows]) for group in iterate.groups)
+    return tuple(_set_weights(group, weight[group.rows]) for group in iterate.groups)
 
 
-def _is_far(iterate: JointIterate) -> NDArray[np.bool_]:
-    """(N,) readings of all groups whose residual is far beyond the usual."""
+def _find_outliers(iterate: JointIterate) -> NDArray[np.bool_]:
+    """(N,) whether the residual of each reading of all groups is that of an outlier."""
     parts = zip(iterate.groups, iterate.directions, strict=True)
     length = np.concatenate([lengths(residuals_of(group, iterate.at, known)[0]).ravel() for group, known in parts])
     usual = max(float(np.median(length)), iterate.weights.noise * 1e-3)
-    return np.asarray(length > FAR * usual)
+    return np.asarray(length > OUTLIER_RATIO * usual)
 
 
-def _weighed(group: ObservationGroup, weight: Floats) -> ObservationGroup:
-    """A group with (W, n) weights of readings, and of the verticals or attitudes recorded with them."""
+def _set_weights(group: ObservationGroup, weight: Floats) -> ObservationGroup:
+    """Set the (W, n) weights of a group's readings, and of their verticals or attitudes."""
     return replace(group, weight=weight, trust=None if group.trust is None else group.trust * weight)

@@ -1,11 +1,11 @@
-"""What the field of the site adds to an ellipsoid that the magnetometer has found alone.
+"""Update of an estimate by the known field of the site.
 
-The engine puts it there; ``site.c`` has the equations. Of a level turn the dip gives the offset across the plane, the
-mounting the shape, and an accelerometer how far the axis of turning was from vertical; the strength gives the size of
+The engine computes it; ``site.c`` has the equations. For a level turn the dip gives the offset across the plane, the
+mounting gives the shape, and an accelerometer gives the tilt of the axis of the turn. The strength gives the size of
 any ellipsoid.
 
-When to use it: vehicles that cannot be turned over, at a known place. Of an ellipsoid that was seen from more than
-one plane, the strength alone counts.
+When to use it: for vehicles that cannot be turned upside down, at a known place. For readings in more than one plane
+only the strength is used.
 
 >>> from flinders import simulate
 >>> from flinders.estimators.data import Readings
@@ -41,8 +41,12 @@ if TYPE_CHECKING:
     from flinders.likelihood.site_field import Site
     from flinders.native.layouts import Records
 
-Z_DOWN: Final = {constant("Z_DOWN"): True, constant("Z_ELSEWHERE"): False, constant("Z_OPEN"): None}
-"""`Estimate.z_down` by the number of the engine."""
+Z_DOWN_BY_CONSTANT: Final = {
+    constant("Z_DOWN"): True,
+    constant("Z_ELSEWHERE"): False,
+    constant("Z_OPEN"): None,
+}
+"""Values of `Estimate.z_down` by the constants of the engine."""
 
 
 def sited(
@@ -53,33 +57,34 @@ def sited(
     dip_deg: float = 60.0,
     alignment_sigma_deg: float | None = None,
 ) -> Estimate:
-    """Hold an estimate by the field of the site.
+    """Update an estimate by the known field of the site.
 
     Parameters
     ----------
     estimate : Estimate
-        Of `Level` for the dip of the site, or of any method that claims all nine parameters.
+        Estimate of `Level` at the dip of the site, or of any method that claims all nine parameters.
     readings : Readings
-        Those that it came from.
+        Readings of the estimate.
     site : Site, optional
-        A strength in the unit of the readings; one that contradicts the ellipsoid is left out.
+        Known field, with the strength in the unit of the readings; a strength that contradicts the ellipsoid is not
+        used.
     dip_deg : float
-        Inclination that `estimate` was made with.
+        Inclination of `estimate`, in degrees.
     alignment_sigma_deg : float, optional
-        How well it is known that the sensor's z axis is vertical in a level vehicle, 1 σ.
+        Uncertainty of the sensor's z axis being vertical in a level vehicle, 1 σ in degrees.
 
     Returns
     -------
     Estimate
-        With smaller claims, but for a level turn that an accelerometer shows on a slope, or of which nobody knows which
-        way z points; `strength` is that of the site where it was used, and `z_down` says what is known of z.
+        With smaller claims, except for a level turn on a slope by the accelerometer, or with an unknown direction of z.
+        `strength` is that of the site if it was used; `z_down` is the direction of z.
     """
     if estimate.method != Level.name and (estimate.plane or site is None):
-        return estimate  # a recipe of two axes claims nothing of the third
-    record = _record_of(estimate, dip_deg)
+        return estimate  # a two-axis recipe has no claim for the third axis
+    record = _make_record(estimate, dip_deg)
     field = readings.thinned(ENOUGH, Level.name) if estimate.plane else np.empty((0, 3))
-    vertical = _vertical(readings, record) if estimate.plane else None
-    known = _known(site, alignment_sigma_deg, z_down=_is_mapped(readings))
+    vertical = _vertical_sums(readings, record) if estimate.plane else None
+    known = _site_row(site, alignment_sigma_deg, z_down=_has_z_down(readings))
     uses_strength = engine().at_site(record, known, field, vertical)
     strengths = SiteStrength(*(float(record[name]) for name in ("site_strength", "strength_found", "strength_sigmas")))
     return replace(
@@ -89,12 +94,12 @@ def sited(
         textbook=None if estimate.textbook is None else record["textbook"].reshape(9, 9).copy(),
         strength=strengths.site if uses_strength else estimate.strength,
         site_strength=None if math.isnan(strengths.site) else strengths,
-        z_down=Z_DOWN[int(record["z_axis"])],
+        z_down=Z_DOWN_BY_CONSTANT[int(record["z_axis"])],
     )
 
 
-def _record_of(estimate: Estimate, dip_deg: float) -> Records:
-    """What a site counts in: surface, covariances, noise, and what was rejected."""
+def _make_record(estimate: Estimate, dip_deg: float) -> Records:
+    """Record of the engine with the surface, covariances, noise and rejection limit of an estimate."""
     record = engine().record()
     record["centre"], record["shape"] = estimate.ellipsoid.centre, upper(estimate.ellipsoid.shape)
     record["radius"], record["noise"], record["dip_deg"] = estimate.ellipsoid.radius, estimate.noise, dip_deg
@@ -106,8 +111,8 @@ def _record_of(estimate: Estimate, dip_deg: float) -> Records:
     return record
 
 
-def _known(site: Site | None, alignment_sigma_deg: float | None, *, z_down: bool) -> Records:
-    """A site as the engine takes it."""
+def _site_row(site: Site | None, alignment_sigma_deg: float | None, *, z_down: bool) -> Records:
+    """Row of `SITE` for the engine."""
     if site is None:
         return engine().site()
     return engine().site(
@@ -120,8 +125,8 @@ def _known(site: Site | None, alignment_sigma_deg: float | None, *, z_down: bool
     )
 
 
-def _vertical(readings: Readings, record: Records) -> Records | None:
-    """What an accelerometer shows of a level turn; None where none was recorded."""
+def _vertical_sums(readings: Readings, record: Records) -> Records | None:
+    """Sums of accelerometer readings of a level turn; None without an accelerometer."""
     if readings.recording is None:
         return None
     vertical = np.zeros((), VERTICAL)
@@ -132,7 +137,7 @@ def _vertical(readings: Readings, record: Records) -> Records | None:
     return vertical
 
 
-def _is_mapped(readings: Readings) -> bool:
-    """Axes that somebody mapped, and those of a vehicle, have z down."""
+def _has_z_down(readings: Readings) -> bool:
+    """Whether z points down because the axes were mapped by the user, or are those of a vehicle."""
     recording = readings.recording
     return recording is not None and (not recording.axes.is_identity or frame_of(recording) == "vehicle")

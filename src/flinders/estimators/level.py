@@ -1,4 +1,4 @@
-"""Level: the ellipse of a level turn, where nothing was turned over."""
+"""Level: the ellipse of a level turn, for vehicles that cannot be turned upside down."""
 
 from __future__ import annotations
 
@@ -20,8 +20,8 @@ if TYPE_CHECKING:
     from flinders.estimators.base import Estimate
     from flinders.estimators.data import Readings
 
-TRIMS, TRIMMED = 3, 0.03
-"""Share of the readings that is left out, the farthest from their plane, and how often, to see how flat the rest is."""
+TRIM_COUNT, TRIM_SHARE = 3, 0.03
+"""Number of times that readings far from their plane are left out, and the fraction each time, to measure flatness."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -32,19 +32,19 @@ class Level:
 
         c + S₂ (cos ψ, −sin ψ),     c = b + sin I (S₁₃, S₂₃),     S₂ = cos I (S₁₁, S₁₂; S₁₂, S₂₂)
 
-    an ellipse, whatever the iron. It is found as `Likelihood` finds an ellipsoid, from the readings laid
-    flat, and puts the heading right as long as the vehicle stays level. Nothing else is known: along z the soft
-    iron is held at none with the prior's spread, and the offset where the dip puts it, give or take the field.
+    which is an ellipse for any hard and soft iron. It is estimated like the ellipsoid of `Likelihood`, from the
+    readings projected to the plane, and corrects headings while the vehicle stays level. Along z there are
+    only priors: no soft iron, within the prior's spread, and the offset by the dip, with the field as 1 σ.
 
-    Use it for vehicles that cannot be turned over. `auto` takes it where all readings lie in one
-    plane across z.
+    Use it for vehicles that cannot be turned upside down. `auto` uses it if all readings are in one plane
+    perpendicular to z.
 
     Parameters
     ----------
     prior : float
-        See `Likelihood`; in the plane it matters only where less than a full turn was recorded.
+        See `Likelihood`; in the plane it matters only for less than a full turn.
     dip_deg : float
-        Inclination of the field at the site.
+        Inclination of the field at the site, in degrees.
 
     Examples
     --------
@@ -64,7 +64,7 @@ class Level:
     is_biased: ClassVar[bool] = False
 
     def __post_init__(self) -> None:
-        """Refuse a prior that means nothing, or none: no level turn says what lies across it.
+        """Refuse an invalid prior, or None: a level turn does not determine parameters across its plane.
 
         Raises `UsageError` for either.
         """
@@ -86,14 +86,14 @@ class Level:
 
 
 def is_level(covariance: Floats, noise: float, *, within: float = FLAT_NOISE) -> bool:
-    """Whether readings of a (3, 3) covariance lie in one plane, but for noise, and that plane across z."""
+    """Whether readings with a (3, 3) covariance are within noise in one plane, which is perpendicular to z."""
     return engine().is_level(covariance, noise, within)
 
 
 def turned_level(field: Floats) -> bool:
-    """Whether (N, 3) readings, in the order in which they came, leave a plane across z by their noise alone.
+    """Whether (N, 3) readings, in the order of recording, are within noise in a plane perpendicular to z.
 
-    The noise is that from one reading to the next: a body that sways stands out of it.
+    The noise is estimated from consecutive readings; swaying of the body is larger than this noise.
 
     >>> headings, rng = np.arange(0.0, 6.28, 0.01), np.random.default_rng(1)
     >>> level = np.stack([25 * np.cos(headings), 25 * np.sin(headings), 0 * headings], axis=1)
@@ -101,10 +101,10 @@ def turned_level(field: Floats) -> bool:
     >>> [turned_level(each + 0.5 * rng.standard_normal(each.shape)) for each in (level, swayed)]
     [True, False]
     """
-    for _ in range(TRIMS):
+    for _ in range(TRIM_COUNT):
         axis = np.linalg.eigh(np.cov(field.T))[1][:, 0]
         across = np.abs(field @ axis - np.median(field @ axis))
-        field = field[across <= np.quantile(across, 1.0 - TRIMMED)]
+        field = field[across <= np.quantile(across, 1.0 - TRIM_SHARE)]
     if len(field) < Level.unknowns:
         return False
     covariance = np.cov(field.T)

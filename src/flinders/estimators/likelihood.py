@@ -1,4 +1,4 @@
-"""Likelihood: Gauss–Newton on the Sampson distance, down to the Cramér–Rao bound."""
+"""Likelihood: Gauss–Newton on the Sampson distance, with errors at the Cramér–Rao bound."""
 
 from __future__ import annotations
 
@@ -30,13 +30,20 @@ if TYPE_CHECKING:
     from flinders.native.layouts import Records
 
 ENOUGH: Final = 20_000
-"""Readings on which the fit is iterated; the whole of a longer recording is gone through once, from there."""
+"""Largest number of readings in the iteration; for a longer recording a last step uses all readings."""
 
-ROBUST, LEVEL = "robust", "level"
-"""Methods of an estimate that outliers were rejected for, and of a level turn."""
+ROBUST_METHOD, LEVEL = "robust", "level"
+"""Method of an estimate without outliers, and of a level turn."""
 
-RESIDUALS: Final = ("lag_one", "correlation_time", "distortion", "excess_variance", "noise_lasts", "steps_kurtosis")
-"""Of a record: what a `Correlation` is made of."""
+CORRELATION_FIELDS: Final = (
+    "lag_one",
+    "correlation_time",
+    "distortion",
+    "excess_variance",
+    "noise_lasts",
+    "steps_kurtosis",
+)
+"""Fields of a record for a `Correlation`, in its order."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -45,17 +52,17 @@ class Likelihood:
 
     Minimises ``Σ s² / σ²`` plus the prior's cost, where s is the Sampson distance of a reading from the
     ellipsoid (see `flinders.likelihood.magnitude`), by Gauss–Newton steps on (b, S) with the Jacobian at
-    the foot points, started from `Consistent`. Then the mean of the gradient that noise causes on a
-    curved surface is subtracted. σ comes from the residuals.
+    the foot points, from the start of `Consistent`. Then the mean gradient by noise on a curved surface is
+    subtracted. σ is estimated from the residuals.
 
-    On readings of white noise its error is that of the Cramér–Rao bound (``python -m
-    benchmarks.accuracy``). Use it whenever the readings themselves are there; `auto` does.
+    For white noise its error is at the Cramér–Rao bound (``python -m benchmarks.accuracy``). Use it whenever
+    the readings themselves are available; `auto` does.
 
     Parameters
     ----------
     prior : float, optional
-        Departure of the scaled shape from a sphere that is thought likely, see
-        `flinders.likelihood.prior`; None leaves what was not seen free.
+        Prior standard deviation of the scaled shape from a sphere, see `flinders.likelihood.prior`; None leaves
+        unobserved parameters free.
     bias_correction : bool
         False gives the minimum of the Sampson cost itself, for comparison with other software.
 
@@ -66,7 +73,7 @@ class Likelihood:
 
     Examples
     --------
-    Half of the sphere is enough for an offset to about a hundredth of the field, and it says so:
+    Readings on half of the sphere give the offset to about a hundredth of the field, as claimed:
 
     >>> from flinders.estimators.data import Readings
     >>> rng = np.random.default_rng(1)
@@ -88,7 +95,7 @@ class Likelihood:
     is_biased: ClassVar[bool] = False
 
     def __post_init__(self) -> None:
-        """Refuse a prior that means nothing."""
+        """Refuse an invalid prior."""
         check_prior(self.prior)
 
     def estimate(self, readings: Readings) -> Estimate:
@@ -101,7 +108,7 @@ class Likelihood:
         NotAnEllipsoid
             If no step leads to a closed surface.
         Undetermined
-            If readings leave parameters open, and there is no prior to hold them.
+            If readings do not determine all parameters, and there is no prior.
         NeedsSamples
             If only sums were given.
         """
@@ -110,7 +117,7 @@ class Likelihood:
         return self.polish(fitted, start(fitted))
 
     def polish(self, readings: Readings, ellipsoid: Ellipsoid, *, robust: bool = False) -> Estimate:
-        """Fit from a known start, a robust one, too, where residuals may ask for it; raises as `estimate`."""
+        """Fit from a given start, robustly if residuals show outliers and `robust` is set; raises as `estimate`."""
         field, ends = readings.in_memory(self.name)
         record = engine().polish(
             field,
@@ -127,10 +134,10 @@ class Likelihood:
 def recorded(
     readings: Readings, prior: float | None, *, robust: int, level: int, dip_deg: float = 60.0, statistics: int = 1
 ) -> Records:
-    """The engine's record of a fit from the consistent start; raises NeedsSamples.
+    """Record of the engine for a fit from the consistent start; raises NeedsSamples.
 
-    The fit is robust never (0), where residuals ask for it (1) or always (2); `level`: 1 for the ellipse of a level
-    turn where readings are that.
+    `robust` is 0 for never, 1 if residuals show outliers, 2 for always. `level` is 1 to fit the ellipse if readings are
+    those of a level turn.
     """
     field, ends = readings.in_memory(Likelihood.name)
     time = readings.recording.time if isinstance(readings.recording, Samples) else None
@@ -140,15 +147,15 @@ def recorded(
 
 
 def estimated(record: Records, readings: Readings, *, has_statistics: bool = False) -> Estimate:
-    """The estimate in a record of the engine, which counted swaps of axes where it has statistics.
+    """Make the estimate of a record of the engine; a record with statistics also has the exchanges of axes.
 
     Raises
     ------
     NotAnEllipsoid, Undetermined
-        Where there is none.
+        If the fit failed.
     """
     plane = PLANES[record["plane"] - 1] if record["plane"] else None
-    method = LEVEL if plane else ROBUST if record["is_robust"] else Likelihood.name
+    method = LEVEL if plane else ROBUST_METHOD if record["is_robust"] else Likelihood.name
     if record["status"] == UNDETERMINED:
         raise Undetermined(int(record["unobserved"]))
     if record["status"]:
@@ -159,7 +166,7 @@ def estimated(record: Records, readings: Readings, *, has_statistics: bool = Fal
         majority = Ellipsoid(record["majority_centre"], symmetric(record["majority_shape"]))
         near = readings if plane is None else laid_flat(readings, plane, float(majority.centre[2]))
         outliers = outliers_among(near, majority, limit, int(record["dense"]))
-    lag_one, time, direction, excess, lasting, steps = (float(record[name]) for name in RESIDUALS)
+    lag_one, time, direction, excess, lasting, steps = (float(record[name]) for name in CORRELATION_FIELDS)
     lasting = 0.0 if math.isnan(lasting) else lasting
     return Estimate(
         Ellipsoid(record["centre"].copy(), symmetric(record["shape"])),
@@ -179,7 +186,7 @@ def estimated(record: Records, readings: Readings, *, has_statistics: bool = Fal
 
 
 def start(readings: Readings) -> Ellipsoid:
-    """An ellipsoid to begin with: consistent, else algebraic, else a sphere around the readings."""
+    """Ellipsoid to start from: the consistent one, else the algebraic one, else a sphere about the readings."""
     try:
         return adjusted(readings)[0]
     except NotAnEllipsoid:
@@ -192,9 +199,9 @@ def start(readings: Readings) -> Ellipsoid:
 
 
 def spheres_about(field: Floats, radius: float | None = None) -> Iterator[Ellipsoid]:
-    """Spheres to begin with: about (N, 3) readings, and beside the plane that they are nearly in.
+    """Yield spheres to start from: about (N, 3) readings, and at both sides of the plane that fits them best.
 
-    Readings that are NaN are left out; where all others are alike, there is no sphere.
+    NaN readings are left out; yields nothing if all others are equal.
     """
     readings = field[np.isfinite(field).all(axis=1)]
     middle = readings.mean(axis=0)
@@ -206,6 +213,6 @@ def spheres_about(field: Floats, radius: float | None = None) -> Iterator[Ellips
 
 METHOD: Final = Method(
     Likelihood,
-    use="general ellipsoid at the statistical limit; needs the readings themselves",
+    use="general ellipsoid with the accuracy of the statistical limit; needs the readings themselves",
     source="Sampson (1982); Kok and Schön (2016)",
 )

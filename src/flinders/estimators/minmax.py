@@ -1,6 +1,6 @@
-"""Min/max: the middle between the extremes of each axis, and a scale from how far apart they are. Six unknowns.
+"""Min/max: offset and scale of each axis from its extremes, six unknowns.
 
-The recipe of most tutorials: two comparisons for each axis while the sensor turns, and no algebra at all.
+The recipe of most tutorials: two comparisons for each axis while the sensor turns, without algebra.
 """
 
 from __future__ import annotations
@@ -25,52 +25,52 @@ if TYPE_CHECKING:
 
 Variant: TypeAlias = Literal["mean", "largest", "full-range"]
 
-HALF: Final = 0.5
-"""What ``full-range`` scales each half-range to."""
+HALF_RANGE_LENGTH: Final = 0.5
+"""Length of corrected readings for ``full-range``."""
 
 
 @dataclass(frozen=True, slots=True)
 class MinMax:
-    """Offset and a scale for each axis from its smallest and its largest reading.
+    """Offset and scale of each axis from its smallest and its largest reading.
 
     With h = (max − min) / 2 for each axis
 
         offset = (min + max) / 2,     corrected = (raw − offset) · F / h
 
-    where the variant says what F is, the length of corrected readings:
+    where F, the length of corrected readings, depends on the variant:
 
     ``"mean"``
-        The mean of the three h: the three-axis recipe of the blogs, and of the slide deck that repeats it [1]_.
+        The mean of the three h: the three-axis recipe of blogs, and of the slide deck that repeats it [1]_.
     ``"largest"``
-        The largest h, so that no scale is below 1: the robot car's, with its Xoff and Xsca.
+        The largest h, so that no scale is below 1: the recipe of robot cars, with their Xoff and Xsca.
     ``"full-range"``
-        ½, as ``(raw − min) / (max − min) − ½``: the MinIMU-9's. Its ``SENSOR_SIGN`` is the axes mapping of the
-        recording (``--axes x,-y,-z``).
+        ½, as ``(raw − min) / (max − min) − ½``: the recipe of the MinIMU-9. Its ``SENSOR_SIGN`` is the axes mapping of
+        the recording (``--axes x,-y,-z``).
 
-    A field strength that is given takes the place of F. Moving and scaling the readings moves and scales
-    the answer alike, and so does swapping axes or changing their signs; turning them does not turn it.
+    A given field strength replaces F. If readings are moved or scaled, or their axes exchanged or reversed, the result
+    changes in the same way; if they are rotated, it does not.
 
-    Use it for parity with such a program, or where six numbers are all there is (`flinders.fitting.axis_extremes`).
-    Not where accuracy counts: two readings settle each axis, the noise of the outermost
-    always makes it wider, ends that the turn did not reach make it narrower, and soft iron across axes is not seen.
+    Use it for the same results as such a program, or if only six numbers are known (`flinders.fitting.axis_extremes`).
+    Do not use it for accuracy: two readings determine each axis. The noise of the extremes always makes the range
+    wider, directions that were not reached make it narrower, and soft iron between axes is not estimated.
 
     Parameters
     ----------
     variant : str
+        ``mean``, ``largest`` or ``full-range``.
     trim : bool
-        First leave out what `Robust` leaves out: outliers, and clumps of them off the surface. A clump
-        on the surface, as of a sensor at rest, does extremes no harm. Off by default: it is no part of the recipe, and
-        whoever can do it can do without extremes. Looks at each reading.
+        First reject outliers as `Robust` does, for which each reading is needed. Readings at rest on the surface do no
+        harm. Off by default, because it is not part of the recipe, and a robust fit is then better than extremes.
 
     Notes
     -----
-    One published script starts its maxima at zero: of an axis whose readings are all negative, zero then passes for
-    an extreme. Nothing is started here but at the readings. (Copies of [1]_ start at ∓32767 and are right.) Sketches
-    that calculate with integers also cut off the halves of offset and half-range, which is not repeated.
+    One published script initialises its maxima with zero: if all readings of an axis are negative, the maximum is then
+    zero. Here extremes are those of the readings. (Copies of [1]_ initialise with ∓32767, which is correct.) Sketches
+    with integers also truncate offset and half-range, which is not reproduced.
 
-    Covariance: each end is off by the noise of its one reading and by the gap to the next,
-    σ² + 8 h² / ((K+1)(K+2)) for K places of readings, as coordinates of an even sphere are even along each axis. What
-    else separates it from the likelihood is seen, and joins it (`flinders.estimators.base`).
+    Covariance: the error of each end is the noise of its reading and the gap to the next reading,
+    σ² + 8 h² / ((K+1)(K+2)) for K places of readings, as coordinates of an even sphere are even along each axis. Other
+    differences from the likelihood are added (`flinders.estimators.base`).
 
     References
     ----------
@@ -93,29 +93,29 @@ class MinMax:
     LABELS: ClassVar[dict[Variant, str]] = {
         "mean": "minmax", "largest": "minmax largest", "full-range": "minmax full-range",
     }  # fmt: skip
-    """Method of its estimates, by their variants."""
+    """Name of the method in estimates, by variant."""
     unknowns: ClassVar[int] = 7
     is_biased: ClassVar[bool] = True
 
     def __post_init__(self) -> None:
-        """Refuse a variant that is not there."""
+        """Refuse an unknown variant."""
         if self.variant not in get_args(Variant):
             raise UsageError(f"variant is {self.variant!r}: need {', '.join(get_args(Variant))}")
         if not isinstance(self.trim, bool):
             raise UsageError(f"trim is {self.trim!r}: need True or False")
 
     def estimate(self, readings: Readings) -> Estimate:
-        """Take the extremes.
+        """Fit an ellipsoid by extremes.
 
         Raises `TooFewSamples`, `OutOfScale`, `StuckAxis` or `Unmoved`: see `Readings.require`; `NotAnEllipsoid` if an
-        axis hardly changes beside another, or the readings are nowhere near what their extremes span; with `trim` also
-        as `Robust`; `NeedsSamples` if only sums were given, and `trim` was asked for.
+        axis hardly changes compared with another, or the readings are far from the ellipsoid of their extremes; with
+        `trim` also as `Robust`, and `NeedsSamples` if only sums were given.
         """
         readings.require(self.unknowns, self.name)
-        return self._trimmed(readings) if self.trim else self._spanned(readings)
+        return self._by_inliers(readings) if self.trim else self._by_extremes(readings)
 
-    def _spanned(self, readings: Readings) -> Estimate:
-        """Take the extremes of all readings."""
+    def _by_extremes(self, readings: Readings) -> Estimate:
+        """Fit by the extremes of all readings."""
         health = readings.summary.health
         ellipsoid = spanned(health.lows.values, -health.highs.values)
         half = ellipsoid.shape.diagonal()
@@ -129,8 +129,8 @@ class MinMax:
         strength = strength_of(half, self.variant)
         return Estimate(ellipsoid, covariance, noise, self.LABELS[self.variant], strength=strength, estimator=self.name)
 
-    def _trimmed(self, readings: Readings) -> Estimate:
-        """Take the extremes of those that a robust fit keeps."""
+    def _by_inliers(self, readings: Readings) -> Estimate:
+        """Fit by the extremes of the inliers of a robust fit."""
         if readings.recording is None:
             raise NeedsSamples(f"{self.name} with trim")
         if len(readings) < Robust.unknowns:
@@ -138,12 +138,12 @@ class MinMax:
         majority = Robust().estimate(readings)
         limit = majority.rejected_beyond
         near = readings.near(majority.ellipsoid, limit).recording
-        if near is None:  # it is there, as the recording is
+        if near is None:  # never, as there is a recording
             raise NeedsSamples(f"{self.name} with trim")
         inliers = type(readings)(Summary.through(near), near)
         inliers.require(self.unknowns, self.name)
         return replace(
-            self._spanned(inliers),
+            self._by_extremes(inliers),
             used=len(inliers.summary),
             rejected_beyond=limit,
             outliers=outliers_among(readings, majority.ellipsoid, limit, NO_RUN),
@@ -151,18 +151,18 @@ class MinMax:
 
 
 def spanned(low: Floats, high: Floats) -> Ellipsoid:
-    """The ellipsoid with its axes along the sensor's that touches (3,) extremes on both sides."""
+    """Ellipsoid with axes along those of the sensor that touches (3,) extremes on both sides."""
     return Ellipsoid((low + high) / 2.0, np.diag((high - low) / 2.0))
 
 
 def strength_of(half: Floats, variant: Variant) -> float:
-    """Length of corrected readings, of (3,) half-ranges."""
-    return {"mean": float(half.mean()), "largest": float(half.max()), "full-range": HALF}[variant]
+    """Length of corrected readings from (3,) half-ranges."""
+    return {"mean": float(half.mean()), "largest": float(half.max()), "full-range": HALF_RANGE_LENGTH}[variant]
 
 
 METHOD: Final = Method(
     MinMax,
-    use="the recipe of the tutorials, from the extremes of each axis: parity with a sketch",
+    use="the recipe of the tutorials, from the extremes of each axis: same results as a sketch",
     source="Winer, wiki of kriswiner/MPU6050",
     is_recipe=True,
 )

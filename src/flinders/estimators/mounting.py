@@ -1,16 +1,15 @@
-"""Whether gyro and accelerometer speak of the body that the magnetometer is on: their unit, their axes, their motion.
+"""Check of a gyro's and an accelerometer's unit, axes and motion against the magnetometer.
 
-Before a term is used it is tried on stretches of the recording: read in each unit in which a rate can be written, and
-along each of the 48 ways in which axes can be exchanged or point the other way. What fits many times better than what
-was recorded is a mistake in the wiring or the log, and is told. With y = S⁻¹x, of the shape S that the magnetometer
-finds by itself, and an unknown offset β,
+Before a term is used it is tested on intervals of the recording, with each unit in which a rate can be written, and
+with each of the 48 signed permutations of axes. If one of them fits much better than the recorded one, the wiring or
+the log has an error, which is reported. With y = S⁻¹x for the shape S of the magnetometer alone, and an unknown offset
+β,
 
-    D (y₁ − β) = ΔRᵀ D (y₀ − β)        of a gyro, from the beginning of a stretch to its end
-    dᵀ D (y − β) = sin I               of an accelerometer, whose vertical is d
+    D (y₁ − β) = ΔRᵀ D (y₀ − β)        of a gyro, from the beginning of an interval to its end
+    dᵀ D (y − β) = sin I               of an accelerometer with the vertical d
 
-are linear in β (and sin I), so that each way D is a small linear fit, and a magnetometer that says nothing of its own
-offset does no harm. Stretches are as long as the field takes to move by ten degrees or so: the noise of readings is
-less than that.
+are linear in β (and sin I). So each permutation D needs only a small linear fit, and the magnetometer's own offset need
+not be known. Intervals are long enough for the field to move by about ten degrees, more than the noise of readings.
 
 >>> import dataclasses
 >>> from flinders import simulate
@@ -38,127 +37,127 @@ if TYPE_CHECKING:
     from flinders.arrays import Floats
     from flinders.core.samples import Samples
 
-STRETCHES_S: Final = (0.4, 0.8, 1.6, 3.2, 6.4)
-"""How long a body may be followed."""
+INTERVALS_S: Final = (0.4, 0.8, 1.6, 3.2, 6.4)
+"""Lengths of intervals in s, which are tried in this order."""
 
-MOVED: Final = 0.2
-"""Chord, of a field of one, by which it should have moved in the middle stretch: eleven degrees."""
+MIN_MOTION: Final = 0.2
+"""Smallest median change of the field in an interval, as the chord of a unit field: eleven degrees."""
 
-MANY: Final = 2000
-"""Stretches, or verticals, that are looked at."""
+MAX_INTERVALS: Final = 2000
+"""Largest number of intervals, or of verticals."""
 
-MOST: Final = 12_000
-"""Readings in those stretches."""
+MAX_READINGS: Final = 12_000
+"""Largest number of readings in all intervals."""
 
-FEW: Final = 12
-"""Fewer of them tell nothing."""
+MIN_INTERVALS: Final = 12
+"""Smallest number of intervals, or of verticals."""
 
-MARGIN: Final = 2.0
-"""Times better than what was recorded that another reading of it has to be."""
+MIN_IMPROVEMENT: Final = 2.0
+"""Ratio of residuals from which another unit or permutation fits much better than the recorded one."""
 
-ALIKE: Final = 1.4
-"""Times the smallest residual up to which another way fits as well."""
+MAX_EQUAL_RATIO: Final = 1.4
+"""Largest ratio to the smallest residual at which another unit or permutation fits equally well."""
 
 RAD_S: Final = "rad/s"
 SCALES: Final = {
     RAD_S: 1.0,
     "°/s": np.pi / 180.0,
-    "mrad/s (or its times are in ms)": 1e-3,
+    "mrad/s (or the times are in ms)": 1e-3,
     "m°/s": np.pi / 180e3,
     "rad/s that was taken for °/s": 180.0 / np.pi,
 }
-"""What a column of rates may be in, and what it is multiplied by to be in rad/s."""
+"""Possible units of a column of rates, and their factors to rad/s."""
 
 EXPLAINED: Final = 0.5
-"""Of how far the field moves: a gyro that is read aright leaves less, and then no other unit is tried."""
+"""Largest residual of a gyro in the correct unit, relative to the motion of the field; no other unit is then tried."""
 
 REVERSED: Final = Axes(signs=(-1, -1, -1))
-"""All signs the other way round."""
+"""Mapping that reverses all axes."""
 
 
 @dataclass(frozen=True, slots=True)
 class Mounted:
-    """What fits best."""
+    """Axes and unit of an instrument that fit the magnetometer best."""
 
-    # take the magnetometer's readings into the axes of the other instrument; a mirror image where one is left-handed
+    # mapping from the magnetometer's axes to those of the instrument; a mirror image if one is left-handed
     axes: Axes = field(default_factory=Axes)
-    unit: str = RAD_S  # of `SCALES`
-    better: float = 1.0  # how many times smaller the residual is than with what was recorded; 1 where that stays
-    is_clear: bool = True  # nothing else as simple fits as well
+    unit: str = RAD_S  # name in `SCALES`
+    better: float = 1.0  # ratio of the residual as recorded to the best one; 1 if the recorded one is kept
+    is_clear: bool = True  # whether no other equally simple mapping fits as well
     misses: tuple[float, ...] = ()  # residual of each of `TURNS`, in the recorded unit
-    # of how far the field moves, what the best of a gyro leaves; 0 of one that was not looked at, or hardly moved
+    # residual of the best mapping of a gyro, relative to the motion of the field; 0 if not tested, or hardly moved
     left: float = 0.0
 
     @property
     def is_as_recorded(self) -> bool:
-        """Nothing fits much better."""
+        """Whether nothing fits much better than the recorded axes and unit."""
         return self.better == 1.0
 
     def allows(self, axes: Axes) -> bool:
-        """Whether a way to sit fits about as well as the best; a mirror image as the same with all signs reversed."""
+        """Whether a mapping fits about as well as the best one; a mirror image is taken with all axes reversed."""
         turn = axes.opposite if axes.is_mirror else axes
-        return not self.misses or self.misses[TURNS.index(turn)] <= MARGIN * min(self.misses)
+        return not self.misses or self.misses[TURNS.index(turn)] <= MIN_IMPROVEMENT * min(self.misses)
 
 
 def by_rate(samples: Samples, ellipsoid: Ellipsoid) -> Mounted:
-    """In which unit and along which axes a gyro turns the field as it moves; as recorded unless another is far better.
+    """Unit and axes in which a gyro explains the motion of the field; the recorded ones unless others fit much better.
 
-    `samples`: with time and rate; `ellipsoid`: what the magnetometer finds by itself; only its shape is used.
+    `samples`: with time and rate; `ellipsoid`: that of the magnetometer alone; only its shape is used.
     """
     if samples.rate is None or samples.time is None:
         return Mounted()
-    free = _read(samples, ellipsoid)
+    free = _best_for_shape(samples, ellipsoid)
     if free.left <= EXPLAINED:
         return free
-    return min(free, _read(samples, _sphere(samples.field)), key=lambda one: one.left)
+    return min(free, _best_for_shape(samples, _sphere(samples.field)), key=lambda one: one.left)
 
 
-def _read(samples: Samples, ellipsoid: Ellipsoid) -> Mounted:
-    """What fits best with the shape of one ellipsoid."""
+def _best_for_shape(samples: Samples, ellipsoid: Ellipsoid) -> Mounted:
+    """Best unit and axes of a gyro for the shape of one ellipsoid."""
     first, last, rate, interval = _segments(samples, ellipsoid)
-    if len(first) < FEW:
+    if len(first) < MIN_INTERVALS:
         return Mounted()
     still = float(np.sqrt(np.mean(np.sum((last - first) ** 2, axis=1))))
-    misses = _missed(first, last, rate, interval, RAD_S)
-    if not misses[RAD_S, Axes()] <= min(EXPLAINED * still, MARGIN * min(misses.values())):
+    misses = _rate_residuals(first, last, rate, interval, RAD_S)
+    if not misses[RAD_S, Axes()] <= min(EXPLAINED * still, MIN_IMPROVEMENT * min(misses.values())):
         for unit in SCALES:
-            misses |= _missed(first, last, rate, interval, unit)
+            misses |= _rate_residuals(first, last, rate, interval, unit)
     left = min(misses.values()) / max(still, 1e-300)
-    return replace(_simplest(misses), left=left if still > MOVED else 0.0)
+    return replace(_choose_simplest(misses), left=left if still > MIN_MOTION else 0.0)
 
 
 def _sphere(field: Floats) -> Ellipsoid:
-    """One about readings of which nothing better is known, as where they lie in a plane."""
+    """Sphere about readings whose ellipsoid is not known, such as readings in a plane."""
     middle = field.mean(axis=0)
     return Ellipsoid(middle, float(np.sqrt(np.mean(np.sum((field - middle) ** 2, axis=1)))) * np.eye(3))
 
 
 def by_vertical(samples: Samples, ellipsoid: Ellipsoid) -> Mounted:
-    """Along which axes the field keeps its angle to an accelerometer's vertical; parameters as those of `by_rate`.
+    """Axes in which the field has a constant angle to an accelerometer's vertical; parameters as in `by_rate`.
 
-    A vertical that points up keeps an angle as well: an accelerometer with all signs reversed is not distinguished.
+    An accelerometer with all axes reversed is not distinguished, as the angle to an upward vertical is constant, too.
     """
     if samples.acceleration is None:
         return Mounted()
     down, trust = dip.verticals(samples.acceleration)
     rows = np.flatnonzero(trust > 0.0)
-    rows = rows[:: max(1, -(-len(rows) // MANY))]
-    if len(rows) < FEW:
+    rows = rows[:: max(1, -(-len(rows) // MAX_INTERVALS))]
+    if len(rows) < MIN_INTERVALS:
         return Mounted()
     weight = np.sqrt(trust[rows] / trust[rows].mean())
-    seen = _rounded(samples.field[rows], ellipsoid)
+    seen = _to_unit_sphere(samples.field[rows], ellipsoid)
     heights = np.stack([np.einsum("ni,ni->n", down[rows], axes.apply(seen)) for axes in TURNS], axis=1)
     design = np.concatenate([down[rows], np.ones((len(rows), 1))], axis=1)
-    left = _left(design * weight[:, np.newaxis], heights * weight[:, np.newaxis])
-    return _simplest({(RAD_S, axes): miss for axes, miss in zip(TURNS, left.tolist(), strict=True)})
+    left = _rms_residuals(design * weight[:, np.newaxis], heights * weight[:, np.newaxis])
+    return _choose_simplest({(RAD_S, axes): miss for axes, miss in zip(TURNS, left.tolist(), strict=True)})
 
 
 def second_axis(rate: Floats) -> float:
-    """How much a body turns about its second axis, of how much about its first: 0 where all is about one.
+    """Ratio of a body's rotation about its second principal axis to that about its first; 0 for one axis.
 
-    Each rate is compared with the next, so that the gyro's noise counts for nothing.
+    Products of consecutive rates are used, which do not contain the gyro's white noise.
 
-    `rate`: (N, 3), rad/s, without the gyro's bias, in order.
+    `rate`: (N, 3) in rad/s, without the gyro's bias, in time order.
 
     >>> second_axis(np.outer(np.linspace(-1, 1, 50), [0.0, 0.0, 1.0]))
     0.0
@@ -170,70 +169,72 @@ def second_axis(rate: Floats) -> float:
     return float(np.sqrt(values[1] / max(values[2], 1e-300)))
 
 
-def _missed(first: Floats, last: Floats, rate: Floats, interval: Floats, unit: str) -> dict[tuple[str, Axes], float]:
-    """Root mean square distance of the field from where a gyro says, in one unit and each of the 48 ways."""
+def _rate_residuals(
+    first: Floats, last: Floats, rate: Floats, interval: Floats, unit: str
+) -> dict[tuple[str, Axes], float]:
+    """Root mean square residual of the field's motion by a gyro, in one unit and each of the 48 permutations."""
     misses: dict[tuple[str, Axes], float] = {}
     for sign in (1, -1):
         turned = gyro.integrated(sign * SCALES[unit] * rate, interval, np.zeros(3)).rotations[:, -1]
         back = np.swapaxes(turned, 1, 2)
         targets = [axes.apply(last) - np.einsum("wij,wj->wi", back, axes.apply(first)) for axes in TURNS]
         design = (np.eye(3) - back).reshape(-1, 3)
-        left = np.sqrt(3.0) * _left(design, np.stack(targets, axis=-1).reshape(len(design), -1))
+        left = np.sqrt(3.0) * _rms_residuals(design, np.stack(targets, axis=-1).reshape(len(design), -1))
         signed = TURNS if sign > 0 else [axes.opposite for axes in TURNS]
         misses |= {(unit, axes): miss for axes, miss in zip(signed, left.tolist(), strict=True)}
     return misses
 
 
-def _simplest(misses: dict[tuple[str, Axes], float]) -> Mounted:
-    """What was recorded unless something fits far better; then the simplest of what fits as well as the best."""
+def _choose_simplest(misses: dict[tuple[str, Axes], float]) -> Mounted:
+    """The recorded axes and unit, unless others fit much better: then the simplest of those with the best fit."""
     recorded, best = misses[RAD_S, Axes()], min(misses.values())
     turned = tuple(misses[RAD_S, axes] for axes in TURNS)
-    if recorded <= MARGIN * best:
+    if recorded <= MIN_IMPROVEMENT * best:
         return Mounted(misses=turned)
-    alike = [candidate for candidate, miss in misses.items() if miss <= ALIKE * best]
-    least = min(_steps(*candidate) for candidate in alike)
-    plain = [candidate for candidate in alike if _steps(*candidate) == least]
+    alike = [candidate for candidate, miss in misses.items() if miss <= MAX_EQUAL_RATIO * best]
+    least = min(_deviation_rank(*candidate) for candidate in alike)
+    plain = [candidate for candidate in alike if _deviation_rank(*candidate) == least]
     unit, axes = min(plain, key=lambda candidate: misses[candidate])
     return Mounted(axes, unit, recorded / max(misses[unit, axes], 1e-12), len(plain) == 1, turned)
 
 
-def _steps(unit: str, axes: Axes) -> int:
-    """How far from what was recorded: 1 for a unit or all signs, 2 for other axes, 3 for a mirror, 4 for both."""
+def _deviation_rank(unit: str, axes: Axes) -> int:
+    """Rank of a deviation from the recording: 1 for a unit or all signs, 2 for axes, 3 for a mirror, 4 for both."""
     is_signed = axes.order == (0, 1, 2) and axes.signs in ((1, 1, 1), (-1, -1, -1))
     if unit != RAD_S:
         return 1 if is_signed else 4
     return 1 if is_signed else 3 if axes.is_mirror else 2
 
 
-def _left(design: Floats, targets: Floats) -> Floats:
-    """(K,) root mean square of what a linear fit to (M, k) leaves of each of (M, K) columns."""
+def _rms_residuals(design: Floats, targets: Floats) -> Floats:
+    """(K,) root mean square residuals of (M, K) targets after a linear fit of a (M, k) design."""
     fitted = design @ np.linalg.lstsq(design, targets, rcond=1e-6)[0]
     left: Floats = np.sqrt(np.mean((targets - fitted) ** 2, axis=0))
     return left
 
 
-def _rounded(field: Floats, ellipsoid: Ellipsoid) -> Floats:
-    """(N, 3) readings about the ellipsoid's centre, its shape removed."""
+def _to_unit_sphere(field: Floats, ellipsoid: Ellipsoid) -> Floats:
+    """(N, 3) readings mapped to about the unit sphere by an ellipsoid."""
     seen: Floats = np.linalg.solve(ellipsoid.shape, (field - ellipsoid.centre).T).T
     return seen
 
 
 def _segments(samples: Samples, ellipsoid: Ellipsoid) -> tuple[Floats, Floats, Floats, Floats]:
-    """Readings (W, 3) at the beginning and the end of stretches, and what the gyro says in between."""
+    """(W, 3) readings at the beginning and the end of intervals, with (W, n, 3) rates and (W, n) time steps between."""
     segments: tuple[Floats, Floats, Floats, Floats] = (
         np.empty((0, 3)), np.empty((0, 3)), np.empty((0, 1, 3)), np.empty((0, 1)),
     )  # fmt: skip
     if samples.time is None or samples.rate is None:
         return segments
-    for length in STRETCHES_S:
+    for length in INTERVALS_S:
         rows = gyro.windows(samples.time, samples.rate, window_s=length)
-        rows = rows[:: max(1, -(-len(rows) // MANY), -(-rows.size // MOST))]
-        if len(rows) < FEW:
+        rows = rows[:: max(1, -(-len(rows) // MAX_INTERVALS), -(-rows.size // MAX_READINGS))]
+        if len(rows) < MIN_INTERVALS:
             continue
-        seen = _rounded(samples.field[rows[:, [0, -1]].ravel()], ellipsoid).reshape(-1, 2, 3)
+        seen = _to_unit_sphere(samples.field[rows[:, [0, -1]].ravel()], ellipsoid).reshape(-1, 2, 3)
         steps = np.diff(samples.time[rows], axis=1)
         interval = np.concatenate([steps, steps[:, -1:]], axis=1)
         segments = seen[:, 0], seen[:, 1], np.nan_to_num(samples.rate[rows]), interval
-        if float(np.median(np.linalg.norm(seen[:, 1] - seen[:, 0], axis=1))) >= MOVED:
+        if float(np.median(np.linalg.norm(seen[:, 1] - seen[:, 0], axis=1))) >= MIN_MOTION:
             break
     return segments

@@ -1,17 +1,17 @@
-"""Several magnetometers on one body: one direction of the field at each moment, seen by all.
+"""Joint fit of several magnetometers on one body, which share the direction of the field at each time.
 
-Minimises over all sensors i and moments k, each sensor in its own noise σᵢ,
+Minimises over all sensors i and times k, with the noise σᵢ of each sensor,
 
     Σ |xᵢₖ − bᵢ − Sᵢ Rᵢᵀ qₖ|² / σᵢ²   over (bᵢ, Sᵢ, Rᵢ) and qₖ, |qₖ| = 1
 
-with R = 1 for the reference. Each direction qₖ is eliminated (`flinders.likelihood.sensors`): of 3m readings 3m −
-2 are left, m of them lengths, and 2(m − 1) that hold the directions of the sensors against each other. The σᵢ come from
-their residuals by Fisher's scoring, the mean gradient that noise makes on the sphere is removed
-(`flinders.likelihood.solver`), and a reading that does not belong to the others is left out.
+with R = 1 for the reference. Each direction qₖ is eliminated (`flinders.likelihood.sensors`). Of 3m residuals 3m − 2
+remain: m compare the lengths, and 2(m − 1) compare the directions of the sensors. The σᵢ are estimated from the
+residuals by Fisher scoring, the mean gradient by noise on the curved sphere is subtracted
+(`flinders.likelihood.solver`), and outliers are left out.
 
-What it gives: how the sensors are turned against each other, and to each what the others know. Readings of two sensors
-are an affine map of each other, so that a noisy sensor becomes nearly as good as the best one beside it. What it does
-not give: coverage. A body that was not turned over leaves open for all of them what it leaves open for one.
+The fit gives the rotations between the sensors, and improves each sensor by the information of the others. Readings of
+two sensors are an affine map of each other, so a noisy sensor becomes nearly as accurate as the best one. The fit does
+not improve coverage: if the body was not turned upside down, the same parameters are undetermined for all sensors.
 
 Source: eliminating nuisance parameters as in B. Triggs et al., *Bundle Adjustment*, 2000; the model of a reading is
 that of M. Kok, T. B. Schön, IEEE Sensors J. 16 (2016), eq. 1.
@@ -19,7 +19,7 @@ that of M. Kok, T. B. Schön, IEEE Sensors J. 16 (2016), eq. 1.
 >>> rng = np.random.default_rng(1)
 >>> q = rng.normal(size=(800, 3))
 >>> q /= np.linalg.norm(q, axis=1, keepdims=True)
->>> turned = np.array([[0.0, 1.0, 0.0], [-1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])      # from the second's into the first's
+>>> turned = np.array([[0.0, 1.0, 0.0], [-1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])      # from the second sensor to the first
 >>> first = 50.0 * q + [10.0, 0.0, -5.0] + rng.normal(scale=0.5, size=q.shape)
 >>> second = 40.0 * q @ turned + [0.0, 30.0, 0.0] + rng.normal(scale=0.5, size=q.shape)
 >>> joint = solve(np.stack([first, second]))
@@ -63,55 +63,54 @@ if TYPE_CHECKING:
     from flinders.likelihood.observations import ObservationRows
     from flinders.likelihood.sensors import SensorIterate
 
-ENOUGH: Final = 10_000
-"""Moments on which the fit is iterated; of a longer recording all are gone through from there."""
+MAX_FIT_TIMES: Final = 10_000
+"""Largest number of times in the iteration; for a longer recording a last fit uses all."""
 
-TRIED: Final = 1_000
-"""Moments on which starts are tried."""
+MAX_START_TIMES: Final = 1_000
+"""Largest number of times with which starts are compared."""
 
-GLANCE: Final = 2_000
-"""Moments from which noise-induced information is computed."""
+MAX_INFORMATION_TIMES: Final = 2_000
+"""Largest number of times from which spurious information is computed."""
 
 MIRROR_MARGIN: Final = 2.0
-"""Times smaller that the residual of a mirror image has to be."""
+"""Ratio of residuals from which a mirror image is accepted instead of a rotation."""
 
-LOOKED_AT: Final = 16_384
-"""Moments that tell how residuals are correlated."""
+MAX_CORRELATION_TIMES: Final = 16_384
+"""Largest number of times from which the correlation of residuals is estimated."""
 
-LOUDEST: Final = 0.1
-"""Of the field: noise that the solver begins with."""
+START_NOISE: Final = 0.1
+"""Noise at the start of the solver, relative to the field."""
 
-STRAY: Final = 6.0
-"""Times the median residual of a sensor beyond which its reading does not belong to the others."""
+OUTLIER_RATIO: Final = 6.0
+"""Residual of an outlier, as a multiple of the sensor's median residual."""
 
-ROUNDS: Final = 6
-"""In which readings are left out, of each moment the worst at first."""
+MAX_OUTLIER_ROUNDS: Final = 6
+"""Largest number of searches for outliers; each leaves out the worst reading at a time."""
 
-FEWEST_LEFT: Final = 0.5
-"""Share of a sensor's readings that have to belong: where fewer do, all stay, and its noise is as large as that."""
+MIN_INLIER_SHARE: Final = 0.5
+"""Smallest fraction of inliers of a sensor; with fewer, no reading is rejected, and its noise estimate grows."""
 
 FEWEST: Final = 24
-"""Moments that are needed."""
+"""Smallest number of times with two readings or more."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Several:
-    """What was found."""
+    """Result of a joint fit of several magnetometers."""
 
-    # of each sensor; `rotation` takes vectors in its axes into those of the reference. It has the determinant −1 where
-    # the axes of the sensor are a mirror image of those.
+    # of each sensor; `rotation` is from its axes to those of the reference, with determinant −1 for a mirror image
     parameters: tuple[Parameters, ...]
-    reference: int  # whose rotation is 1
-    # of each sensor: offset, shape, and but for the reference the rotation vector, on the left
+    reference: int  # index of the reference sensor, whose rotation is 1
+    # columns of each sensor: offset, shape, and except for the reference the rotation vector, on the left
     columns: tuple[slice, ...]
     covariance: Floats  # (P, P): of all parameters
-    textbook: Floats  # (P, P): the same if all residuals were independent
+    textbook: Floats  # (P, P): the same for independent residuals
     noise: Floats  # (m,): standard deviation of a component of a reading, in the unit of each sensor
-    directions: Floats  # (N, 3): of the field at each moment, in the axes of the reference
-    is_inlier: NDArray[np.bool_]  # (m, N): readings that are there, and agree with the others
-    prior_influence: Floats  # (m,): share of the least known parameter of each shape that the prior speaks for
-    unobserved: int  # directions of parameter space of which the readings say nothing
-    # factor by which stretches of the recording scatter more than their residuals explain, in variance
+    directions: Floats  # (N, 3): of the field at each time, in the axes of the reference
+    is_inlier: NDArray[np.bool_]  # (m, N): whether each reading exists and is an inlier
+    prior_influence: Floats  # (m,): fraction of information from the prior, in the least known parameter of each shape
+    unobserved: int  # number of directions of parameter space that the readings do not determine
+    # factor by which the scatter of parts of the recording exceeds that of their residuals, in variance
     excess_variance: float
 
     def of(self, sensor: int) -> Floats:
@@ -120,18 +119,18 @@ class Several:
         return part
 
     def rotation(self, sensor: int) -> tuple[Floats, Floats]:
-        """(3, 3) from the axes of a sensor into those of the reference, and (3, 3) rad² of its rotation vector."""
+        """(3, 3) rotation from a sensor's axes to those of the reference, and (3, 3) covariance in rad²."""
         of_turn = self.of(sensor)[9:, 9:]
         return self.parameters[sensor].rotation, of_turn if sensor != self.reference else np.zeros((3, 3))
 
     def corrected(self, sensor: int, field: Floats) -> Floats:
-        """(N, 3) unit-length field in the axes of the reference, of (N, 3) readings of a sensor."""
+        """Correct (N, 3) readings of a sensor to fields of unit length in the axes of the reference."""
         at = self.parameters[sensor]
         turned: Floats = (field - at.offset) @ np.linalg.inv(at.ellipsoid_like).T
         return turned
 
     def estimate(self, sensor: int) -> Estimate:
-        """The ellipsoid of one sensor with its marginal covariance, as every other method gives it."""
+        """The ellipsoid of one sensor with its marginal covariance, in the form of other methods."""
         at, nine = self.parameters[sensor], self.columns[sensor].start + np.arange(9)
         return Estimate(
             at.ellipsoid,
@@ -154,40 +153,40 @@ def solve(
 ) -> Several:
     """Fit several magnetometers of one body.
 
-    Raises `TooFewSamples` for fewer moments than parameters; `NotAnEllipsoid` if no step leads to closed surfaces.
+    Raises `TooFewSamples` for too few times; `NotAnEllipsoid` if no step leads to closed surfaces.
 
     Parameters
     ----------
     fields : (m, N, 3) float
-        Readings of each at the same N moments, each sensor in its own unit and axes; NaN where it has none.
+        Readings of each sensor at the same N times, in its own unit and axes; NaN if it has none.
     reference : int
-        Into whose axes the others are turned.
+        Index of the sensor to whose axes the others are rotated.
     starts : sequence of Estimate or None, optional
-        What each finds by itself; by default what `Auto` finds.
+        Estimate of each sensor alone; by default that of `Auto`.
     spread : float
-        Of the prior on each shape, see `flinders.likelihood.prior`.
+        Spread of the prior of each shape, see `flinders.likelihood.prior`.
     """
     shared = np.count_nonzero(np.isfinite(fields[:, :, 0]).sum(axis=0) > 1)
     if shared < FEWEST:
         raise TooFewSamples(found=int(shared), needed=FEWEST, method="together")
     alone = [found_alone(field) for field in fields] if starts is None else list(starts)
-    few = fields[:, :: max(1, fields.shape[1] // TRIED)]
-    iterates = [_from_start(few, reference, begin, spread) for begin in _begins(few, reference, alone)]
+    few = fields[:, :: max(1, fields.shape[1] // MAX_START_TIMES)]
+    iterates = [_solve_from(few, reference, begin, spread) for begin in _start_parameters(few, reference, alone)]
     best = min((iterate for iterate in iterates if iterate is not None), key=_misfit, default=None)
     if best is None:
         raise NotAnEllipsoid((float("nan"),) * 3, "together")
-    thinned = fields[:, :: max(1, fields.shape[1] // ENOUGH)]
+    thinned = fields[:, :: max(1, fields.shape[1] // MAX_FIT_TIMES)]
     problem = SensorProblem.of(thinned, best.at, reference=reference, spread=spread)
     best = levenberg_marquardt(problem, problem.initial(best.at, best.weights))
     best = _without_outliers(problem, best)
     if thinned.shape[1] < fields.shape[1]:
         problem = SensorProblem.of(fields, best.at, reference=reference, spread=spread)
         best = _without_outliers(problem, problem.initial(best.at, best.weights))
-    return _finished(problem, best, alone, reference)
+    return _compute_claims(problem, best, alone, reference)
 
 
 def mirror_or_rotation(seen: Floats, into: Floats) -> Floats:
-    """(3, 3) orthogonal matrix that turns (N, 3) directions into others; a mirror image where that fits far better.
+    """(3, 3) orthogonal matrix from (N, 3) directions to others; a mirror image if it fits much better than a rotation.
 
     Minimises Σ |vₖ − R uₖ|² (Kabsch), once among rotations and once among mirror images.
 
@@ -204,36 +203,36 @@ def mirror_or_rotation(seen: Floats, into: Floats) -> Floats:
 
 
 def is_sound(estimate: Estimate) -> bool:
-    """Whether a sensor by itself leaves nothing open."""
+    """Whether an estimate of one sensor determines all parameters."""
     return not estimate.plane and not estimate.unobserved
 
 
-def _begins(fields: Floats, reference: int, alone: Sequence[Estimate | None]) -> Iterator[Sensors]:
-    """Where to start: with what each finds by itself, the rest from the best of those; else with spheres."""
+def _start_parameters(fields: Floats, reference: int, alone: Sequence[Estimate | None]) -> Iterator[Sensors]:
+    """Yield parameters to start from: by estimates of each sensor, mapped from the best one if missing; or spheres."""
     sound = [each.ellipsoid if each is not None and is_sound(each) else None for each in alone]
     if all(each is not None for each in sound):
-        yield _turned(fields, reference, [each for each in sound if each is not None])
+        yield _fit_rotations(fields, reference, [each for each in sound if each is not None])
         return
     known = [sensor for sensor, each in enumerate(sound) if each is not None]
     if known:
         noises = [alone[sensor].noise / sound[sensor].radius for sensor in known]  # type: ignore[union-attr]
         best = known[int(np.argmin(noises))]
         mapped = [
-            own if own is not None else _mapped(fields[best], sound[best], fields[sensor])  # type: ignore[arg-type]
+            own if own is not None else _map_ellipsoid(fields[best], sound[best], fields[sensor])  # type: ignore[arg-type]
             for sensor, own in enumerate(sound)
         ]
-        yield _turned(fields, reference, mapped)
+        yield _fit_rotations(fields, reference, mapped)
         return
     for ellipsoid in spheres_about(fields[reference]):
         others = [
-            ellipsoid if sensor == reference else _mapped(fields[reference], ellipsoid, field)
+            ellipsoid if sensor == reference else _map_ellipsoid(fields[reference], ellipsoid, field)
             for sensor, field in enumerate(fields)
         ]
-        yield _turned(fields, reference, others)
+        yield _fit_rotations(fields, reference, others)
 
 
-def _mapped(field: Floats, ellipsoid: Ellipsoid, other: Floats) -> Ellipsoid:
-    """The ellipsoid of another sensor, whose readings are an affine map of those of this one; else a sphere."""
+def _map_ellipsoid(field: Floats, ellipsoid: Ellipsoid, other: Floats) -> Ellipsoid:
+    """Ellipsoid of another sensor by the affine map between their readings; a sphere for flat readings."""
     both = np.isfinite(field).all(axis=1) & np.isfinite(other).all(axis=1)
     first, second = field[both], other[both]
     middle, mean = first.mean(axis=0), second.mean(axis=0)
@@ -247,8 +246,8 @@ def _mapped(field: Floats, ellipsoid: Ellipsoid, other: Floats) -> Ellipsoid:
     return Ellipsoid(mean + linear @ (ellipsoid.centre - middle), (axes * radii) @ axes.T)
 
 
-def _turned(fields: Floats, reference: int, ellipsoids: Sequence[Ellipsoid]) -> Sensors:
-    """Parameters at these ellipsoids, each sensor turned as its directions are against those of the reference."""
+def _fit_rotations(fields: Floats, reference: int, ellipsoids: Sequence[Ellipsoid]) -> Sensors:
+    """Parameters of these ellipsoids, with rotations that fit the directions of each sensor to the reference."""
     seen = [
         (field - ellipsoid.centre) @ np.linalg.inv(ellipsoid.shape)
         for field, ellipsoid in zip(fields, ellipsoids, strict=True)
@@ -258,33 +257,35 @@ def _turned(fields: Floats, reference: int, ellipsoids: Sequence[Ellipsoid]) -> 
         at = Parameters.at(ellipsoid.centre, ellipsoid.shape)
         both = np.isfinite(seen[sensor]).all(axis=1) & np.isfinite(seen[reference]).all(axis=1)
         if sensor != reference and both.any():
-            at = replace(at, rotation=mirror_or_rotation(_unit(seen[sensor][both]), _unit(seen[reference][both])))
+            at = replace(
+                at, rotation=mirror_or_rotation(_unit_vectors(seen[sensor][both]), _unit_vectors(seen[reference][both]))
+            )
         made.append(at)
     return Sensors(tuple(made))
 
 
-def _unit(vectors: Floats) -> Floats:
+def _unit_vectors(vectors: Floats) -> Floats:
     unit: Floats = vectors / np.maximum(np.linalg.norm(vectors, axis=1, keepdims=True), 1e-300)
     return unit
 
 
 def _misfit(iterate: SensorIterate) -> float:
-    """Noise of all sensors, each in its own size."""
+    """Sum of the logarithms of all sensors' noises, relative to their radii."""
     return float(np.log(iterate.weights / iterate.at.radii).sum())
 
 
-def _from_start(fields: Floats, reference: int, begin: Sensors, spread: float) -> SensorIterate | None:
-    """Where the solver leads from a start; None where that is nowhere."""
+def _solve_from(fields: Floats, reference: int, begin: Sensors, spread: float) -> SensorIterate | None:
+    """Solution from a start; None if the solver fails."""
     problem = SensorProblem.of(fields, begin, reference=reference, spread=spread)
     try:
-        return levenberg_marquardt(problem, problem.initial(begin, LOUDEST * begin.radii))
+        return levenberg_marquardt(problem, problem.initial(begin, START_NOISE * begin.radii))
     except np.linalg.LinAlgError:
         return None
 
 
 def _without_outliers(problem: SensorProblem, iterate: SensorIterate) -> SensorIterate:
-    """Leave out readings that do not belong to the others, of each moment the worst at first, and go on without."""
-    for _ in range(ROUNDS):
+    """Find outliers, at each time the worst one first, and fit again without them."""
+    for _ in range(MAX_OUTLIER_ROUNDS):
         inliers = _inliers(problem, iterate)
         if np.array_equal(inliers, iterate.groups[0].inliers):
             break
@@ -293,26 +294,26 @@ def _without_outliers(problem: SensorProblem, iterate: SensorIterate) -> SensorI
 
 
 def _inliers(problem: SensorProblem, iterate: SensorIterate) -> NDArray[np.bool_]:
-    """(m, N) readings that belong: what was left out and still does not stays out, and the worst goes, too."""
+    """(m, N) inliers: without previous outliers that still are, and without the worst new one at each time."""
     recorded, counted = problem.group.inliers, iterate.groups[0].inliers
     distances = iterate.groups[0].distances(iterate.at, iterate.directions[0], iterate.weights)
     usual = np.nanmedian(np.where(counted, distances, np.nan), axis=1, keepdims=True)
-    far = recorded & (distances > STRAY * usual)
+    far = recorded & (distances > OUTLIER_RATIO * usual)
     excess = np.where(counted & far, distances / usual, 0.0)
     worst = (excess == excess.max(axis=0)) & (excess > 0.0)
     if len(distances) == 2:
-        worst |= far & counted  # of two it is not told which
+        worst |= far & counted  # of two sensors it is not known which one is wrong
     inliers: NDArray[np.bool_] = recorded & ~worst & ~(~counted & far)
     share = inliers.sum(axis=1) / np.maximum(recorded.sum(axis=1), 1)
-    few = share < FEWEST_LEFT
+    few = share < MIN_INLIER_SHARE
     inliers[few] = recorded[few]
     return inliers
 
 
-def _finished(
+def _compute_claims(
     problem: SensorProblem, iterate: SensorIterate, alone: Sequence[Estimate | None], reference: int
 ) -> Several:
-    """Take off what the sphere's curvature adds, and say how far to trust what is left."""
+    """Subtract the bias by the sphere's curvature, and compute the claims."""
     iterate, equations = bias_corrected(
         problem, iterate, observed=lambda now, plain: _support(problem, now, plain.matrix).keep(plain)
     )
@@ -332,35 +333,35 @@ def _finished(
 
 
 def _support(problem: SensorProblem, iterate: SensorIterate, matrix: Floats) -> Support:
-    """What the readings see, of their normal matrix."""
+    """Observable directions of parameter space, from the normal matrix."""
     return Support.of(matrix, lambda: _spurious_information(problem, iterate))
 
 
-def _thinned(iterate: SensorIterate, most: int) -> tuple[SensorIterate, int]:
-    """About so many moments, spread evenly, and one of how many they are."""
+def _thin(iterate: SensorIterate, most: int) -> tuple[SensorIterate, int]:
+    """The iterate with about `most` times, spread evenly, and the stride."""
     stride = max(1, len(iterate.directions[0]) // most)
     some = replace(iterate, groups=(iterate.groups[0].every(stride),), directions=(iterate.directions[0][::stride],))
     return some, stride
 
 
 def _rows(problem: SensorProblem, iterate: SensorIterate, directions: Floats) -> ObservationRows:
-    """Residuals and Jacobians with other directions."""
+    """Residuals and Jacobians of an iterate, with other directions."""
     return iterate.groups[0].rows(iterate.at, directions, problem.layout, iterate.weights)
 
 
 def _spurious_information(problem: SensorProblem, iterate: SensorIterate) -> Floats:
-    """(P, P) information that noise in the directions makes on average: Σ C_ab J(t_a)ᵀ Q J(t_b).
+    """(P, P) mean spurious information by noise in the directions: Σ C_ab J(t_a)ᵀ Q J(t_b).
 
     J is linear in the direction; its noise along the tangents t_a has the covariance C.
     """
-    some, stride = _thinned(iterate, GLANCE)
+    some, stride = _thin(iterate, MAX_INFORMATION_TIMES)
     rows = _rows(problem, some, some.directions[0])
     along = np.stack(
         [_rows(problem, some, tangent).jacobian for tangent in np.moveaxis(across(some.directions[0]), -1, 0)]
     )
     inverse = inverse_of(np.einsum("wkna,wknb->wab", rows.own, rows.own))
     root = np.linalg.cholesky(inverse + 1e-300 * np.eye(2))
-    for columns in problem.layout.columns:  # the Jacobian of an offset is 1, whatever the direction
+    for columns in problem.layout.columns:  # the Jacobian of an offset is 1 for any direction
         along[..., columns.start : columns.start + 3] = 0.0
     total = np.zeros((problem.layout.size, problem.layout.size))
     for axis in range(2):
@@ -373,12 +374,12 @@ def _spurious_information(problem: SensorProblem, iterate: SensorIterate) -> Flo
 def _scatter(
     problem: SensorProblem, iterate: SensorIterate, textbook: Floats, alone: Sequence[Estimate | None]
 ) -> tuple[Floats, float]:
-    """(P, P) scatter of the gradient, with correlated residuals, and the creep.
+    """(P, P) scatter of the gradient with correlated residuals, and its excess by slow drifts.
 
-    Each component of each sensor is a series of its own, as in `flinders.estimators.covariance`; a sensor's part
-    grows by no less than what it finds by itself, where distortions that belong to the direction are looked for.
+    Each component of each sensor is a separate series, as in `flinders.estimators.covariance`. The part of a sensor is
+    at least as much larger as in its own estimate, which includes distortions by direction.
     """
-    some, stride = _thinned(iterate, LOOKED_AT)
+    some, stride = _thin(iterate, MAX_CORRELATION_TIMES)
     jacobian, residual = projected(_rows(problem, some, some.directions[0]))
     size = problem.layout.size
     total = np.zeros((size, size))
@@ -389,11 +390,11 @@ def _scatter(
             autocovariance = series.autocovariance()
             white += series.jacobian.T @ series.jacobian
             coloured += series.scatter(autocovariance / max(float(autocovariance[0]), 1e-300))
-        total += max(_wider(own) * white, coloured, key=lambda part: float(np.sum(part * textbook)))
+        total += max(_own_inflation(own) * white, coloured, key=lambda part: float(np.sum(part * textbook)))
     flat = Residuals(residual.ravel(), jacobian.reshape(-1, size), [np.arange(residual.size)])
     return stride * total, flat.excess_variance(total)
 
 
-def _wider(estimate: Estimate | None) -> float:
-    """By how much a sensor by itself claims more than independent residuals would, in variance."""
+def _own_inflation(estimate: Estimate | None) -> float:
+    """Ratio of variances of a sensor's own estimate to those for independent residuals, at least 1."""
     return 1.0 if estimate is None or estimate.plane else max(1.0, estimate.variance_inflation())

@@ -1,4 +1,4 @@
-"""A recording of a varying field as it would be in a field of one strength."""
+"""Scaling of a recording in a field of varying strength to one strength."""
 
 from __future__ import annotations
 
@@ -22,17 +22,17 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class AtOneStrength(Wrapped):
-    """A recording of a varying field as it would be in one of its mean strength: x₀ + (x − x₀) H/H_k about a centre.
+    """A recording scaled to the mean strength H of a varying field H_k: x₀ + (x − x₀) H/H_k about a centre x₀.
 
-    What looks for an ellipsoid can then look at it; noise grows where the field is weak.
+    The result is on one ellipsoid; its noise is larger where the field is weak.
     """
 
     recording: Recording
-    centre: Floats  # (3,)
-    mean: float
+    centre: Floats  # (3,): x₀
+    mean: float  # H
 
     def blocks(self) -> Iterator[Samples]:
-        """Go through the recording; readings without a strength are left out."""
+        """Yield scaled blocks, without readings of unknown strength."""
         for block in self.recording.blocks():
             if block.strength is not None:
                 known = block[np.isfinite(block.strength)]
@@ -41,9 +41,9 @@ class AtOneStrength(Wrapped):
 
 
 def at_one_strength(readings: Readings, estimate: Estimate) -> Readings:
-    """The readings as in a field of one strength, where an estimate follows a varying one; else as they are.
+    """Scale readings to one strength if an estimate follows a varying strength; otherwise unchanged.
 
-    What a recording says about itself, its repeats and rails, stays what it says.
+    The quality statistics, such as repeats and rails, stay those of the recording.
     """
     if estimate.follows != "varying" or readings.recording is None or estimate.strength is None:
         return readings

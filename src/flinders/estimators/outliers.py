@@ -1,8 +1,8 @@
-"""Readings that do not belong: which, when, and how far off.
+"""Outliers of a recording: runs of readings, their times and distances.
 
-What passes by fades in and out, and its field crosses zero along the surface's normal: readings between outliers and
-shortly before and after them are no better. Single outliers, of a bus that drops bits, say nothing of their neighbours;
-so a run is where more of eleven readings are far than chance would put there.
+The field of a passing magnet fades in and out, and its component along the surface's normal crosses zero. So readings
+between outliers, and shortly before and after them, are also disturbed. Single outliers, such as those of a bus that
+drops bits, do not affect their neighbours. Therefore a run begins where more of eleven readings are far than by chance.
 
 >>> from flinders.geometry.ellipsoid import Ellipsoid
 >>> from flinders.core.samples import Samples
@@ -40,33 +40,33 @@ if TYPE_CHECKING:
     from flinders.geometry.ellipsoid import Ellipsoid
 
 WINDOW: Final = constant("WINDOW")
-"""Readings in a row that are looked at together: a fifth of a second at 50 Hz, and what passes by hand takes longer."""
+"""Length of the window for runs in readings: a fifth of a second at 50 Hz, less than a magnet takes to pass."""
 
 MARGIN: Final = constant("MARGIN")
-"""Readings before and after a run that go with it: half a second at 50 Hz, in which a magnet's field fades away."""
+"""Readings before and after a run that are left out, too: half a second at 50 Hz, in which a magnet's field fades."""
 
 NO_RUN: Final = constant("NO_RUN")
-"""More than a window holds: no run is looked for."""
+"""Value of `dense` that is larger than a window, for outliers without runs."""
 
-_REACH: Final = MARGIN + WINDOW // 2
-"""Readings before and after one that have a say in whether it is left out."""
+_REACH_READINGS: Final = MARGIN + WINDOW // 2
+"""Number of readings before and after a reading that affect whether it is left out."""
 
 
 @dataclass(frozen=True, slots=True)
 class Outlier:
-    """A run of readings that do not belong to the rest."""
+    """A run of outliers."""
 
-    first: int  # usable reading, counted from 1 over all recordings
-    last: int  # the last of the run
-    readings: int  # outliers among them
-    start_s: float  # s: time of the first; NaN without time
-    end_s: float  # s: time of the last
+    first: int  # number of its first usable reading, counted from 1 over all recordings
+    last: int  # number of its last reading
+    readings: int  # number of outliers in the run
+    start_s: float  # s: time of the first reading; NaN without times
+    end_s: float  # s: time of the last reading; NaN without times
     max_distance: float  # largest distance from the ellipsoid, in the unit of the readings
-    independent: int = 0  # outliers that a fit would have gone by, each rest as one or none
+    independent: int = 0  # number of outliers with each rest counted as one or none, as in a fit
 
     @classmethod
     def of_run(cls, run: np.void) -> Self:
-        """Take a row of `flinders.native.layouts.OUTLIER`, whose rows count from 0."""
+        """Make the run of a row of `flinders.native.layouts.OUTLIER`, which counts readings from 0."""
         first, last, rows, fitted, *times, farthest = run.tolist()
         start, end = (np.nan if math.isnan(time) else time for time in times)  # one object, so that runs compare
         return cls(first + 1, last + 1, rows, start, end, farthest, fitted)
@@ -81,7 +81,7 @@ class Outlier:
 
 
 def outliers_among(readings: Readings, ellipsoid: Ellipsoid, limit: float, dense: int) -> tuple[Outlier, ...]:
-    """List what `Readings.near` leaves out, with its rows in the whole of several recordings."""
+    """Runs of readings that `Readings.near` leaves out, numbered over all recordings."""
     outliers: list[Outlier] = []
     first_row = 1
     for part in readings.each:
@@ -102,32 +102,33 @@ def outliers_of(
     first_row: int = 1,
     rests: Rests | None = None,
 ) -> list[Outlier]:
-    """List the runs of readings that are left out, in order.
+    """Runs of outliers in a recording, in order.
 
     Parameters
     ----------
     blocks : iterable of Samples
-        A recording.
+        Blocks of the recording.
     ellipsoid, limit, dense
-        See `left_out`; by default only what is farther than the limit is left out.
+        See `left_out`; by default only readings beyond the limit are left out.
     first_row : int
         Number of the first reading.
     rests : Rests, optional
-        Where each rest is one reading or none: the rests of the recording that rows and times are of.
+        Rests of the original recording, if each rest is one reading or none in `blocks`; numbers and times are then
+        those of the original.
     """
     runs = np.empty(0, OUTLIER)
     for block, distances, out in left_out(blocks, ellipsoid, limit, dense):
         rows = np.arange(first_row - 1, first_row - 1 + len(block))
         if out.any():
-            runs = engine().list_outliers(runs, distances, out, *_places(rows, block.time, rests))
+            runs = engine().list_outliers(runs, distances, out, *_rows_and_times(rows, block.time, rests))
         first_row += len(block)
     return [Outlier.of_run(run) for run in runs]
 
 
-def _places(
+def _rows_and_times(
     rows: NDArray[np.int64], time: Floats | None, rests: Rests | None
 ) -> tuple[tuple[NDArray[np.int64], NDArray[np.int64]], tuple[Floats, Floats] | None]:
-    """First and last row of readings that a fit goes by among those that were read, and the times of these."""
+    """First and last row of each reading in the original recording, and the times of these rows."""
     if rests is None:
         return (rows, rows), None if time is None else (time, time)
     first, last = rests.first[rows], rests.last[rows]
@@ -135,14 +136,14 @@ def _places(
 
 
 def with_runs(far: NDArray[np.bool_]) -> NDArray[np.bool_]:
-    """(N,) readings that are far, in a run of far ones or within a margin of it, from (N,) which are far."""
+    """(N,) outliers from (N,) `far`: far readings, and all readings in or near a run of far ones."""
     return engine().left_out(far, dense_in(far, len(far)))
 
 
 def dense_in(far: NDArray[np.bool_], rows: int) -> int:
-    """Fewest far readings of a window that make a run, given (N,) which of some consecutive readings are far.
+    """Smallest number of far readings in a window that make a run, from (N,) `far`, whether each reading is far.
 
-    Only those outside runs are there by chance, so runs that are beyond doubt are set aside before the rest is counted.
+    The rate of far readings by chance is that outside of runs, so obvious runs are removed before counting.
 
     >>> dense_in(np.arange(500) % 500 == 9, 500), dense_in(np.arange(500) % 3 == 0, 500) == NO_RUN
     (3, True)
@@ -153,28 +154,28 @@ def dense_in(far: NDArray[np.bool_], rows: int) -> int:
 def left_out(
     blocks: Iterable[Samples], ellipsoid: Ellipsoid, limit: float, dense: int
 ) -> Iterator[tuple[Samples, Floats, NDArray[np.bool_]]]:
-    """Go through a recording: each block, (m,) distances from a surface and (m,) which readings are left out.
+    """Yield each block of a recording with (m,) distances from a surface and (m,) whether readings are left out.
 
-    Every reading is judged together with its neighbours, so where one block ends and the next begins has no say.
+    A reading is judged with its neighbours, also across the ends of blocks, so the result does not depend on blocks.
     """
     ahead = iter(blocks)
-    pending = deque(islice(ahead, 1))  # not `itertools.tee`, which lets go of blocks by 57
-    begun: Floats = np.zeros(_REACH)  # before the first reading nothing is far
+    pending = deque(islice(ahead, 1))  # not `itertools.tee`, which releases blocks in groups of 57
+    begun: Floats = np.zeros(_REACH_READINGS)  # before the first reading nothing is far
     known = np.concatenate([begun, *(np.abs(magnitude.distances(block.field, ellipsoid)) for block in pending)])
     while pending:
         block = pending.popleft()
-        needed = _REACH + len(block) + _REACH
+        needed = _REACH_READINGS + len(block) + _REACH_READINGS
         while len(known) < needed and (following := next(ahead, None)) is not None:
             pending.append(following)
             known = np.concatenate([known, np.abs(magnitude.distances(following.field, ellipsoid))])
-        here = slice(_REACH, _REACH + len(block))
+        here = slice(_REACH_READINGS, _REACH_READINGS + len(block))
         far = known[:needed] > limit
         yield block, known[here], engine().left_out(far, dense)[here]
         known = known[len(block) :]
 
 
 def within(margin: int, some: NDArray[np.bool_]) -> NDArray[np.bool_]:
-    """(N,) readings that are at most so many rows from one of some, from (N,) which those are.
+    """(N,) whether each reading is at most `margin` rows from a true one in (N,) `some`.
 
     >>> within(1, np.arange(6) == 4).tolist()
     [False, False, False, True, True, True]

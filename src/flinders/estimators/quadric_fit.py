@@ -1,7 +1,7 @@
-"""What the fits that minimise Σ q(x)² share: the frame, the solution under constraints, and the claim.
+"""Common parts of fits that minimise Σ q(x)²: the frame, the solution under constraints, and the claim.
 
-q(x) = xᵀQx + l·x + d is linear in its ten coefficients c, and Σ q² = cᵀMc with the scatter M of the monomials. With
-c = fixed + free·z the constraints are linear, too, and z is found by least squares.
+q(x) = xᵀQx + l·x + d is linear in its ten coefficients c, and Σ q² = cᵀMc with the scatter M of the monomials. Linear
+constraints are written as c = fixed + free·z, and z is estimated by least squares.
 
 >>> from flinders.estimators.data import Readings
 >>> corners = np.array([[1, 1, 1], [1, 1, -1], [1, -1, 1], [-1, 1, 1], [-1, -1, 1], [-1, 1, -1], [1, -1, -1.0]])
@@ -33,29 +33,29 @@ ENTRIES: Final[dict[str, Floats]] = {
     "yz": np.eye(6)[:, [1, 0]] + np.eye(6)[:, [2, 2]] * [1.0, 0.0],
     "sphere": np.eye(6)[:, :3].sum(axis=1, keepdims=True),
 }
-"""(6, k) bases of the entries 11, 22, 33, 12, 13, 23 that each constraint leaves: of Q and of the shape alike."""
+"""(6, k) bases of the entries 11, 22, 33, 12, 13, 23 under each constraint, both of Q and of the shape."""
 
 _TRACE: Final = np.array([1.0, 1.0, 1.0, 0.0, 0.0, 0.0])
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Frame:
-    """Readings about an origin, in a unit of their own size."""
+    """Scatter of readings relative to an origin, divided by a scale."""
 
-    origin: Floats  # (3,)
-    scale: float
+    origin: Floats  # (3,), in the unit of the readings
+    scale: float  # in the unit of the readings
     scatter: Floats  # (10, 10): M: sums of products of x², y², z², xy, xz, yz, x, y, z and 1
 
     @classmethod
     def of(cls, readings: Readings, origin: Floats | None = None, scale: float | None = None) -> Self:
-        """About the mean, in units of the spread, unless others are given."""
+        """Make the frame of readings, by default with their mean as origin and their spread as scale."""
         moments = readings.summary.moments
         origin = moments.mean if origin is None else origin
         scale = moments.spread if scale is None else scale
         return cls(origin, scale, moments.about(origin, scale))
 
     def placed(self, coefficients: Floats, method: str) -> Ellipsoid:
-        """The ellipsoid of (10,) coefficients, in the unit of the readings.
+        """Ellipsoid of (10,) coefficients in this frame, in the unit of the readings.
 
         Raises `NotAnEllipsoid` if the quadric is open.
         """
@@ -63,14 +63,14 @@ class Frame:
 
 
 def least_squares(scatter: Floats, fixed: Floats, free: Floats) -> Floats:
-    """(10,) coefficients c = fixed + free·z that minimise cᵀMc, for (10,) and (10, k)."""
+    """(10,) coefficients c = fixed + free·z that minimise cᵀMc, for (10,) `fixed` and (10, k) `free`."""
     normal, right = free.T @ scatter @ free, -free.T @ scatter @ fixed
     coefficients: Floats = fixed + free @ np.linalg.lstsq(normal, right, rcond=1e-15)[0]
     return coefficients
 
 
 def constrained(scatter: Floats, entries: Floats, *, centred: bool = False) -> Floats:
-    """(10,) coefficients that minimise cᵀMc at tr Q = 3, Q of (6, k) entries; l = 0 where centred."""
+    """(10,) coefficients that minimise cᵀMc with tr Q = 3, for a (6, k) basis of Q; l = 0 if `centred`."""
     trace = _TRACE @ entries
     traceless = entries[:, 1:] - entries[:, :1] * (trace[1:] / trace[0])
     linear = np.eye(4)[:, 3:] if centred else np.eye(4)
@@ -80,6 +80,6 @@ def constrained(scatter: Floats, entries: Floats, *, centred: bool = False) -> F
 
 
 def claimed(readings: Readings, ellipsoid: Ellipsoid, method: str, basis: Floats = EVERYTHING) -> Estimate:
-    """The estimate of a fit that minimises Σ q(x)² over the parameters of a (9, k) basis."""
+    """Make the estimate of a fit that minimises Σ q(x)² over parameters with a (9, k) basis."""
     noise = algebraic_noise(readings, ellipsoid, basis.shape[1])
     return Estimate(ellipsoid, algebraic_covariance(readings, ellipsoid, noise, basis), noise, method)

@@ -1,4 +1,4 @@
-"""What was logged beside the readings: the columns of the disturbances, with a lag where one is asked for.
+"""Columns of the disturbances in recordings, optionally with a lag.
 
 >>> from flinders.core.samples import Samples
 >>> time = np.arange(40) / 10.0
@@ -9,15 +9,14 @@
 >>> logged.split()
 (('current',), ())
 
-A `Track` is a column at any lag, smoothed so that its noise is the same at each. A value between two readings of a
-meter, a share f of the way from one to the next, has (1 − f)² + f² of its variance: half of it in the middle.
-Readings that follow the meter's column would lie nearer to such values whatever the lag is, and a lag of half a
-reading would be found where there is none. So columns are smoothed by a Gaussian kernel of two readings before they
-are shifted, which leaves 0.13 of the variance at any share of a reading:
+A `Track` is a column at any lag, smoothed so that its noise does not depend on the lag. A linear interpolation at a
+fraction f between two readings of a meter has (1 − f)² + f² of their variance, half of it in the middle. Without
+smoothing, a fit would therefore prefer a lag of half a reading even if there is none. The smoothing is by a Gaussian
+kernel with σ of two readings before the shift, which leaves 0.13 of the variance at any fraction:
 
-    c(t) = Σ G(i(t) − j) c_j,        i(t) the place of t among the times of readings
+    c(t) = Σ G(i(t) − j) c_j,        i(t) the index of t among the times of readings
 
-That is for finding a lag. Offsets per unit are told by the columns themselves, which keep their fast changes.
+Tracks are used only to estimate lags. Offsets per unit are estimated from the columns with their fast changes.
 
 >>> noise = np.random.default_rng(1).normal(size=20_000)
 >>> time = np.arange(20_000) / 50.0
@@ -45,14 +44,14 @@ if TYPE_CHECKING:
     from flinders.arrays import Floats
     from flinders.core.samples import Recording, Samples
 
-WIDTH: Final = 2.0
+KERNEL_SIGMA: Final = 2.0
 """Standard deviation of the kernel, in readings."""
 
-REACH: Final = 4.0
-"""Standard deviations at which it ends."""
+KERNEL_SIGMAS: Final = 4.0
+"""Half width of the kernel in standard deviations."""
 
-PLACES: Final = 8
-"""To each reading: between these the course is straight, which takes less than a thousandth off the variance."""
+POINTS_PER_READING: Final = 8
+"""Points per reading of a track; linear interpolation between them changes the variance by less than 1e-3."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -64,11 +63,11 @@ class Track:
 
     @classmethod
     def of(cls, time: Floats, values: Floats) -> Self:
-        """Smooth (N,) values at (N,) ascending times; gaps among them are bridged, and the ends hold beyond."""
+        """Smooth (N,) values at (N,) ascending times; gaps are interpolated, and end values continued."""
         readings = np.arange(len(values), dtype=float)
-        places = np.arange((len(values) - 1) * PLACES + 1) / PLACES
-        reach = int(REACH * WIDTH * PLACES)
-        kernel = np.exp(-0.5 * (np.arange(-reach, reach + 1) / (WIDTH * PLACES)) ** 2)
+        places = np.arange((len(values) - 1) * POINTS_PER_READING + 1) / POINTS_PER_READING
+        reach = int(KERNEL_SIGMAS * KERNEL_SIGMA * POINTS_PER_READING)
+        kernel = np.exp(-0.5 * (np.arange(-reach, reach + 1) / (KERNEL_SIGMA * POINTS_PER_READING)) ** 2)
         between = np.pad(np.interp(places, readings, lagged(values, time, 0.0)), reach, mode="edge")
         smooth = np.convolve(between, kernel / kernel.sum(), mode="valid")
         return cls(np.interp(places, readings, time), smooth)
@@ -79,129 +78,131 @@ class Track:
         return interpolated
 
 
-FAR_REFERENCE: Final = 0.25
-"""Of the range of a column: how far 0 may lie outside to be its reference, as of `disturbance-reference`."""
+MAX_REFERENCE_DISTANCE: Final = 0.25
+"""Largest distance of 0 from a column's range, relative to the range, at which 0 is its reference."""
 
-MOST: Final = 20_000
-"""Readings of a longer recording that are looked at, spread evenly over it."""
+MAX_READINGS: Final = 20_000
+"""Largest number of readings in a fit with disturbances, spread evenly over the recording."""
 
-FEWEST: Final = 30
-"""Readings below which nothing is said of a disturbance."""
+MIN_READINGS: Final = 30
+"""Smallest number of readings in a fit with disturbances."""
 
 
 @dataclass(frozen=True, slots=True)
 class DisturbanceEstimate:
-    """What is known of something that the offset follows."""
+    """Statistics of one disturbance."""
 
-    #: ``current``, ``throttle`` or ``temperature``; of one motor ``current1`` or ``throttle1``; that of a column
+    #: ``current``, ``throttle`` or ``temperature``; ``current1`` or ``throttle1`` of one motor; name of a column
     name: str
-    disturbance: Disturbance | None = None  #: None where it hardly changed, and nothing was found
-    #: heading error that following it takes away, at the far end of its recorded range, at the worst attitude
+    disturbance: Disturbance | None = None  #: None if it hardly changed, and was not estimated
+    #: heading error removed by its correction, at the far end of its recorded range and the worst attitude
     removed_deg: float = 0.0
-    #: heading error (1 σ) that its own uncertainty leaves there, at the worst heading; of motors of which each has a
-    #: disturbance of its own, with the others as they usually were then
+    #: heading error (1 σ) by its uncertainty there, at the worst heading; if each motor has its own disturbance, with
+    #: the usual values of the other motors
     remaining_deg: float = 0.0
-    attitude_collinearity: float = 0.0  #: share of what tells about it that the attitude could explain as well, 0 to 1
-    chi_square: float = 0.0  #: what it takes off the sum of squares, in the noise that is left
-    lag_sigma_s: float = np.nan  #: s: of its lag; NaN where none was looked for
-    is_lag_at_limit: bool = False  #: the end of the search for a lag is best
-    monotonicity: float = 0.0  #: share of its course that a monotone function of time explains, 0 to 1
-    attenuation: float = 0.0  #: by which share its offset per unit is too small, as its meter is noisy
-    #: how far what it makes is off a straight line, as a share of what it makes; 0 where that may be chance
+    attitude_collinearity: float = 0.0  #: fraction of its information that the attitude could explain, 0 to 1
+    chi_square: float = 0.0  #: reduction of the sum of squares by it, in units of the noise variance
+    lag_sigma_s: float = np.nan  #: s: 1 σ of its lag; NaN if no lag was estimated
+    is_lag_at_limit: bool = False  #: whether the best lag is the largest one of the search
+    monotonicity: float = 0.0  #: fraction of its variance that a monotone function of time explains, 0 to 1
+    attenuation: float = 0.0  #: fraction by which its offset per unit is too small because of a noisy meter
+    #: nonlinearity of its effect, relative to the effect; 0 if not significant
     curvature: float = 0.0
-    collinearity: float = 0.0  #: share of its course that the other disturbances explain, 0 to 1
-    explained_share: float = np.nan  #: share of the scatter without it that it explains, 0 to 1
-    explained_share_sigma: float = np.nan  #: 1 σ of that
-    explained: float = np.nan  #: rms of what it moves the readings by, in their unit
-    explained_sigma: float = np.nan  #: 1 σ of that
-    #: scatter of readings that were left out of the fit, with it over without; NaN where it was not tried
+    collinearity: float = 0.0  #: fraction of its variance that the other disturbances explain, 0 to 1
+    explained_share: float = np.nan  #: fraction of the scatter without it that it explains, 0 to 1
+    explained_share_sigma: float = np.nan  #: 1 σ of `explained_share`
+    explained: float = np.nan  #: rms of its effect on the readings, in their unit
+    explained_sigma: float = np.nan  #: 1 σ of `explained`
+    #: ratio of the scatter of readings outside of the fit with it to that without it; NaN if not computed
     scatter_ratio: float = np.nan
 
     @property
     def is_unused(self) -> bool:
-        """It was tried, and left out as it explains nothing."""
+        """Whether it was tested, and left out because it explains nothing."""
         return self.disturbance is None and bool(np.isfinite(self.scatter_ratio))
 
     def as_dict(self) -> dict[str, Any]:
         """JSON-ready."""
         fields = {name: getattr(self, name) for name in self.__slots__ if name != "disturbance"}
         finite = {key: value if isinstance(value, str) or np.isfinite(value) else None for key, value in fields.items()}
-        return {**finite, "found": self.disturbance is not None}  # whether the offset follows it
+        return {**finite, "found": self.disturbance is not None}  # whether the offset is corrected for it
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Logged:
-    """Columns of the recordings, one after the other."""
+    """Field and disturbances of several recordings, concatenated and thinned."""
 
     field: Floats  #: (N, 3)
-    values: dict[str, Floats]  #: dict of str to (N,) float: of each disturbance, without lag
-    parts: tuple[RecordedColumns, ...]  #: the same with all that was logged, recording by recording
+    values: dict[str, Floats]  #: dict of str to (N,) float: values of each disturbance, without lag
+    parts: tuple[RecordedColumns, ...]  #: all columns of each recording
 
     @classmethod
     def of(cls, recordings: Sequence[Recording], names: tuple[str, ...]) -> Self:
-        """Go through the recordings once; of ``currents`` and ``throttles`` take each motor's.
+        """Read the columns in one pass; ``currents`` and ``throttles`` stand for those of each motor.
 
-        Raises `UsageError` for a name that is not known; `InputError` where a recording lacks the column;
-        `TooFewSamples` for fewer readings than anything can be distinguished from.
+        Raises `UsageError` for an unknown name; `InputError` if a recording lacks the column; `TooFewSamples` for fewer
+        readings than `MIN_READINGS`.
         """
-        names = tuple(sorted(spelled_out(recordings, names), key=place_of))  # the order of a calibration's disturbances
+        names = tuple(
+            sorted(expand_names(recordings, names), key=place_of)
+        )  # the order of a calibration's disturbances
         wholes = [RecordedColumns.of(recording, names) for recording in recordings]
         total = sum(len(part.field) for part in wholes)
-        if total < FEWEST:
-            raise TooFewSamples(found=total, needed=FEWEST, method=f"with {' and '.join(names)}")
-        stride = -(-total // MOST)
+        if total < MIN_READINGS:
+            raise TooFewSamples(found=total, needed=MIN_READINGS, method=f"with {' and '.join(names)}")
+        stride = -(-total // MAX_READINGS)
         parts = tuple(replace(part, stride=stride) for part in wholes)
         values = {name: np.concatenate([part.lagged(name, 0.0) for part in parts]) for name in names}
         return cls(np.concatenate([part.field[::stride] for part in parts]), values, parts)
 
     def lagged(self, name: str, lag_s: float) -> Floats:
-        """(N,) values of a disturbance so much earlier."""
+        """(N,) values of a disturbance `lag_s` earlier."""
         if lag_s == 0.0:
             return self.values[name]
         return np.concatenate([part.lagged(name, lag_s) for part in self.parts])
 
     def courses(self, name: str) -> list[Track]:
-        """A disturbance's smoothed course in each recording, which has times."""
+        """Smoothed course of a disturbance in each recording with times."""
         return [Track.of(part.time, part.columns[name]) for part in self.parts if part.time is not None]
 
     def along(self, courses: Sequence[Track], lag_s: float) -> Floats:
-        """(N,) values of such courses so much earlier."""
+        """(N,) values of smoothed courses `lag_s` earlier."""
         times = [part.time[:: part.stride] for part in self.parts if part.time is not None]
         return np.concatenate([course.at(time - lag_s) for course, time in zip(courses, times, strict=True)])
 
     @property
     def is_timed(self) -> bool:
-        """There are ascending times everywhere, and with them a before and an after."""
+        """Whether all recordings have ascending times."""
         return all(part.time is not None and bool(np.all(np.diff(part.time) > 0.0)) for part in self.parts)
 
     @property
     def step_s(self) -> float:
-        """Usual time from one reading to the next."""
+        """Median interval of readings in s."""
         return float(np.median(np.concatenate([np.diff(part.time) for part in self.parts if part.time is not None])))
 
     def split(self) -> tuple[tuple[str, ...], tuple[str, ...]]:
-        """Names of the disturbances that changed, and of those that did not."""
-        moving = tuple(name for name, values in self.values.items() if _changes(name, values))
+        """Names of the disturbances that changed, and names of those that did not."""
+        moving = tuple(name for name, values in self.values.items() if _has_changed(name, values))
         return moving, tuple(name for name in self.values if name not in moving)
 
     def reference(self, name: str) -> float:
-        """Where the offset holds: no current, no throttle, the middle of the temperatures.
+        """Reference of a disturbance: 0 for current and throttle, the median of the temperature.
 
-        Of another column at 0 where it was recorded at or near it, else in the middle.
+        For another column it is 0 if the recorded range is at or near 0, else the median.
         """
         if name == "temperature":
             return round(float(np.median(self.values[name])), 1)
         low, high = self.range(name)
-        is_far = is_column(name) and max(low, -high) > FAR_REFERENCE * (high - low)
+        is_far = is_column(name) and max(low, -high) > MAX_REFERENCE_DISTANCE * (high - low)
         return float(f"{np.nanmedian(self.values[name]):.3g}") if is_far else 0.0
 
     def range(self, name: str) -> tuple[float, float]:
-        """Lowest and highest value of a disturbance."""
+        """Lowest and highest recorded value of a disturbance."""
         values = self.values[name]
         return float(np.nanmin(values)), float(np.nanmax(values))
 
     def departures(self, names: tuple[str, ...], lags: dict[str, float]) -> Floats:
-        """(N, K) values of disturbances less their references, each so much earlier as its lag says."""
+        """(N, K) values of disturbances minus their references, each earlier by its lag."""
         if not names:
             return np.zeros((len(self.field), 0))
         rows = [self.lagged(name, lags.get(name, 0.0)) - self.reference(name) for name in names]
@@ -210,41 +211,43 @@ class Logged:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class RecordedColumns:
-    """Columns of one recording."""
+    """Field, times and disturbances of one recording."""
 
     field: Floats  #: (M, 3)
     time: Floats | None  #: (M,), s
-    columns: dict[str, Floats]  #: dict of str to (M,) float
-    stride: int = 1  #: every which reading is looked at
+    columns: dict[str, Floats]  #: dict of str to (M,) float: values of each disturbance
+    stride: int = 1  #: one of this many readings is in the fit
 
     @classmethod
     def of(cls, recording: Recording, names: tuple[str, ...]) -> Self:
-        """Read a recording through; raises `InputError` where it lacks a column."""
+        """Read the columns of a recording; raises `InputError` if one is missing."""
         blocks: list[Samples] = [block for block in recording.blocks() if len(block)]
         columns: dict[str, Floats] = {}
         for name in names:
             pieces = [piece for block in blocks if (piece := block.driving(name)) is not None]
             if not blocks or len(pieces) < len(blocks) or not np.isfinite(np.concatenate(pieces)).any():
-                raise InputError(_lacking(recording.source, name, blocks[0].disturbances if blocks else ()))
+                raise InputError(
+                    _missing_column_message(recording.source, name, blocks[0].disturbances if blocks else ())
+                )
             columns[name] = np.concatenate(pieces)
         times = [block.time for block in blocks]
         time = None if any(each is None for each in times) else np.concatenate([t for t in times if t is not None])
         return cls(np.concatenate([block.field for block in blocks]), time, columns)
 
     def lagged(self, name: str, lag_s: float) -> Floats:
-        """(M / stride,) what was logged so much earlier."""
+        """(M / stride,) values of a disturbance `lag_s` earlier."""
         return lagged(self.columns[name], self.time, lag_s)[:: self.stride]
 
 
-def spelled_out(recordings: Sequence[Recording], names: Sequence[str]) -> tuple[str, ...]:
-    """Names of disturbances, each once; for ``currents`` and ``throttles`` those of each motor that was recorded.
+def expand_names(recordings: Sequence[Recording], names: Sequence[str]) -> tuple[str, ...]:
+    """Names of disturbances without repetitions; ``currents`` and ``throttles`` are replaced by those of all motors.
 
-    Raises `UsageError` for a name that no column can have; `InputError` for those of motors where none was recorded.
+    Raises `UsageError` for an invalid name; `InputError` for ``currents`` or ``throttles`` without recorded motors.
 
     Examples
     --------
     >>> from flinders.core.samples import Samples
-    >>> spelled_out([Samples.of([[1, 2, 3]], currents=[[4.0, 5.0]])], ["temperature", "currents"])
+    >>> expand_names([Samples.of([[1, 2, 3]], currents=[[4.0, 5.0]])], ["temperature", "currents"])
     ('temperature', 'current1', 'current2')
     """
     columns: list[str] = []
@@ -258,18 +261,18 @@ def spelled_out(recordings: Sequence[Recording], names: Sequence[str]) -> tuple[
             there = next(iter(recording.blocks())).disturbances
             each = [one for one in there if one != kind and one.startswith(kind)]
             if not each:
-                raise InputError(_lacking(recording.source, name, there))
+                raise InputError(_missing_column_message(recording.source, name, there))
             columns += each
     return tuple(dict.fromkeys(columns))
 
 
-def _lacking(source: str, name: str, there: Sequence[str]) -> str:
-    """Say that a recording lacks a column, and what it has."""
-    has = f" ({', '.join(there)} were)" if there else ""
-    return f"{source} has no {name}: record it beside the readings{has}, or leave {name} out"
+def _missing_column_message(source: str, name: str, there: Sequence[str]) -> str:
+    """Message about a missing column, with the recorded ones."""
+    has = f" (it has {', '.join(there)})" if there else ""
+    return f"{source} has no {name}{has}: record it with the readings, or leave {name} out"
 
 
-def _changes(name: str, values: Floats) -> bool:
-    """Whether a disturbance changed enough for anything to be told of it."""
+def _has_changed(name: str, values: Floats) -> bool:
+    """Whether a disturbance changed enough to be estimated."""
     low, high = np.nanquantile(values, [0.02, 0.98])
     return bool(high - low > known(name).least)

@@ -1,9 +1,9 @@
-"""Rests: intervals in which the direction stands still, each of which is one reading of a fit, or none.
+"""Rests: intervals of constant direction, each of which is one reading in a fit, or none.
 
-However often it is read, one place tells of the surface what one reading tells, with what the field differs by from
-place to place. Fifteen seconds on a table where the field is off by 3 % would otherwise outweigh the turn before them.
-Where readings of a turn are twenty times as many as rests, these are left out: they would only speak of directions
-that the turn did not see. The engine finds rests (``flinders_rests``), and a fit by it alone does this itself.
+All readings at one place have the information of one reading, because the field differs from place to place. Otherwise
+fifteen seconds on a table where the field differs by 3 % would outweigh the turn before. If the readings of turns are
+twenty times as many as the rests, the rests are left out: they would matter only in directions without other readings.
+The engine finds rests (``flinders_rests``); a fit of the engine alone also does this.
 
 >>> poses = np.random.default_rng(1).normal(size=(12, 3))
 >>> poses *= 50.0 / np.linalg.norm(poses, axis=1, keepdims=True)
@@ -33,8 +33,8 @@ if TYPE_CHECKING:
 
     from flinders.arrays import Floats
 
-OF_THE_MIDDLE: Final = frozenset({"time", "attitude"})
-"""Columns that have no mean: of a rest the value in its middle counts."""
+MIDDLE_COLUMNS: Final = frozenset({"time", "attitude"})
+"""Columns that cannot be averaged: for a rest the value in its middle is used."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -44,13 +44,13 @@ class Rests:
     Attributes
     ----------
     bounds : (R, 2) int
-        First row of each rest, and the row behind its last.
+        First row of each rest, and the row after its last.
     are_left_out : bool
-        A fit leaves them out; else each is one reading of it, its mean.
+        Whether a fit leaves rests out; otherwise each rest is one reading, its mean.
     rows : int
-        Readings of the recording.
+        Number N of readings in the recording.
     time : (N,) float, s, optional
-        Of these.
+        Times of the readings.
     """
 
     bounds: NDArray[np.int64]
@@ -60,7 +60,7 @@ class Rests:
 
     @classmethod
     def of(cls, samples: Samples, ends: NDArray[np.int64] | None = None) -> Self:
-        """Those of a recording, or of several: `ends` (P,) of these."""
+        """Find the rests of a recording; `ends`: (P,) row after the end of each of several joined recordings."""
         return cls(*engine().rests(samples.field, ends=ends), len(samples), samples.time)
 
     def __len__(self) -> int:
@@ -68,12 +68,12 @@ class Rests:
 
     @property
     def at_rest(self) -> int:
-        """Readings at rest."""
+        """Number of readings at rest."""
         return int(np.diff(self.bounds, axis=1).sum())
 
     @cached_property
     def begins(self) -> NDArray[np.bool_]:
-        """(N,) rows of the recording at which a reading of a fit begins."""
+        """(N,) whether a reading in the fit begins at each row of the recording."""
         begins = np.ones(self.rows, dtype=bool)
         for begin, end in self.bounds.tolist():
             begins[begin if self.are_left_out else begin + 1 : end] = False
@@ -81,12 +81,12 @@ class Rests:
 
     @cached_property
     def first(self) -> NDArray[np.intp]:
-        """(M,) these rows."""
+        """(M,) first row of each reading in the fit."""
         return np.flatnonzero(self.begins)
 
     @cached_property
     def last(self) -> NDArray[np.intp]:
-        """(M,) row of the recording at which it ends."""
+        """(M,) last row of each reading in the fit."""
         if self.are_left_out:
             return self.first
         return np.append(self.first[1:], self.rows) - 1
@@ -100,16 +100,16 @@ class Rests:
         )
 
     def fitted(self, samples: Samples) -> Samples:
-        """The readings of the recording that a fit goes by."""
+        """Readings of the recording for a fit."""
         if self.are_left_out:
             return samples[self.begins]
         there = {name: values for name in COLUMNS if (values := getattr(samples, name)) is not None}
-        columns: dict[str, Any] = {name: self._averaged(name, values) for name, values in there.items()}
+        columns: dict[str, Any] = {name: self._average(name, values) for name, values in there.items()}
         return replace(samples, auxiliary={}, **columns)
 
-    def _averaged(self, name: str, values: Floats) -> Floats:
-        """One column: means of those values that are there."""
-        if name in OF_THE_MIDDLE:
+    def _average(self, name: str, values: Floats) -> Floats:
+        """Average a column over each reading in the fit, without NaN."""
+        if name in MIDDLE_COLUMNS:
             lower, upper = values[self.first], values[self.last]
             return (lower + upper) / 2.0 if name == "time" else values[(self.first + self.last) // 2]
         is_there = np.isfinite(values)

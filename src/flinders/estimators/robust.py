@@ -1,4 +1,4 @@
-"""Robust: the likelihood of the inliers, started from the least median of squares over many small subsets."""
+"""Robust: the likelihood of the inliers, from a start by the least median of squares over many small subsets."""
 
 from __future__ import annotations
 
@@ -16,17 +16,17 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True)
 class Robust:
-    """General ellipsoid of the majority: readings that do not belong to it are rejected.
+    """General ellipsoid of the majority of the readings; outliers are rejected.
 
-    Starts from the least median of squares over many subsets of twelve readings each, rejects what is farther
-    from the surface than four standard deviations, and minimises what `Likelihood` minimises over the rest,
-    until the same readings are rejected again. σ comes from the median distance, in a sample
-    that takes few readings of each place, so that a rest of the sensor does not pass for its noise. Where rejected
-    runs outweigh the other readings, other draws of the subsets are fitted too; the covariance has what they differ by.
+    Starts from the least median of squares over many subsets of twelve readings each. Readings that are farther
+    from the surface than four standard deviations are rejected, and the cost of `Likelihood` is minimised over the
+    others, until the rejected readings no longer change. σ is estimated from the median distance in a sample with few
+    readings of each place, so that a rest of the sensor does not determine it. If rejected runs outweigh the other
+    readings, other random subsets are fitted too, and the covariance includes the differences of their results.
 
-    Use it where something magnetic passed by, a cable moved or a bus dropped bits; `auto` takes it when the
-    residuals ask for it. Up to about a quarter of outliers have no effect worth a digit; clean readings
-    lose one in sixteen thousand.
+    Use it if something magnetic passed, a cable moved or a bus dropped bits; `auto` uses it if residuals show
+    outliers. Up to about a quarter of outliers have a negligible effect; of clean readings, one in sixteen
+    thousand is rejected.
 
     Parameters
     ----------
@@ -54,20 +54,20 @@ class Robust:
 
     name: ClassVar[str] = "robust"
     unknowns: ClassVar[int] = (
-        35  # of fewer, twelve that agree by chance pass for all: at 25, errors of 9 claims in 10 %
+        35  # with fewer, twelve that agree by chance can be the majority: with 25, 10 % have errors of 9 claims
     )
     is_biased: ClassVar[bool] = False
 
     def __post_init__(self) -> None:
-        """Refuse a prior that means nothing."""
+        """Refuse an invalid prior."""
         check_prior(self.prior)
 
     def estimate(self, readings: Readings) -> Estimate:
         """Fit an ellipsoid.
 
         Raises `TooFewSamples`, `OutOfScale`, `StuckAxis` or `Unmoved`: see `Readings.require`; `NotAnEllipsoid` if no
-        small subset gives an ellipsoid, or fewer readings than unknowns belong together; `Undetermined` if those leave
-        parameters open, and there is no prior to hold them; `NeedsSamples` if only sums were given.
+        small subset gives an ellipsoid, or there are fewer inliers than unknowns; `Undetermined` if the inliers do not
+        determine all parameters, and there is no prior; `NeedsSamples` if only sums were given.
         """
         readings.require(self.unknowns, self.name)
         fitted = readings.fitted()
@@ -76,6 +76,6 @@ class Robust:
 
 METHOD: Final = Method(
     Robust,
-    use="general ellipsoid of the majority: rejects readings that do not belong",
+    use="general ellipsoid of the majority of the readings: rejects outliers",
     source="Rousseeuw (1984)",
 )

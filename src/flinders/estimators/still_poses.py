@@ -1,13 +1,13 @@
-"""Still poses of an accelerometer: the spans in which a device stands still, each with its mean and the noise of that.
+"""Still poses of an accelerometer: spans in which a device is still, each with its mean and the noise of the mean.
 
-A window of readings is still where its readings scatter hardly more than steps from one to the next explain. Still
-windows that follow each other and agree are one pose. How a person moved the device in between does not matter, and a
-recording may have been paused there.
+A window of readings is still if its scatter is hardly larger than differences of consecutive readings explain.
+Consecutive still windows with equal means are one pose. The motion between poses does not matter, and the recording may
+be paused there.
 
 >>> rng = np.random.default_rng(1)
 >>> sides = np.concatenate([np.eye(3), -np.eye(3)])
->>> felt = 9.8 * np.repeat(sides, 100, axis=0) + rng.normal(scale=0.05, size=(600, 3))
->>> poses = StillPoses.of(felt)
+>>> acceleration = 9.8 * np.repeat(sides, 100, axis=0) + rng.normal(scale=0.05, size=(600, 3))
+>>> poses = StillPoses.of(acceleration)
 >>> len(poses), poses.counts.tolist(), poses.mean[0].round(1)
 (6, [100, 100, 100, 100, 100, 100], array([ 9.8, -0. ,  0. ]))
 >>> bool(np.all(np.abs(poses.noise - 0.05 / 10.0) < 0.001))
@@ -31,47 +31,47 @@ if TYPE_CHECKING:
 
     from flinders.arrays import Floats
 
-WINDOW: Final = 10
-"""Readings that are looked at together, and least readings of a pose."""
-STEP_RATIO: Final = 4.0
-"""Variance of a still window, at most, over that which steps from one reading to the next explain."""
-QUIET: Final = 0.003
-"""Of gravity: scatter of a window that is still whatever its steps are."""
-LOUD: Final = 0.03
-"""Of gravity: scatter of a window that is moved whatever its steps are."""
-UNUSUAL: Final = 2.0
-"""Scatter of a still window, at most, over that which a quarter of them stay below."""
-SAME_POSE: Final = 0.01
-"""Of gravity: distance of the mean of a window from that of its pose, at most; more with more noise."""
-SIGMAS: Final = 5.0
-"""Standard deviations of the mean of a window, which are no distance."""
+WINDOW_READINGS: Final = 10
+"""Length of a window in readings, and smallest number of readings of a pose."""
+MAX_STEP_RATIO: Final = 4.0
+"""Largest ratio of a still window's variance to that by differences of consecutive readings."""
+MIN_SCATTER: Final = 0.003
+"""Scatter relative to gravity below which a window is still regardless of its differences."""
+MAX_SCATTER: Final = 0.03
+"""Scatter relative to gravity above which a window is in motion regardless of its differences."""
+MAX_SCATTER_RATIO: Final = 2.0
+"""Largest ratio of a still window's scatter to the lower quartile of all still windows."""
+MAX_MEAN_DISTANCE: Final = 0.01
+"""Largest distance, relative to gravity, of a window's mean from its pose, in addition to `MEAN_DISTANCE_SIGMAS`."""
+MEAN_DISTANCE_SIGMAS: Final = 5.0
+"""Standard deviations of a window's mean that are allowed in its distance from its pose."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class StillPoses:
     """Means of still spans."""
 
-    bounds: NDArray[np.intp]  #: (P, 2): first row of each span, and the row behind its last
-    mean: Floats  #: (P, 3): in the unit of the readings
-    noise: Floats  #: (P,): standard deviation of a component of that mean, in that unit
+    bounds: NDArray[np.intp]  #: (P, 2): first row of each span, and the row after its last
+    mean: Floats  #: (P, 3): mean of each span, in the unit of the readings
+    noise: Floats  #: (P,): standard deviation of a component of the mean, in the unit of the readings
 
     def __len__(self) -> int:
         return len(self.bounds)
 
     @property
     def counts(self) -> NDArray[np.intp]:
-        """(P,) readings of each."""
+        """(P,) number of readings of each pose."""
         return np.diff(self.bounds, axis=1)[:, 0]
 
     @property
     def scale(self) -> float:
-        """Median length of the means: what gravity is, in the unit of the readings."""
+        """Median length of the means: gravity in the unit of the readings."""
         return float(np.median(lengths(self.mean)))
 
     @classmethod
     def of(cls, acceleration: Floats) -> Self:
-        """Find the poses of (N, 3) readings, specific force in any unit; rows with NaN belong to none."""
-        bounds = np.array(list(_spans(acceleration)), dtype=np.intp).reshape(-1, 2)
+        """Find the poses in (N, 3) readings of the specific force in any unit; NaN rows are in no pose."""
+        bounds = np.array(list(_find_spans(acceleration)), dtype=np.intp).reshape(-1, 2)
         if not len(bounds):
             return cls(bounds, np.empty((0, 3)), np.empty(0))
         spans = [acceleration[begin:end] for begin, end in bounds]
@@ -79,13 +79,13 @@ class StillPoses:
         freedom = np.diff(bounds, axis=1)[:, 0]
         left = np.concatenate([span - middle for span, middle in zip(spans, mean, strict=True)])
         variance = float(np.sum(left**2)) / (3.0 * float(np.sum(freedom - 1)))
-        noise = np.sqrt(variance * _correlated(left, freedom) / freedom)
+        noise = np.sqrt(variance * _correlation_length(left, freedom) / freedom)
         return cls(bounds, mean, noise)
 
     def drift_of(self, values: Floats) -> tuple[Floats, Floats] | None:
-        """(3,) mean of another column, (N, 3), over all poses, and 1 σ by how poses differ; None of fewer than three.
+        """(3,) mean of another (N, 3) column over all poses, and its 1 σ by the differences of poses, or None.
 
-        What a gyro reads at rest, say, which is its offset.
+        For example, the offset of a gyro is its reading at rest. None for fewer than three poses.
         """
         means = np.array([np.nanmean(values[begin:end], axis=0) for begin, end in self.bounds])
         means = means[np.isfinite(means).all(axis=1)]
@@ -94,44 +94,44 @@ class StillPoses:
         return means.mean(axis=0), means.std(axis=0, ddof=1) / np.sqrt(len(means))
 
 
-def _correlated(left: Floats, counts: NDArray[np.intp]) -> float:
-    """Readings of a pose that say as much as one independent reading."""
+def _correlation_length(left: Floats, counts: NDArray[np.intp]) -> float:
+    """Correlation length of the readings of poses, in readings."""
     ends = np.cumsum(counts)
     segments = [np.arange(end - count, end) for end, count in zip(ends, counts, strict=True)]
     alone = [Residuals(component, np.zeros((len(component), 1)), segments) for component in left.T]
     return max(1.0, *(time_of(each.autocovariance()) for each in alone))
 
 
-def _spans(acceleration: Floats) -> Iterator[tuple[int, int]]:
-    """First row, and row behind the last, of each pose."""
-    windows = len(acceleration) // WINDOW
+def _find_spans(acceleration: Floats) -> Iterator[tuple[int, int]]:
+    """Yield the first row, and the row after the last, of each pose."""
+    windows = len(acceleration) // WINDOW_READINGS
     if not windows:
         return
-    cut = acceleration[: windows * WINDOW].reshape(windows, WINDOW, 3)
+    cut = acceleration[: windows * WINDOW_READINGS].reshape(windows, WINDOW_READINGS, 3)
     known = np.isfinite(cut).all(axis=(1, 2))
     gravity = float(np.median(lengths(cut[known].reshape(-1, 3)))) if known.any() else 1.0
-    mean, variance, of_steps = _windows(cut)
+    mean, variance, of_steps = _window_statistics(cut)
     scatter = np.sqrt(variance)
-    still = known & (scatter <= LOUD * gravity)
-    still &= (variance <= STEP_RATIO * of_steps) | (scatter <= QUIET * gravity)
-    if still.any():  # one reading on the way to the next pose stands out of a quiet recording
-        still &= scatter <= max(UNUSUAL * float(np.quantile(scatter[still], 0.25)), QUIET * gravity)
+    still = known & (scatter <= MAX_SCATTER * gravity)
+    still &= (variance <= MAX_STEP_RATIO * of_steps) | (scatter <= MIN_SCATTER * gravity)
+    if still.any():  # in a quiet recording a single reading in motion increases the scatter
+        still &= scatter <= max(MAX_SCATTER_RATIO * float(np.quantile(scatter[still], 0.25)), MIN_SCATTER * gravity)
     begin, first = -1, np.zeros(3)
     for place in range(windows):
-        reach = SAME_POSE * gravity + SIGMAS * scatter[place] / np.sqrt(WINDOW)
+        reach = MAX_MEAN_DISTANCE * gravity + MEAN_DISTANCE_SIGMAS * scatter[place] / np.sqrt(WINDOW_READINGS)
         is_more = begin >= 0 and still[place] and float(np.linalg.norm(mean[place] - first)) <= reach
         if begin >= 0 and not is_more:
-            yield begin * WINDOW, place * WINDOW
+            yield begin * WINDOW_READINGS, place * WINDOW_READINGS
             begin = -1
         if still[place] and not is_more:
             begin, first = place, mean[place]
     if begin >= 0:
-        yield begin * WINDOW, windows * WINDOW
+        yield begin * WINDOW_READINGS, windows * WINDOW_READINGS
 
 
-def _windows(cut: Floats) -> tuple[Floats, Floats, Floats]:
-    """(W, 3) means, and of a component (W,) variances and half the mean squares of steps, of (W, n, 3) readings."""
+def _window_statistics(cut: Floats) -> tuple[Floats, Floats, Floats]:
+    """(W, 3) means, (W,) variances and (W,) half mean squared differences of a component, of (W, n, 3) readings."""
     mean = cut.mean(axis=1)
-    variance = np.sum((cut - mean[:, np.newaxis]) ** 2, axis=(1, 2)) / (3.0 * (WINDOW - 1))
-    of_steps = np.sum(np.diff(cut, axis=1) ** 2, axis=(1, 2)) / (6.0 * (WINDOW - 1))
+    variance = np.sum((cut - mean[:, np.newaxis]) ** 2, axis=(1, 2)) / (3.0 * (WINDOW_READINGS - 1))
+    of_steps = np.sum(np.diff(cut, axis=1) ** 2, axis=(1, 2)) / (6.0 * (WINDOW_READINGS - 1))
     return mean, variance, of_steps

@@ -1,21 +1,21 @@
-"""How much later readings follow what drives them: a profile over a grid of lags, and a parabola about the best.
+"""Lag of readings behind a disturbance: a profile over a grid of lags, and a parabola about the best.
 
-With the surface as it is, and all parameters free to first order, what a lag leaves is
+With a fixed surface, and all parameters free to first order, a lag has
 
     χ²(lag) = min Σ (s + J_P P − J θ(lag))² / σ²
 
-with columns smoothed as in `flinders.estimators.regressors`, as the noise of a meter would otherwise be less between
-two of its values than at one, and any such lag look better. With d = ∂s/∂lag, made free of the parameters, and C the
-covariance of what is left, the best lag scatters by
+with columns smoothed as in `flinders.estimators.regressors`, because interpolation between two values of a meter would
+reduce its noise and favour such lags. With d = ∂s/∂lag after regression on the parameters, and C the covariance of the
+residuals, the best lag has
 
     var lag = H⁻¹ dᵀC d H⁻¹,        H = ½ ∂²Σ r²/∂lag²
 
-H does not grow with the noise of the meter, which is the same at each lag, and d does. A lag is kept only where it
-saves more than chance, three standard deviations, and where the columns as they were logged fit better with it too: a
-few large steps that smoothing blurs must not decide.
+H does not depend on the noise of the meter, which is the same at each lag, but d does. A lag is used only if it reduces
+χ² significantly, by three standard deviations, and if the fit with unsmoothed columns is better with it, too. The
+second condition excludes lags from a few large steps that are blurred by smoothing.
 
-When to use it: for motors, whose meter is filtered or whose clock is another one. Not for a temperature, which follows
-in minutes. Motors of which each has a column of its own are logged by one meter, and have one lag.
+When to use it: for motors, whose meter is filtered or has another clock. Not for a temperature, which acts within
+minutes. Motors with one column each are logged by one meter, and have a common lag.
 
 >>> time = np.arange(600) / 50.0
 >>> current = 10.0 + 5.0 * np.sin(3.0 * time)
@@ -44,68 +44,70 @@ if TYPE_CHECKING:
     from flinders.estimators.disturbance_problem import Solved
     from flinders.estimators.regressors import Logged, Track
 
-SEARCHED_S: Final = 1.0
-"""A lag is looked for up to so many seconds, either way."""
+MAX_LAG_S: Final = 1.0
+"""Largest lag of the search in s, of either sign."""
 
-LAGS: Final = 20
-"""Steps of that search on each side."""
+GRID_STEPS: Final = 20
+"""Steps of the search on each side."""
 
-PROVEN: Final = 9.0
-"""χ² that a lag has to save: three standard deviations."""
+MIN_CHI_SQUARE: Final = 9.0
+"""Smallest reduction of χ² by a significant lag: three standard deviations."""
 
-SMALL_S: Final = 1e-3
-"""Difference of two lags by which the slope in it is reported."""
+DERIVATIVE_STEP_S: Final = 1e-3
+"""Step of the lag in s for numerical derivatives."""
 
-UNLAGGED: Final = ("temperature",)
-"""What follows in minutes."""
+KINDS_WITHOUT_LAG: Final = ("temperature",)
+"""Disturbances without an estimated lag, as they act within minutes."""
 
 
 @dataclass(frozen=True, slots=True)
 class Lag:
-    """The best lag of one disturbance."""
+    """Best lag of one disturbance."""
 
-    name: str  #: of the disturbance
-    seconds: float  #: by how much readings follow later; negative where they come earlier
-    sigma_s: float  #: its standard deviation
-    saved: float  #: χ² that it saves, against none; in variances of the lag once its scatter is known
-    #: the end of the search is best: the true one lies beyond it, or what was logged is something else
+    name: str  #: name of the disturbance
+    seconds: float  #: delay of the readings; negative if they are earlier
+    sigma_s: float  #: standard deviation of `seconds`
+    saved: float  #: reduction of χ² compared with no lag, by the scatter of the lag once it is known
+    #: whether the best lag is the largest one of the search: the true one is larger, or the column is another quantity
     is_beyond: bool = False
 
     @property
     def is_proven(self) -> bool:
-        """No chance makes so much of it."""
-        return self.saved > PROVEN
+        """Whether the lag is significant."""
+        return self.saved > MIN_CHI_SQUARE
 
     @property
     def used_sigma_s(self) -> float:
-        """Standard deviation of what is kept of it: about none where it is not proven, which it is off by itself."""
+        """Standard deviation of the lag in use, which is 0 for a lag that is not significant, including that error."""
         return self.sigma_s if self.is_proven else float(np.hypot(self.sigma_s, self.seconds))
 
 
 def grid_of(step_s: float) -> Floats:
-    """(2 n + 1,) lags to try, in s, none of them in the middle; at least half a reading apart."""
-    grid: Floats = np.arange(-LAGS, LAGS + 1) * max(SEARCHED_S / LAGS, step_s / 2.0)
+    """(2 n + 1,) lags of the search in s, with 0 in the middle and steps of at least half a reading."""
+    grid: Floats = np.arange(-GRID_STEPS, GRID_STEPS + 1) * max(MAX_LAG_S / GRID_STEPS, step_s / 2.0)
     return grid
 
 
 def profile(name: str, cost: Callable[[float], float], grid: Floats) -> Lag:
-    """Look for the lag that costs least: on a grid, then by two parabolas.
+    """Find the lag of the smallest cost on a grid, then by two parabolas.
 
     Parameters
     ----------
+    name : str
+        Name of the disturbance.
     cost : callable
-        χ² at a lag in s.
+        Returns χ² at a lag in s.
     grid : (2 n + 1,) float, s
-        As of `grid_of`.
+        Lags of `grid_of`.
     """
     costs = np.array([cost(lag) for lag in grid])
     least = int(np.argmin(costs))
     saved = float(costs[len(grid) // 2] - costs[least])
-    if least in (0, len(grid) - 1) and saved > PROVEN:
+    if least in (0, len(grid) - 1) and saved > MIN_CHI_SQUARE:
         return Lag(name, float(grid[least]), np.inf, saved, is_beyond=True)
     place = int(np.clip(least, 1, len(grid) - 2))
     best, width = float(grid[place]), np.inf
-    for _ in range(2):  # finer about the best
+    for _ in range(2):  # parabolas with closer points about the best lag
         low, middle, high = costs[place - 1 : place + 2]
         bend = low - 2.0 * middle + high
         if bend <= 0.0:
@@ -119,11 +121,11 @@ def profile(name: str, cost: Callable[[float], float], grid: Floats) -> Lag:
 
 
 def lags_of(logged: Logged, names: tuple[str, ...], spread: float) -> tuple[dict[str, Lag], Solved | None]:
-    """The best lag of each motor, and the last solution on the way there; none without times."""
+    """Best lag of each motor, and the last solution during the search; empty without times."""
     lags: dict[str, Lag] = {}
     solved: Solved | None = None
     for late in lagging(names) if logged.is_timed else ():
-        for _ in range(2):  # the second time with the noise that the first lag leaves
+        for _ in range(2):  # the second time with the noise at the first lag
             solved = settle(DisturbanceProblem(logged, names, spread, proven_lags(lags)), solved)
             cost = _Cost(logged, names, late, proven_lags(lags), solved)
             lag = cost.judged(profile(late[0], cost, grid_of(logged.step_s)))
@@ -134,7 +136,7 @@ def lags_of(logged: Logged, names: tuple[str, ...], spread: float) -> tuple[dict
 
 
 def lagging(names: Sequence[str]) -> list[tuple[str, ...]]:
-    """Disturbances that may come late, those together that have one lag.
+    """Groups of disturbances with a common lag.
 
     >>> lagging(["current1", "current2", "throttle", "temperature"])
     [('current1', 'current2'), ('throttle',)]
@@ -142,69 +144,69 @@ def lagging(names: Sequence[str]) -> list[tuple[str, ...]]:
     families: dict[tuple[str, bool], list[str]] = {}
     for name in names:
         kind, number = motor(name)
-        if kind not in UNLAGGED:
+        if kind not in KINDS_WITHOUT_LAG:
             families.setdefault((kind, number > 0), []).append(name)
     return [tuple(family) for family in families.values()]
 
 
 def proven_lags(lags: dict[str, Lag]) -> dict[str, float]:
-    """Those that are proven, in s."""
+    """Significant lags in s, by the name of the disturbance."""
     return {name: lag.seconds for name, lag in lags.items() if lag.is_proven}
 
 
 def residuals_of(solved: Solved) -> Residuals:
-    """What is left at the readings that were used, in the order of recording."""
+    """Residuals of a solution at the readings in the fit, in the order of recording."""
     used = solved.used
     return Residuals(solved.distances[used], solved.jacobian[used], [np.arange(int(used.sum()))])
 
 
 class Shifted:
-    """Departures of disturbances from their references, all smoothed, those of a family later by a lag that is tried.
+    """Smoothed departures of disturbances from their references, with a variable lag of one group.
 
-    The others are smoothed as well: beside one that is not, one that is would stand for fast changes of its own.
+    All disturbances are smoothed: otherwise the fast changes of one could replace those missing in another.
     """
 
     def __init__(self, logged: Logged, names: tuple[str, ...], late: tuple[str, ...], lags: dict[str, float]) -> None:
         self._logged, self._names, self._lags = logged, names, lags
         courses = {name: logged.courses(name) for name in names}
-        departed = [self._departed(name, courses[name], lags.get(name, 0.0)) for name in names]
+        departed = [self._departures_of(name, courses[name], lags.get(name, 0.0)) for name in names]
         self._departures, self._courses = np.stack(departed, axis=1), {name: courses[name] for name in late}
 
     def __call__(self, lag_s: float) -> Floats:
-        """(N, K) at a lag in s."""
+        """(N, K) departures at a lag in s."""
         departures = self._departures.copy()
         for name, courses in self._courses.items():
-            departures[:, self._names.index(name)] = self._departed(name, courses, lag_s)
+            departures[:, self._names.index(name)] = self._departures_of(name, courses, lag_s)
         return departures
 
     def plainly(self, lag_s: float) -> Floats:
-        """(N, K) the same of columns that are not smoothed."""
+        """(N, K) departures at a lag in s, of columns without smoothing."""
         return self._logged.departures(self._names, self._lags | dict.fromkeys(self._courses, lag_s))
 
-    def _departed(self, name: str, courses: list[Track], lag_s: float) -> Floats:
-        """(N,) of one of them."""
+    def _departures_of(self, name: str, courses: list[Track], lag_s: float) -> Floats:
+        """(N,) departures of one disturbance."""
         departed: Floats = self._logged.along(courses, lag_s) - self._logged.reference(name)
         return departed
 
     def slope(self, lag_s: float) -> Floats:
-        """(N, K) by how much they grow with it, for each s."""
-        grown: Floats = (self(lag_s + SMALL_S) - self(lag_s - SMALL_S)) / (2.0 * SMALL_S)
+        """(N, K) derivative of the departures by the lag, per s."""
+        grown: Floats = (self(lag_s + DERIVATIVE_STEP_S) - self(lag_s - DERIVATIVE_STEP_S)) / (2.0 * DERIVATIVE_STEP_S)
         return grown
 
 
 def scattered(lag: Lag, distances: Floats, moved: Floats, variance: float) -> Lag:
-    """A lag with the standard deviation that what it leaves allows, and what it saves counted in that.
+    """The lag with its standard deviation by correlated residuals, and `saved` in units of this deviation.
 
     Parameters
     ----------
     lag : Lag
-        With that of the curvature alone.
+        Lag with its standard deviation by the curvature of χ² alone.
     distances : (A, N) float
-        What it leaves, axis by axis in the order of recording.
+        Residuals at this lag, for each axis in the order of recording.
     moved : (A, N) float
-        By how much those move with the lag, made free of all other parameters.
+        Derivative of the residuals by the lag, after regression on all other parameters.
     variance : float
-        That of χ².
+        Variance of the residuals in χ².
     """
     pulls = distances * moved
     rows = list(np.arange(pulls.size).reshape(pulls.shape))
@@ -217,10 +219,9 @@ def scattered(lag: Lag, distances: Floats, moved: Floats, variance: float) -> La
 
 
 class _Cost:
-    """χ² at another lag of some disturbances, with all parameters free to first order.
+    """χ² as a function of the lag of a group of disturbances, with all parameters free to first order.
 
-    Distances with what the disturbances take off put back, s + J_P P, by least squares on the columns of the other
-    lags.
+    It is a linear regression of s + J_P P, the distances without correction for disturbances, on the shifted columns.
     """
 
     def __init__(
@@ -235,22 +236,22 @@ class _Cost:
 
     def __call__(self, lag_s: float) -> float:
         """χ² at a lag in s."""
-        return self._left(self._shifted(lag_s))
+        return self._chi_square(self._shifted(lag_s))
 
     def judged(self, lag: Lag) -> Lag:
-        """The same lag with the standard deviation that what it leaves allows; columns as logged have to be for it."""
-        saved = self._left(self._shifted.plainly(0.0)) - self._left(self._shifted.plainly(lag.seconds))
-        delay = self._scattered(lag)
+        """The lag with its standard deviation by the residuals; `saved` is limited to that of unsmoothed columns."""
+        saved = self._chi_square(self._shifted.plainly(0.0)) - self._chi_square(self._shifted.plainly(lag.seconds))
+        delay = self._with_sigma(lag)
         return replace(delay, saved=min(delay.saved, saved))
 
-    def _left(self, departures: Floats) -> float:
-        """χ² that departures leave."""
+    def _chi_square(self, departures: Floats) -> float:
+        """χ² with given departures."""
         gradient, square = self._equations(self._design(departures))
         taken = gradient @ np.linalg.lstsq(square, gradient, rcond=1e-12)[0]
         return float(self._target @ self._target - taken) / self._variance
 
-    def _scattered(self, lag: Lag) -> Lag:
-        """The same lag with the standard deviation that what it leaves allows."""
+    def _with_sigma(self, lag: Lag) -> Lag:
+        """The lag with its standard deviation by the residuals."""
         design = self._design(self._shifted(lag.seconds))
         gradient, square = self._equations(design)
         inverse = np.linalg.pinv(square, rcond=1e-12, hermitian=True)
@@ -260,15 +261,15 @@ class _Cost:
         return scattered(lag, (self._target - design @ solution)[np.newaxis], moved[np.newaxis], self._variance)
 
     def _equations(self, design: Floats) -> tuple[Floats, Floats]:
-        """Gradient (K,) and square (K, K) of a design."""
+        """(K,) gradient and (K, K) normal matrix of a design."""
         return design.T @ self._target, design.T @ design
 
     def _design(self, departures: Floats) -> Floats:
-        """(M, 9 + 3 K) columns of offset, shape and P."""
+        """(M, 9 + 3 K) design with columns of offset, shape and P."""
         return np.column_stack([self._shape, self._columns(departures)])
 
     def _columns(self, departures: Floats) -> Floats:
-        """(M, 3 K) those of P."""
+        """(M, 3 K) columns of P."""
         normals = self._shape[:, :3]
         moved: Floats = departures[self._used][:, :, np.newaxis] * normals[:, np.newaxis]
         return moved.reshape(len(normals), -1)

@@ -1,4 +1,4 @@
-"""How an estimate settles while readings come in: what the sequential methods show beside their last word."""
+"""Convergence of an estimate with the number of readings, for sequential methods."""
 
 from __future__ import annotations
 
@@ -21,22 +21,21 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Convergence:
-    """An estimate after the first readings, after more of them, and after all."""
+    """Estimates after increasing numbers of readings, up to all."""
 
-    counts: NDArray[np.int64]  # (K,): readings seen at each step, ascending
-    # (K, 9): b₁, b₂, b₃, S₁₁, S₂₂, S₃₃, S₁₂, S₁₃, S₂₃, in the unit of the readings; NaN where there was no ellipsoid
-    # yet
+    counts: NDArray[np.int64]  # (K,): number of readings at each step, ascending
+    # (K, 9): b₁, b₂, b₃, S₁₁, S₂₂, S₃₃, S₁₂, S₁₃, S₂₃, in the unit of the readings; NaN before the first ellipsoid
     parameters: Floats
-    sigmas: Floats  # (K, 9): standard deviation that the method claims of each
+    sigmas: Floats  # (K, 9): claimed standard deviation of each parameter
 
     @classmethod
     def of(cls, counts: Sequence[int], estimates: Sequence[Estimate | None]) -> Self:
-        """Put together what was found after so many readings; None where there was no ellipsoid yet.
+        """Make the convergence of estimates after `counts` readings; None stands for no ellipsoid.
 
         >>> from flinders.estimators import Estimate
         >>> sphere = Ellipsoid(np.ones(3), 50.0 * np.eye(3))
-        >>> settling = Convergence.of([5, 10], [None, Estimate(sphere, np.eye(9), 1.0, "sphere")])
-        >>> settling.counts, settling.parameters[:, 0], settling.ellipsoid(1).radius
+        >>> convergence = Convergence.of([5, 10], [None, Estimate(sphere, np.eye(9), 1.0, "sphere")])
+        >>> convergence.counts, convergence.parameters[:, 0], convergence.ellipsoid(1).radius
         (array([ 5, 10]), array([nan,  1.]), 50.0)
         """
         unknown = np.full(9, np.nan)
@@ -50,17 +49,17 @@ class Convergence:
 
     @property
     def is_known(self) -> NDArray[np.bool_]:
-        """(K,) where there was an ellipsoid."""
+        """(K,) whether there is an ellipsoid at each step."""
         return np.asarray(np.isfinite(self.parameters).all(axis=1), dtype=np.bool_)
 
     @property
     def last(self) -> int | None:
-        """The last step that has an ellipsoid; None where none has."""
+        """Index of the last step with an ellipsoid; None if there is none."""
         known = np.flatnonzero(self.is_known)
         return int(known[-1]) if len(known) else None
 
     def ellipsoid(self, step: int) -> Ellipsoid:
-        """What was found at a step."""
+        """Ellipsoid at a step."""
         return Ellipsoid.of_parameters(self.parameters[step])
 
     def __len__(self) -> int:
@@ -68,7 +67,7 @@ class Convergence:
 
 
 def spread_counts(readings: int, steps: int) -> list[int]:
-    """About so many counts from the first readings to all, closer together at the beginning, where most happens.
+    """About `steps` numbers of readings up to all, closer at the beginning, where estimates change most.
 
     >>> spread_counts(1000, 5)
     [40, 160, 360, 640, 1000]
@@ -79,7 +78,7 @@ def spread_counts(readings: int, steps: int) -> list[int]:
 
 @runtime_checkable
 class Watched(Protocol):
-    """An estimator that takes readings one after the other, and can be watched.
+    """A sequential estimator whose convergence can be followed.
 
     >>> from flinders.estimators import METHODS
     >>> issubclass(METHODS["auto"], Watched)
@@ -87,9 +86,9 @@ class Watched(Protocol):
     """
 
     def converge(self, readings: Readings, steps: int = 100) -> Convergence:
-        """Follow the estimate at about so many steps, spread over the recording; the last is what `estimate` gives.
+        """Estimates at about `steps` steps over the recording; the last one is that of `estimate`.
 
-        Where a method loses its way, what it gave until then is followed, and nothing after it.
+        If a method diverges, only the estimates before are returned.
 
-        Raises `FitError` as `estimate`, where there is nothing to follow.
+        Raises `FitError` as `estimate`, if there is no estimate.
         """

@@ -32,10 +32,10 @@ OF_THE_FIT: Final = tuple(row.code for row in (*fit.ROWS, *unmodelled.ROWS))
 OF_RESIDUALS: Final = ("alternating", "outliers")
 """Findings of a recording that need a surface."""
 
-OF_OTHER_ORIGIN: Final = ("typed-extremes", "composed", "filtered", "no-uncertainty")
+ORIGIN_FINDINGS: Final = ("typed-extremes", "composed", "filtered", "no-uncertainty")
 """Findings about calibrations that were combined or imported, or about filtered readings."""
 
-OF_CALIBRATION: Final = tuple(row.code for row in calibration.ROWS if row.code not in OF_OTHER_ORIGIN)
+OF_CALIBRATION: Final = tuple(row.code for row in calibration.ROWS if row.code not in ORIGIN_FINDINGS)
 """Findings about a calibration, regardless of its origin."""
 
 OF_RECORDING: Final = tuple(row.code for row in recording.ROWS if row.code not in OF_RESIDUALS)
@@ -44,7 +44,7 @@ OF_RECORDING: Final = tuple(row.code for row in recording.ROWS if row.code not i
 OF_A_FIT: Final = (*OF_THE_FIT, *OF_RESIDUALS, *OF_CALIBRATION, *OF_RECORDING)
 """Findings for which the engine checks the fit of one magnetometer, in order."""
 
-OTHERS: Final = (*OF_OTHER_ORIGIN, *(row.code for subject in (disturbances, aiding, sensors) for row in subject.ROWS))
+OTHERS: Final = (*ORIGIN_FINDINGS, *(row.code for subject in (disturbances, aiding, sensors) for row in subject.ROWS))
 """Findings whose quantities are computed separately: of each disturbance, aiding sensor, and other magnetometer."""
 
 RULES: Final = (*OF_A_FIT, *OTHERS)

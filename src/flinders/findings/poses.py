@@ -26,7 +26,7 @@ _SIDES: Final = ("+x", "+y", "+z", "−x", "−y", "−z")
 
 
 def _vehicle_words() -> Iterator[str]:
-    """Nose straight down and up, then five pitches with eight rolls about the nose."""
+    """The poses of a vehicle in words: nose straight down and up, then five pitches with eight rolls about the nose."""
     yield "with its nose straight down"
     yield "with its nose straight up"
     for pitch_deg, roll_deg in product(_PITCHES, _ROLLS):

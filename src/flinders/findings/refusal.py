@@ -98,4 +98,4 @@ REFUSALS: Final[dict[str, Refusal]] = {
     "lost-worker": Refusal("fit it by itself with flinders calibrate, and look at the memory of the machine"),
     "internal": Refusal("report it: this is a fault in Flinders"),
 }
-"""By the code of the error."""
+"""Refusals by the code of the error."""

@@ -71,7 +71,7 @@ STATED_NUMBERS: Final = ("number", "limit", "angle", "seconds")
 WORDS: Final[Mapping[str, Callable[..., str]]] = {**FIT_WORDS, **SENSOR_WORDS}
 """Words in sentences, as functions of values."""
 
-_OF_THE_TARGET: Final = {1.0: "the target", 0.5: "half the target", 0.1: "a tenth of the target"}
+_TARGET_FRACTIONS: Final = {1.0: "the target", 0.5: "half the target", 0.1: "a tenth of the target"}
 
 
 class Limit(NamedTuple):
@@ -195,7 +195,7 @@ class CatalogueRow:
         if self.limit is not None:
             return self.limit
         factor, times = self.rule.stated_limit
-        return _OF_THE_TARGET[factor] if times else f"{factor:g}"
+        return _TARGET_FRACTIONS[factor] if times else f"{factor:g}"
 
 
 class Quantity(float):
@@ -274,13 +274,13 @@ TUMBLE_STATED: Final = stated(OF_A_TUMBLE)
 
 # ------------------------------------------------------------------------------------- findings that follow from others
 
-OF_RESIDUALS: Final = (
+RESIDUAL_CODES: Final = (
     *("unsteady-field", "lasting-noise", "nonlinear-axis", "axis-lag", "structure", "correlated"),
     "tilt-error",  # a dip that varies
 )
 """Findings about residuals, whatever their cause."""
 
-OF_A_SURFACE: Final = ("prior", "unobservable-parameters", "axis-ratio", "field-strength")
+SURFACE_CODES: Final = ("prior", "unobservable-parameters", "axis-ratio", "field-strength")
 """Findings about an ellipsoid."""
 
 
@@ -294,26 +294,28 @@ class Cause(NamedTuple):
 
 
 CAUSES: Final = (
-    Cause("axis-swap", "limits", ("heading-error", "noise", "field-changed", "outliers", "few-samples", *OF_RESIDUALS)),
-    Cause("alternating", "limits", ("heading-error", "noise", "field-changed", "few-samples", *OF_RESIDUALS)),
+    Cause(
+        "axis-swap", "limits", ("heading-error", "noise", "field-changed", "outliers", "few-samples", *RESIDUAL_CODES)
+    ),
+    Cause("alternating", "limits", ("heading-error", "noise", "field-changed", "few-samples", *RESIDUAL_CODES)),
     Cause("soft-iron-changed", "limits", ("heading-error",)),
     Cause("saturated", "limits", ("nonlinear-axis", "structure")),
-    Cause("disturbance-unmodelled", "limits", ("attitude-dependent", "noise", "field-changed", *OF_RESIDUALS)),
-    Cause("attitude-dependent", "limits", ("noise", *OF_RESIDUALS)),
+    Cause("disturbance-unmodelled", "limits", ("attitude-dependent", "noise", "field-changed", *RESIDUAL_CODES)),
+    Cause("attitude-dependent", "limits", ("noise", *RESIDUAL_CODES)),
     Cause(
         "noise",
         "refuses",
         (
             *("heading-error", "coverage", "few-samples", "field-changed", "outliers"),
-            *(*OF_RESIDUALS, *OF_A_SURFACE),
+            *(*RESIDUAL_CODES, *SURFACE_CODES),
         ),
         unless="level-plane",  # an ellipse through a short arc is small compared with its noise
     ),
-    Cause("inflation", "limits", ("field-changed", "coverage", *OF_RESIDUALS, *OF_A_SURFACE)),
+    Cause("inflation", "limits", ("field-changed", "coverage", *RESIDUAL_CODES, *SURFACE_CODES)),
     Cause("recordings-differ", "limits", ("heading-error", "structure")),
-    Cause("field-changed", "refuses", ("heading-error", "noise", *OF_RESIDUALS)),
-    Cause("heading-error", "refuses", ("level-plane", "tilt-error", *OF_A_SURFACE)),
-    Cause("field-changed", "limits", ("noise", *OF_RESIDUALS)),
+    Cause("field-changed", "refuses", ("heading-error", "noise", *RESIDUAL_CODES)),
+    Cause("heading-error", "refuses", ("level-plane", "tilt-error", *SURFACE_CODES)),
+    Cause("field-changed", "limits", ("noise", *RESIDUAL_CODES)),
     *(
         Cause(code, "limits", ("correlated",), unless="few-samples")
         for code in ("axis-lag", "nonlinear-axis", "structure")

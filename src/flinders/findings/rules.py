@@ -32,7 +32,7 @@ SEVERITIES: Final[tuple[Severity | None, ...]] = (None, *reversed(VERDICTS))
 """Severities, by number in the engine."""
 
 _RULES: Final = {code: number for number, code in enumerate(RULES)}
-_OF_A_FIT: Final = {code: number for number, code in enumerate(OF_A_FIT)}
+_FIT_NUMBERS: Final = {code: number for number, code in enumerate(OF_A_FIT)}
 _QUANTITIES: Final = {name: number for number, name in enumerate(QUANTITIES)}
 
 
@@ -69,7 +69,7 @@ def linked(findings: Iterable[Finding]) -> tuple[Finding, ...]:
     given = by_severity(findings)
     severities = np.zeros(len(OF_A_FIT), dtype=np.uint8)
     for finding in given:
-        if (rule := _OF_A_FIT.get(finding.code)) is not None:
+        if (rule := _FIT_NUMBERS.get(finding.code)) is not None:
             severities[rule] = max(int(severities[rule]), SEVERITIES.index(finding.severity))
     causes = causes_of(engine().causes(severities))
     return tuple(replace(finding, follows_from=causes.get(finding.code)) for finding in given)

@@ -74,14 +74,16 @@ def disturbance(
     return str(Disturbance(name, per_unit, *numbers, tuple(states)))  # type: ignore[arg-type]
 
 
-def _ranged(name: str, reference: float, lowest: float, highest: float, states: Sequence[str] = ()) -> Disturbance:
+def _disturbance_of_range(
+    name: str, reference: float, lowest: float, highest: float, states: Sequence[str] = ()
+) -> Disturbance:
     """A disturbance with a range only."""
     return Disturbance(name, (0.0, 0.0, 0.0), reference, lowest, highest, states=tuple(states))  # type: ignore[arg-type]
 
 
 def at_end(name: str, reference: float, lowest: float, highest: float, states: Sequence[str]) -> str:
     """Words for the far end of the recorded range, or for the second state."""
-    ranged = _ranged(name, reference, lowest, highest, states)
+    ranged = _disturbance_of_range(name, reference, lowest, highest, states)
     return f"{'while' if states else 'at'} {ranged.amount(ranged.farthest)}"
 
 
@@ -159,7 +161,7 @@ def out_of_range(name: str, lowest: float, highest: float) -> str:
 
 def beyond_words(name: str, lowest: float, highest: float, beyond: float) -> str:
     """Remark that a disturbance exceeded its range in the calibration."""
-    return beyond_range(_ranged(name, 0.0, lowest, highest), beyond)
+    return beyond_range(_disturbance_of_range(name, 0.0, lowest, highest), beyond)
 
 
 # ----------------------------------------------------------------------------------------------------- aiding sensors

@@ -1,4 +1,4 @@
-"""How to go on: which way to turn the sensor next, what would make the heading error smaller, which attitudes are good.
+"""Advice after a fit: where to turn the sensor next, how to reduce the heading error, which attitudes are good.
 
 >>> from flinders import simulate
 >>> from flinders.fitting.calibrate import fit
@@ -23,20 +23,20 @@ if TYPE_CHECKING:
     from flinders.summary.coverage import Coverage
 
 WORTH_IT: Final = 0.05
-"""Share of the error that a hundredth of the readings must save where they are advised for one attitude to be named."""
+"""Smallest share of the error that 1 % more readings at one attitude must remove for advice to name that attitude."""
 
 Step = tuple[str] | tuple[str, float]
-"""A name of `flinders.findings.words.STEPS`, and the number of a pose where it takes one."""
+"""A name of `flinders.findings.words.STEPS`, followed by the number of a pose if the step has one."""
 
 
 def tilted_errors(fit: Fit, limit_deg: float) -> list[tuple[float, float]]:
-    """The first and the last tilt beyond that up to which a heading is within the target, and the errors there."""
+    """Smallest and largest listed tilt above `limit_deg`, in degrees, each with the worst heading error there."""
     beyond = [tilt for tilt in (*TILTS, UPSIDE_DOWN) if tilt > limit_deg]
     return [(tilt, fit.claim.tilted_error(tilt).worst) for tilt in dict.fromkeys((*beyond[:1], *beyond[-1:]))]
 
 
 def next_step(fit: Fit) -> Step:
-    """What would make the heading error smaller, by its name in `flinders.findings.words.STEPS`."""
+    """Step that reduces the heading error most, by its name in `flinders.findings.words.STEPS`."""
     if fit.claim.bias_deg > fit.claim.target_deg:
         return ("use-ellipse",) if fit.claim.plane else ("use-auto",)
     if fit.evidence.diagnosis.repeats is not None and fit.evidence.diagnosis.repeats.scatter_deg > fit.claim.target_deg:
@@ -54,7 +54,7 @@ def is_covered(fit: Fit) -> bool:
 
 
 def next_movement(fit: Fit) -> Step:
-    """Which way to turn the sensor next: where readings would tell most, or all round where none tells more."""
+    """Next turn: to the attitude where readings help most, or through all directions if none stands out."""
     if fit.claim.plane:
         return ("turn-level",)
     advice = advised(fit)
@@ -64,22 +64,22 @@ def next_movement(fit: Fit) -> Step:
 
 
 def remedy(fit: Fit) -> str:
-    """Say what would make the heading error smaller."""
+    """Sentence on how to reduce the heading error."""
     return words.remedy(next_step(fit))
 
 
 def movement(fit: Fit) -> str:
-    """Say which way to turn the sensor next."""
+    """Sentence on which way to turn the sensor next."""
     return words.movement(next_movement(fit))
 
 
 def advised(fit: Fit) -> Guidance:
-    """Where the next readings would help most: a level heading while that is not good enough, then all attitudes."""
+    """Guidance for the level heading until its error meets the target, then for all attitudes."""
     return guided(fit, "heading" if fit.heading_error_deg.worst > fit.claim.target_deg else "attitude")
 
 
 def guided(fit: Fit, goal: Goal) -> Guidance:
-    """Where the next readings would help most, for one of the goals."""
+    """Guidance to the attitude whose readings help most towards a goal."""
     seen_from_below = fit.heading_error_deg.dip_deg * fit.claim.dip_deg < 0.0
     return guide(
         fit.calibration.ellipsoid,

@@ -1,16 +1,17 @@
-"""Which aiding sensors a fit can use: those whose units and axes are right, and that make the calibration better.
+"""Selection of aiding sensors: their units and axes must be right, and they must improve the calibration.
 
-`aided_by` looks at the recording first: the unit of the gyro, the axes of gyro and accelerometer, where an attitude's
-yaw comes from. A sensor that does not speak of this magnetometer is left out and named, and so is one with which a fit
-claims more heading error than with those before it; `flinders.fit` compares the whole with the fit without any.
+`aided_by` checks the recording first: the unit of the gyro, the axes of gyro and accelerometer, the source of an
+attitude's yaw. A sensor that contradicts the magnetometer is left out and named. So is a sensor with which the fit
+claims more heading error than with the sensors before it. `flinders.fit` compares the result with the unaided fit.
 
-With ``auto`` a sensor has to earn its place as well, over blocks of the recording that are left out in turn: the
-ellipsoid with it must fit the readings there as well as the one without, and claim less heading error. A vertical that
-does not may still find how the magnetometer is turned against it: where it was asked for, or where the field's angle to
-the vertical spreads less for that, the rotation is taken over, and the ellipsoid stays what the magnetometer says.
+With ``auto`` each sensor is also cross-validated over blocks of the recording that are left out in turn: the ellipsoid
+with the sensor must fit the left-out readings as well as the ellipsoid without, and claim less heading error. A
+vertical sensor that fails this test may still determine the rotation of the magnetometer against the body. The fit
+takes over that rotation alone if the sensor was requested by name, or if the angle between field and vertical then
+scatters less; the ellipsoid stays that of the magnetometer alone.
 
-An aircraft in coordinated turns feels no sideways pull, and its accelerometer's vertical leans with it: the gyro is
-used, the accelerometer is not.
+In coordinated turns the specific force of an aircraft stays along its z axis, so that the accelerometer's vertical
+leans with the aircraft: the gyro is used, the accelerometer is not.
 
 >>> from flinders import simulate
 >>> drive = simulate.tumble(seed=1, motion="flight", n=1500)
@@ -69,20 +70,20 @@ if TYPE_CHECKING:
     from flinders.likelihood.prior import KnownShape
     from flinders.likelihood.site_field import Site
 
-NO_WORSE: Final = 1.02
-"""Times larger residuals of what was left out that a sensor may make."""
+MAX_MISFIT_RATIO: Final = 1.02
+"""Largest ratio of the residuals of left-out readings, with a sensor over without it."""
 
-WORTH: Final = 0.95
-"""Of the heading error claimed without it: a sensor that leaves more earns nothing."""
+MAX_AUTO_CLAIM_RATIO: Final = 0.95
+"""Largest ratio of the claimed heading error, with a sensor over without it, at which the sensor is worth using."""
 
-TURNED: Final = 16.3
-"""χ² of three degrees of freedom: a rotation that chance makes once in a thousand."""
+MIN_ROTATION_CHI2: Final = 16.3
+"""χ² with three degrees of freedom at a probability of 0.1 %: a rotation of at least this significance is proven."""
 
-MIRRORED: Final = "mirrored-axis"
-"""A finding that tells why axes seem exchanged, in place of the finding that they are."""
+MIRRORED_AXIS: Final = "mirrored-axis"
+"""Code of the finding that replaces "swapped-axes": a mirrored axis makes axes seem exchanged."""
 
-FAR_TURN_DEG: Final = 20.0
-"""From the axes as they were found: instruments on one body sit no farther apart, and what says so is no vertical."""
+MAX_MOUNTING_DEG: Final = 20.0
+"""Largest plausible rotation between instruments on one body; a sensor that shows more does not show the vertical."""
 
 
 def aided_by(
@@ -98,37 +99,36 @@ def aided_by(
     start: Ellipsoid | None = None,
     shape: KnownShape | None = None,
 ) -> tuple[Aided, Aiding]:
-    """Fit with aiding sensors, those that can be trusted and, with ``auto``, those that earn their place.
+    """Fit with the aiding sensors that can be trusted and, with ``auto``, that improve the calibration.
 
-    Raises `UsageError` for a sensor that is not known or was not recorded; `FitError` if the readings give no
-    ellipsoid.
+    Raises `UsageError` for a sensor that is unknown or was not recorded; `FitError` if the readings give no ellipsoid.
 
     Parameters
     ----------
     aiding : str or sequence of str
-        ``auto``, or of `flinders.estimators.aiding.AIDS`.
+        ``auto``, or names of `flinders.estimators.aiding.AIDS`.
     dip_deg : float
         Inclination at which headings are compared.
     spread : float
-        Of the prior on the shape.
+        Standard deviation of the prior on the shape.
     gyro_scale : float
-        What the scales of the gyro may be off by, 1 σ; 0 where it has been calibrated.
+        Error of the gyro's scales, as a share, 1 σ; 0 for a calibrated gyro.
     acceleration_bias : float, m/s²
-        What the accelerometer may be off by on each axis, 1 σ; 0 where it has been calibrated.
+        Bias of the accelerometer on each axis, 1 σ; 0 for a calibrated accelerometer.
     acceleration_gain : float
-        What its gains may be off by, and its axes from square in rad, 1 σ.
+        Error of the accelerometer's gains, as a share, and of its orthogonality, in rad, 1 σ.
     start : Ellipsoid, optional
-        Where to begin; by default what the magnetometer finds by itself.
+        Initial value of the solver; by default the ellipsoid of the magnetometer alone.
     shape : KnownShape, optional
-        Of an earlier calibration, instead of `spread`.
+        Shape of an earlier calibration with its uncertainty, in place of `spread`.
     """
     is_auto = aiding == AUTO
     wanted = available(samples) if is_auto else ((aiding,) if isinstance(aiding, str) else tuple(aiding))
     refuse_without(samples, wanted)
-    wanted = tuple(sorted(wanted, key=lambda name: name != "rate"))  # the others are compared with it
+    wanted = tuple(sorted(wanted, key=lambda name: name != "rate"))  # the other sensors are compared with the gyro
     samples, of_gaps = without_gaps(samples, wanted)
     is_signed = site is not None and site.inclination_deg is not None
-    about = start or _alone(samples)
+    about = start or _plain_ellipsoid(samples)
     axes, mistakes = of_instruments(samples, about, wanted, is_signed=is_signed)
     rotation = None if axes is None else axes.apply(np.eye(3)).T
     options: dict[str, Any] = {"spread": spread, "gyro_scale": gyro_scale, "acceleration_bias": acceleration_bias}
@@ -139,52 +139,52 @@ def aided_by(
         mirror = mirrored_axis(middle_dip_deg(samples, about, axes), site, rotation)
         if mirror is not None:
             again, reported = aided_by(samples, aiding, dip_deg=dip_deg, **options)
-            return again, _in_place(reported, mirror, of_gaps)
+            return again, _with_mistake(reported, mirror, of_gaps)
     selection = _Selection(samples, solver, rotation, site, dip_deg, is_auto, alone, [*mistakes, *of_gaps])
     for name in wanted:
         selection.try_sensor(name)
-    if site is not None and selection.is_elsewhere:  # the site would bend the fit: again, without it
+    if site is not None and selection.is_elsewhere:  # a wrong site would distort the fit: repeat without it
         again, reported = aided_by(samples, aiding, dip_deg=dip_deg, **options)
-        if (mistake := _of_site(selection.best, reported, site)) is not None:
-            return again, _in_place(reported, mistake, of_gaps)
-    return selection.best, selection.reported()
+        if (mistake := _site_mistake(selection.best, reported, site)) is not None:
+            return again, _with_mistake(reported, mistake, of_gaps)
+    return selection.best, selection.aiding()
 
 
-def _in_place(reported: Aiding, mistake: Mistake, of_gaps: Sequence[Mistake]) -> Aiding:
-    """What a fit without the site reports, with why it has none; a mirrored axis is why axes seem exchanged."""
-    others = [one for one in reported.mistakes if mistake.code != MIRRORED or one.code != "swapped-axes"]
+def _with_mistake(reported: Aiding, mistake: Mistake, of_gaps: Sequence[Mistake]) -> Aiding:
+    """Aiding of a fit without the site, and the reason; a mirrored axis replaces the finding of swapped axes."""
+    others = [one for one in reported.mistakes if mistake.code != MIRRORED_AXIS or one.code != "swapped-axes"]
     return replace(reported, mistakes=(*of_gaps, *others, mistake))
 
 
 @dataclass(eq=False)
 class _Selection:
-    """Sensors that are tried one after the other, each with those that are used before it."""
+    """Trial of sensors one after the other, each together with the sensors accepted before it."""
 
     samples: Samples
     solver: Callable[..., Aided]
-    rotation: Floats | None  # how the magnetometer sits on the body, where that is not as recorded
+    rotation: Floats | None  # mounting of the magnetometer on the body, if it differs from the recorded axes
     site: Site | None
     dip_deg: float
     is_auto: bool
-    standing: _Candidate  # the fit with the sensors that are used
+    standing: _Candidate  # the fit with the sensors accepted so far
     mistakes: list[Mistake]
     used: tuple[str, ...] = ()
-    turned: Aided | None = None  # the fit whose rotation is taken over, but not its ellipsoid
+    turned: Aided | None = None  # the fit whose rotation alone is taken over
     reports: list[AidingSensor] = field(default_factory=list)
     was_elsewhere: bool = False
 
     @property
     def best(self) -> Aided:
-        """The fit with the sensors that are used."""
+        """The fit with the sensors accepted so far."""
         return self.standing.aided
 
     @property
     def is_elsewhere(self) -> bool:
-        """A fit says that the recording was not made at the site."""
+        """Whether a fit shows that the recording was not made at the site."""
         return self.was_elsewhere or is_at_another_site(self.best, self.site)
 
     def try_sensor(self, name: str) -> None:
-        """Use a sensor that can be trusted and, with ``auto``, earns its place; say why another is left out."""
+        """Accept a sensor that can be trusted and, with ``auto``, improves the fit; else report why it is left out."""
         if (mistake := self._mistake_of(name)) is not None:
             self.reports.append(AidingSensor(name, is_used=False, reason=mistake.words, code=mistake.code))
             return
@@ -204,8 +204,8 @@ class _Selection:
             return
         report = AidingSensor(name, True, change_deg(self.best, aided, self.dip_deg), *claims)
         trial = _AidTrial(self.standing, _Candidate(self.samples, aided, self.rotation))
-        if against := trial.against(report) if self.is_auto else trial.claims_more(report):
-            turned = self._turned_by(trial, report, against)
+        if against := trial.objection(report) if self.is_auto else trial.claims_more(report):
+            turned = self._take_rotation(trial, report, against)
             self.reports.append(turned or replace(report, is_used=False, reason=against))
             return
         if name in UPRIGHT and not self.is_auto and self.turned is not None:
@@ -215,24 +215,24 @@ class _Selection:
         self.standing, self.used = trial.candidate, tried
 
     def _mistake_of(self, name: str) -> Mistake | None:
-        """Why a sensor cannot be used, so that no fit with it is needed."""
+        """Reason found in the recording alone why a sensor cannot be used; None if it has to be tried."""
         drops = next((mistake for mistake in reversed(self.mistakes) if mistake.aid == name and mistake.drops), None)
         if drops is None and name == "attitude":
             drops = circular(self.samples, self.best, self.dip_deg)
             self.mistakes += [] if drops is None else [drops]
         if drops is None and name == "dip":
-            drops = of_turns(self.samples, self._mounted(), claim_deg(self.best, self.dip_deg))
+            drops = of_turns(self.samples, self._body_fit(), claim_deg(self.best, self.dip_deg))
             self.mistakes += [] if drops is None or self.is_auto else [drops]
         return drops
 
-    def _mounted(self) -> Aided:
-        """The fit with the sensors that are used, in body axes as well as they are known."""
+    def _body_fit(self) -> Aided:
+        """The fit with the accepted sensors, in body axes as far as they are known."""
         if self.rotation is None or self.best.sees_rotation:
             return self.best
         return replace(self.best, parameters=replace(self.best.parameters, rotation=self.rotation))
 
-    def _turned_by(self, trial: _AidTrial, report: AidingSensor, against: str) -> AidingSensor | None:
-        """Take over the rotation alone: of the first vertical that proves one, or that was asked for and sees one."""
+    def _take_rotation(self, trial: _AidTrial, report: AidingSensor, against: str) -> AidingSensor | None:
+        """Take over the rotation alone, of the first vertical sensor that proves it or was requested and shows it."""
         is_asked = not self.is_auto and trial.sees_mounting
         words = f"{against}; {ROTATION_ALONE}" if is_asked else trial.rotation_words(report)
         if self.turned is not None or not words:
@@ -242,14 +242,14 @@ class _Selection:
         return replace(report, heading_change_deg=changed, after_deg=report.before_deg, reason=words)
 
     def _report_replaced(self, replaced: Sequence[str], name: str) -> None:
-        """Say of verticals that were used that another one is used instead."""
-        instead = f"{name} tells the vertical as well" + (", and better" if self.is_auto else ": name one of them")
+        """Report for vertical sensors used before that another one replaces them."""
+        instead = f"{name} shows the vertical as well" + (", and better" if self.is_auto else ": name one of them")
         self.reports = [
             replace(each, is_used=False, reason=instead) if each.name in replaced else each for each in self.reports
         ]
 
-    def reported(self) -> Aiding:
-        """What is known beside the ellipsoid; of an accelerometer that told the rotation alone, that."""
+    def aiding(self) -> Aiding:
+        """Result of the aiding sensors; of a sensor that gave the rotation alone, only the rotation."""
         best, mistakes = self.best, self.mistakes
         if "rate" in self.used and self.samples.rate is not None:
             mistakes = [*mistakes, *one_axis(self.samples.rate - best.parameters.gyro_bias)]
@@ -260,14 +260,14 @@ class _Selection:
 
 
 def _contradiction(samples: Samples, aided: Aided, name: str) -> Mistake | None:
-    """Whether a sensor goes against the gyro, or against the readings, in a fit that has both."""
+    """Contradiction between a sensor and the gyro, or the readings, in a fit with both; None if they agree."""
     if aided.scales_off:
         return of_scales(aided.scales_off) if name == "rate" else of_aid_and_gyro(name, aided.scales_off)
     return is_implausible(aided, name) or (of_turns(samples, aided) if name == "dip" else None)
 
 
-def _of_site(bent: Aided, without: Aiding, site: Site) -> Mistake | None:
-    """Whether the dip is not the site's: by the fit with the site, or by what one without it sees."""
+def _site_mistake(bent: Aided, without: Aiding, site: Site) -> Mistake | None:
+    """Finding that the dip is not that of the site, by the fits with and without the site; None if it is."""
     if without.dip_deg is None:
         return wrong_dip(dip_of(bent), site) if is_at_another_site(bent, site) else None
     if not is_far(without.dip_deg, site, without.dip_sigma_deg or 0.0):
@@ -276,7 +276,7 @@ def _of_site(bent: Aided, without: Aiding, site: Site) -> Mistake | None:
 
 
 def available(samples: Samples) -> tuple[str, ...]:
-    """The aiding sensors that a recording has the columns for.
+    """Names of the aiding sensors for which a recording has columns.
 
     >>> from flinders.core.samples import Samples
     >>> available(Samples.of([[1.0, 2.0, 3.0]], time=[0.0], acceleration=[[0.0, 0.0, -9.8]]))
@@ -288,9 +288,9 @@ def available(samples: Samples) -> tuple[str, ...]:
 
 
 def change_deg(first: Aided, second: Aided, dip_deg: float) -> float:
-    """By how much two corrections differ in the heading of a level vehicle, rms, their mean difference removed.
+    """Heading difference of two corrections for a level vehicle, rms in degrees, without the mean difference.
 
-    Each in the magnetometer's own axes, whatever the rotation against the body.
+    Both corrections are in the magnetometer's own axes; the rotation against the body does not matter.
     """
     heading, fields = level_turn(dip_deg)
     readings = first.parameters.offset + fields.T @ first.parameters.shape
@@ -300,12 +300,12 @@ def change_deg(first: Aided, second: Aided, dip_deg: float) -> float:
 
 
 def claim_deg(aided: Aided, dip_deg: float) -> float:
-    """Worst level heading error that is claimed, 1 σ, in degrees."""
+    """Claimed worst level heading error, 1 σ, in degrees."""
     return min(level_error(aided.ellipsoid, aided.covariance[:9, :9], dip_deg=dip_deg).worst, 180.0)
 
 
-def _alone(samples: Samples) -> Ellipsoid:
-    """What the magnetometer finds by itself, well or badly."""
+def _plain_ellipsoid(samples: Samples) -> Ellipsoid:
+    """Ellipsoid of the magnetometer alone, from the robust start if the likelihood gives none."""
     readings = Readings.of(samples.field)
     try:
         return Likelihood().estimate(readings).ellipsoid
@@ -315,47 +315,47 @@ def _alone(samples: Samples) -> Ellipsoid:
 
 @dataclass(frozen=True, eq=False)
 class _Candidate:
-    """A fit, and the fits of parts of its readings, which are made once, and only where they are asked for."""
+    """A fit, and the fits of parts of its readings, which are computed on first use."""
 
     samples: Samples
     aided: Aided
     rotation: Floats | None
 
     @cached_property
-    def in_parts(self) -> list[Parameters]:
-        """Without each fold in turn; a fit that sees no rotation takes the axes for those of the body."""
+    def fold_parameters(self) -> list[Parameters]:
+        """Parameters of the fit without each fold in turn; without a rotation the axes count as those of the body."""
         rotation = self.rotation if self.aided.sees_rotation else None
         return fitted(self.samples, self.aided.aiding, rotation, self.aided)
 
     def hold_out_misfit(self, vertical: str | None) -> HoldOutMisfit:
-        """How far off what was left out is, by verticals of one kind."""
-        return hold_out_misfit(self.samples, self.in_parts, vertical)
+        """Misfit of the left-out readings, with the vertical from one kind of sensor."""
+        return hold_out_misfit(self.samples, self.fold_parameters, vertical)
 
 
 class _AidTrial(NamedTuple):
-    """One more sensor on trial: the fit without it, and the one with it."""
+    """Trial of one more sensor: the fits without and with it."""
 
     standing: _Candidate
     candidate: _Candidate
 
     @property
     def aided(self) -> Aided:
-        """The fit with it."""
+        """The fit with the sensor."""
         return self.candidate.aided
 
-    def against(self, report: AidingSensor) -> str:
-        """Why the sensor does not earn its place; nothing where it does."""
-        if report.after_deg > WORTH * report.before_deg:
+    def objection(self, report: AidingSensor) -> str:
+        """Reason why the sensor is not worth using; empty if it is."""
+        if report.after_deg > MAX_AUTO_CLAIM_RATIO * report.before_deg:
             return f"claims no less: {figures(report.after_deg)}° with it, {figures(report.before_deg)}° without"
-        before, after = self._missed(self.standing).length, self._missed(self.candidate).length
-        if not after <= NO_WORSE * before:
-            return f"readings that it has not seen are {after / before - 1.0:.0%} farther off with it"
+        before, after = self._misfit(self.standing).length, self._misfit(self.candidate).length
+        if not after <= MAX_MISFIT_RATIO * before:
+            return f"readings that were left out are {after / before - 1.0:.0%} farther off with it"
         return ""
 
     def claims_more(self, report: AidingSensor) -> str:
-        """Why a sensor that was asked for is left out beside others: more is left open with it; nothing else.
+        """Reason to leave out a requested sensor: with it the fit claims more heading error; empty otherwise.
 
-        A first sensor stays: a fit to the magnitude alone claims too little where residuals are correlated.
+        The first sensor stays: a fit to the magnitude alone claims too little if residuals are correlated.
         """
         if not self.standing.aided.aiding or report.after_deg <= MORE * report.before_deg:
             return ""
@@ -363,48 +363,48 @@ class _AidTrial(NamedTuple):
 
     @property
     def sees_mounting(self) -> bool:
-        """The sensor is a vertical that sees how the magnetometer sits, no farther turned than instruments are."""
+        """Whether the sensor is a vertical that observes the mounting, and the mounting is plausible."""
         return self.aided.sees_rotation and self.aided.aiding[-1] in VERTICALS and not self._is_far()
 
     def rotation_words(self, report: AidingSensor) -> str:
-        """What its rotation does; nothing where that is not proven, or makes nothing better."""
+        """Effect of the rotation by the sensor, in words; empty if the rotation is not proven or does not help."""
         covariance = self.aided.rotation_covariance
         if covariance is None or self.standing.aided.sees_rotation or self.aided.aiding[-1] not in VERTICALS:
             return ""
         angle = rotation_vectors(self.aided.parameters.rotation)
-        is_proven = float(angle @ np.linalg.solve(covariance, angle)) >= TURNED
+        is_proven = float(angle @ np.linalg.solve(covariance, angle)) >= MIN_ROTATION_CHI2
         if not is_proven or self._is_far() or report.after_deg > FAR_CLAIM * report.before_deg:
             return ""
-        before, after = self._missed(self.standing).height, self._missed(self.candidate).height
+        before, after = self._misfit(self.standing).height, self._misfit(self.candidate).height
         if not after < before:
             return ""
         turned, sigma = float(np.linalg.norm(angle)), float(np.sqrt(np.trace(covariance) / 3.0))
         return (
             f"the magnetometer is turned against it by {_degrees(turned)}° (± {_degrees(sigma)}°); sine of the dip "
-            f"spreads by {_degrees(after)}° so, and by {_degrees(before)}° without, where it was left out; offset and "
-            "shape stay"
+            f"scatters by {_degrees(after)}° with that and by {_degrees(before)}° without, in left-out readings; "
+            "offset and shape stay"
         )
 
     def _is_far(self) -> bool:
-        """The rotation is farther from the axes as they are mounted than instruments on one body sit apart."""
+        """Whether the rotation is larger than is plausible between instruments on one body."""
         mounted = np.eye(3) if self.candidate.rotation is None else self.candidate.rotation
         apart = rotation_vectors(self.aided.parameters.rotation @ mounted.T)
-        return bool(np.rad2deg(np.linalg.norm(apart)) > FAR_TURN_DEG)
+        return bool(np.rad2deg(np.linalg.norm(apart)) > MAX_MOUNTING_DEG)
 
-    def _missed(self, candidate: _Candidate) -> HoldOutMisfit:
-        """How far off what was left out is, by the vertical that the sensor brings."""
+    def _misfit(self, candidate: _Candidate) -> HoldOutMisfit:
+        """Misfit of the left-out readings of a candidate, with the vertical of this sensor."""
         return candidate.hold_out_misfit(next((name for name in self.aided.aiding if name in VERTICALS), None))
 
 
 def _degrees(radians: float) -> str:
-    """Write an angle in degrees, to the digits that count."""
+    """An angle in degrees as text, to its significant digits."""
     return figures(float(np.rad2deg(radians)))
 
 
 def turned_deg(rotation: Floats, dip_deg: float) -> float:
-    """By how much a rotation of the magnetometer changes the heading of a level vehicle, rms, 180 at most.
+    """Heading change of a level vehicle by a rotation of the magnetometer, rms in degrees, at most 180.
 
-    As `flinders.fitting.aiding.Aiding.alignment_error_deg` of a rotation that is not known: z² + ½ tan² I (x² + y²).
+    The square is z² + ½ tan² I (x² + y²), as in `flinders.fitting.aiding.Aiding.alignment_error_deg`.
 
     >>> from flinders.likelihood.gyro import rotations
     >>> round(turned_deg(rotations(np.array([[0.0, 0.0, 0.01]]))[0], 60.0), 3)

@@ -1,4 +1,4 @@
-"""Estimate with aiding sensors; of a level turn only where they saw that the body leaned.
+"""Estimate with aiding sensors; of a level turn only if the sensors show that the body leaned.
 
 >>> from flinders import simulate
 >>> from flinders.estimators import Readings
@@ -27,30 +27,32 @@ if TYPE_CHECKING:
     from flinders.estimators import Estimate, Readings
     from flinders.fitting.request import Request
 
-LEANING: Final = 10.0
-"""Times the heading error claimed of a level turn: a fit with aiding sensors that claims more saw no lean. Of drives of
-half a minute it claims up to 8 times as much, of level turns more than 100 times; the turn errs by up to 5 times its
-claim where the body leans."""
+MIN_LEANING_RATIO: Final = 10.0
+"""Ratio of claimed heading errors, aided fit over level turn, above which the body counts as level.
+
+The ratio is up to 8 in drives of half a minute and more than 100 in level turns. Where the body leans, the level turn
+errs by up to 5 times its claim.
+"""
 
 
 def aided_estimate(readings: Readings, request: Request) -> tuple[Estimate | None, Aiding | None]:
-    """Fit with aiding sensors; no estimate where none was asked for, or none was used.
+    """Fit with aiding sensors; the estimate is None if none was requested or none was used.
 
     Raises
     ------
     UsageError
-        Where only sums are left.
+        For a summary, which has no columns of aiding sensors.
     """
     if not request.instruments:
         return None, None
     asked = request.instruments.asked
     if readings.recording is None:
-        raise UsageError("aids need what was recorded beside the readings: give the recording, not its summary")
+        raise UsageError("aiding sensors need the columns of a recording, found only its summary: give the recording")
     samples = in_memory(readings.recording)
     is_thin = len(samples) >= Level.unknowns and turned_level(samples.field)
     turn = _level_turn(readings, request) if is_thin else None
     if turn is not None and _is_white(turn):
-        return None, _of_no_use(samples, asked)
+        return None, _report_unused(samples, asked)
     from flinders.fitting.aid_selection import aided_by
 
     aided, result = aided_by(
@@ -65,12 +67,12 @@ def aided_estimate(readings: Readings, request: Request) -> tuple[Estimate | Non
     if is_thin or is_flat(readings.summary.moments.principal_variances, aided.noise):
         turn = turn or _level_turn(readings, request)
         if turn is None or estimate is None or _is_level(turn, estimate, request.dip_deg):
-            return None, _of_no_use(samples, asked)
+            return None, _report_unused(samples, asked)
     return estimate, result
 
 
 def _level_turn(readings: Readings, request: Request) -> Estimate | None:
-    """What readings in one plane are as a level turn; None where they are none."""
+    """Estimate of readings in one plane as a level turn; None if they are not one."""
     try:
         estimate = request.likelihood.estimate(readings)
     except FitError:
@@ -79,31 +81,34 @@ def _level_turn(readings: Readings, request: Request) -> Estimate | None:
 
 
 def _is_white(estimate: Estimate) -> bool:
-    """Residuals are not correlated."""
+    """Whether residuals are uncorrelated."""
     return estimate.correlation is None or estimate.correlation.is_white
 
 
 def _is_level(turn: Estimate, aided: Estimate, dip_deg: float) -> bool:
-    """Whether the body stayed level: residuals of the turn are white, or a fit with aiding sensors knows far less.
+    """Whether the body stayed level: residuals of the turn are white, or the aided fit claims far more error.
 
-    A body that leans moves the readings within the plane as well: they leave the ellipse, for as long as it leans.
+    While a body leans, the readings within the plane leave the ellipse as well.
     """
     worst = level_error(turn.ellipsoid, turn.covariance, dip_deg=dip_deg, down=down_of(turn.plane)).worst
-    return _is_white(turn) or level_error(aided.ellipsoid, aided.covariance, dip_deg=dip_deg).worst > LEANING * worst
+    return (
+        _is_white(turn)
+        or level_error(aided.ellipsoid, aided.covariance, dip_deg=dip_deg).worst > MIN_LEANING_RATIO * worst
+    )
 
 
-def _of_no_use(samples: Samples, aiding: str | Sequence[str]) -> Aiding:
-    """Say of each aiding sensor that a level turn leaves it nothing to tell.
+def _report_unused(samples: Samples, aiding: str | Sequence[str]) -> Aiding:
+    """Report that each aiding sensor is unused because a level turn gives it no information.
 
     Raises
     ------
     UsageError
-        For one that is not known or was not recorded.
+        For a sensor that is unknown or was not recorded.
     """
     from flinders.estimators.aiding import refuse_without
     from flinders.fitting.aid_selection import available
 
     names = available(samples) if aiding == AUTO else (aiding,) if isinstance(aiding, str) else tuple(aiding)
     refuse_without(samples, names)
-    words = "the readings lie in one plane, as in a level turn, across which it tells nothing"
+    words = "the readings lie in one plane, as in a level turn, and it gives no information across that plane"
     return Aiding(tuple(AidingSensor(name, is_used=False, reason=words) for name in names))

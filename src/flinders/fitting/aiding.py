@@ -1,4 +1,4 @@
-"""Aiding sensors: which are asked for and how well they are known; which a fit used, and what they tell.
+"""Aiding sensors: `Instruments` requests them with their errors; `Aiding` has those that a fit used, with results.
 
 >>> calibrated = Instruments("rate", gyro_scale_sigma=0.0)
 >>> calibrated.names, Instruments.of(("rate", "dip")).names, bool(Instruments.of(()))
@@ -34,45 +34,46 @@ if TYPE_CHECKING:
     from flinders.estimators.aiding import Aided
 
 AUTO: Final = "auto"
-"""What is asked for where each aiding sensor and disturbance is to be used that makes the calibration better."""
+"""Request for every aiding sensor and disturbance that improves the calibration."""
 
 MORE: Final = 1.05
-"""Of the heading error claimed without aiding sensors: a fit with them that claims more is worth less than none."""
+"""Largest ratio of claimed heading errors, with aiding sensors over without, at which the aided fit is used."""
 
 FAR_CLAIM: Final = 4.0
-"""Times more heading error claimed with a vertical than without: it leans, or is none."""
+"""Ratio of claimed heading errors, with a vertical over without, above which the vertical leans or is wrong."""
 
 VERTICALS: Final = ("dip", "tilt")
-"""Aiding sensors that tell the vertical alone: how the magnetometer sits against it is worth having by itself."""
+"""Aiding sensors that show the vertical alone; the magnetometer's rotation against it is useful by itself."""
 
 ROTATION_ALONE: Final = "offset and shape stay those without it, and its rotation is used"
 
-LARGEST_BIAS: Final = 2.0
-"""m/s²: no accelerometer in use has a larger bias, 1 σ."""
+MAX_BIAS: Final = 2.0
+"""m/s²: largest plausible bias of an accelerometer, 1 σ."""
 
 _GYRO: Final = ("gyro_scale", "gyro_turn")
 """Blocks of the gyro's matrix."""
 
-LARGEST_SHARE: Final = 0.5
-"""Of a scale or gain: no instrument in use is off by more, 1 σ."""
+MAX_GAIN_ERROR: Final = 0.5
+"""Largest plausible error of a scale or gain, as a share of it, 1 σ."""
 
 
 @dataclass(frozen=True, slots=True)
 class Instruments:
-    """Which recorded instruments shall count in a fit, and what their errors may be.
+    """Recorded instruments to use in a fit, with the standard deviations of their errors.
 
-    Raises `UsageError` for errors that no instrument has.
+    Raises `UsageError` for implausible errors.
 
     Parameters
     ----------
     names : str or sequence of str
-        ``rate``, ``dip``, ``tilt``, ``attitude``; or ``auto`` for what earns its place, disturbances included.
+        ``rate``, ``dip``, ``tilt``, ``attitude``; or ``auto`` for those that improve the calibration, disturbances
+        included.
     gyro_scale_sigma : float
-        With ``rate``: what the scales of the gyro may be off by, 1 σ; 0 where it has been calibrated.
+        With ``rate``: error of the gyro's scales, as a share, 1 σ; 0 for a calibrated gyro.
     acceleration_bias_sigma : float, m/s²
-        With ``dip``: what the accelerometer may be off by on each axis, 1 σ; 0 where it has been calibrated.
+        With ``dip``: bias of the accelerometer on each axis, 1 σ; 0 for a calibrated accelerometer.
     acceleration_gain_sigma : float
-        With ``dip``: what its gains may be off by, and its axes from square in rad, 1 σ.
+        With ``dip``: error of the accelerometer's gains, as a share, and of its orthogonality, in rad, 1 σ.
     """
 
     names: str | Sequence[str] = ()
@@ -81,34 +82,34 @@ class Instruments:
     acceleration_gain_sigma: float = GAIN_SIGMA
 
     def __post_init__(self) -> None:
-        """Refuse errors that no instrument has."""
+        """Refuse implausible errors."""
         names = (self.names,) * bool(self.names) if isinstance(self.names, str) else tuple(self.names)
         object.__setattr__(self, "names", names)
         for what, share, usual in (
             ("gyro scale", self.gyro_scale_sigma, SCALE_SIGMA),
             ("acceleration gain", self.acceleration_gain_sigma, GAIN_SIGMA),
         ):
-            if not 0.0 <= share <= LARGEST_SHARE:
-                raise UsageError(f"{what} is {share:g}: need a share from 0 to {LARGEST_SHARE:g}, such as {usual:g}")
-        if not 0.0 <= self.acceleration_bias_sigma <= LARGEST_BIAS:
+            if not 0.0 <= share <= MAX_GAIN_ERROR:
+                raise UsageError(f"{what} is {share:g}: need a share from 0 to {MAX_GAIN_ERROR:g}, such as {usual:g}")
+        if not 0.0 <= self.acceleration_bias_sigma <= MAX_BIAS:
             raise UsageError(
-                f"acceleration bias is {self.acceleration_bias_sigma:g} m/s²: need 0 to {LARGEST_BIAS:g}, such as "
+                f"acceleration bias is {self.acceleration_bias_sigma:g} m/s²: need 0 to {MAX_BIAS:g}, such as "
                 f"{ACCELERATION_SIGMA:g}"
             )
 
     @classmethod
     def of(cls, aiding: AnyAiding) -> Instruments:
-        """Take instruments as they are, and names with the usual errors."""
+        """Return `Instruments` unchanged; give names the default errors."""
         return aiding if isinstance(aiding, Instruments) else cls(aiding)
 
     @property
     def asked(self) -> str | tuple[str, ...]:
-        """``auto``, or the names."""
+        """The requested sensors: ``auto``, or a tuple of names."""
         return AUTO if tuple(self.names) == (AUTO,) else tuple(self.names)
 
     @property
     def sigmas(self) -> dict[str, float]:
-        """What `flinders.fitting.aid_selection.aided_by` takes of their errors."""
+        """Keyword arguments of `flinders.fitting.aid_selection.aided_by` for the errors of the instruments."""
         return {
             "gyro_scale": self.gyro_scale_sigma,
             "acceleration_bias": self.acceleration_bias_sigma,
@@ -120,55 +121,54 @@ class Instruments:
 
 
 AnyAiding: TypeAlias = "str | Sequence[str] | Instruments"
-"""Aiding sensors as they are asked for."""
+"""Aiding sensors as a caller requests them."""
 
 
 @dataclass(frozen=True, slots=True)
 class AidingSensor:
-    """What one aiding sensor did to a fit."""
+    """Effect of one aiding sensor on a fit."""
 
     name: str  # one of `flinders.estimators.aiding.AIDS`
-    is_used: bool  # False where it was left out
-    heading_change_deg: float = 0.0  # by how much it changed the heading of a level vehicle, rms
+    is_used: bool  # False if it was left out
+    heading_change_deg: float = 0.0  # change of the heading of a level vehicle by it, rms
     before_deg: float = 0.0  # worst heading error claimed without it
     after_deg: float = 0.0  # worst heading error claimed with it
     reason: str = ""  # why it was left out
-    code: str = ""  # of the finding that says the same
+    code: str = ""  # code of the finding for the same reason
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Aiding:
-    """What gyro, accelerometer or attitude tell beside the ellipsoid."""
+    """Results of gyro, accelerometer or attitude in a fit, other than the ellipsoid."""
 
-    sensors: tuple[AidingSensor, ...] = ()  # in the order in which they were taken
-    # (3, 3): from the magnetometer's axes to those of the body; None where nothing saw it
+    sensors: tuple[AidingSensor, ...] = ()  # in the order of their trial
+    # (3, 3): from the magnetometer's axes to those of the body; None if not observed
     rotation: Floats | None = None
-    rotation_covariance: Floats | None = None  # (3, 3), rad²: of its rotation vector, in body axes
-    gyro_bias: Floats | None = None  # (3,), rad/s: what the gyro reads at rest
+    rotation_covariance: Floats | None = None  # (3, 3), rad²: of the rotation vector, in body axes
+    gyro_bias: Floats | None = None  # (3,), rad/s: reading of the gyro at rest
     gyro_bias_sigma: Floats | None = None  # (3,), rad/s: 1 σ
-    # (3, 3): gains, non-orthogonality and mounting of the gyro: the rate is this times what it reads, less its bias
+    # (3, 3): gains, non-orthogonality and mounting of the gyro: rate = matrix (reading − bias)
     gyro_matrix: Floats | None = None
     gyro_matrix_sigma: Floats | None = None  # (3, 3): 1 σ of each entry
-    acceleration_bias: Floats | None = None  # (3,), m/s²: what the accelerometer reads too much
+    acceleration_bias: Floats | None = None  # (3,), m/s²: added to each reading of the accelerometer
     acceleration_bias_sigma: Floats | None = None  # (3,), m/s²: 1 σ
-    # (3, 3): gains and non-orthogonality of the accelerometer: the specific force is this times what it reads, less its
-    # bias
+    # (3, 3): gains and non-orthogonality of the accelerometer: specific force = matrix (reading − bias)
     acceleration_matrix: Floats | None = None
     acceleration_matrix_sigma: Floats | None = None  # (3, 3): 1 σ of each entry
-    gravity_reading: float | None = None  # what the accelerometer's numbers are long at rest, in their own unit
+    gravity_reading: float | None = None  # length of the accelerometer's reading at rest, in its own unit
     tilt_error: TiltError | None = None  # of the vertical that the corrected accelerometer shows at rest
-    delay_s: float | None = None  # by how much the magnetometer is behind the gyro
+    delay_s: float | None = None  # delay of the magnetometer behind the gyro
     delay_sigma_s: float | None = None  # 1 σ
     dip_deg: float | None = None  # inclination of the field as the recording shows it
     dip_sigma_deg: float | None = None  # 1 σ
-    # factor by which stretches of the recording scatter more than their residuals explain, in variance
+    # variance between stretches of the recording over that expected from their residuals
     excess_variance: float = 1.0
     mistakes: tuple[Mistake, ...] = ()
 
     def alignment_error_deg(self, dip_deg: float) -> float | None:
-        """Heading error (rms over a level turn, 1 σ) that the rotation's own uncertainty makes.
+        """Heading error (rms over a level turn, 1 σ, in degrees) from the uncertainty of the rotation.
 
-        A turn about z goes straight into the heading, tilts mix the vertical field in: C₃₃ + ½ tan² I (C₁₁ + C₂₂).
+        A rotation about z adds to the heading directly, tilts mix in the vertical field: C₃₃ + ½ tan² I (C₁₁ + C₂₂).
         """
         if self.rotation_covariance is None:
             return None
@@ -177,7 +177,7 @@ class Aiding:
 
     @classmethod
     def of(cls, aided: Aided, *, each: tuple[AidingSensor, ...] = (), mistakes: tuple[Mistake, ...] = ()) -> Self:
-        """What a fit with aiding sensors knows beside its ellipsoid."""
+        """Results of the aiding sensors in a fit."""
         at, layout = aided.parameters, aided.layout
         sine, delay = aided.of("sine"), aided.of("delay")
         gyro, accelerometer = _sigma(aided.of("gyro_bias")), _sigma(aided.of("accelerometer"))
@@ -203,7 +203,7 @@ class Aiding:
 
     @classmethod
     def from_record(cls, record: AidingRecord) -> Self:
-        """What a calibration file keeps of it."""
+        """Read the results of aiding sensors from the record of a calibration file."""
         return cls(
             rotation_covariance=_array(record.rotation_covariance),
             acceleration_bias=_array(record.acceleration_bias),
@@ -221,14 +221,14 @@ class Aiding:
         )
 
     def left_out(self, with_deg: float, without_deg: float, *, is_refused: bool) -> Self:
-        """The same for the calibration without aiding sensors; of verticals the rotation is used all the same.
+        """Results for the calibration without aiding sensors; the rotation by vertical sensors is still used.
 
         Parameters
         ----------
         with_deg, without_deg : float
-            Claimed heading error, with the sensors that were used and without any.
+            Claimed heading error with the used sensors, and without any.
         is_refused : bool
-            The fit with them cannot be trusted, nor its rotation.
+            Whether the fit with the sensors was refused; its rotation is not used then.
 
         >>> sensors = AidingSensor("attitude", True), AidingSensor("rate", False, reason="turning is unknown")
         >>> [sensor.reason for sensor in Aiding(sensors).left_out(7.21, 2.2, is_refused=True).sensors]
@@ -238,7 +238,7 @@ class Aiding:
         is_turned = not is_refused and with_deg <= FAR_CLAIM * without_deg and bool({*VERTICALS} & {*used})
         reason = claims_more(with_deg, without_deg, used)
 
-        def said(sensor: AidingSensor) -> AidingSensor:
+        def with_reason(sensor: AidingSensor) -> AidingSensor:
             if not sensor.is_used:
                 return sensor
             if is_turned and sensor.name in VERTICALS:
@@ -246,10 +246,10 @@ class Aiding:
             return dataclasses.replace(sensor, is_used=False, reason=reason, before_deg=without_deg, after_deg=with_deg)
 
         whole = self if is_turned else type(self)(mistakes=self.mistakes)
-        return dataclasses.replace(whole, sensors=tuple(map(said, self.sensors)), excess_variance=1.0)
+        return dataclasses.replace(whole, sensors=tuple(map(with_reason, self.sensors)), excess_variance=1.0)
 
     def to_record(self) -> AidingRecord | UnsetType:
-        """What the calibration file keeps of it."""
+        """Record for the calibration file; UNSET if there is nothing to store."""
         return aiding_record(
             rotation_covariance=self.rotation_covariance,
             acceleration_bias=self.acceleration_bias,
@@ -285,9 +285,9 @@ class Aiding:
         }
 
     def inertial(self) -> Inertial:
-        """The accelerometer and the gyro by themselves: nothing where no fit looked for their errors.
+        """Calibrations of the accelerometer and the gyro; None for each whose errors were not estimated.
 
-        Gains of an accelerometer are told apart by directions, and their mean by the standard gravity.
+        The directions determine the ratios of the accelerometer's gains, standard gravity determines their mean.
         """
         accelerometer = gyro = None
         if self.acceleration_matrix is not None and self.acceleration_bias is not None and self.gravity_reading:
@@ -307,7 +307,7 @@ class Aiding:
 
 
 def claims_more(with_deg: float, without_deg: float, used: Sequence[str] = ()) -> str:
-    """Say that a fit with aiding sensors claims more heading error than the one without.
+    """Sentence that a fit with aiding sensors claims more heading error than the fit without.
 
     >>> claims_more(7.21, 2.2), claims_more(7.21, 2.2, ("rate", "dip"))[:47]
     ('with it the heading error is 7.2°, without it 2.2°', 'with rate and dip the heading error is 7.2°, wi')
@@ -317,7 +317,7 @@ def claims_more(with_deg: float, without_deg: float, used: Sequence[str] = ()) -
 
 
 def _acceleration_matrix(aided: Aided) -> dict[str, Any]:
-    """Gains and misalignment of the accelerometer with 1 σ, what its unit is, and the error of its vertical."""
+    """Gains and misalignment of the accelerometer with 1 σ, its unit, and the error of its vertical."""
     covariance, errors = aided.of("accelerometer"), aided.parameters.accelerometer
     if covariance is None:
         return {}
@@ -330,7 +330,7 @@ def _acceleration_matrix(aided: Aided) -> dict[str, Any]:
 
 
 def _gyro_matrix(aided: Aided) -> dict[str, Any]:
-    """Gains, misalignment and mounting of the gyro with 1 σ, as far as they were looked for."""
+    """Gains, misalignment and mounting of the gyro with 1 σ, as far as they were estimated."""
     if aided.of("gyro_scale") is None:
         return {}
     at, columns = aided.parameters, aided.layout.columns
@@ -342,16 +342,16 @@ def _gyro_matrix(aided: Aided) -> dict[str, Any]:
 
 
 def _entries(free: int) -> Floats:
-    """(9, n) how the entries of 1 + Γ + [ψ]× move with the first n of Γ and ψ."""
+    """(9, n) derivative of the entries of 1 + Γ + [ψ]× with respect to the first n parameters of Γ and ψ."""
     moved: Floats = np.array([(grown(row) - np.eye(3)).ravel() for row in np.eye(9)[:free]]).T
     return moved
 
 
 def _sigma(covariance: Floats | None) -> Floats | None:
-    """(N,) standard deviations; None of what was not estimated."""
+    """(N,) standard deviations; None for a block that was not estimated."""
     return None if covariance is None else np.sqrt(np.diag(covariance))
 
 
 def _array(value: object) -> Floats | None:
-    """An array of what a file states; None where it does not."""
+    """An array of the numbers in a file; None if the file states none."""
     return None if value is UNSET else np.asarray(value, float)

@@ -1,9 +1,9 @@
-"""Six typed numbers: a calibration from the extremes that a board shows, where there is no recording.
+"""Calibration from six typed numbers, the extremes that a board shows, without a recording.
 
-Boards with a display and no port show the smallest and the largest reading of each axis and nothing else. That gives
-an offset and three scales. It gives no noise, no count of readings and no directions, and so no covariance and
-no heading error: none is claimed, and the verdict is never better than ``limited``. What can be said is how much
-heading would be off if the turn alone had made the half-ranges differ.
+Boards with a display and no port show the smallest and the largest reading of each axis and nothing else. That gives an
+offset and three scales. It gives no noise, no count of readings and no directions, and so no covariance and no heading
+error: none is claimed, and the verdict is never better than ``limited``. The finding states the heading error that
+would result if the half-ranges differed only because the turn was incomplete.
 
 >>> car = from_extremes([-157, 98, -123, 124, -109, 101], variant="largest")
 >>> car
@@ -42,12 +42,12 @@ if TYPE_CHECKING:
     from flinders.core.calibration_file import Document, ProvenanceRecord
     from flinders.estimators.minmax import Variant
 
-TYPED: Final = "typed-extremes"
+TYPED_FINDING: Final = "typed-extremes"
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Extremes(Judged, Outcome):
-    """A calibration from six numbers, of which nobody knows how far to trust it."""
+    """A calibration from six numbers, without a claim of accuracy."""
 
     calibration: Calibration  #: the correction
     low: Floats  #: (3,): in mapped axes and the calibration's unit
@@ -56,16 +56,16 @@ class Extremes(Judged, Outcome):
 
     @property
     def ellipsoid(self) -> Ellipsoid:
-        """The ellipsoid that the calibration makes a sphere."""
+        """The ellipsoid that the calibration maps to a sphere."""
         return spanned(self.low, self.high)
 
     @property
     def scale(self) -> Floats:
-        """(3,) what each axis is multiplied by."""
+        """(3,) factor of each axis."""
         return np.diag(self.calibration.matrix)
 
     def as_dict(self) -> dict[str, Any]:
-        """JSON-ready, with the keys of a fit: what nobody knows is None."""
+        """JSON-ready, with the keys of a fit; unknown values are None."""
         return {
             "verdict": self.verdict,
             "method": MinMax.name,  # ``minmax``
@@ -81,7 +81,7 @@ class Extremes(Judged, Outcome):
         }
 
     def to_document(self, provenance: ProvenanceRecord | None = None) -> Document:
-        """The calibration file, in which nothing is claimed."""
+        """Content of the calibration file, without a claim."""
         record = Fitted(method=MinMax.name, samples=0, verdict=self.verdict, findings=self.finding_records)
         return self.calibration.to_document(fit=record, provenance=provenance)
 
@@ -103,7 +103,7 @@ def from_extremes(
     axes: str | Axes | None = None,
     sensor: str | None = None,
 ) -> Extremes:
-    """Calibrate from the smallest and the largest reading of each axis, as `MinMax` does.
+    """Calibration from the smallest and the largest reading of each axis, by the formula of `MinMax`.
 
     Parameters
     ----------
@@ -112,22 +112,22 @@ def from_extremes(
     variant : str
         See `MinMax`.
     field_strength, target_deg, dip_deg, sensor
-        As for `flinders.fit`; the target is only what the finding is compared with.
+        As for `flinders.fit`; only the finding uses the target.
     unit : str or Unit, optional
-        What the numbers are in, such as ``"mG"``; by default counts.
+        Unit of the numbers, such as ``"mG"``; by default counts.
     axes : str or Axes, optional
         Where each axis comes from, such as ``"x,-y,-z"``.
 
     Returns
     -------
     Extremes
-        Never better than ``limited``: six numbers tell no error.
+        Its verdict is never better than ``limited``, as six numbers contain no measure of error.
 
     Raises
     ------
     UsageError
-        Unless they are six finite numbers, the smaller of each axis first; for a variant that is not there, or a
-        target that is not positive. `UnitError` and `AxesError`, its subclasses, for those that are not known.
+        Unless `numbers` are six finite numbers, the smaller of each axis first; for an unknown variant, or a target
+        that is not positive. `UnitError` and `AxesError`, its subclasses, for an unknown unit or unknown axes.
 
     Examples
     --------
@@ -151,7 +151,7 @@ def from_extremes(
         sensor=sensor,
     )
     extremes = Extremes(replace(calibration, field_strength_known=field_strength is not None), low, high)
-    findings = linked([_typed(extremes, target_deg, dip_deg), *of_calibration(extremes.calibration)])
+    findings = linked([_finding(extremes, target_deg, dip_deg), *of_calibration(extremes.calibration)])
     return replace(extremes, findings=findings)
 
 
@@ -170,8 +170,8 @@ def _pairs(numbers: ArrayLike) -> Floats:
     return pairs
 
 
-def _typed(extremes: Extremes, target_deg: float, dip_deg: float) -> Finding:
-    """Say that nobody knows how good it is; and what it would cost if the turn had not reached the shorter ends."""
+def _finding(extremes: Extremes, target_deg: float, dip_deg: float) -> Finding:
+    """Finding that the accuracy is unknown, with the heading error if the turn did not reach the shorter ends."""
     half = extremes.ellipsoid.shape.diagonal()
     short = half.max() - half
     shortfall, worst = float(short.max()), 0.0
@@ -180,4 +180,4 @@ def _typed(extremes: Extremes, target_deg: float, dip_deg: float) -> Finding:
         sphere = Ellipsoid(extremes.ellipsoid.centre, half.max() * np.eye(3))
         worst = level_error(sphere, covariance, dip_deg=dip_deg).worst
     values = {"is_typed": 1.0, "unturned_deg": worst, "target_deg": target_deg, "shortfall": shortfall}
-    return certain({**values, "unit": label(extremes.calibration.unit)}, TYPED)
+    return certain({**values, "unit": label(extremes.calibration.unit)}, TYPED_FINDING)

@@ -1,7 +1,7 @@
-"""Many recordings at once: one call of the engine fits them, and another judges them.
+"""Fits of many recordings: one call of the engine fits all of them, another judges all of them.
 
-A recording is judged from its record alone, with the numbers and findings of `flinders.fit`. One that needs more than
-that, be it outliers to list, a level turn or the sentence of a limit, is given to `flinders.fit` by itself.
+A recording is judged from its record alone, with the numbers and findings of `flinders.fit`. A recording that needs
+more, such as a list of outliers, a level turn or the sentence of a limit, is fitted by `flinders.fit`.
 
 >>> from flinders import simulate
 >>> tumbles = [simulate.tumble(seed=seed, n=500, motion="uniform").samples for seed in range(3)]
@@ -50,17 +50,17 @@ UPPER: Final = np.flatnonzero(np.triu(np.ones((9, 9))).ravel())
 """The 45 entries of a covariance on and above its diagonal, row by row."""
 
 WIDTHS: Final = {"offset": 3, "matrix": 9, "covariance": 45}
-"""Columns of so many numbers."""
+"""Count of numbers per unit in columns with more than one."""
 
 LIMITS, REFUSES = SEVERITIES.index("limits"), SEVERITIES.index("refuses")
-"""Severities as the engine numbers them."""
+"""Numbers of the severities in the engine."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Lined:
-    """Recordings that lie one after the other in the same columns, as in a table of a fleet.
+    """Recordings stored one after the other in the same columns, as in a table of a fleet.
 
-    A sequence of `Samples`, of which each is made when it is asked for.
+    A sequence of `Samples`, each of which is created on access.
 
     Examples
     --------
@@ -69,15 +69,15 @@ class Lined:
     ('B02', 4)
     """
 
-    whole: Samples  # the readings of all
-    ends: NDArray[np.int64]  # (U,) where those of each end
-    sources: Sequence[str]  # where each came from, for messages
+    whole: Samples  # the readings of all recordings
+    ends: NDArray[np.int64]  # (U,) index after the last reading of each recording
+    sources: Sequence[str]  # name of each recording, for messages
 
     def __len__(self) -> int:
         return len(self.ends)
 
     def __getitem__(self, place: int) -> Samples:
-        """One of them."""
+        """The recording at `place`."""
         begin = int(self.ends[place - 1]) if place else 0
         return replace(self.whole[begin : int(self.ends[place])], source=self.sources[place])
 
@@ -86,42 +86,42 @@ class Lined:
 
     @property
     def counts(self) -> NDArray[np.int64]:
-        """(U,) how many readings each has."""
+        """(U,) count of readings of each recording."""
         return np.diff(self.ends, prepend=0)
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class FitColumns:
-    """Columns that the fits of U units fill, NaN where a fit gives no number."""
+    """Columns with one row for each of U fits; NaN where a fit gives no number."""
 
-    readings: NDArray[np.int64]  #: (U,): those there are
-    samples: NDArray[np.int64]  #: (U,): those that the fit used
+    readings: NDArray[np.int64]  #: (U,): readings in the recording
+    samples: NDArray[np.int64]  #: (U,): readings used by the fit
     verdict: NDArray[np.object_]  #: (U,) str: ``good``, ``limited``, ``refused`` or ``failed``
-    code: NDArray[np.object_]  #: (U,) str: of the error of a refused or failed one
-    #: (U,) str: why one is not good: code of the gravest finding, else that of the error; empty for a good one
+    code: NDArray[np.object_]  #: (U,) str: code of the error of a refused or failed fit
+    #: (U,) str: code of the most severe finding, else of the error; empty for a good fit
     cause: NDArray[np.object_]
-    message: NDArray[np.object_]  #: (U,) str: the first sentence of the verdict, with what to do
-    number: Floats  #: (U,): what that finding states, NaN without one
-    limit: Floats  #: (U,): what the number was compared with
+    message: NDArray[np.object_]  #: (U,) str: the first sentence of the verdict, with the remedy
+    number: Floats  #: (U,): number of the finding in `cause`, NaN without a finding
+    limit: Floats  #: (U,): limit of that number
     method: NDArray[np.object_]
     worst_deg: Floats  #: (U,): heading error at the worst heading of a level vehicle, 1 σ, at the dip `dip_deg`
     rms_deg: Floats  #: (U,): the same over all headings
-    bound_95_deg: Floats  #: (U,): that it stays within at all headings with a probability of 95 %
-    dip_deg: Floats  #: (U,): heading error of a level vehicle, 1 σ, where the field dips by `dip_deg`
-    #: (U, 3), (U, 9), (U, 45), in `unit_of_field`: of the calibration; the upper triangle, row by row, of
+    bound_95_deg: Floats  #: (U,): limit that the error at all headings stays within, with a probability of 95 %
+    dip_deg: Floats  #: (U,): inclination of the field for these heading errors
+    #: `offset` (U, 3), in `unit_of_field`; `matrix` (U, 9); `covariance` (U, 45): upper triangle, row by row, of
     #: `Claim.claimed_covariance`
     offset: Floats
     matrix: Floats
     covariance: Floats
     noise: Floats  #: (U,), in `unit_of_field`
     field_strength: Floats  #: (U,), in `unit_of_field`
-    coverage: Floats  #: (U,): share of the sphere that was seen
-    findings: NDArray[np.object_]  #: (U,) tuple of str: their codes, the most severe first
+    coverage: Floats  #: (U,): share of the sphere that readings cover
+    findings: NDArray[np.object_]  #: (U,) tuple of str: codes of the findings, the most severe first
     unit_of_field: NDArray[np.object_]  #: (U,) str
 
     @classmethod
     def empty(cls, units: int) -> Self:
-        """Nothing known yet."""
+        """Create columns for `units` fits, without values."""
         columns: dict[str, Any] = {}
         for each in dataclasses.fields(cls):
             kind = str(each.type)
@@ -141,7 +141,7 @@ class FitColumns:
 class BatchColumns(FitColumns):
     """Results of a batch of U units."""
 
-    by_record: NDArray[np.bool_]  #: (U,): judged from its record, without a fit of its own
+    by_record: NDArray[np.bool_]  #: (U,): whether the unit was judged from its record, without a separate fit
 
     def __repr__(self) -> str:
         verdicts = ", ".join(f"{many} {verdict}" for verdict, many in sorted(Counter(self.verdict.tolist()).items()))
@@ -149,7 +149,7 @@ class BatchColumns(FitColumns):
 
 
 def fit_batch(units: Sequence[Samples] | Lined, *, target_deg: float = 1.0, dip_deg: float = 60.0) -> BatchColumns:
-    """Fit and judge many units at once, each as `flinders.fit` would by itself.
+    """Fit and judge many units in one call, with the results of `flinders.fit` for each.
 
     Raises `UsageError` for a target that is not positive, or within a degree of the magnetic poles.
 
@@ -165,16 +165,16 @@ def fit_batch(units: Sequence[Samples] | Lined, *, target_deg: float = 1.0, dip_
     Returns
     -------
     BatchColumns
-        In the order given. A unit that gives no calibration is a row with its error.
+        In the order of `units`. A unit without a calibration has a row with its error.
     """
     if not target_deg > 0.0:
         raise UsageError(f"target is {target_deg:g}°: need a positive angle")
     columns = BatchColumns.empty(len(units))
     for places, whole, offsets in _groups(units):
         records = engine().fit_many(whole.field, offsets, time=whole.time, dip_deg=dip_deg)
-        known = _tells_all(records, whole.unit.inside)
+        known = _is_sufficient(records, whole.unit.inside)
         records, there = records.compress(known), places[known]
-        _add_unmodelled(records, _disturbed(units, there))
+        _add_unmodelled(records, _with_disturbances(units, there))
         request = engine().request(target_deg=target_deg, is_microtesla=whole.unit.inside == MICROTESLA)
         judgements = engine().judge_many(records, request)
         _fill(columns, there, records, judgements, whole.unit.inside)
@@ -189,8 +189,8 @@ def fit_batch(units: Sequence[Samples] | Lined, *, target_deg: float = 1.0, dip_
     return columns
 
 
-def _disturbed(units: Sequence[Samples] | Lined, places: NDArray[np.intp]) -> Iterator[tuple[int, Samples]]:
-    """Those of some units that have currents, throttles or temperatures, with their numbers among these."""
+def _with_disturbances(units: Sequence[Samples] | Lined, places: NDArray[np.intp]) -> Iterator[tuple[int, Samples]]:
+    """Yield index and readings of each unit with currents, throttles or temperatures."""
     if isinstance(units, Lined) and not units.whole.disturbances:
         return
     for number, place in enumerate(places.tolist()):
@@ -199,7 +199,7 @@ def _disturbed(units: Sequence[Samples] | Lined, places: NDArray[np.intp]) -> It
 
 
 def _groups(units: Sequence[Samples] | Lined) -> Iterator[tuple[NDArray[np.intp], Samples, NDArray[np.int64]]]:
-    """Units whose readings alone have a say, one behind the other: their places, all readings, where each begins."""
+    """Yield groups of units that need their readings alone: their indices, joined readings and start indices."""
     if isinstance(units, Lined):
         if _is_plain(units.whole):
             yield np.arange(len(units)), units.whole, np.concatenate([[0], units.ends])
@@ -216,12 +216,12 @@ def _groups(units: Sequence[Samples] | Lined) -> Iterator[tuple[NDArray[np.intp]
 
 
 def _is_plain(one: Samples) -> bool:
-    """Whether nothing beside the readings and their times has a say in the fit."""
+    """Whether the fit uses only the readings and their times."""
     return one.strength is None and not one.skipped and not one.axes.is_mirror
 
 
-def _tells_all(records: Records, inside: str) -> NDArray[np.bool_]:
-    """(U,) whether a record tells all: one fit of all readings, of a sensor that was turned out of one plane."""
+def _is_sufficient(records: Records, inside: str) -> NDArray[np.bool_]:
+    """(U,) whether a record is sufficient: one fit of all readings, of a sensor that was turned out of one plane."""
     tells: NDArray[np.bool_] = (records["status"] == 0) & (records["unobserved"] == 0) & (records["hides_plane"] == 0)
     return tells & was_turned(records, inside, weakest=0.0)
 
@@ -232,12 +232,12 @@ def _surface(record: Records) -> Ellipsoid:
 
 
 def _limit(record: Records) -> float:
-    """Distance from it beyond which readings are outliers."""
+    """Distance from the ellipsoid of a record beyond which readings are outliers."""
     return float(record["rejected_beyond"]) if record["is_robust"] else np.inf
 
 
 def _add_unmodelled(records: Records, disturbed: Iterator[tuple[int, Samples]]) -> None:
-    """Test those records whose units recorded disturbances for what these explain, in place."""
+    """Test whether recorded disturbances explain residuals of their units; writes into the records in place."""
     for place, one in disturbed:
         record = records[place]
         time = float(np.nan_to_num(record["correlation_time"], nan=1.0))
@@ -247,7 +247,7 @@ def _add_unmodelled(records: Records, disturbed: Iterator[tuple[int, Samples]]) 
 
 
 def _shapes(records: Records) -> Floats:
-    """(U, 3, 3) shapes."""
+    """(U, 3, 3) shape matrices of the records."""
     shapes: Floats = records["shape"][:, [[0, 3, 4], [3, 1, 5], [4, 5, 2]]]
     return shapes
 
@@ -260,7 +260,7 @@ def _corrections(shapes: Floats, strength: Floats) -> Floats:
 
 
 def _fill(columns: BatchColumns, places: NDArray[np.intp], records: Records, judgements: Records, inside: str) -> None:
-    """Write down what judgements tell; a refusal, and what asks for a closer look, is left to a fit of its own."""
+    """Fill columns from judgements; units that are refused or need further tests are left to a separate fit."""
     asks = judgements["asks"] & (ASKS_HALVES | ASKS_SWAP)
     usable = (judgements["verdict"] < REFUSES) & ~np.isnan(judgements["worst_deg"]) & (asks == 0)
     if not usable.any():
@@ -276,15 +276,15 @@ def _fill(columns: BatchColumns, places: NDArray[np.intp], records: Records, jud
     columns.dip_deg[places], columns.coverage[places] = records["dip_deg"], records["coverage"]
     columns.method[places] = np.where(records["is_robust"] == 1, Robust.name, Likelihood.name)
     columns.unit_of_field[places] = inside
-    columns.findings[places] = _named(judged["severities"])
+    columns.findings[places] = _finding_codes(judged["severities"])
     columns.verdict[places] = np.where(judged["verdict"] == LIMITS, "limited", "good")
     columns.by_record[places] = True
 
 
-def _named(severities: NDArray[np.uint8]) -> NDArray[np.object_]:
-    """(K,) tuples of codes, the most severe first; units alike share theirs."""
+def _finding_codes(severities: NDArray[np.uint8]) -> NDArray[np.object_]:
+    """(K,) tuples of codes, the most severe first; units with equal findings share one tuple."""
     there = severities[:, severities.any(axis=0)].astype(np.int64)
-    digits = 4 ** np.arange(there.shape[1])  # of a number for each row of severities, 0 to 3
+    digits = 4 ** np.arange(there.shape[1])  # encodes each row of severities, 0 to 3, as one number
     rows = there @ digits if there.shape[1] < 32 else there
     _, first, kind = np.unique(rows, axis=0, return_index=True, return_inverse=True)
     named: NDArray[np.object_] = np.empty(len(first), dtype=object)
@@ -295,7 +295,7 @@ def _named(severities: NDArray[np.uint8]) -> NDArray[np.object_]:
 
 
 def _alone(one: Samples, *, target_deg: float, dip_deg: float) -> Fit | Exception:
-    """What `flinders.fit` makes of one unit: a fit, or the error that it raises."""
+    """Result of `flinders.fit` for one unit: the fit, or the error that it raises."""
     try:
         return calibrate.fit(one, target_deg=target_deg, site=Site(inclination_deg=dip_deg))
     except UsageError:
@@ -306,18 +306,18 @@ def _alone(one: Samples, *, target_deg: float, dip_deg: float) -> Fit | Exceptio
         return error
 
 
-def _described(error: Exception) -> tuple[str, str, str]:
-    """Verdict, code and message of a unit that gives no fit."""
+def _error_columns(error: Exception) -> tuple[str, str, str]:
+    """Verdict, code and message of a unit without a fit."""
     if isinstance(error, FlindersError):
         return "refused" if isinstance(error, FitError) else "failed", error.code, error.message
     return "failed", "internal", f"{type(error).__name__}: {error}; this is a fault in Flinders, report it"
 
 
 def fill_row(columns: FitColumns, place: int, result: Fit | Exception) -> None:
-    """Write the fit of a unit, or the error in its place, into its row."""
+    """Write the fit of a unit, or its error, into its row."""
     if not isinstance(result, Fit):
         columns.findings[place] = ()
-        columns.verdict[place], columns.code[place], columns.message[place] = _described(result)
+        columns.verdict[place], columns.code[place], columns.message[place] = _error_columns(result)
         columns.cause[place] = columns.code[place]
         return
     error, findings = result.heading_error_deg, result.findings
@@ -340,7 +340,7 @@ def fill_row(columns: FitColumns, place: int, result: Fit | Exception) -> None:
 
 
 def _explain(columns: FitColumns, place: int, result: Fit | Exception) -> None:
-    """Write down why a fit is not good, by the cause that a page shows first."""
+    """Write the cause of a fit that is not good, the one that a page shows first."""
     if isinstance(result, Fit) and result.verdict != "good":
         for first in first_causes(result.findings)[:1]:
             columns.cause[place], columns.message[place] = first.code, headline_of(result).words

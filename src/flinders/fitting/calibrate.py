@@ -1,4 +1,4 @@
-"""The use case: from readings to a judged `Fit`.
+"""The use case `fit`: from readings to a judged `Fit`.
 
 >>> from flinders import simulate
 >>> result = fit(simulate.tumble(seed=1, n=500, motion="uniform").samples)
@@ -61,14 +61,14 @@ ELSEWHERE: Final = {
     **dict.fromkeys(("dip", "dip_deg", "inclination_deg"), "flinders.Site, as inclination_deg"),
     "prior": "flinders.estimators.Likelihood and its like",
 }
-"""Parameters of other functions and values, and of which."""
+"""Parameters that other functions or values take, with the name of each, for messages."""
 
-ONE_A_REST: Final = frozenset({"auto", "consistent", "ellipse", "level", "likelihood", "robust"})
-"""Methods that count a rest as one reading or none; published recipes count each."""
+METHODS_MERGING_RESTS: Final = frozenset({"auto", "consistent", "ellipse", "level", "likelihood", "robust"})
+"""Methods that count all readings at rest as one reading or none; published recipes count each."""
 
 
 class _Frame(NamedTuple):
-    """Unit, axes and frame that readings are in."""
+    """Unit, axes and frame of readings."""
 
     unit: Unit | None
     axes: Axes | None
@@ -76,12 +76,12 @@ class _Frame(NamedTuple):
 
     @classmethod
     def of(cls, source: object, unit: Unit | None = None, axes: Axes | None = None) -> Self:
-        """Those of a recording, which knows them; else those that are given.
+        """Take unit and axes from a recording, else from the arguments.
 
         Raises
         ------
         UsageError
-            Where others are given for a recording: that would not convert it.
+            If a unit or axes are given for a recording with others: they would not convert it.
         """
         if not hasattr(source, "blocks"):
             return cls(unit, axes)
@@ -109,50 +109,50 @@ def fit(
     aiding: AnyAiding = (),
     linearize: bool = False,
 ) -> Fit:
-    """Find the calibration, and say how far to trust it.
+    """Calibrate a magnetometer from readings, with the uncertainty and a verdict.
 
     Parameters
     ----------
     source : Samples, Recording, Summary, (N, 3) array-like, path, open file or data frame
-        Readings; what `flinders.read` reads is read, with columns chosen by their names. A `Summary` is enough for the
+        Readings, or a source for `flinders.read`, with columns chosen by their names. A `Summary` is enough for the
         methods that need only sums; ``auto`` then is ``consistent``.
     method : str or Estimator
         A name of `flinders.estimators.METHODS`; or a method with its options, such as
-        ``flinders.estimators.Likelihood(prior=None)``. What it takes of the site comes from `site`.
+        ``flinders.estimators.Likelihood(prior=None)``. Its parameters of the site come from `site`.
     target_deg : float
         Worst heading error that is good enough, in degrees.
     site : Site, optional
-        What is known of the field at the place, and of the mounting. Corrected readings have its strength as their
-        length: without it the matrix has determinant 1 and the length is the radius that results. Headings are judged
-        at its inclination, else at 60° (`Claim.dip_assumed`). What it states with an uncertainty counts in the fit.
+        Known field at the place of the recording, and known mounting. Corrected readings have the strength of the site;
+        without a strength the matrix has determinant 1 and the length is the fitted radius. Headings are judged
+        at its inclination, else at 60° (`Claim.dip_assumed`). Its values with an uncertainty are priors of the fit.
     columns : str or sequence of str or int, optional
         Which columns of a file or data frame are the magnetometer's, as `flinders.read` takes them:
         ``["mx", "my", "mz"]``; by default they are known by their names.
     unit : str or Unit, optional
-        What an array or a file is in, as `flinders.read` takes it: ``"uT"``, ``"mG"``; a recording brings its own.
+        Unit of an array or a file, as in `flinders.read`: ``"uT"``, ``"mG"``; a recording has its own.
     axes : str or Axes, optional
-        Where each axis comes from, such as ``"x,-y,-z"``; a recording brings its own. A Summary was made in its axes
-        and in the unit that `unit` is inside.
+        Where each axis comes from, such as ``"x,-y,-z"``; a recording has its own. For a Summary: the axes of its
+        readings, and `unit` is their unit.
     sensor : str or int, optional
-        Name or serial number, kept with the calibration; of a log, which magnetometer, by number or name.
+        Name or serial number, stored with the calibration; for a log, number or name of the magnetometer to use.
     disturbances : sequence of str
-        What the offset shall follow: ``current``, ``throttle``, ``temperature``, of columns that the recording has;
-        ``currents`` and ``throttles`` of each motor by itself, or one by one, as ``current1``. Any other name is that
-        of a column in the log or table, as ``wheel_speed_rpm`` or ``BAT.Curr``: of numbers, or of the two words of a
-        state. One that explains nothing is left out, and a finding says so.
+        Columns that the offset shall follow: ``current``, ``throttle``, ``temperature``; ``currents`` and ``throttles``
+        for each motor separately, or single motors, as ``current1``. Any other name is that of a column in the log or
+        table, as ``wheel_speed_rpm`` or ``BAT.Curr``, with numbers or with the two words of a state. A column that
+        explains nothing is left out, and a finding states that.
     aiding : str, sequence of str or Instruments
-        What else was recorded and shall count: ``rate``, ``dip``, ``tilt``, ``attitude``; or ``auto`` for what earns
-        its place, disturbances included. `Instruments` says what their errors may be. What makes the claim larger is
-        left out, and `AidingSensor.reason` says so. See docs/terms.md.
+        Other recorded sensors to use: ``rate``, ``dip``, ``tilt``, ``attitude``; or ``auto`` for those that improve the
+        calibration, disturbances included. `Instruments` also states their errors. A sensor that enlarges the claim is
+        left out, with an `AidingSensor.reason`. See docs/terms.md.
     linearize : bool
-        Correct axes that are not linear, where chance hardly explains them and the claim becomes smaller
-        (`Calibration.linearization`): C and Python hold such a calibration, other targets do not. For one recording in
-        memory by ``auto``, without aids and disturbances.
+        Correct nonlinear axes if the nonlinearity is significant and the claim becomes smaller
+        (`Calibration.linearization`). Of the targets only C and Python hold such a calibration. For one recording in
+        memory by ``auto``, without aiding sensors and disturbances.
 
     Raises
     ------
     FitError
-        If the readings give no ellipsoid; `Refused` carries the fit where there is one that cannot be trusted.
+        If the readings give no ellipsoid; `Refused` carries a fit that cannot be trusted.
     ArrayError
         For readings of the wrong shape.
     UsageError
@@ -175,22 +175,25 @@ def fit(
     axes = Axes.of(axes) if isinstance(axes, str) else axes
     source, name = recording_of(source, unit, axes, sensor, columns)
     given = None if isinstance(source, Summary) else source
-    source, disturbed, tried, unused = _compensated(source, disturbances, request)
+    source, disturbed, tried, unused = _compensate(source, disturbances, request)
     frame = _Frame.of(source, unit, axes)
-    found = _estimated(Readings.of(source), estimator, request, frame.unit)._replace(unused=unused)
+    found = _estimate(Readings.of(source), estimator, request, frame.unit)._replace(unused=unused)
     if disturbed is not None:
         found = found._replace(disturbed=disturbed)
     if linearize:
-        found = _linearized(found, estimator, request, frame.unit)
-    judged_with = partial(_judged, tried=tried, estimator=estimator, request=request, frame=frame, sensor=name)
+        found = _linearize(found, estimator, request, frame.unit)
+    judged_with = partial(_judge, tried=tried, estimator=estimator, request=request, frame=frame, sensor=name)
     result = judged_with(found)
-    if found.is_joint and (alone := _unaided(source, found, estimator, request, frame.unit)) is not None:
-        left_out = _left_out(result, judged_with(alone), found.aiding)
+    if (
+        found.is_joint
+        and (alone := _estimate_without_aiding(source, found, estimator, request, frame.unit)) is not None
+    ):
+        left_out = _replaced_aiding(result, judged_with(alone), found.aiding)
         result = result if left_out is None else judged_with(alone._replace(aiding=left_out))
     return accepted(of_recording(mounted(result, request.alignment_sigma_deg), given))
 
 
-def _judged(
+def _judge(
     found: Estimated,
     *,
     tried: tuple[AidingSensor, ...],
@@ -199,32 +202,32 @@ def _judged(
     frame: _Frame,
     sensor: str | None,
 ) -> Fit:
-    """Claim and judge an estimate; `tried`: disturbances that there is something to say of."""
+    """Widen the covariance of an estimate and judge it; `tried` has reports of disturbances."""
     if found.aiding is not None:
         found = found._replace(aiding=replace(found.aiding, sensors=(*tried, *found.aiding.sensors)))
-    widened = _claimed(found, estimator, request)
-    calibration = _turned(_calibration(widened.estimate, request, frame, sensor), found.aiding)
+    widened = _claim(found, estimator, request)
+    calibration = _in_body_axes(_calibration(widened.estimate, request, frame, sensor), found.aiding)
     if found.linearized is not None:
         calibration = replace(calibration, linearization=found.linearized.linearization)
     return judged(widened, found, calibration, request)
 
 
-def _unaided(
+def _estimate_without_aiding(
     source: Recording | Summary, aided: Estimated, estimator: Estimator, request: Request, unit: Unit | None
 ) -> Estimated | None:
-    """The estimate of the same readings without aiding sensors; None where they give none."""
+    """Estimate from the same readings without aiding sensors; None if the readings give none."""
     try:
-        alone = _estimated(Readings.of(source), estimator, replace(request, instruments=None), unit)
+        alone = _estimate(Readings.of(source), estimator, replace(request, instruments=None), unit)
     except FitError:
         return None
     return alone._replace(disturbed=aided.disturbed, unused=aided.unused)
 
 
-def _left_out(aided: Fit, alone: Fit, aiding: Aiding | None) -> Aiding | None:
-    """What there is to say of aiding sensors that are left out in the end; None where the fit with them stands.
+def _replaced_aiding(aided: Fit, alone: Fit, aiding: Aiding | None) -> Aiding | None:
+    """Report of aiding sensors that are left out after comparison; None if the aided fit is kept.
 
-    They are left out where the fit with them is refused and the one without is not, or claims more. A level turn claims
-    too little where the body leans, so that it is the better fit where the other one is refused alone.
+    They are left out if only the aided fit is refused, or if it claims more error. A level turn claims too little where
+    the body leans, so that it replaces the aided fit only if the aided fit is refused.
     """
     with_deg, without_deg = aided.heading_error_deg.worst, alone.heading_error_deg.worst
     is_refused = aided.verdict == "refused"
@@ -235,7 +238,7 @@ def _left_out(aided: Fit, alone: Fit, aiding: Aiding | None) -> Aiding | None:
 
 
 class _Compensated(NamedTuple):
-    """Readings less their disturbances, those disturbances, and what there is to say of columns that were tried."""
+    """Readings with disturbances subtracted, the disturbances, and reports of the columns that were tried."""
 
     source: Recording | Summary
     disturbed: DisturbanceFit | None = None
@@ -243,8 +246,8 @@ class _Compensated(NamedTuple):
     unused: tuple[DisturbanceEstimate, ...] = ()
 
 
-def _compensated(source: Recording | Summary, disturbances: Sequence[str], request: Request) -> _Compensated:
-    """Compensate readings for disturbances: those that are named, else with all aiding sensors those that help."""
+def _compensate(source: Recording | Summary, disturbances: Sequence[str], request: Request) -> _Compensated:
+    """Compensate readings for the named disturbances; with ``auto`` for those that improve the fit."""
     tried: tuple[AidingSensor, ...] = ()
     if (
         request.instruments
@@ -271,26 +274,26 @@ def _compensated(source: Recording | Summary, disturbances: Sequence[str], reque
     return _Compensated(recording, disturbed.with_states(states), tried, unused)
 
 
-def _estimated(readings: Readings, estimator: Estimator, request: Request, unit: Unit | None) -> Estimated:
-    """Estimate by the engine's record where it is enough, else by aiding sensors or the method, and the site."""
+def _estimate(readings: Readings, estimator: Estimator, request: Request, unit: Unit | None) -> Estimated:
+    """Estimate by the engine if one record suffices, else by aiding sensors or the method; then apply the site."""
     if not request.instruments and not request.site:
         recorded = Estimated.of_record(estimator, readings, unit)
         if recorded is not None:
             return recorded
     readings = within_range(turned_readings(readings, estimator, unit))
-    if estimator.name in ONE_A_REST:
+    if estimator.name in METHODS_MERGING_RESTS:
         readings = readings.fitted()
     joint, aiding = aided_estimate(readings.as_read, request)
     if joint is not None:
         return Estimated.of(joint, readings, aiding)._replace(is_joint=True)
     from flinders.estimators.one_strength import at_one_strength
 
-    estimate = _at_site(estimator.estimate(readings), readings, request)
+    estimate = _apply_site(estimator.estimate(readings), readings, request)
     return Estimated.of(estimate, at_one_strength(readings, estimate), aiding)
 
 
-def _linearized(plain: Estimated, estimator: Estimator, request: Request, unit: Unit | None) -> Estimated:
-    """Evidence of linear readings, where axes are hardly linear and a smaller claim is left; else as it was.
+def _linearize(plain: Estimated, estimator: Estimator, request: Request, unit: Unit | None) -> Estimated:
+    """Estimate from linearized readings, if axes are nonlinear and the claim becomes smaller; else `plain`.
 
     Raises
     ------
@@ -299,15 +302,15 @@ def _linearized(plain: Estimated, estimator: Estimator, request: Request, unit: 
     """
     if request.site is not None or plain.readings.parts or plain.readings.recording is None:
         raise UsageError(
-            "axes are linearized by one recording, and by no field of a site, as a log may state one: calibrate "
-            "recordings one by one, and leave the site out",
+            "axes are linearized from one recording in memory and without a known field; found several recordings, "
+            "sums or a site (a log may state one): calibrate recordings one by one, and leave the site out",
             hint={"linearize": True},
         )
     curved, lag = faults_of_axes(plain.estimate, plain)
     recording = plain.readings.as_read.recording
     if plain.record is None or not isinstance(recording, Samples) or curved is None or not curved.is_likely:
         return plain
-    if lag is not None and lag.is_proven and lag.p_value < curved.p_value:  # looks a little like curves
+    if lag is not None and lag.is_proven and lag.p_value < curved.p_value:  # a delay resembles a nonlinearity
         return plain
     from flinders.fitting.linearization import ROUNDS, AxisTerms
 
@@ -326,18 +329,18 @@ def _linearized(plain: Estimated, estimator: Estimator, request: Request, unit: 
 
 
 def _expected_deg(found: Estimated) -> float:
-    """Worst level heading error by the engine's record, with what belongs to the direction."""
+    """Worst level heading error by the engine's record in degrees, with the part that depends on the direction."""
     assert found.record is not None
     record = found.record.copy()
-    record["is_claimed"] = True  # each by its own covariance: few readings widen both alike
+    record["is_claimed"] = True  # compare covariances as estimated: few readings widen both by the same factor
     add_faults(record, found.estimate, found)
     return float(engine().judge(record, engine().request(shrinks=0))["worst_deg"])
 
 
-def _claimed(found: Estimated, estimator: Estimator, request: Request) -> Widened:
-    """Widen the covariance of an estimate by what its method does not know of, and by its disturbances.
+def _claim(found: Estimated, estimator: Estimator, request: Request) -> Widened:
+    """Widen the covariance of an estimate by errors that its method does not include, and by its disturbances.
 
-    An estimate of `auto` by the magnitude alone, with a prior, is shrunk where its readings were corrected before.
+    An estimate of `auto` by the magnitude alone, with a prior, is shrunk if its readings were corrected before.
     """
     widened = claimed(
         found.estimate,
@@ -367,33 +370,33 @@ def judged_as(
     dip_assumed: bool = False,
     refreshed: Refreshed | None = None,
 ) -> Fit:
-    """Judge an estimate that was made elsewhere, such as by several magnetometers together, as that of a recording.
+    """Judge an estimate from elsewhere, such as a joint fit of several magnetometers, as the fit of a recording.
 
     Parameters
     ----------
     estimate : Estimate
-        Its covariance knows how residuals are correlated.
+        Its covariance includes the correlation of residuals.
     source : Recording or Readings
-        The readings that it belongs to, for coverage and health; as readings those at no rail.
+        The readings of the estimate, for coverage and health; as `Readings` without those at a rail.
     aiding_result : Aiding, optional
-        With the rotation that corrected readings are turned by.
+        With the rotation from the sensor's axes to those of the body.
     site, target_deg, sensor
         As for `fit`.
     dip_assumed : bool
-        The dip of the site is a guess.
+        Whether the dip of the site is a guess.
     refreshed : Refreshed, optional
-        Where the shape is that of an earlier calibration.
+        Given if the shape is that of an earlier calibration.
 
     Raises
     ------
     Refused
-        Where it cannot be trusted; it carries the fit.
+        If the fit cannot be trusted; the error carries the fit.
     """
     request = Request.of(site, target_deg=target_deg)
     request = replace(request, dip_assumed=dip_assumed or request.dip_assumed)
     readings = source if isinstance(source, Readings) else within_range(Readings.of(source))
     found = Estimated.of(estimate, readings, aiding_result)._replace(refreshed=refreshed)
-    calibration = _turned(_calibration(estimate, request, _Frame.of(readings.recording), sensor), aiding_result)
+    calibration = _in_body_axes(_calibration(estimate, request, _Frame.of(readings.recording), sensor), aiding_result)
     widened = claimed(
         estimate,
         found.readings,
@@ -406,15 +409,15 @@ def judged_as(
     return accepted(of_recording(fit, readings.as_read.recording))
 
 
-def _turned(calibration: Calibration, aiding_result: Aiding | None) -> Calibration:
-    """Turn corrected readings into the axes of the body, where an aiding sensor saw how the sensor sits in them."""
+def _in_body_axes(calibration: Calibration, aiding_result: Aiding | None) -> Calibration:
+    """Add the rotation into body axes to a calibration, if an aiding sensor observed the mounting."""
     if aiding_result is None or aiding_result.rotation is None:
         return calibration
     return replace(calibration, matrix=aiding_result.rotation @ calibration.matrix, rotation="estimated")
 
 
-def _at_site(estimate: Estimate, readings: Readings, request: Request) -> Estimate:
-    """Use the field of the site."""
+def _apply_site(estimate: Estimate, readings: Readings, request: Request) -> Estimate:
+    """Apply the known field of the site to an estimate."""
     if estimate.bias is not None or readings.recording is None:
         return estimate
     from flinders.estimators.known_dip import sited
@@ -424,7 +427,7 @@ def _at_site(estimate: Estimate, readings: Readings, request: Request) -> Estima
 
 
 def _calibration(estimate: Estimate, request: Request, frame: _Frame, sensor: str | None) -> Calibration:
-    """The correction that makes a sphere of the ellipsoid; a strength that follows the readings is as good as given."""
+    """The correction that maps the ellipsoid to a sphere of the stated or fitted strength."""
     given, site = request.field_strength, request.site
     if given is None and site is not None and estimate.strength == site.strength:
         given = site.strength

@@ -1,4 +1,4 @@
-"""How far a calibration may err: its covariance, and the errors of heading and direction that follow of it.
+"""The claim of a calibration: its covariance, and the errors of heading and direction that follow from it.
 
 >>> from flinders import simulate
 >>> from flinders.fitting import calibrate
@@ -40,38 +40,37 @@ if TYPE_CHECKING:
     from flinders.geometry.plane import Plane
 
 TILTS: Final = (10.0, 30.0, 90.0)
-"""Degrees of tilt at which it is said how much worse headings get."""
+"""Tilts at which reports state the heading error."""
 
 NO_ERROR: Final = HeadingError(math.nan, math.nan, math.nan)
 
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
 class Claim(ShortRepr):
-    """What is claimed of a calibration: its covariance, and the errors that follow of it, 1 σ."""
+    """Claimed accuracy of a calibration: its covariance, and the errors that follow from it, 1 σ."""
 
-    calibration: Calibration  #: the correction that it is about
+    calibration: Calibration  #: the correction
     #: (9, 9): of the offset b and the shape S = F W⁻¹, in the order b₁, b₂, b₃, S₁₁, S₂₂, S₃₃, S₁₂, S₁₃, S₂₃, in the
-    #: square of the calibration's unit. Singular where the method holds some of them; zeros where no uncertainty is
-    #: stated, see `states_uncertainty`.
+    #: square of the calibration's unit. Singular if the method fixes some of them; zeros if no uncertainty is stated,
+    #: see `states_uncertainty`.
     covariance: Floats = field(default_factory=lambda: np.zeros((9, 9)))
     textbook_covariance: Floats | None = None  #: (9, 9): as `covariance`, if residuals were independent
     heading_error_deg: HeadingError = NO_ERROR  #: expected of a level vehicle, 1 σ; NaN if not stated
-    #: part of the heading error that belongs to the direction: as much across the field as the distortion is along it
-    #: (1 σ), or that of axes that are proven not to be linear or to be late (at the worst heading), whichever is larger
+    #: part of the heading error that depends on the direction, the larger of two: an error across the field as large as
+    #: the distortion along it (1 σ), or the error at the worst heading from axes that are proven nonlinear or late
     structure_deg: float = 0.0
-    #: inclination of the field at the site. That of `heading_error_deg` has the sign that the recording shows: the
-    #: other one for a sensor mounted upside down.
+    #: inclination of the field at the site. The inclination in `heading_error_deg` has the sign that the recording
+    #: shows, which is opposite for a sensor mounted upside down.
     dip_deg: float = ASSUMED_DIP_DEG
-    dip_assumed: bool = False  #: nobody said where the readings were taken, and `dip_deg` is a guess
-    target_deg: float = 1.0  #: the worst heading error that was asked for
-    #: heading error (1 σ) from a mounting of the stated uncertainty, beside `heading_error_deg`
+    dip_assumed: bool = False  #: whether `dip_deg` is a guess because the place is unknown
+    target_deg: float = 1.0  #: requested worst heading error
+    #: heading error (1 σ) from the stated uncertainty of the mounting, not part of `heading_error_deg`
     alignment_error_deg: float | None = None
-    #: heading error (rms) that the method's own bias and misfit cost, as far as the readings show; in the covariance
+    #: heading error (rms) from the bias and misfit of the method, as far as the readings show; part of the covariance
     bias_deg: float = 0.0
     #: whether the readings were corrected before, and the fit is shrunk towards leaving them as they are (``claim.c``)
     is_shrunk: bool = False
-    #: ``xy``, ``yz`` or ``zx`` where the readings of one plane are all that it rests on: headings are then those of a
-    #: turn about the third axis
+    #: ``xy``, ``yz`` or ``zx`` if all readings lie in one plane: headings are then those of a turn about the third axis
     plane: Plane | None = None
 
     def __post_init__(self) -> None:
@@ -86,17 +85,17 @@ class Claim(ShortRepr):
 
     @property
     def ellipsoid(self) -> Ellipsoid:
-        """The ellipsoid that the calibration makes a sphere, in the magnetometer's own axes: it knows no rotation."""
+        """The ellipsoid that the calibration maps to a sphere, in the magnetometer's own axes."""
         return self.calibration.ellipsoid
 
     @property
     def states_uncertainty(self) -> bool:
-        """Whether it has a covariance; an imported calibration, or one composed of several turns, has none."""
+        """Whether a covariance is stated; an imported calibration, or one composed of several turns, has none."""
         return bool(self.covariance.any())
 
     @property
     def known_dip_deg(self) -> float:
-        """Inclination of the field with the sign that the recording shows; that of the site where none is stated."""
+        """Inclination of the field with the sign that the recording shows, else that of the site."""
         dip_deg = self.heading_error_deg.dip_deg
         return self.dip_deg if math.isnan(dip_deg) else dip_deg
 
@@ -107,10 +106,11 @@ class Claim(ShortRepr):
 
     @property
     def claimed_covariance(self) -> Floats:
-        """(9, 9) covariance of which every stated error of heading and direction follows, at any dip and attitude.
+        """(9, 9) covariance from which every stated error of heading and direction follows, at any dip and attitude.
 
-        That of offset and shape, with what belongs to the direction as an uncertain offset P = σ² S Sᵀ: it moves the
-        corrected field by σ in every direction, and a level heading by σ / cos I = `structure_deg` at every heading.
+        The covariance of offset and shape, plus an uncertain offset P = σ² S Sᵀ for errors that depend on the
+        direction. It moves the corrected field by σ in every direction, and a level heading by σ / cos I =
+        `structure_deg`.
         """
         if not self.structure_deg:
             return self.covariance
@@ -120,27 +120,27 @@ class Claim(ShortRepr):
 
     @property
     def direction_error_deg(self) -> DirectionError:
-        """What to expect of the direction of the corrected field over the whole sphere, 1 σ."""
+        """Expected error of the direction of the corrected field over the whole sphere, 1 σ."""
         return direction_error_deg(self.ellipsoid, self.claimed_covariance)
 
     @property
     def textbook_heading_error_deg(self) -> HeadingError | None:
-        """What the covariance for independent residuals would claim."""
+        """Heading error by the covariance for independent residuals, 1 σ."""
         if self.textbook_covariance is None:
             return None
         down = down_of(self.plane)
         return level_error(self.ellipsoid, self.textbook_covariance, dip_deg=self.known_dip_deg, down=down)
 
     def level_error(self, dip_deg: float | None = None) -> HeadingError:
-        """What to expect of the heading of a level vehicle, 1 σ; by default at the dip that the fit was judged at."""
+        """Expected heading error of a level vehicle, 1 σ; by default at the dip that the fit was judged at."""
         dip = self.known_dip_deg if dip_deg is None else dip_deg
         return level_error(self.ellipsoid, self.claimed_covariance, dip_deg=dip, down=down_of(self.plane))
 
     @property
     def heading_bound_deg(self) -> float:
-        """What a level heading errs by at most, at all headings, with a probability of 95 %; NaN if not stated.
+        """Limit of the level heading error at all headings, with a probability of 95 %; NaN if not stated.
 
-        `flinders.heading.error_propagation` of `claimed_covariance`.
+        See `flinders.heading.error_propagation.level_bound_deg`.
         """
         if not self.states_uncertainty:
             return math.nan
@@ -150,34 +150,34 @@ class Claim(ShortRepr):
 
     @property
     def of_headings(self) -> Claimed:
-        """What a headline says of it."""
+        """Numbers of the claim for a headline."""
         return Claimed(self.heading_error_deg.worst, self.heading_bound_deg, self.target_deg)
 
     def tilted_error(self, tilt_deg: float) -> HeadingError:
-        """What to expect of the heading of a vehicle that is rolled or pitched, and knows how far."""
+        """Expected heading error of a vehicle that is rolled or pitched by a known angle, 1 σ."""
         dip, down = self.known_dip_deg, down_of(self.plane)
         return tilted_error(self.ellipsoid, self.claimed_covariance, dip_deg=dip, tilt_deg=tilt_deg, down=down)
 
     @property
     def attitude_limit_deg(self) -> float:
-        """Tilt up to which the worst heading error is within the target: 0 where even level it is not, 180 for all."""
+        """Tilt up to which the worst heading error is within the target: 0 if not even level, 180 if at any tilt."""
         dip, down = self.known_dip_deg, down_of(self.plane)
         claimed, limit = self.claimed_covariance, self.target_deg
         return attitude_limit_deg(self.ellipsoid, claimed, dip_deg=dip, limit_deg=limit, down=down)
 
     @property
     def per_degree_of_tilt(self) -> float:
-        """Degrees by which a degree of tilt adds to the worst heading error, independent of what a level one has."""
+        """Heading error per degree of tilt, in degrees, added in quadrature to the worst level heading error."""
         return float(np.sqrt(max(self.tilted_error(1.0).worst ** 2 - self.heading_error_deg.worst**2, 0.0)))
 
     @property
     def uncorrected_heading_error_deg(self) -> HeadingError:
-        """What the heading of the same vehicle errs by without the calibration, if the calibration is right."""
+        """Heading error of the same vehicle without the calibration, if the calibration is right."""
         return raw_error(self.ellipsoid, dip_deg=self.known_dip_deg, down=down_of(self.plane))
 
 
 def parameters_of(calibration: Calibration) -> tuple[str, ...]:
-    """What the rows of the covariance of all parameters stand for, the disturbances among them."""
+    """Names of the rows of the covariance of all parameters, disturbances included."""
     disturbances = calibration.disturbances
     named = [f"{disturbance.kind.key}_{axis}" for disturbance in disturbances for axis in "xyz"]
     growth = [f"{disturbance.kind.key}_scale" for disturbance in disturbances if disturbance.name == "temperature"]
@@ -185,10 +185,10 @@ def parameters_of(calibration: Calibration) -> tuple[str, ...]:
 
 
 def heading_words(claim: Claim) -> str:
-    """The worst heading error, 1 σ, and its bound, as ``0.32° (95 % within 0.71°)``."""
+    """The worst heading error, 1 σ, and its bound in words, as ``0.32° (95 % within 0.71°)``."""
     return error_words(claim.of_headings)
 
 
 def dip_words(claim: Claim) -> str:
-    """Dip that headings are judged at, with the sign that the recording shows, as ``dip 60° (assumed)``."""
+    """Dip for headings in words, with the sign that the recording shows, as ``dip 60° (assumed)``."""
     return f"dip {claim.known_dip_deg:.3g}°{' (assumed)' if claim.dip_assumed else ''}"

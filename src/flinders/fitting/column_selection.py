@@ -1,9 +1,9 @@
-"""Which columns of a log a calibration follows, of those that were named: those that explain readings left out.
+"""Selection among named columns of a log: a calibration follows those that explain left-out readings.
 
-Each is tried beside all others, by the hold-out of `flinders.fitting.disturbance_selection`. The one that explains
-least is left out if that is nothing, and the fit says so; then the rest is tried again. One that follows the direction
-of the field is refused, as it cannot be told from soft iron. Currents, throttles and temperatures that are named are
-always followed.
+Each column is tried together with all others, by the hold-out of `flinders.fitting.disturbance_selection`. If the
+column that explains least explains nothing, the fit leaves it out and reports it, and the others are tried again. A
+column that follows the direction of the field is refused, as it cannot be distinguished from soft iron. Named
+currents, throttles and temperatures are always followed.
 
 >>> from dataclasses import replace
 >>> import numpy as np
@@ -41,18 +41,18 @@ if TYPE_CHECKING:
     from flinders.estimators.disturbance import DisturbanceFit
 
 MAX_FOLLOWING: Final = 0.75
-"""Share of a column that directions of the field predict, beyond which it is refused."""
+"""Largest share of a column that directions of the field may predict; beyond it the column is refused."""
 
 
 MAX_COLLINEARITY: Final = 0.95
-"""Share of what tells about a column that offset and soft iron could explain as well, beyond which it is refused."""
+"""Largest share of the information on a column that offset and soft iron may explain as well."""
 
 
 MAX_EXPLAINED: Final = 0.3
-"""Of the strength of the field, rms: a column that explains more may have taken the field itself."""
+"""Largest rms effect of a column, as a share of the field's strength, for which its own fit gives the directions."""
 
 
-class Selected(NamedTuple):
+class Selection(NamedTuple):
     """Recordings with columns of numbers, the disturbances to follow, and columns that explain nothing."""
 
     recording: Recording
@@ -61,11 +61,11 @@ class Selected(NamedTuple):
     states: Mapping[str, tuple[str, ...]] = {}
 
 
-def selected(source: Recording, names: Sequence[str], *, spread: float | None = prior.SPREAD) -> Selected:
-    """Choose among columns that were named.
+def selected(source: Recording, names: Sequence[str], *, spread: float | None = prior.SPREAD) -> Selection:
+    """Select columns to follow among named columns.
 
-    Raises `FollowsAttitude` for a column that is a function of the direction of the field; `InputError` for one that is
-    not there, or has words and not two of them; `UsageError` and `TooFewSamples` as
+    Raises `FollowsAttitude` for a column that is a function of the direction of the field; `InputError` for a missing
+    column, or a column of words that are not exactly two; `UsageError` and `TooFewSamples` as
     `flinders.estimators.disturbance.fit_disturbances`.
 
     Parameters
@@ -75,7 +75,7 @@ def selected(source: Recording, names: Sequence[str], *, spread: float | None = 
     names : sequence of str
         As for `fit_disturbances`.
     spread : float, optional
-        Of the prior on the shape.
+        Standard deviation of the prior on the shape.
     """
     parts = [samples for part in singles(source) if len(samples := in_memory(part))]
     states = states_in(parts, names)
@@ -84,7 +84,7 @@ def selected(source: Recording, names: Sequence[str], *, spread: float | None = 
     moving, _ = Logged.of(parts, tuple(names)).split()
     columns = [name for name in dict.fromkeys(names) if is_column(name) and name in moving]
     if not columns or still(parts, names) is not None:
-        return Selected(whole, tuple(names), states=states)
+        return Selection(whole, tuple(names), states=states)
     refuse_attitude(parts, names, columns, spread)
     kept, unused = tuple(dict.fromkeys(names)), list[DisturbanceEstimate]()
     while columns:
@@ -95,11 +95,11 @@ def selected(source: Recording, names: Sequence[str], *, spread: float | None = 
         unused.append(DisturbanceEstimate(worst, scatter_ratio=ratios[worst]))
         columns.remove(worst)
         kept = tuple(name for name in kept if name != worst)
-    return Selected(whole, kept, tuple(unused), states)
+    return Selection(whole, kept, tuple(unused), states)
 
 
 def _scatter_ratio(parts: Sequence[Samples], names: tuple[str, ...], column: str, spread: float | None) -> float:
-    """Scatter of the field's strength in stretches left out, with one of the disturbances over without it."""
+    """Scatter of the field's strength in left-out stretches, with one of the disturbances over without it."""
     others = tuple(name for name in names if name != column)
     before, after = hold_out_residuals(parts, others, names, spread)
     return after / before
@@ -110,9 +110,10 @@ def refuse_attitude(
 ) -> None:
     """Raise `FollowsAttitude` for the first of some columns that is a function of the direction of the field.
 
-    Directions are those of a fit that follows all columns. Where a column takes most of the field itself, as a linear
-    function of the direction can, they are those of a fit that follows none. Such a column may leave all readings in
-    one plane, and an ellipsoid of any size through them: its share is of the smaller of the two.
+    The directions come from a fit that follows all columns. A column that is a linear function of the direction can
+    absorb most of the field in that fit; its directions then come from a fit that follows no column. Such a column may
+    leave all readings in one plane and an ellipsoid of any size through them, so that the smaller radius of the two
+    fits is the field's strength.
     """
     found = fit_disturbances(parts, names, spread=spread)
     logged = Logged.of(parts, tuple(names))
@@ -134,7 +135,7 @@ def refuse_attitude(
 
 
 def _directions(logged: Logged, found: DisturbanceFit) -> Floats:
-    """(N, 3) directions of the field in readings less what disturbances add."""
+    """(N, 3) directions of the field in readings with disturbances subtracted."""
     readings = logged.field
     for one in found.disturbances:
         readings = readings - one.shift(logged.lagged(one.name, one.lag_s))

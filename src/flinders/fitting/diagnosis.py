@@ -1,7 +1,7 @@
-"""Diagnosis of a fit: what follows from more than the surface and its residuals, by the detectors of `diagnostics`.
+"""Diagnosis of a fit by the detectors of `diagnostics`, which need more than the ellipsoid and its residuals.
 
-Drift, axes that answer along a curve or late, a disturbance that nobody models, dependence on the attitude, swapped
-axes.
+The detectors find drift, nonlinear axes, axes read late, a disturbance that is not modelled, dependence on the
+attitude, and swapped axes.
 
 >>> from flinders import simulate
 >>> from flinders.fitting import calibrate
@@ -35,20 +35,20 @@ if TYPE_CHECKING:
     from flinders.native.layouts import Records
 
 LOOKED_AT: Final = 5_000
-"""Readings of a longer recording that are looked at for a change in time."""
+"""Largest count of readings for the test for drift; a longer recording is thinned to it."""
 
 
 def _drift(estimate: Estimate, found: Estimated, dip_deg: float) -> Drift | None:
-    """Whether something changed while one recording was made: if so, its residuals are not white.
+    """Drift within one recording; None if its residuals are white or the test does not apply.
 
-    What a model is too simple for looks like a change, too, and is stated as a bias.
+    The bias of a method looks like drift, so that an estimate with a bias is not tested.
     """
     readings = found.readings
     if found.record is not None and not estimate.outliers:
         return drift_in(found.record)
     if readings.recording is None or readings.parts or estimate.unobserved or estimate.bias is not None:
         return None
-    if found.refreshed is not None:  # a wobble of seconds tells no change from noise that lasts
+    if found.refreshed is not None:  # in a few seconds drift cannot be distinguished from correlated noise
         return None
     if estimate.correlation is None or estimate.correlation.is_white:
         return None
@@ -57,7 +57,7 @@ def _drift(estimate: Estimate, found: Estimated, dip_deg: float) -> Drift | None
 
 
 def _with_halves(drift: Drift, estimate: Estimate, readings: Readings, request: Request) -> Drift:
-    """Compare the halves of a recording in memory."""
+    """Add the comparison of both halves of a recording in memory to a drift."""
     samples = readings.as_read.recording
     if not isinstance(samples, Samples):
         return drift
@@ -65,7 +65,7 @@ def _with_halves(drift: Drift, estimate: Estimate, readings: Readings, request: 
 
 
 def faults_of_axes(estimate: Estimate, found: Estimated) -> tuple[Nonlinearity | None, AxisLag | None]:
-    """Whether axes answer along a curve, or late, by an ellipsoid that was fitted to readings that nothing drives."""
+    """Nonlinearity and lag of the axes, from a fit without disturbances and without a bias of its method."""
     if found.record is None or found.disturbed or estimate.plane or estimate.unobserved:
         return None, None
     if estimate.bias is not None:
@@ -75,7 +75,7 @@ def faults_of_axes(estimate: Estimate, found: Estimated) -> tuple[Nonlinearity |
 
 
 def add_faults(record: Records, estimate: Estimate, found: Estimated) -> tuple[Nonlinearity | None, AxisLag | None]:
-    """Put faults of axes into a record, and what is left of those that are corrected."""
+    """Write faults of axes into a record; of a corrected nonlinearity, the error that remains."""
     nonlinearity, lag = faults = faults_of_axes(estimate, found)
     record["nonlinear_deg"] = record["lag_deg"] = math.nan
     if lag is not None:
@@ -89,7 +89,7 @@ def add_faults(record: Records, estimate: Estimate, found: Estimated) -> tuple[N
 
 
 def _axis_swap(estimate: Estimate, readings: Readings) -> AxisSwap | None:
-    """Whether axes were swapped while one recording in memory was made."""
+    """Swap of axes within one recording in memory; None if there is none."""
     samples = readings.as_read.recording
     if readings.parts or not isinstance(samples, Samples):
         return None
@@ -98,8 +98,8 @@ def _axis_swap(estimate: Estimate, readings: Readings) -> AxisSwap | None:
     return axis_swap_of(samples.field, estimate.noise)
 
 
-def _unmodelled(estimate: Estimate, found: Estimated, dip_deg: float) -> Unmodelled | None:
-    """Test whether a recorded disturbance moves the readings of one recording in memory while none is modelled."""
+def _unmodelled_disturbance(estimate: Estimate, found: Estimated, dip_deg: float) -> Unmodelled | None:
+    """Test of one recording in memory for a recorded disturbance that changes readings, if the fit follows none."""
     samples = found.readings.recording
     if estimate.unobserved or found.disturbed or not isinstance(samples, Samples) or not samples.disturbances:
         return None
@@ -110,7 +110,7 @@ def _unmodelled(estimate: Estimate, found: Estimated, dip_deg: float) -> Unmodel
 
 
 def _attitude_dependence(estimate: Estimate, found: Estimated, dip_deg: float) -> AttitudeDependence | None:
-    """Test whether something moves the readings of one recording in memory with the attitude: no white residuals."""
+    """Test of one recording in memory for an error that depends on the attitude; None for white residuals."""
     samples, correlation = found.readings.recording, estimate.correlation
     if estimate.plane or estimate.unobserved or (correlation is not None and correlation.is_white):
         return None
@@ -122,7 +122,7 @@ def _attitude_dependence(estimate: Estimate, found: Estimated, dip_deg: float) -
 
 
 def _tilt_error_deg(estimate: Estimate, calibration: Calibration, found: Estimated) -> float:
-    """What the vertical of the accelerometer adds to a heading; NaN in a plane, and where a fit corrects it."""
+    """Heading error from the accelerometer's vertical, in degrees; NaN in a plane, and if the fit corrects it."""
     samples, aiding = found.readings.as_read.recording, found.aiding
     if estimate.plane or not isinstance(samples, Samples) or samples.acceleration is None:
         return math.nan
@@ -134,14 +134,14 @@ def _tilt_error_deg(estimate: Estimate, calibration: Calibration, found: Estimat
 
 
 def diagnosis_of(widened: Widened, estimate: Estimate, found: Estimated, calibration: Calibration) -> Diagnosis:
-    """Find out what follows from more than the surface and its residuals, and put it into the record."""
+    """Run the detectors on a fit; writes faults of axes into its record."""
     dip_deg = float(widened.record["dip_deg"])
     nonlinearity, axis_lag = add_faults(widened.record, estimate, found)
     return Diagnosis(
         drift=_drift(estimate, found, dip_deg),
         nonlinearity=nonlinearity,
         axis_lag=axis_lag,
-        unmodelled=_unmodelled(estimate, found, dip_deg),
+        unmodelled=_unmodelled_disturbance(estimate, found, dip_deg),
         attitude_dependence=_attitude_dependence(estimate, found, dip_deg),
         repeats=widened.repeats,
         refreshed=found.refreshed,
@@ -150,7 +150,7 @@ def diagnosis_of(widened: Widened, estimate: Estimate, found: Estimated, calibra
 
 
 def looked_closer(asks: int, diagnosis: Diagnosis, estimate: Estimate, found: Estimated, request: Request) -> Diagnosis:
-    """Find out what a judgement asks for."""
+    """Diagnosis with the further tests that a judgement requests, as bits of `asks`."""
     if asks & ASKS_HALVES and diagnosis.drift is not None:
         drift = _with_halves(diagnosis.drift, estimate, found.readings, request)
         diagnosis = replace(diagnosis, drift=drift)

@@ -1,11 +1,11 @@
-"""Which disturbances of a recording earn their place: those that explain readings which they were not fitted to.
+"""Selection of recorded disturbances: a disturbance is followed if it explains readings that it was not fitted to.
 
-Current, throttle and temperature are tried one after the other, each with those that were kept; then currents and
-throttles of each motor, in place of those of all together. The recording is cut in twelve intervals; a third of them,
-spread over the recording, is left out in turn. A disturbance is kept if the strength of the field there scatters less
-for it, by two per cent at least.
+Current, throttle and temperature are tried one after the other, each with the disturbances accepted before; then
+currents and throttles of each motor, in place of the totals. The recording is cut into twelve intervals; a third of
+them, spread over the recording, is left out in turn. A disturbance is accepted if it reduces the scatter of the field
+strength in the left-out intervals by at least 2 %.
 
-When to use it: ``--with auto``. A disturbance that is known to matter is better named, and its findings read.
+When to use it: ``--with auto``. Name a disturbance that is known to matter, and read its findings.
 
 >>> from flinders import simulate
 >>> motors = simulate.MotorCurrent(per_ampere=[0.5, 0.0, -0.3])
@@ -43,37 +43,37 @@ if TYPE_CHECKING:
     from flinders.arrays import Floats
     from flinders.core.samples import Recording, Samples
 
-PIECES: Final = 4
-"""Intervals of each fold: a motor runs for a while, and has to run in what is fitted and in what is left out."""
+INTERVALS_PER_FOLD: Final = 4
+"""Intervals of each fold: enough that a motor that runs for a while runs in fitted and in left-out readings."""
 
 WORTH: Final = 0.98
-"""Of the scatter of what was left out: a disturbance that leaves more than this explains nothing."""
+"""Largest ratio of the scatter of left-out readings, with a disturbance over without it, at which it is accepted."""
 
-ENTANGLED: Final = 0.95
-"""Of what tells about a disturbance: where the attitude explains more, what it explains elsewhere is the attitude."""
+MAX_COLLINEARITY: Final = 0.95
+"""Largest share of the information on a disturbance that the attitude may explain as well."""
 
-APART: Final = "each motor by itself explains more"
+REPLACED_BY_MOTORS: Final = "each motor by itself explains more"
 
-FARTHEST: Final = 5.0
-"""Robust standard deviations beyond which a distance counts for no more."""
+MAX_DISTANCE_SIGMAS: Final = 5.0
+"""Robust standard deviations at which a distance is clipped."""
 
 
 def earned(
     source: Recording, *, spread: float | None = prior.SPREAD, dip_deg: float = 60.0
 ) -> tuple[tuple[str, ...], tuple[AidingSensor, ...]]:
-    """Names of the disturbances that earn their place, and what there is to say of each column that was recorded.
+    """Names of the disturbances to follow, and a report of each recorded column.
 
     Parameters
     ----------
     source : Recording
         One, or several of one sensor.
     spread : float, optional
-        Of the prior on the shape.
+        Standard deviation of the prior on the shape.
     dip_deg : float
         Inclination at which headings are compared.
     """
     parts = [samples for part in singles(source) if len(samples := in_memory(part))]
-    recorded = _of_all(parts)
+    recorded = _common_disturbances(parts)
     accepted: tuple[str, ...] = ()
     reports = []
     for name in (name for name in recorded if name in KINDS):
@@ -88,12 +88,14 @@ def earned(
         reports.append(_report(parts, many, accepted, tried, spread, dip_deg))
         if reports[-1].is_used:
             accepted = tried
-            reports = [replace(one, is_used=False, reason=APART) if one.name == name else one for one in reports]
+            reports = [
+                replace(one, is_used=False, reason=REPLACED_BY_MOTORS) if one.name == name else one for one in reports
+            ]
     return accepted, tuple(reports)
 
 
-def _of_all(parts: Sequence[Samples]) -> tuple[str, ...]:
-    """Names of disturbances that each recording has."""
+def _common_disturbances(parts: Sequence[Samples]) -> tuple[str, ...]:
+    """Names of the disturbances that all recordings have."""
     names = parts[0].disturbances if parts else ()
     return tuple(name for name in names if all(_has(part, name) for part in parts))
 
@@ -106,54 +108,54 @@ def _report(
     spread: float | None,
     dip_deg: float,
 ) -> AidingSensor:
-    """Whether the disturbances `tried` explain more than those that were kept before."""
+    """Report whether the disturbances `tried` explain more than those accepted before."""
     new = tuple(each for each in tried if each not in accepted)
     try:
         if words := _standstill(parts, new, tried):
             return AidingSensor(name, is_used=False, reason=words)
         before, after = hold_out_residuals(parts, accepted, tried, spread)
         if after > WORTH * before:
-            words = "the strength of the field scatters as much with it as without, where it was left out"
+            words = "the strength of the field scatters as much with it as without, in readings that were left out"
             return AidingSensor(name, is_used=False, reason=words)
         found = fit_disturbances(parts, tried, spread=spread)
     except (FitError, InputError) as refusal:
         return AidingSensor(name, is_used=False, reason=refusal.message)
     entangled = max(one.attitude_collinearity for one in found.estimates if one.name in new)
-    if entangled > ENTANGLED:
-        words = f"{entangled:.1%} of what tells about it could be the attitude as well"
+    if entangled > MAX_COLLINEARITY:
+        words = f"{entangled:.1%} of the information on it could be the attitude as well"
         return AidingSensor(name, is_used=False, reason=words)
     ours = [one for one in found.disturbances if one.name in new]
     changed = max(found.calibration.disturbance_deg(one, dip_deg=dip_deg) for one in ours)
     percent = 100.0 / found.ellipsoid.radius
     words = (
         f"the strength of the field scatters by {figures(percent * after)} % with it and by "
-        f"{figures(percent * before)} % without, where it was left out"
+        f"{figures(percent * before)} % without, in readings that were left out"
     )
     return AidingSensor(name, is_used=True, heading_change_deg=min(changed, 180.0), reason=words)
 
 
 def _standstill(parts: Sequence[Samples], new: tuple[str, ...], tried: tuple[str, ...]) -> str:
-    """Say that the disturbances or the sensor hardly moved; nothing where both did."""
+    """Sentence that the disturbances or the attitude hardly changed; empty if both changed."""
     logged = Logged.of(parts, new)
     moving, _ = logged.split()
     if not moving:
         low = min(float(np.nanmin(values)) for values in logged.values.values())
         high = max(float(np.nanmax(values)) for values in logged.values.values())
-        return f"it hardly changed, from {low:.3g} to {high:.3g}"
+        return f"it hardly changes: {low:.3g} to {high:.3g}"
     if still(parts, tried) is not None:
-        return "the sensor was not turned: name it to find what it does on a bench"
+        return "the sensor was not turned: name the disturbance to measure its effect on a bench"
     return ""
 
 
 def hold_out_residuals(
     parts: Sequence[Samples], without: tuple[str, ...], tried: tuple[str, ...], spread: float | None = prior.SPREAD
 ) -> tuple[float, float]:
-    """Root mean square distance of readings that were left out, with some disturbances and with others, in their unit.
+    """Rms distance of left-out readings from the ellipsoid, first with `without`, then with `tried`, in their unit.
 
-    A distance counts for no more than `FARTHEST` standard deviations of the better of the two.
+    Distances are clipped at `MAX_DISTANCE_SIGMAS` standard deviations of the better of the two.
     """
     distances: tuple[list[Floats], list[Floats]] = [], []
-    cut = [list(folds(len(part), PIECES)) for part in parts]
+    cut = [list(folds(len(part), INTERVALS_PER_FOLD)) for part in parts]
     for fold in zip(*cut, strict=True):
         fitted = [run for part, (training, _) in zip(parts, fold, strict=True) for run in _runs(part, training)]
         rest = [run for part, (_, out) in zip(parts, fold, strict=True) for run in _runs(part, out)]
@@ -162,17 +164,17 @@ def hold_out_residuals(
             calm = (cast("Samples", compensated(run, found.calibration)) for run in rest)
             of_names += [magnitude.distances(run.field, found.ellipsoid) for run in calm]
     sizes = [np.abs(np.concatenate(each)) for each in distances]
-    limit = FARTHEST * min(map(robust_sigma, sizes))
+    limit = MAX_DISTANCE_SIGMAS * min(map(robust_sigma, sizes))
     before, after = (float(np.sqrt(np.mean(np.minimum(size, limit) ** 2))) for size in sizes)
     return before, after
 
 
 def _runs(part: Samples, rows: NDArray[np.bool_]) -> list[Samples]:
-    """The stretches of a recording that some rows make."""
+    """Contiguous stretches of a recording that the mask `rows` selects."""
     return [part[run] for run in runs(rows)]
 
 
 def _has(part: Samples, name: str) -> bool:
-    """A column is there, and something in it."""
+    """Whether a recording has a column with at least one value."""
     column = part.driving(name)
     return column is not None and bool(np.isfinite(column).any())

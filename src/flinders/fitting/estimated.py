@@ -1,4 +1,4 @@
-"""An estimate with what is known of the readings that it was made of: statistics, coverage, the engine's record.
+"""An estimate together with statistics and coverage of its readings, and the engine's record.
 
 >>> from flinders import simulate
 >>> from flinders.estimators import Readings
@@ -35,7 +35,7 @@ if TYPE_CHECKING:
 
 
 class Estimated(NamedTuple):
-    """An estimate with what is known of the readings that it was made of.
+    """An estimate together with the properties of its readings.
 
     Attributes
     ----------
@@ -44,18 +44,18 @@ class Estimated(NamedTuple):
     statistics : Statistics
     coverage : Coverage
     record : Records, optional
-        Of the engine, where the other attributes were taken from it.
+        Record of the engine, if the other attributes were taken from it.
     disturbed : DisturbanceFit, optional
-        The disturbances that the readings were compensated for.
+        Fit of the disturbances that were subtracted from the readings.
     aiding : Aiding, optional
     is_joint : bool
-        Whether aiding sensors took part in the estimate.
+        Whether aiding sensors were used in the estimate.
     refreshed : Refreshed, optional
-        The shape is that of an earlier calibration.
+        Given if the shape is that of an earlier calibration.
     linearized : AxisTerms, optional
-        What was taken off the readings, of axes that are not linear.
+        Terms of nonlinear axes that were subtracted from the readings.
     unused : tuple of DisturbanceEstimate
-        Columns that were tried, and left out as they explain nothing.
+        Columns that were tried and left out, as they explain nothing.
     """
 
     estimate: Estimate
@@ -72,7 +72,7 @@ class Estimated(NamedTuple):
 
     @classmethod
     def of(cls, estimate: Estimate, readings: Readings, aiding: Aiding | None = None) -> Self:
-        """Take it from the summary of the readings."""
+        """Take statistics and coverage from the summary of the readings."""
         summary = readings.summary
         coverage = Coverage.through(summary.cloud, estimate.ellipsoid, within=estimate.rejected_beyond)
         statistics = replace(readings.statistics, doubt=_doubt(readings))
@@ -82,9 +82,9 @@ class Estimated(NamedTuple):
     def of_record(
         cls, estimator: Estimator, readings: Readings, unit: Unit | None, *, has_sigma: bool = False
     ) -> Self | None:
-        """Take it from the engine's record of one recording in memory; None where a record does not tell enough.
+        """Take the estimate from the engine's record of one recording in memory; None if a record is not sufficient.
 
-        It says how well terms of the axes are known if `has_sigma`.
+        With `has_sigma` the record includes standard deviations of the nonlinear terms.
         """
         samples = readings.recording
         if not isinstance(estimator, Auto) or not isinstance(samples, Samples) or readings.parts:
@@ -92,7 +92,8 @@ class Estimated(NamedTuple):
         record = estimator.recorded(readings, statistics=2 if has_sigma else 1)
         if record["status"] or record["hides_plane"]:
             return None
-        if record["plane"] and samples.acceleration is not None:  # it may show a slope, and the claim widens
+        if record["plane"] and samples.acceleration is not None:  # the accelerometer may show that the turn was not
+            # level, which widens the claim
             return None
         if record["plane"] and not record["rails"]:
             turned_readings(readings, estimator, unit)
@@ -110,7 +111,7 @@ class Estimated(NamedTuple):
 
 
 def _doubt(readings: Readings) -> str:
-    """What readings look like, if not like a magnetometer's; of a long recording by its first block."""
+    """Doubt whether readings are those of a magnetometer, in words; of a long recording by its first block."""
     recording = readings.recording
     first = recording if recording is None or isinstance(recording, Samples) else next(iter(recording.blocks()), None)
     if first is None or not first.nameless:
@@ -121,12 +122,12 @@ def _doubt(readings: Readings) -> str:
 
 
 def turned_readings(readings: Readings, estimator: Estimator, unit: Unit | None) -> Readings:
-    """The readings of a sensor that was turned.
+    """Return the readings if the sensor was turned.
 
     Raises
     ------
     Unmoved
-        For any other.
+        If the sensor was hardly turned.
     """
     plane = getattr(estimator, "plane", "xy" if isinstance(estimator, Level) else None)
     how = "through all directions" if plane is None else f"all the way round in the plane {plane}"

@@ -1,7 +1,7 @@
-"""A fit written for a target: which compass of a vehicle it goes to, and what is known of it, as comments.
+"""Export of a fit to a target: the compass of the vehicle that it is for, and its claim and limits as comments.
 
-A target (`flinders.targets`) writes the numbers of a calibration; here they get the origin, the claim and the limits
-of their fit, and the compass that their readings came from.
+A target (`flinders.targets`) writes the numbers of a calibration. This module adds the origin, claim and limits of the
+fit, and the compass of its readings.
 """
 
 from __future__ import annotations
@@ -34,10 +34,10 @@ if TYPE_CHECKING:
     from flinders.targets._mounting import Angles
     from flinders.targets._target import Trial
 
-FITTED: Final = {"offset": "sphere", "diagonal": "axes"}
-"""Method that finds no more than what a target of a kind holds."""
-UPRIGHT: Final = "none"
-"""What a mounting is called that turns nothing."""
+METHODS_BY_TARGET_KIND: Final = {"offset": "sphere", "diagonal": "axes"}
+"""Method that estimates exactly the parameters that a target of a kind holds."""
+NO_ROTATION: Final = "none"
+"""Word for a mounting without rotation."""
 
 
 def export_fit(
@@ -50,19 +50,19 @@ def export_fit(
     name: str | None = None,
     noise: bool = False,
 ) -> tuple[Export, list[str]]:
-    """Write a fit for a target.
+    """Export of a fit for a target, with sentences on the compass that it is for.
 
-    Raises `NotExportable` or `UnitError` if the target cannot hold it; `UsageError` if it was made from several
-    compasses, and none was asked for.
+    Raises `NotExportable` or `UnitError` if the target cannot hold the fit; `UsageError` if the fit has readings of
+    several compasses and `compass` is not given.
 
     Parameters
     ----------
     compass : int, optional
-        Which one of the vehicle; by default the one that its readings came from.
+        Number of the compass of the vehicle; by default the compass that was recorded.
     mounting : str, optional
-        How the compass was mounted when it was recorded, as the target has it; by default as its logs say.
+        Mounting of the compass when it was recorded, in the target's words; by default that in its logs.
     noise : bool
-        Write also the noise of the compass, as parameters of the vehicle's estimator.
+        Also write the noise of the compass, as parameters of the vehicle's estimator.
     lossy, name
         As for `flinders.targets.ExportOptions`.
 
@@ -70,7 +70,7 @@ def export_fit(
     -------
     Export
     list of str
-        What to say of the compass that it is for; nothing where it is not known, or is the one that was asked for.
+        Sentences on the compass; empty if it is unknown, or is the requested one.
     """
     if target.compasses:
         refuse_on_top(fit, target.name)
@@ -83,7 +83,7 @@ def export_fit(
         lossy=lossy,
         name=name,
         mounting=turn,
-        rotation_covariance=_in_the_body(fit, turn),
+        rotation_covariance=_mounting_covariance(fit, turn),
         gates=gates_of(fit),
         noise=noise_of(fit),
         heading=heading_model_of(fit),
@@ -91,45 +91,45 @@ def export_fit(
         fitting=fitting_command(fit, target),
     )
     trial = target.tried(fit.calibration, asked=asked)
-    if trial.loses and asked.noise is not None:  # what the target leaves out is an error of its headings
+    if trial.loses and asked.noise is not None:  # parameters that the target does not hold are an error of its headings
         asked = replace(asked, noise=asked.noise.with_error(level_turn_error(fit, trial).rms))
         trial = target.tried(fit.calibration, asked=asked)
-    export = trial.export([*origin_lines(fit, _held_words(fit, trial) if trial.loses else ""), *notes])
+    export = trial.export([*origin_lines(fit, _accuracy_words(fit, trial) if trial.loses else ""), *notes])
     if asked.noise is not None:
         export.fields["noise"] = asked.noise.as_dict(fit.calibration.unit)
     return export, notes
 
 
 def _refuse_left_handed(fit: Fit, target: Target) -> None:
-    """Raise `NotExportable` for the mounting of a sensor that was found to be left-handed."""
+    """Raise `NotExportable` for a target that needs the mounting, if the axes of the sensor are left-handed."""
     for finding in fit.findings:
         if finding.code == "mirrored-axis":
             raise NotExportable(
-                f"{target.title} holds how the sensor sits, and what was found is wrong: {finding.advice}",
+                f"{target.title} needs the mounting of the sensor, and the mounting found is wrong: {finding.advice}",
                 hint={"axes": None},
                 beyond=("rotation",),
             )
 
 
 def fitting_command(fit: Fit, target: Target) -> str:
-    """The command that makes a fit of just what a target holds; empty where no method here makes one."""
-    method = FITTED.get(target.keeps, "")
+    """The command that fits exactly the parameters of a target; empty if no method does."""
+    method = METHODS_BY_TARGET_KIND.get(target.keeps, "")
     if method not in METHODS:
         return ""
     files = shlex.join(file.name for file in fit.provenance.files if file.rows) or "RECORDING"
     return f"flinders calibrate {files} --method {method} -o {method}.json"
 
 
-def _held_words(fit: Fit, trial: Trial) -> str:
-    """How good headings are with what a target holds of a fit: what it leaves out is added to the claim."""
+def _accuracy_words(fit: Fit, trial: Trial) -> str:
+    """Heading error with the parameters that a target holds, in words; the others count as an error."""
     error, claim = level_turn_error(fit, trial), fit.claim
     worst, bound = math.hypot(error.worst, claim.heading_error_deg.worst), error.worst + claim.heading_bound_deg
     within = f"95 % within {figures(bound)}°" if bound < ANY_ANGLE_DEG else "1 σ"
-    return f"with what {trial.target.title} holds of it headings are good to {figures(worst)}° ({within})"
+    return f"with the parameters that {trial.target.title} holds, headings are good to {figures(worst)}° ({within})"
 
 
 def level_turn_error(fit: Fit, trial: Trial) -> HeadingError:
-    """What a level heading errs by for what a target leaves out, its mean removed, as of a vehicle that turns once."""
+    """Level heading error from parameters that a target does not hold, without its mean over one turn."""
     claim, down = fit.claim, down_of(fit.claim.plane)
     heading, fields = level_turn(claim.known_dip_deg, down)
     corrected = trial.corrected(fields.T) @ (np.eye(3) if down is None else upright(down))
@@ -139,7 +139,7 @@ def level_turn_error(fit: Fit, trial: Trial) -> HeadingError:
 
 
 def _compass_of(fit: Fit, target: Target, asked: int | None) -> tuple[int | None, list[str]]:
-    """The compass of a vehicle that a fit goes to, and what to say of it."""
+    """Number of the compass that a fit is for, and sentences on it."""
     if not target.compasses:
         return None, []
     known, devices = (known_numbers(fit, target.family, attribute) for attribute in ("compass", "device_id"))
@@ -150,22 +150,22 @@ def _compass_of(fit: Fit, target: Target, asked: int | None) -> tuple[int | None
         number = only_number(fit, known, "compass", "compass")
         return number, [f"for compass {number} of the vehicle{device}"]
     numbers = " and ".join(map(str, sorted(known)))
-    return asked, [f"for compass {asked}, as asked; it was made from compass {numbers} of the vehicle{device}"]
+    return asked, [f"for compass {asked}, as requested; the readings are of compass {numbers} of the vehicle{device}"]
 
 
 def known_numbers(fit: Fit, autopilot: str, attribute: str) -> set[int]:
-    """The ``compass`` or ``device_id`` of each file of an autopilot that a fit was made from, where it is known."""
+    """Known values of ``compass`` or ``device_id`` in the logs of an autopilot that a fit was made from."""
     values = (getattr(file, attribute) for file in fit.provenance.files if file.autopilot == autopilot)
     return {value for value in values if value is not None}
 
 
 def mounting_of(fit: Fit, target: Target, words: str | None) -> Floats | None:
-    """(3, 3) how the compass was mounted when it was recorded; None where neither the words nor the logs say.
+    """(3, 3) rotation of the compass's mounting when it was recorded; None if neither `words` nor the logs state it.
 
-    Of one that sits exactly as the vehicle does the words are ``none``.
-    Raises `UsageError` for words that the target does not know, or a target without mountings.
+    The word for a mounting without rotation is ``none``. Raises `UsageError` for unknown words, or a target without
+    mountings.
     """
-    if words is not None and words.strip().casefold() == UPRIGHT and target.refuses_mounted:
+    if words is not None and words.strip().casefold() == NO_ROTATION and target.refuses_mounted:
         return np.eye(3)
     if words is not None:
         return mounting_table(target).read(words)
@@ -174,30 +174,30 @@ def mounting_of(fit: Fit, target: Target, words: str | None) -> Floats | None:
 
 
 def known_mountings(fit: Fit, autopilot: str = "") -> set[Angles]:
-    """Roll, pitch and yaw of the compass in each log that a fit was made from, where it is known.
+    """Known mountings, as roll, pitch and yaw, in the logs that a fit was made from.
 
-    `autopilot`: whose logs; any by default.
+    `autopilot` selects its logs; by default all.
     """
     known = {file.mounting for file in fit.provenance.files if autopilot in ("", file.autopilot)}
     return {mounting for mounting in known if mounting is not None}
 
 
 def only_number(fit: Fit, known: set[int], what: str, keyword: str) -> int | None:
-    """The one number or device id that is known, or None where none is.
+    """The only known number or device id; None if none is known.
 
-    Raises `UsageError` if there are several; its hint is the keyword that chooses one.
+    Raises `UsageError` for several; its hint is the keyword that selects one.
     """
     if len(known) > 1:
         raise UsageError(
-            f"{fit.provenance.name} was made from {what} {' and '.join(map(str, sorted(known)))}: say which one it is "
-            "for, or calibrate each by itself",
+            f"{fit.provenance.name} was made from {what} {' and '.join(map(str, sorted(known)))}: state which one "
+            "it is for, or calibrate each separately",
             hint={keyword: None},
         )
     return min(known, default=None)
 
 
 def refuse_unfit(fit: Fit) -> None:
-    """Refuse a fit that was refused; raises NotExportable."""
+    """Raise `NotExportable` for a fit with the verdict ``refused``."""
     if fit.verdict == "refused":
         raise NotExportable(
             f"{fit.provenance.name} was refused as not fit for use: record anew and calibrate again",
@@ -207,16 +207,16 @@ def refuse_unfit(fit: Fit) -> None:
 
 
 def refuse_on_top(fit: Fit, autopilot: str) -> None:
-    """Refuse a calibration of corrected readings for an autopilot, whose own it would replace and not complete.
+    """Refuse a calibration of already corrected readings for an autopilot; raises `NotExportable`.
 
-    Raises `NotExportable`.
+    The autopilot would replace its own calibration by one that only adds to it.
     """
     logged = [file.name for file in fit.provenance.files if file.as_logged]
     if logged:
         raise NotExportable(
             f"{fit.provenance.name} was made from {logged[0]} as logged, after the calibration that was in force on "
-            f"board: its numbers come on top of that one, and {autopilot} would put them in its place. Calibrate "
-            "again, and not as logged",
+            f"board: its numbers only add to that calibration, but {autopilot} would replace it by them. Calibrate "
+            "again without the option for readings as logged",
             hint={"as_logged": None},
             beyond=(),
             as_logged=logged,
@@ -224,9 +224,9 @@ def refuse_on_top(fit: Fit, autopilot: str) -> None:
 
 
 def origin_lines(fit: Fit, held: str = "") -> list[str]:
-    """Where the numbers come from, what is claimed of them, and what limits them.
+    """Lines on the origin of a fit, its claim and its limits.
 
-    `held`: what is claimed of that part of them which a target holds, in words; empty where it is all.
+    `held` is the claim for the parameters that a target holds, in words; empty if it holds all.
     """
     sensor = f", sensor {fit.calibration.sensor}" if fit.calibration.sensor else ""
     until = good_until(fit)
@@ -241,22 +241,22 @@ def origin_lines(fit: Fit, held: str = "") -> list[str]:
 
 
 def verdict_lines(fit: Fit) -> list[str]:
-    """Lines of a comment: the first sentence of the verdict, then each further limit."""
+    """Lines on the verdict: its first sentence, then each further limit."""
     words, code = headline_of(fit)
     return [f"the calibration is {fit.verdict}. {words}", *limit_lines(fit, but=code)]
 
 
 def limit_lines(fit: Fit, but: str = "") -> list[str]:
-    """What the calibration is not good for, as its file says, except for the finding of one code."""
+    """Lines on the limits of a calibration, as in its file, without the finding of the code `but`."""
     limits = (finding for finding in fit.findings if finding.severity == "limits" and finding.code != but)
     return [f"limited: {finding.advice}" for finding in limits]
 
 
-def _in_the_body(fit: Fit, mounting: Floats | None) -> Floats | None:
-    """(3, 3) rad²: covariance of how the sensor sits, in the axes of the body; None where it is not known.
+def _mounting_covariance(fit: Fit, mounting: Floats | None) -> Floats | None:
+    """(3, 3) rad²: covariance of the mounting of the sensor, in body axes; None if unknown.
 
-    `mounting`, (3, 3): of readings in the sensor's axes, into which those of the calibration are turned afterwards; of
-    readings in the axes of the vehicle, the calibration's own mapping is undone.
+    `mounting` is the (3, 3) rotation of readings that were recorded in the sensor's axes; None for readings in the axes
+    of the vehicle, for which the calibration's own mapping is undone.
     """
     aiding, calibration = fit.evidence.aiding, fit.calibration
     covariance = None if aiding is None else aiding.rotation_covariance

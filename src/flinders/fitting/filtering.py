@@ -1,7 +1,7 @@
-"""Fits of filtered readings, and what the filter did: a finding that says by how far it moved the heading.
+"""Fits of filtered readings, with a finding on the effect of the filter on the heading.
 
-A filter takes spikes off, and pulls the readings of a turning sensor inside the ellipsoid. So each fit with a filter is
-made without it too, and the two are compared: a note where they differ by less than is claimed, a limit beyond.
+A filter removes spikes, but moves readings of a turning sensor inside the ellipsoid. Therefore each fit with a filter
+is repeated without it and the two are compared: a difference within the claim is a note, a larger one a limit.
 """
 
 from __future__ import annotations
@@ -29,21 +29,21 @@ if TYPE_CHECKING:
     from flinders.fitting.result import Fit
     from flinders.heading.smoothing import Filter
 
-UNKNOWN_DEG: Final = 180.0
-"""What a filter may have moved the heading by, where there is nothing to compare it with."""
+MAX_EFFECT_DEG: Final = 180.0
+"""Effect of a filter on the heading if there is no fit without it to compare with."""
 
-OF_SINGLE_READINGS: Final = ("saturated", "stale-repeats")
-"""Findings that a filter blurs, and a median invents: they are those of the readings as recorded."""
+FINDINGS_OF_READINGS: Final = ("saturated", "stale-repeats")
+"""Findings on single readings: a filter hides them and a median creates them, so that unfiltered readings count."""
 
 
 def fit_filtered(
     parts: Sequence[Recording], by: Filter | None, *, notice: Callable[[str], object] = str, **options: Any
 ) -> Fit:
-    """Fit recordings together by `flinders.fit`, their readings filtered; a finding says what the filter did.
+    """Fit filtered recordings together by `flinders.fit`, with a finding on the effect of the filter.
 
-    Readings at a rail are left out before the filter could blur them.
+    Readings at a rail are removed before the filter is applied.
 
-    Raises `FitError` if there is no calibration with the filter; `Refused` says what the filter did, too.
+    Raises `FitError` if there is no calibration with the filter; `Refused` also has the finding on the filter.
 
     Parameters
     ----------
@@ -52,22 +52,26 @@ def fit_filtered(
     by : Filter or None
         Without a filter the recordings are fitted as they are.
     notice : callable
-        Takes a line of advice where the filter alone is why there is no calibration; by default nobody does.
+        Called with a line of advice if there is a calibration only without the filter; ignored by default.
     **options
-        Those of `flinders.fit`.
+        Keyword arguments of `flinders.fit`.
     """
     if by is None:
         return fit(joined(parts), **options)
-    plain, _ = _tried(joined(parts), options)
+    plain, _ = _try_fit(joined(parts), options)
     passed = through(parts, by)
-    result, refusal = _tried(passed, options)
+    result, refusal = _try_fit(passed, options)
     if result is None:
         if plain is not None and plain.verdict != "refused":
             notice("without the filter there is a calibration: leave --filter out")
         raise refusal or FitError("no calibration")
-    dropped = sum(_rows(_within_range(part)) for part in parts) - _rows(passed) if by.name == "kalman" else 0
-    of_fit = [finding for finding in result.findings if finding.code not in OF_SINGLE_READINGS]
-    recorded = [] if plain is None else [each for each in plain.findings if each.code in OF_SINGLE_READINGS]
+    dropped = (
+        sum(_reading_count(_within_range(part)) for part in parts) - _reading_count(passed)
+        if by.name == "kalman"
+        else 0
+    )
+    of_fit = [finding for finding in result.findings if finding.code not in FINDINGS_OF_READINGS]
+    recorded = [] if plain is None else [each for each in plain.findings if each.code in FINDINGS_OF_READINGS]
     finding = filtered_finding(result, plain, by, dropped)
     findings = linked([*of_fit, *recorded, finding])
     judged = replace(result, judgement=replace(result.judgement, findings=findings))
@@ -76,8 +80,8 @@ def fit_filtered(
     return judged
 
 
-def _tried(recording: Recording, options: dict[str, Any]) -> tuple[Fit | None, FitError | None]:
-    """A fit, also one that is refused, and why it is refused."""
+def _try_fit(recording: Recording, options: dict[str, Any]) -> tuple[Fit | None, FitError | None]:
+    """A fit, also if it is refused, and the refusal."""
     try:
         return fit(recording, **options), None
     except Refused as refused:
@@ -87,15 +91,15 @@ def _tried(recording: Recording, options: dict[str, Any]) -> tuple[Fit | None, F
 
 
 def filtered_finding(fit: Fit, plain: Fit | None, by: Filter, dropped: int) -> Finding:
-    """By how much a filter moved a calibration, and how much smaller it made its field.
+    """Finding on the effect of a filter on the heading and on the strength of the field.
 
-    A note while that is within what is claimed; a limit beyond, and where the filter alone is why it is refused.
+    It is a note if the effect is within the claim; a limit beyond, or if only the fit with the filter is refused.
 
-    `fit` and `plain`: with the filter and without; None where there is none without; `dropped`: readings that it
-    dropped.
+    `fit` and `plain` are the fits with and without the filter, `plain` None if there is none; `dropped` is the count of
+    readings that the filter dropped.
     """
     claimed = fit.heading_error_deg.worst
-    moved, smaller = (UNKNOWN_DEG, 0.0) if plain is None else _effect(fit, plain)
+    moved, smaller = (MAX_EFFECT_DEG, 0.0) if plain is None else _effect(fit, plain)
     is_to_blame = plain is None or fit.verdict == "refused" != plain.verdict
     values = {
         "moved_deg": moved,
@@ -111,26 +115,26 @@ def filtered_finding(fit: Fit, plain: Fit | None, by: Filter, dropped: int) -> F
 
 
 def _effect(fit: Fit, plain: Fit) -> tuple[float, float]:
-    """Degrees by which a filter moved the heading at the worst, and by which share it made the field smaller."""
+    """Largest change of the heading by a filter, in degrees, and the share by which it reduces the field."""
     ours, theirs = fit.calibration.ellipsoid, plain.calibration.ellipsoid
     apart = ours.parameters - theirs.parameters
     dip, down = fit.heading_error_deg.dip_deg, down_of(fit.claim.plane)
     moved = level_error(theirs, np.outer(apart, apart), dip_deg=dip, down=down).worst
-    return float(np.nan_to_num(moved, nan=UNKNOWN_DEG)), 1.0 - ours.radius / theirs.radius
+    return float(np.nan_to_num(moved, nan=MAX_EFFECT_DEG)), 1.0 - ours.radius / theirs.radius
 
 
 def through(parts: Sequence[Recording], by: Filter) -> Recording:
-    """Recordings as one, their readings filtered."""
+    """One recording of all filtered readings."""
     from flinders.heading.smoothing import filtered
 
     return joined([filtered(_within_range(part), by) for part in parts])
 
 
 def _within_range(part: Recording) -> Recording:
-    """A recording without the readings at a rail."""
+    """A recording without readings at a rail."""
     rails = Summary.through(part).health.rails
     return WithinRange(part, rails) if rails else part
 
 
-def _rows(recording: Recording) -> int:
+def _reading_count(recording: Recording) -> int:
     return sum(map(len, recording.blocks()))

@@ -1,6 +1,6 @@
-"""A calibration file as a `Fit`: the numbers and no readings.
+"""A calibration file as a `Fit`, with its numbers but without readings.
 
-What a file does not state is NaN, None or empty, and what needs the readings raises `NeedsRecording`.
+Values that the file does not state are NaN, None or empty. Methods that need readings raise `NeedsRecording`.
 
 >>> from flinders import simulate
 >>> from flinders.fitting import calibrate
@@ -50,13 +50,13 @@ def load(path: str | os.PathLike[str]) -> Fit:
     Raises
     ------
     DocumentError
-        For a file that cannot be opened or understood, or whose covariance is none of offset and shape.
+        For a file that cannot be opened or understood, or whose covariance is not one of offset and shape.
     """
     return fit_from(read(path), name=os.fspath(path))
 
 
 def fit_from(document: Document, *, name: str = "calibration") -> Fit:
-    """Take the fit out of the content of a calibration file; `name` is what messages call it.
+    """The fit in the content of a calibration file; `name` is its name in messages.
 
     Raises
     ------
@@ -69,7 +69,7 @@ def fit_from(document: Document, *, name: str = "calibration") -> Fit:
 
 
 def _with_record(fit: Fit, record: Fitted) -> Fit:
-    """A calibration with what its file states of the fit."""
+    """A fit with the values that its file states."""
     evidence = Evidence(
         method=record.method,
         samples=record.samples,
@@ -112,7 +112,7 @@ def _with_error(claim: Claim, error: HeadingErrorRecord, aiding: Aiding | None) 
 
 
 def _with_covariance(fit: Fit, names: tuple[str, ...], whole: Floats) -> Fit:
-    """Give a fit the covariance (K, K) of its file.
+    """A fit with the (K, K) covariance of its file.
 
     Raises
     ------
@@ -133,7 +133,7 @@ def _with_covariance(fit: Fit, names: tuple[str, ...], whole: Floats) -> Fit:
 
 
 def _refuse_no_covariance(covariance: Floats, name: str) -> None:
-    """Refuse a matrix (9, 9) that is no covariance.
+    """Refuse a (9, 9) matrix that is not a covariance.
 
     Raises
     ------

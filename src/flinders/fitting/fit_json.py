@@ -1,4 +1,4 @@
-"""A fit as JSON has it, as ``--json`` prints it.
+"""A fit as JSON, as printed by ``--json``.
 
 >>> from flinders import simulate
 >>> from flinders.fitting import calibrate
@@ -24,25 +24,25 @@ if TYPE_CHECKING:
     from flinders.heading.error_propagation import DirectionError, HeadingError
 
 _REFUSED: Final = ("calibration", "uncorrected_heading_error_deg")
-"""Keys of a fit that are None where it is refused."""
+"""Keys that are None for a refused fit."""
 
 _ON_A_SURFACE: Final = (
     *_REFUSED, "heading_error_deg", "textbook_heading_error_deg", "tilted_heading_error_deg", "attitude_limit_deg",
     "direction_error_deg", "bias_deg", "coverage", "good_until",
 )  # fmt: skip
-"""Keys that are None where the readings are flat."""
+"""Keys that are None for readings in one plane."""
 
 _OF_THE_COVARIANCE: Final = (
     "tilted_heading_error_deg", "attitude_limit_deg", "direction_error_deg", "bias_deg", "covariance",
 )  # fmt: skip
-"""Keys that are None where no uncertainty is stated."""
+"""Keys that are None if no uncertainty is stated."""
 
 
 def json_of(fit: Fit) -> dict[str, Any]:
-    """A fit as plain numbers, lists and strings.
+    """A fit as numbers, lists and strings.
 
-    What a refusal makes untrustworthy is None, so that nobody copies it: the calibration and what follows from it, and
-    of flat readings all that rests on a surface. The evidence stays, and so do the attributes.
+    Values of a refused fit that cannot be trusted are None, so that nobody copies them: the calibration and values that
+    follow from it, and for readings in one plane all values of the surface. The evidence is always included.
     """
     error, claim, evidence = heading_record(fit.claim), fit.claim, fit.evidence
     diagnosis, residuals = evidence.diagnosis, evidence.residuals
@@ -87,13 +87,13 @@ def json_of(fit: Fit) -> dict[str, Any]:
 
 
 def _good_until(fit: Fit) -> dict[str, Any] | None:
-    """When the claim reaches the target, and has doubled."""
+    """Times until the claim reaches the target and until it has doubled; None if nothing is claimed."""
     until = good_until(fit)
     return None if until is None else msgspec.to_builtins(until.to_record(since_of(fit.provenance.record)))
 
 
 def _disturbances_as_dict(disturbances: Disturbances) -> dict[str, Any]:
-    """What is known of the disturbances; no key where it follows none."""
+    """Estimates of the disturbances, JSON-ready; empty if the offset follows none."""
     if not disturbances.estimates:
         return {}
     return {
@@ -103,5 +103,5 @@ def _disturbances_as_dict(disturbances: Disturbances) -> dict[str, Any]:
 
 
 def _rms_and_worst(error: HeadingError | DirectionError | None) -> dict[str, float] | None:
-    """JSON-ready."""
+    """Rms and worst error, JSON-ready; None without an error."""
     return None if error is None else {"rms": error.rms, "worst": error.worst}

@@ -1,13 +1,13 @@
-"""How long a calibration is good: until its claim reaches the target or has doubled, by walk and by temperature.
+"""How long a calibration stays good: until its claim reaches the target or doubles, by walk and by temperature.
 
 The offset walks by q √t along each axis, and moves by c ΔT. A level heading of a field with the horizontal part H is
 then uncertain by
 
     σ² = σ₀² + (q² t + c² ΔT²) / H²
 
-and has doubled, σ = 2 σ₀, where either term is 3 σ₀². It is good until σ is the target. Neither rate is known of a unit
-without a history: q is then what a calibration that goes on assumes of any unit, and c spans what data sheets state.
-Both are ranges of 95 %.
+and has doubled, σ = 2 σ₀, when either term is 3 σ₀². The calibration is good until σ reaches the target. Neither rate
+is known for a unit without a history: q is then the prior of the online calibration, and c spans the values of data
+sheets. Both are ranges of 95 %.
 
 Sources of c: 0.8 µT/K, typical, of the FXOS8700CQ (NXP, data sheet rev. 8, table 4, as quoted by an owner who measured
 0.73), 0.003 µT/K of a factory-compensated module (CGM92AD10).
@@ -46,34 +46,34 @@ if TYPE_CHECKING:
     from flinders.fitting.claim import Claim
     from flinders.fitting.evidence import Evidence
 
-GROWTH: Final = 3.0
-"""Added variance, over that of the claim, of a claim that has doubled."""
+DOUBLED_GROWTH: Final = 3.0
+"""Added variance of a doubled claim, over the variance of the claim."""
 
 PRIOR_PER_KELVIN: Final = Walk(0.05, 0.003, 0.8)
-"""µT/K: offset by temperature of a sensor that does not follow it; middle and ends of what data sheets state."""
+"""µT/K: temperature coefficient of the offset, if the fit does not follow it; middle and range of data sheets."""
 USUAL_FIELD_UT: Final = 50.0
-"""µT that counts are taken to span, where a temperature coefficient in µT meets readings in counts."""
+"""Assumed field strength in µT, to convert a temperature coefficient in µT/K for readings in counts."""
 
 LATEST_S: Final = 100 * 365.25 * 86400.0
-"""Seconds beyond which nothing is said of a time."""
+"""Longest time that is stated, 100 years."""
 
-MOST_KELVIN: Final = 100.0
-"""K beyond which a change of temperature is not told: no sensor meets it."""
+MAX_KELVIN: Final = 100.0
+"""Largest change of temperature that is stated; no sensor is exposed to more."""
 
 DIGITS: Final = 3
-"""Digits of what is stored: a rate is known within a factor."""
+"""Significant digits of stored values, as a rate is only known within a factor."""
 
 
-class Remembering(Protocol):
-    """What a fit knows of its unit."""
+class HasWalk(Protocol):
+    """Provenance with the walk of a unit."""
 
     @property
     def walk(self) -> Walk | None:
-        """How fast its offset walks, where its history is known."""
+        """Random walk of the offset of the unit, if its history is known."""
 
 
-class Described(Protocol):
-    """A fit, as far as its age is judged."""
+class JudgedFit(Protocol):
+    """Attributes of a fit that determine how long it is good."""
 
     @property
     def calibration(self) -> Calibration:
@@ -81,15 +81,15 @@ class Described(Protocol):
 
     @property
     def claim(self) -> Claim:
-        """What is claimed of it."""
+        """The claimed accuracy."""
 
     @property
     def evidence(self) -> Evidence:
-        """How it was found."""
+        """The evidence of the fit."""
 
     @property
-    def provenance(self) -> Remembering:
-        """What is known of the unit."""
+    def provenance(self) -> HasWalk:
+        """The provenance, with the walk of the unit."""
 
     @property
     def verdict(self) -> str:
@@ -98,104 +98,104 @@ class Described(Protocol):
 
 @dataclass(frozen=True, slots=True)
 class GoodUntil:
-    """How long a claim stays within its target, and when it has doubled: a middle time and its 95 % range."""
+    """How long a claim stays within its target and until it doubles: a middle time and its 95 % range."""
 
     claim_deg: float  #: worst heading error of a level vehicle now, 1 σ
     field: float  #: horizontal part of the field, in the calibration's unit
     walk: Walk  #: of the offset, in the calibration's unit
-    by: Literal["history", "prior"]  #: whose walk: this unit's, or what is usual
-    per_kelvin: Walk | None  #: offset by temperature, in the calibration's unit per K; None where it is not known
+    by: Literal["history", "prior"]  #: source of `walk`: the history of this unit, or the prior of all units
+    per_kelvin: Walk | None  #: offset by temperature, in the calibration's unit per K; None if unknown
     temperature_by: Literal["followed", "prior"]  #: whether the fit follows the temperature
     target_deg: float = math.inf  #: worst heading error that is good enough
 
     @property
     def seconds(self) -> float:
-        """Until the claim has doubled, by the middle rate; at most a hundred years."""
-        return self._seconds(GROWTH, self.walk.rate)
+        """Time until the claim has doubled, by the middle rate; at most 100 years."""
+        return self._seconds(DOUBLED_GROWTH, self.walk.rate)
 
     @property
     def earliest_s(self) -> float:
-        """The same by the fast end of the walk."""
-        return self._seconds(GROWTH, self.walk.high)
+        """Time until the claim has doubled, by the fast end of the walk."""
+        return self._seconds(DOUBLED_GROWTH, self.walk.high)
 
     @property
     def latest_s(self) -> float:
-        """The same by the slow end of the walk."""
-        return self._seconds(GROWTH, self.walk.low)
+        """Time until the claim has doubled, by the slow end of the walk."""
+        return self._seconds(DOUBLED_GROWTH, self.walk.low)
 
     @property
     def target_s(self) -> float | None:
-        """When the claim reaches the target, by the middle rate; None of one that is beyond it already."""
+        """Time until the claim reaches the target, by the middle rate; None if it is beyond the target now."""
         return None if self._target_growth is None else self._seconds(self._target_growth, self.walk.rate)
 
     @property
     def good_s(self) -> float:
-        """Until the claim reaches the target; of one that is beyond it already, until it has doubled."""
+        """Time until the claim reaches the target, or until it has doubled if it is beyond the target now."""
         return self.seconds if self.target_s is None else self.target_s
 
     @property
     def temperature_change_kelvin(self) -> float | None:
-        """Until it has doubled: from the recording's temperature, or the reference of a fit that follows it."""
-        return None if self.per_kelvin is None else self._shift(GROWTH) / self.per_kelvin.rate
+        """Change of temperature that doubles the claim, from the recording's or the fit's reference temperature."""
+        return None if self.per_kelvin is None else self._shift(DOUBLED_GROWTH) / self.per_kelvin.rate
 
     @property
     def temperature_range_kelvin(self) -> tuple[float, float] | None:
-        """By the ends of what the coefficient may be."""
+        """Smallest and largest change of temperature that may double the claim, by the range of the coefficient."""
         if self.per_kelvin is None:
             return None
-        return self._shift(GROWTH) / self.per_kelvin.high, self._shift(GROWTH) / self.per_kelvin.low
+        return self._shift(DOUBLED_GROWTH) / self.per_kelvin.high, self._shift(DOUBLED_GROWTH) / self.per_kelvin.low
 
     def claim_deg_after(self, seconds: float, rate: float | None = None) -> float:
-        """Worst heading error, 1 σ, after a time at a rate of the walk; by default the middle one."""
+        """Worst heading error, 1 σ, after a time at a rate of the walk, by default the middle rate."""
         moved = (self.walk.rate if rate is None else rate) * math.sqrt(max(seconds, 0.0) / HOUR_S)
         return min(math.hypot(self.claim_deg, math.degrees(moved / self.field)), 180.0)
 
     def doubled_date(self, since: datetime) -> datetime:
-        """When the claim has doubled, of a calibration that was made at a time."""
+        """Date when the claim of a calibration of the date `since` has doubled."""
         return since + timedelta(seconds=round(self.seconds))
 
     def to_record(self, since: datetime | None = None) -> GoodUntilRecord:
-        """What a calibration file and JSON state."""
+        """Record for a calibration file and JSON."""
         low, high = self.temperature_range_kelvin or (None, None)
         return GoodUntilRecord(
-            doubled_hours=_rounded(self.seconds / HOUR_S),
-            doubled_hours_low=_rounded(self.earliest_s / HOUR_S),
-            doubled_hours_high=_rounded(self.latest_s / HOUR_S),
+            doubled_hours=_round(self.seconds / HOUR_S),
+            doubled_hours_low=_round(self.earliest_s / HOUR_S),
+            doubled_hours_high=_round(self.latest_s / HOUR_S),
             doubled_date=None if since is None else self.doubled_date(since).replace(microsecond=0),
-            target_hours=None if self.target_s is None else _rounded(self.target_s / HOUR_S),
+            target_hours=None if self.target_s is None else _round(self.target_s / HOUR_S),
             by=self.by,
-            temperature_change_kelvin=_rounded(self.temperature_change_kelvin),
-            temperature_change_low_kelvin=_rounded(low),
-            temperature_change_high_kelvin=_rounded(high),
+            temperature_change_kelvin=_round(self.temperature_change_kelvin),
+            temperature_change_low_kelvin=_round(low),
+            temperature_change_high_kelvin=_round(high),
             temperature_by=self.temperature_by,
         )
 
     def __str__(self) -> str:
-        """With both ends of the temperature, and when the claim has doubled."""
+        """Sentence with the range of temperatures, and the time until the claim has doubled."""
         lasts = f"{self._until}{self._durations}{self._kelvins(self._growth)}"
         if self._target_growth is None:
             return lasts
-        return f"{lasts}; the claim doubles in {duration(self.seconds)}{self._kelvins(GROWTH, has_ends=False)}"
+        return f"{lasts}; the claim doubles in {duration(self.seconds)}{self._kelvins(DOUBLED_GROWTH, has_ends=False)}"
 
     @property
     def brief(self) -> str:
-        """How long, on a line."""
+        """Sentence of one line on how long the calibration is good."""
         return f"{self._until}{self._durations}{self._kelvins(self._growth, has_ends=False)}"
 
     @property
     def range_words(self) -> str:
-        """Range of `good_s`, whose walk it is, and the change of temperature that does as much."""
+        """Words for the range of `good_s`, the source of the walk, and the equivalent change of temperature."""
         return f"{self._walk_words} ({self._ends}){self._kelvins(self._growth, has_ends=False)}"
 
     @property
     def _until(self) -> str:
-        """What lasts."""
+        """First words of the sentence: the limit of the claim."""
         return "the claim doubles in " if self._target_growth is None else f"within {self.target_deg:g}° for "
 
     @property
     def _growth(self) -> float:
-        """Added variance, over that of the claim, until which it is good."""
-        return GROWTH if self._target_growth is None else self._target_growth
+        """Added variance at the limit, over the variance of the claim."""
+        return DOUBLED_GROWTH if self._target_growth is None else self._target_growth
 
     @property
     def _walk_words(self) -> str:
@@ -203,16 +203,16 @@ class GoodUntil:
 
     @property
     def _ends(self) -> str:
-        """Range of the time, by the ends of the walk."""
+        """Words for the range of the time, by the ends of the walk."""
         return " to ".join(duration(self._seconds(self._growth, rate)) for rate in (self.walk.high, self.walk.low))
 
     @property
     def _durations(self) -> str:
-        """The time, whose walk it is, and its range."""
+        """Words for the time, the source of the walk, and the range of the time."""
         return f"{duration(self.good_s)} {self._walk_words} ({self._ends})"
 
     def _kelvins(self, growth: float, *, has_ends: bool = True) -> str:
-        """The change of temperature of a growth; nothing where it is not known."""
+        """Words for the change of temperature that adds a variance; empty if the coefficient is unknown."""
         if self.per_kelvin is None:
             return ""
         shift = self._shift(growth)
@@ -222,32 +222,32 @@ class GoodUntil:
         if self.temperature_by == "followed":
             return f"{change} from the middle of the temperatures"
         low, most = figures(shift / self.per_kelvin.high), shift / self.per_kelvin.low
-        high = figures(most) if most <= MOST_KELVIN else f"more than {MOST_KELVIN:.0f}"
+        high = figures(most) if most <= MAX_KELVIN else f"more than {MAX_KELVIN:.0f}"
         return f"{change} warmer or colder ({low} to {high} K)"
 
     @property
     def _target_growth(self) -> float | None:
-        """Added variance at the target, over that of the claim; None of a claim that is beyond it."""
+        """Added variance at the target, over that of the claim; None if the claim is beyond the target now."""
         is_within = self.claim_deg < self.target_deg < math.inf
         return (self.target_deg / self.claim_deg) ** 2 - 1.0 if is_within else None
 
     def _shift(self, growth: float) -> float:
-        """What the offset may move by until the variance has grown so much, in the calibration's unit."""
+        """Change of the offset that adds a variance `growth`, in the calibration's unit."""
         return math.sqrt(growth) * math.radians(self.claim_deg) * self.field
 
     def _seconds(self, growth: float, rate: float) -> float:
-        """When that walks by so much at a rate; at most a hundred years."""
+        """Time until the walk at a rate adds a variance `growth`; at most 100 years."""
         return min(HOUR_S * (self._shift(growth) / rate) ** 2, LATEST_S)
 
 
-def good_until(fit: Described, *, walk: Walk | None = None) -> GoodUntil | None:
-    """When the claim of a fit will have doubled; None of one that claims nothing or is refused.
+def good_until(fit: JudgedFit, *, walk: Walk | None = None) -> GoodUntil | None:
+    """How long a fit stays good; None for a fit that is refused or has no claim.
 
     Parameters
     ----------
     walk : Walk, optional
-        How fast the offset of this unit walks, in the calibration's unit, as `flinders.OffsetHistory.walk` has it; by
-        default what the fit knows (`Provenance.walk`), else what is usual: 0.65 % of the field in an hour, 0.03 to 2 %.
+        Random walk of the offset of this unit, in the calibration's unit, as from `flinders.OffsetHistory.walk`; by
+        default that of the fit (`Provenance.walk`), else the prior: 0.65 % of the field in an hour, 0.03 to 2 %.
 
     Examples
     --------
@@ -272,26 +272,26 @@ def good_until(fit: Described, *, walk: Walk | None = None) -> GoodUntil | None:
 
 
 def since_of(provenance: ProvenanceRecord | None) -> datetime | None:
-    """When the readings of a calibration were recorded, else when it was made; None where its file says neither."""
+    """Date of the recording, else of the calibration; None if the file states neither."""
     if provenance is None:
         return None
     return provenance.recorded or provenance.date  # UNSET is false
 
 
 def walk_record(walk: Walk) -> WalkRecord:
-    """A walk as it stands in a file."""
+    """Record of a walk for a calibration file."""
     return WalkRecord(rate=walk.rate, low=walk.low, high=walk.high)
 
 
-def _usual_per_kelvin(fit: Described) -> Walk:
-    """What data sheets state, in the calibration's unit; of counts as a share of a usual field."""
+def _usual_per_kelvin(fit: JudgedFit) -> Walk:
+    """Temperature coefficient of data sheets, in the calibration's unit per K; for counts relative to a usual field."""
     calibration = fit.calibration
     is_microtesla = calibration.unit == MICROTESLA
     return PRIOR_PER_KELVIN if is_microtesla else PRIOR_PER_KELVIN.scaled(calibration.ellipsoid.radius / USUAL_FIELD_UT)
 
 
-def _followed_per_kelvin(fit: Described) -> Walk | None:
-    """1 σ of the followed coefficient along its least known axis; None where the file has no covariance of it."""
+def _followed_per_kelvin(fit: JudgedFit) -> Walk | None:
+    """1 σ of the fitted coefficient along its least known axis; None if the fit has no covariance of it."""
     whole = fit.evidence.disturbances.covariance
     if whole is None:
         return None
@@ -301,6 +301,6 @@ def _followed_per_kelvin(fit: Described) -> Walk | None:
     return Walk(sigma, sigma, sigma) if sigma > 0.0 else None
 
 
-def _rounded(number: float | None) -> Any:  # noqa: ANN401 - None stays None
-    """To so many digits as are known."""
+def _round(number: float | None) -> Any:  # noqa: ANN401 - None stays None
+    """A number rounded to `DIGITS`; None stays None."""
     return None if number is None else float(f"{number:.{DIGITS}g}")

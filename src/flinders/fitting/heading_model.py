@@ -1,4 +1,4 @@
-"""Covariance of a fit in the axes of corrected readings, for code that states the error of each of its headings.
+"""Covariance of a fit in the axes of corrected readings, for exported code that states the error of each heading.
 
 >>> from flinders import fit, simulate
 >>> model = heading_model_of(fit(simulate.tumble(seed=1).samples))
@@ -24,11 +24,11 @@ if TYPE_CHECKING:
     from flinders.fitting.result import Fit
 
 DECIMALS: Final = 8
-"""Of numbers that are sums of parts as large as 1, and end in single precision."""
+"""Decimals of exported numbers, which are at most about 1 and in single precision."""
 
 
 def heading_model_of(fit: Fit) -> HeadingModel | None:
-    """The standard deviation of headings at any attitude, as code computes it; None where `noise_of` is None."""
+    """Numbers from which exported code computes the heading error at any attitude; None if `noise_of` is None."""
     if noise_of(fit) is None:
         return None
     claim, calibration = fit.claim, fit.calibration
@@ -48,10 +48,10 @@ def heading_model_of(fit: Fit) -> HeadingModel | None:
 
 
 def _factor(covariance: Floats, turn: Floats, strength: float) -> Floats:
-    """(9, 9) upper triangular U, UᵀU the covariance of R b and of R S Rᵀ / F.
+    """(9, 9) upper triangular U, such that UᵀU is the covariance of R b and of R S Rᵀ / F.
 
-    By eigenvectors and QR, as a covariance may be singular. An entry has as many decimals, in standard deviations of
-    its column, as single precision holds.
+    It is computed by eigenvectors and QR, as a covariance may be singular. Entries are rounded to `DECIMALS` in
+    standard deviations of their column.
     """
     turned = np.zeros((9, 9))
     turned[:3, :3] = turn

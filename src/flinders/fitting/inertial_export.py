@@ -1,7 +1,8 @@
-"""An accelerometer and a gyro written for a target: beside the calibration of a magnetometer, or by themselves.
+"""Export of the calibration of an accelerometer and a gyro to a target, with a magnetometer or alone.
 
-A fit with aiding sensors has both in the axes in which it corrects; a target that corrects readings as they were
-recorded gets them in those. What an autopilot logs is after its own calibration, and is not written back to it.
+A fit with aiding sensors has both in the axes of corrected readings; a target that corrects recorded readings gets
+them in the recorded axes. An autopilot logs accelerations and rates after its own calibration, so that a calibration
+from such a log is not exported to it.
 
 >>> import numpy as np
 >>> from flinders.core.inertial import Triad
@@ -32,18 +33,19 @@ if TYPE_CHECKING:
     from flinders.targets._inertial import Asked, InertialForm, InertialWritten
 
 SENSORS: Final = ("accelerometer", "gyro")
-"""What can be written beside a magnetometer."""
+"""Sensors that can be exported with a magnetometer."""
 
 
 def inertial_of(fit: Fit, target: Target, sensors: Sequence[str]) -> Inertial:
-    """What a fit found of these sensors, in the axes of the target; nothing where none is asked for.
+    """Calibrations of `sensors` by a fit, in the axes of the target; empty without `sensors`.
 
     Raises
     ------
     UsageError
-        For sensors that are not known, that the target does not hold, or that the fit found nothing of.
+        For sensors that are unknown, that the target does not hold, or that the fit did not calibrate.
     NotExportable
-        For a fit to an autopilot's log, and for that autopilot: its accelerations are after the calibration on board.
+        For a fit to an autopilot's log and that autopilot as target, as it logs accelerations after its own
+        calibration.
     """
     if not sensors:
         return Inertial()
@@ -54,14 +56,14 @@ def inertial_of(fit: Fit, target: Target, sensors: Sequence[str]) -> Inertial:
         if getattr(found, name) is None:
             aid = {"accelerometer": "dip", "gyro": "rate"}[name]
             raise UsageError(
-                f"{fit.provenance.name} knows nothing of the {name}: calibrate with {aid}, or the accelerometer by "
-                "itself with flinders accelerometer",
+                f"{fit.provenance.name} has no calibration of the {name}: calibrate with {aid}, or the accelerometer "
+                "alone with flinders accelerometer",
                 hint={"aiding": aid},
             )
     if any(file.autopilot == target.family for file in fit.provenance.files):
         raise NotExportable(
-            f"accelerations and rates of {fit.provenance.name} are as {target.title} logs them, after the calibration "
-            f"on board: what was found comes on top of that, and {target.title} would put it in its place",
+            f"{fit.provenance.name} was made from accelerations and rates after the calibration of {target.title} on "
+            f"board: its numbers only add to that calibration, but {target.title} would replace it by them",
             beyond=tuple(sensors),
         )
     accelerometer, gyro = (
@@ -72,25 +74,25 @@ def inertial_of(fit: Fit, target: Target, sensors: Sequence[str]) -> Inertial:
 
 
 def form_of(target: Target, sensors: Sequence[str]) -> InertialForm:
-    """Form in which a target holds accelerometer or gyro; `UsageError` where it holds none, or for another sensor."""
+    """Form in which a target holds accelerometer or gyro; `UsageError` if it holds none, or for an unknown sensor."""
     unknown = [name for name in sensors if name not in SENSORS]
     if unknown:
         raise UsageError(f"sensor {unknown[0]!r} is not known: use {' or '.join(SENSORS)}")
     lacking = [name for name in sensors if target.inertial is None or getattr(target.inertial, name) is None]
     if target.inertial is None or lacking:
         takes = [each.name for each in registry().values() if each.inertial and getattr(each.inertial, lacking[0])]
-        raise UsageError(f"{target.title} holds no {lacking[0]} here: {', '.join(takes)} do", hint={"target": None})
+        raise UsageError(f"{target.title} holds no {lacking[0]}: use one of {', '.join(takes)}", hint={"target": None})
     return target.inertial
 
 
 def beside(export: Export, target: Target, inertial: Inertial, asked: Asked = FIRST, *, lossy: bool = False) -> Export:
-    """An export of a magnetometer's calibration with that of an accelerometer and a gyro; raises as `written`."""
+    """Export of a magnetometer's calibration, with accelerometer and gyro added; raises as `written`."""
     if not inertial or target.inertial is None:
         return export
     form = target.inertial
     made = written(form, inertial, who=target.title, asked=asked, lossy=lossy)
     if form.is_json:
-        text = json.dumps({**json.loads(export.text), **made.values}, indent=1, default=_listed) + "\n"
+        text = json.dumps({**json.loads(export.text), **made.values}, indent=1, default=_to_list) + "\n"
     else:
         remarks = [*made.notes, *made.warnings, *([made.checked] if made.checked else [])]
         comments = target.comment.lines(remarks) if target.comment else []
@@ -103,20 +105,20 @@ def beside(export: Export, target: Target, inertial: Inertial, asked: Asked = FI
 
 
 def alone(target: Target, inertial: Inertial, asked: Asked = FIRST, *, lossy: bool = False) -> Export:
-    """An accelerometer and a gyro by themselves, as far as the target holds them.
+    """Export of the calibrations of accelerometer and gyro alone, as far as the target holds them.
 
     Raises
     ------
     UsageError
-        For a target that holds neither, or in one file with its magnetometer alone.
+        For a target that holds neither, or holds them only in one file with its magnetometer.
     NotExportable, UnitError
         As `flinders.targets._inertial.written`.
     """
     form = form_of(target, ["accelerometer"] if inertial.accelerometer else ["gyro"])
     if not form.is_alone:
         raise UsageError(
-            f"a file of {target.title} holds the magnetometer too, and would take its calibration away: calibrate with "
-            "dip, and write that with its accelerometer",
+            f"a file of {target.title} also holds the magnetometer, whose calibration would be lost: calibrate with "
+            "dip, and export that calibration with its accelerometer",
             hint={"aiding": "dip"},
         )
     made = written(form, inertial, who=target.title, asked=asked, lossy=lossy)
@@ -127,14 +129,14 @@ def alone(target: Target, inertial: Inertial, asked: Asked = FIRST, *, lossy: bo
         *([made.checked] if made.checked else []),
     ]
     comments = target.comment.lines(remarks) if target.comment else []
-    body = json.dumps(made.values, indent=1, default=_listed).splitlines() if form.is_json else made.body
+    body = json.dumps(made.values, indent=1, default=_to_list).splitlines() if form.is_json else made.body
     text = "\n".join([*comments, *body, ""])
     fields = {"target": target.name, **_fields(form, made)}
     return Export(target.name, text, fields, made.checked, made.warnings, has_comments=bool(comments))
 
 
 def _fields(form: InertialForm, made: InertialWritten) -> dict[str, Any]:
-    """What is written, for programs."""
+    """Fields of the export in JSON."""
     return {
         "formula": form.formula,
         "values": dict(made.values),
@@ -143,13 +145,13 @@ def _fields(form: InertialForm, made: InertialWritten) -> dict[str, Any]:
     }
 
 
-def _listed(value: Any) -> Any:  # noqa: ANN401 - an array within JSON
-    """An array as lists."""
+def _to_list(value: Any) -> Any:  # noqa: ANN401 - an array within JSON
+    """An array as nested lists."""
     return value.tolist()
 
 
 def _in_axes(triad: Triad, fit: Fit, target: Target) -> Triad:
-    """The sensor in the axes in which a target corrects it."""
+    """Calibration of a sensor in the axes of the readings that a target corrects."""
     calibration = fit.calibration
     if calibration.axes.is_identity or target.acts == "mapped":
         return triad

@@ -1,4 +1,4 @@
-"""Judgement of an estimate: its record goes to the engine, and a `Fit` comes back, or is refused.
+"""Judgement of an estimate: the engine judges its record, and the result is a `Fit`.
 
 >>> from flinders import simulate
 >>> from flinders.fitting import calibrate
@@ -37,12 +37,12 @@ if TYPE_CHECKING:
 
 
 def accepted(result: Fit) -> Fit:
-    """The fit, unless its verdict refuses it.
+    """Return the fit unless its verdict is ``refused``.
 
     Raises
     ------
     Refused
-        With the fit.
+        With the fit, if a finding refuses it.
     """
     if any(finding.severity == "refuses" for finding in result.findings):
         raise Refused(result)
@@ -50,7 +50,7 @@ def accepted(result: Fit) -> Fit:
 
 
 def mounted(result: Fit, sigma_deg: float | None) -> Fit:
-    """Add the heading error of a mounting of stated uncertainty, where it is stated."""
+    """Add the heading error of the mounting, if its uncertainty is stated, in degrees."""
     if sigma_deg is None:
         return result
     error = alignment_error_deg(sigma_deg, dip_deg=result.heading_error_deg.dip_deg)
@@ -58,7 +58,7 @@ def mounted(result: Fit, sigma_deg: float | None) -> Fit:
 
 
 def _bias_deg(estimate: Estimate, dip_deg: float) -> float:
-    """Heading error (rms) that the bias of a method makes."""
+    """Heading error (rms, in degrees) from the bias of a method."""
     if estimate.bias is None:
         return 0.0
     bias, down = np.outer(estimate.bias, estimate.bias), down_of(estimate.plane)
@@ -66,7 +66,7 @@ def _bias_deg(estimate: Estimate, dip_deg: float) -> float:
 
 
 def judged(widened: Widened, found: Estimated, calibration: Calibration, request: Request) -> Fit:
-    """Put together what is known and judge it."""
+    """Judge an estimate and put its claim, evidence and findings together in a fit."""
     record = widened.record
     estimate = found.estimate if record["is_shrunk"] > 0 else widened.estimate
     diagnosis = diagnosis_of(widened, estimate, found, calibration)
@@ -92,7 +92,7 @@ def judged(widened: Widened, found: Estimated, calibration: Calibration, request
 
 
 def _claim(widened: Widened, judgement: Records, calibration: Calibration, request: Request) -> Claim:
-    """What is claimed of a calibration by a record and its judgement."""
+    """Claim of a calibration, from its record and judgement."""
     record, estimate = widened.record, widened.estimate
     alignment_deg = float(record["alignment_deg"])
     return Claim(
@@ -112,7 +112,7 @@ def _claim(widened: Widened, judgement: Records, calibration: Calibration, reque
 
 
 def _residuals(record: Records, estimate: Estimate, judgement: Records) -> Residuals:
-    """What the residuals of an estimate tell."""
+    """Statistics of the residuals of an estimate."""
     distortion = 0.0 if estimate.plane or math.isnan(record["distortion"]) else float(record["distortion"])
     if estimate.correlation is None:
         return Residuals(distortion=distortion)
@@ -127,7 +127,7 @@ def _judgement(
     calibration: Calibration,
     request: Request,
 ) -> tuple[Diagnosis, Records]:
-    """Judge a record with what diagnostics found, and once more where that asks for a closer look."""
+    """Judge a record with its diagnosis, and again if the judgement requests further tests."""
     asked = request_of(calibration, target_deg=request.target_deg)
     aiding, dip_deg = found.aiding, float(record["dip_deg"])
     alignment_deg = None if aiding is None else aiding.alignment_error_deg(dip_deg)
@@ -154,7 +154,7 @@ def _judgement(
 def _disturbances(
     claim: Claim, disturbed: DisturbanceFit | None, unused: tuple[DisturbanceEstimate, ...]
 ) -> Disturbances:
-    """What is known of the disturbances of a calibration, by readings that were compensated for them."""
+    """Disturbances of a calibration with their heading errors, before and after compensation."""
     if disturbed is None:
         return Disturbances(unused)
     from flinders.estimators.regressors import DisturbanceEstimate

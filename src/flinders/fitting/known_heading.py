@@ -1,12 +1,13 @@
-"""A calibration renewed where the vehicle cannot be turned at all: from one or a few poses at known headings.
+"""Renewal of a calibration without turning the vehicle: from one or a few poses at known headings.
 
 At a pose the field of the site has a known direction q in the vehicle's axes, and the mean reading is
 
     x̄ = b + S q + S δq + n
 
-with the shape S of the earlier calibration and its uncertainty, δq what heading, tilt and dip may be off by, and n the
-noise. Generalised least squares with the earlier shape as prior gives the offset b. What one pose leaves open, its
-covariance says: each degree of the heading moves the offset by a sixtieth of the field, along which other headings err.
+with the shape S of the earlier calibration and its uncertainty, the error δq from heading, tilt and dip, and the
+noise n. Generalised least squares with the earlier shape as prior gives the offset b. The covariance includes the error
+of a single pose: each degree of heading error moves the offset by 1/57 of the field, which causes errors at other
+headings.
 
 ArduPilot's large vehicle calibration does the same without a claim.
 
@@ -21,10 +22,10 @@ ArduPilot's large vehicle calibration does the same without a claim.
 >>> fit.verdict, fit.evidence.diagnosis.refreshed.offset_change.round(1) + 0.0
 ('limited', array([0., 0., 0.]))
 
-Known headings of a drive are the courses over ground on straight stretches, of a vehicle that points where it goes.
-While it moves straight and fast enough, its course is its heading but for crab: wind, current, a slope. Crab by
-a steady wind is e(h) = a sin h + b cos h over the heading h, the same a and b on all stretches, and moves the offset
-as hard iron does; it counts with its prior on all of them together (`PoseSigmas.crab_deg`).
+In a drive the known headings are the courses over ground on straight stretches, of a vehicle that points in its
+direction of motion. Its course then differs from its heading only by the crab angle, from wind, current or a slope. In
+steady wind the crab angle is e(h) = a sin h + b cos h over the heading h, with the same a and b on all stretches. It
+has the same effect as hard iron, and its prior is common to all stretches (`PoseSigmas.crab_deg`).
 
 >>> from types import SimpleNamespace
 >>> from flinders.core.samples import Samples
@@ -77,23 +78,23 @@ if TYPE_CHECKING:
 METHOD: Final = "known-heading"
 
 CONDITIONS_OF_POSES: Final[tuple[Condition, ...]] = ("same-soft-iron", "uniform-field", "constant-iron")
-"""What a verdict rests on."""
+"""Conditions of the verdict."""
 
-FINEST_SHAPE: Final = 1e-4
-"""Of the radius: no reading knows it better, as in ``refresh.c``."""
+MIN_SHAPE_SIGMA: Final = 1e-4
+"""Smallest standard deviation of the shape, as a share of the radius, as in ``refresh.c``."""
 
-BLOCKS: Final = 10
-"""Of a pose, whose means say how well the mean of all is known, also where noise has a memory."""
+BLOCKS_PER_POSE: Final = 10
+"""Blocks of a pose; the scatter of their means gives the error of the overall mean, also with correlated noise."""
 
-STILL_DEG: Final = 5.0
-"""From the mean reading: farther away the vehicle was moved."""
+MAX_MOTION_DEG: Final = 5.0
+"""Largest angle from the mean reading; beyond it the vehicle was moved."""
 
 
 @dataclass(frozen=True, slots=True)
 class PoseSigmas:
-    """What a pose may be off by, 1 σ, in degrees: its heading, the tilt about each level axis, the dip of the site.
+    """Errors of a pose, 1 σ, in degrees: its heading, the tilt about each level axis, the dip of the site.
 
-    `crab_deg` is of an error a sin h + b cos h of all headings together, as steady wind makes it of courses.
+    `crab_deg` is the amplitude of an error a sin h + b cos h common to all headings, as of courses in steady wind.
     """
 
     heading_deg: float = 1.0
@@ -102,17 +103,17 @@ class PoseSigmas:
     crab_deg: float = 0.0
 
     def __post_init__(self) -> None:
-        """Refuse what is no angle."""
+        """Refuse values that are no standard deviation of an angle."""
         for name in ("heading_deg", "tilt_deg", "dip_deg"):
             if not 0.0 < getattr(self, name) <= 45.0:
                 raise UsageError(
-                    f"{name.replace('_', ' ')} sigma is {getattr(self, name):g}: need more than 0, up to 45"
+                    f"sigma of {name.removesuffix('_deg')} is {getattr(self, name):g}°: need more than 0°, up to 45°"
                 )
         if not 0.0 <= self.crab_deg <= 45.0:
-            raise UsageError(f"crab deg sigma is {self.crab_deg:g}: need 0 to 45")
+            raise UsageError(f"sigma of crab is {self.crab_deg:g}°: need 0° to 45°")
 
 
-SIGMAS: Final = PoseSigmas()
+DEFAULT_SIGMAS: Final = PoseSigmas()
 
 
 @spell_checked()
@@ -122,7 +123,7 @@ def refresh_at_headings(
     headings_deg: Sequence[float],
     *,
     site: Site | None = None,
-    sigmas: PoseSigmas = SIGMAS,
+    sigmas: PoseSigmas = DEFAULT_SIGMAS,
     target_deg: float = 1.0,
 ) -> Fit:
     """Renew the hard iron of a calibration from poses at known headings.
@@ -130,7 +131,8 @@ def refresh_at_headings(
     Parameters
     ----------
     poses : sequence of Samples, Recording, (N, 3) array-like, path, open file or data frame
-        A recording of each pose, at rest; with an accelerometer its tilt counts, else the vehicle stands level.
+        A recording of each pose, at rest. Tilt is measured if there is an accelerometer, else the vehicle must be
+        level.
     previous : Fit
         As for `flinders.refresh`.
     headings_deg : sequence of float
@@ -138,16 +140,16 @@ def refresh_at_headings(
     site : Site
         As for `flinders.refresh`, with its inclination.
     sigmas : PoseSigmas, optional
-        What headings, tilts and the dip may be off by.
+        Errors of headings, tilts and the dip.
     target_deg : float
         Worst heading error that is good enough, in degrees.
 
     Raises
     ------
     Refused
-        With the fit, where it cannot be trusted.
+        If the fit cannot be trusted; the error carries the fit.
     UsageError
-        Without a dip, without a heading for each pose, for a vehicle that was moved, and as `flinders.refresh`.
+        Without a dip, without a heading for each pose, for a vehicle that was moved, and as for `flinders.refresh`.
 
     Examples
     --------
@@ -168,7 +170,7 @@ def refresh_at_headings(
     dip_deg = None if site is None else site.inclination_deg
     if site is None or dip_deg is None:
         raise UsageError(
-            "a pose needs the dip of the field at the place: give the dip, or the site", hint={"site": None}
+            "a pose needs the dip of the field, found none: give the site with its dip", hint={"site": None}
         )
     if not poses or len(poses) != len(headings_deg):
         raise UsageError(f"{len(poses)} poses and {len(headings_deg)} headings: need a heading for each pose")
@@ -179,7 +181,7 @@ def refresh_at_headings(
     readings = np.concatenate([recording.field for recording in recordings])
     seen = [Pose.of(recording, shape) for recording in recordings]
     equations = _Equations.of(seen, np.radians(headings_deg), math.radians(dip_deg), sigmas, shape, rotation)
-    parameters, covariance, chance = equations.solved(known.entries, known.covariance)
+    parameters, covariance, chance = equations.solve(known.entries, known.covariance)
     ellipsoid = Ellipsoid.of_parameters(parameters)
     distortion = previous.evidence.residuals.distortion
     error, structure_deg = expected_error(ellipsoid, covariance, dip_deg=dip_deg, distortion=distortion)
@@ -201,48 +203,48 @@ def refresh_at_headings(
         target_deg=target_deg,
     )
     fit = Fit(calibration, evidence, claim, Judgement())
-    return _accepted(mounted(fit, site.alignment_sigma_deg), chance)
+    return _with_findings(mounted(fit, site.alignment_sigma_deg), chance)
 
 
-def _accepted(fit: Fit, chance: float) -> Fit:
-    """The fit with its findings and what it rests on, unless its verdict refuses it."""
-    judgement = Judgement(linked(_judged(fit, chance)))
+def _with_findings(fit: Fit, chance: float) -> Fit:
+    """The fit with its findings and conditions; raises `Refused` if a finding refuses it."""
+    judgement = Judgement(linked(_judge(fit, chance)))
     if judgement.verdict == "refused":
         raise Refused(replace(fit, judgement=judgement))
     return replace(fit, judgement=replace(judgement, conditions=CONDITIONS_OF_POSES))
 
 
 def is_still(field: Floats, shape: Floats) -> bool:
-    """Whether (N, 3) readings stay near their mean, as those of a vehicle that is not turned."""
+    """Whether (N, 3) readings stay near their mean, by the median distance, as of a vehicle that is not turned."""
     off = np.linalg.norm(np.linalg.solve(shape, (field - field.mean(axis=0)).T), axis=0)
-    return math.degrees(float(np.median(off))) <= STILL_DEG
+    return math.degrees(float(np.median(off))) <= MAX_MOTION_DEG
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Pose:
-    """What was read while a vehicle stood still."""
+    """Mean reading of a vehicle at rest, with its noise and the vertical."""
 
-    mean: Floats  #: (3,): reading
-    noise: float  #: standard deviation of a component of a reading
-    noise_of_mean: float  #: standard deviation of the mean
-    down: Floats  #: (3,): in the vehicle's axes: by its accelerometer, else z
+    mean: Floats  #: (3,): mean reading
+    noise: float  #: standard deviation of one component of a reading
+    noise_of_mean: float  #: standard deviation of one component of the mean
+    down: Floats  #: (3,): unit vector down in the vehicle's axes, by its accelerometer, else z
 
     @classmethod
     def of(cls, samples: Samples, shape: Floats) -> Self:
-        """Take the mean of a recording.
+        """Create the pose of a recording at rest.
 
-        Raises `UsageError` where the vehicle was moved.
+        Raises `UsageError` if the vehicle was moved.
         """
         if len(samples) == 0:
-            raise UsageError(f"{samples.source} has no reading: record the pose for some seconds")
+            raise UsageError(f"{samples.source} has no readings: record the pose for some seconds")
         mean = samples.field.mean(axis=0)
         if not is_still(samples.field, shape):
             raise UsageError(
-                f"{samples.source}: the vehicle was moved while the pose was recorded, or the field is not steady: "
+                f"{samples.source}: readings vary as if the vehicle was moved or the field was not steady: "
                 "record each pose at rest"
             )
         noise = float(np.sqrt(np.mean(np.square(samples.field - mean))))
-        blocks = [block.mean(axis=0) for block in np.array_split(samples.field, min(BLOCKS, len(samples)))]
+        blocks = [block.mean(axis=0) for block in np.array_split(samples.field, min(BLOCKS_PER_POSE, len(samples)))]
         of_mean = math.sqrt(float(np.var(blocks, axis=0, ddof=1).mean()) / len(blocks)) if len(blocks) > 1 else noise
         down = np.zeros(3) if samples.acceleration is None else dip.verticals(samples.acceleration)[0].mean(axis=0)
         length = float(np.linalg.norm(down))
@@ -250,15 +252,15 @@ class Pose:
 
     @property
     def level(self) -> tuple[Floats, Floats]:
-        """(3,) unit vectors forward and right in the vehicle's axes, across `down`."""
+        """(3,) unit vectors forward and right in the vehicle's axes, perpendicular to `down`."""
         forward = np.array([1.0, 0.0, 0.0]) - self.down[0] * self.down
         forward /= np.linalg.norm(forward)
         return forward, np.cross(self.down, forward)
 
     def field(self, heading: float, inclination: float) -> tuple[Floats, Floats]:
-        """(3,) direction of the field in the vehicle's axes at a heading, in rad; and what moves it.
+        """Direction of the field (3,) in the vehicle's axes, and its derivatives (3, 4); angles in rad.
 
-        The latter are (3, 4): derivatives by the dip, the heading, and the tilt about forward and right.
+        The derivatives are by the dip, the heading, and the tilt about forward and right.
         """
         forward, right = self.level
         north = math.cos(heading) * forward - math.sin(heading) * right
@@ -271,7 +273,7 @@ class Pose:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Equations:
-    """Rows x̄ = b + J s + noise of all poses: (3K, 9) design, (3K,) readings, (3K, 3K) covariance of the noise."""
+    """Equations x̄ = b + J s + noise of K poses: (3K, 9) design, (3K,) readings, (3K, 3K) covariance of the noise."""
 
     design: Floats
     readings: Floats
@@ -287,7 +289,7 @@ class _Equations:
         shape: Floats,
         rotation: Floats,
     ) -> Self:
-        """Linearise about the known shape; errors of the dip, and by crab, are common to all poses."""
+        """Linearise about the known shape; errors of dip and crab angle are common to all poses."""
         size = 3 * len(poses)
         design, dips, turns, covariance = np.empty((size, 9)), np.empty(size), np.empty(size), np.zeros((size, size))
         own = np.square(np.radians([sigmas.heading_deg, sigmas.tilt_deg, sigmas.tilt_deg]))
@@ -298,15 +300,15 @@ class _Equations:
             dips[rows], *others = (shape @ rotation.T @ moved).T
             errors = np.column_stack(others)
             turns[rows] = errors[:, 0]
-            noise = pose.noise_of_mean**2 + np.square(FINEST_SHAPE) * np.trace(shape) ** 2
+            noise = pose.noise_of_mean**2 + np.square(MIN_SHAPE_SIGMA) * np.trace(shape) ** 2
             covariance[rows, rows] = errors * own @ errors.T + noise * np.eye(3)
         covariance += np.radians(sigmas.dip_deg) ** 2 * np.outer(dips, dips)
         around = np.repeat(headings, 3)
         covariance += np.radians(sigmas.crab_deg) ** 2 * np.cos(around[:, np.newaxis] - around) * np.outer(turns, turns)
         return cls(design, np.concatenate([pose.mean for pose in poses]), covariance)
 
-    def solved(self, entries: Floats, prior: Floats) -> tuple[Floats, Floats, float]:
-        """Offset and shape (9,), their covariance (9, 9), and how often chance makes residuals as large.
+    def solve(self, entries: Floats, prior: Floats) -> tuple[Floats, Floats, float]:
+        """Offset and shape (9,), their covariance (9, 9), and the p-value of the residuals.
 
         `entries` (6,) and `prior` (6, 6) are the earlier shape and its covariance.
         """
@@ -323,7 +325,7 @@ class _Equations:
 
 
 def _calibration(ellipsoid: Ellipsoid, previous: Fit, site: Site | None) -> Calibration:
-    """The correction, recorded and turned as the earlier one."""
+    """The correction, with the axes and the rotation of the earlier one."""
     known = previous.calibration
     made = Calibration.from_ellipsoid(
         ellipsoid.centre,
@@ -337,8 +339,8 @@ def _calibration(ellipsoid: Ellipsoid, previous: Fit, site: Site | None) -> Cali
     return turned(made, previous)
 
 
-def _judged(fit: Fit, chance: float) -> Iterator[Finding]:
-    """What there is to know of a fit to poses."""
+def _judge(fit: Fit, chance: float) -> Iterator[Finding]:
+    """Findings of a fit to poses, from the p-value `chance` of its residuals."""
     yield from judged_parts(
         fit.calibration,
         ("poses-contradict", "heading-error", *OF_CALIBRATION),
@@ -349,59 +351,60 @@ def _judged(fit: Fit, chance: float) -> Iterator[Finding]:
     )
 
 
-SLOWEST: Final = 3.0
-"""Speed over ground below which a course is no heading, m/s."""
-STRAIGHT_S: Final = 5.0
-"""Shortest straight stretch."""
-CRAB_DEG: Final = 2.0
-"""1 σ of what wind, current or a slope turn the course from the heading."""
-LEAST_READINGS: Final = 20
-"""In a stretch."""
-MOST: Final = 100
-"""Stretches that are used, the longest."""
+MIN_SPEED: Final = 3.0
+"""Smallest speed over ground at which a course is used as a heading, m/s."""
+MIN_STRAIGHT_S: Final = 5.0
+"""Duration of the shortest straight stretch."""
+CRAB_SIGMA_DEG: Final = 2.0
+"""Standard deviation of the crab angle, from wind, current or a slope."""
+MIN_READINGS: Final = 20
+"""Smallest count of readings in a stretch."""
+MAX_STRETCHES: Final = 100
+"""Largest count of stretches; the longest ones are used."""
 
 
 @dataclass(frozen=True, slots=True)
 class Stretch:
-    """A straight stretch of a drive: its readings, true course, and the scatter of that, 1 σ of a fix, in degrees."""
+    """A straight stretch of a drive: its readings, its true course, and the 1 σ scatter of the course, in degrees."""
 
     samples: Samples
     course_deg: float
     scatter_deg: float
 
 
-def stretches(samples: Samples, velocity: TimeSeries, *, slowest: float = SLOWEST) -> list[Stretch]:
-    """Find where a vehicle went straight, at least so fast.
+def stretches(samples: Samples, velocity: TimeSeries, *, slowest: float = MIN_SPEED) -> list[Stretch]:
+    """Find the stretches of a drive that are straight and fast enough.
 
-    Raises `UsageError` for readings without times, or none while the velocity was logged.
+    Raises `UsageError` for readings without times, or if readings and velocity do not overlap in time.
 
     Parameters
     ----------
     samples : Samples
         With times.
     velocity : TimeSeries
-        (M,) times by the same clock and (M, 2) m/s over ground, north and east.
+        (M,) times on the clock of the readings, and (M, 2) velocity over ground in m/s, north and east.
     slowest : float, m/s
+        Smallest speed.
     """
     if samples.time is None:
-        raise UsageError(f"{samples.source} has no times: courses go with a log")
+        raise UsageError(f"{samples.source} has no times: need a log with times to use courses")
     (first, last), (begin, end) = samples.time[[0, -1]], velocity.time[[0, -1]]
     if first > end or begin > last:
         raise UsageError(
-            f"{samples.source} was recorded from {first:.0f} to {last:.0f} s by its clock, and courses from "
-            f"{begin:.0f} to {end:.0f} s: record both at the same time, by clocks that agree"
+            f"{samples.source} was recorded from {first:.0f} to {last:.0f} s on its clock, and courses from "
+            f"{begin:.0f} to {end:.0f} s: record both at the same time, with synchronised clocks"
         )
     north, east = velocity.values.T
     course = np.where(np.hypot(north, east) >= slowest, wrapped(np.rad2deg(np.arctan2(east, north))), np.nan)
     step = float(np.median(np.diff(velocity.time))) if len(velocity.time) > 1 else np.inf
-    least = max(round(STRAIGHT_S / step), 8) if step > 0.0 else 8
+    least = max(round(MIN_STRAIGHT_S / step), 8) if step > 0.0 else 8
     straight = []
     for rest in rests(course, least_readings=least):
         begin, end = velocity.time[rest.start], velocity.time[rest.stop - 1]
         part = samples[(samples.time >= begin) & (samples.time <= end)]
-        if len(part) >= LEAST_READINGS:
+        if len(part) >= MIN_READINGS:
             straight.append(Stretch(part, rest.heading_deg, max(rest.spread_deg, rest.sigma_deg)))
-    return sorted(straight, key=lambda stretch: -len(stretch.samples))[:MOST]
+    return sorted(straight, key=lambda stretch: -len(stretch.samples))[:MAX_STRETCHES]
 
 
 @spell_checked()
@@ -411,14 +414,14 @@ def refresh_on_courses(
     velocity: TimeSeries,
     *,
     declination_deg: float,
-    slowest: float = SLOWEST,
-    crab_deg: float = CRAB_DEG,
+    slowest: float = MIN_SPEED,
+    crab_deg: float = CRAB_SIGMA_DEG,
     site: Site | None = None,
     target_deg: float = 1.0,
 ) -> Fit:
     """Renew the hard iron of a calibration from the straight stretches of a drive.
 
-    For vehicles that point where they go; a multirotor may point anywhere.
+    For vehicles that point in their direction of motion; a multirotor does not.
 
     Parameters
     ----------
@@ -427,18 +430,18 @@ def refresh_on_courses(
     velocity : TimeSeries
         As for `stretches`, such as `Instrument.velocity`.
     declination_deg : float
-        Of the place.
+        Declination at the place, east positive.
     slowest : float, m/s
-        Speed below which a course is not used.
+        Smallest speed at which a course is used.
     crab_deg : float, degrees
-        1 σ of what the course and the heading differ by.
+        Difference between course and heading, 1 σ.
 
     Raises
     ------
     FitError
-        Where the vehicle never went straight and fast enough in a steady field; `Refused` as `refresh_at_headings`.
+        If no stretch is straight, fast enough and in a steady field; `Refused` as `refresh_at_headings`.
     UsageError
-        For readings without times, none while the velocity was logged, and as `refresh_at_headings`.
+        For readings without times, or that do not overlap with the velocity, and as `refresh_at_headings`.
 
     Examples
     --------
@@ -460,22 +463,22 @@ def refresh_on_courses(
     """
     samples = replace(samples_of(recording, previous), frame=previous.calibration.frame)
     straight = stretches(samples, velocity, slowest=slowest)
-    steady = _steady(straight, previous)
+    steady = _steady_stretches(straight, previous)
     if not steady:
         raise FitError(
-            f"no stretch of {STRAIGHT_S:g} s at {slowest:g} m/s or more with a steady field (of {len(straight)} "
-            "straight ones): drive straight on several headings, on level ground and away from iron",
+            f"no stretch of {MIN_STRAIGHT_S:g} s at {slowest:g} m/s or more with a steady field (of {len(straight)} "
+            "straight stretches): drive straight on several headings, on level ground and away from iron",
             found=len(straight),
             slowest=slowest,
         )
     headings = [stretch.course_deg - declination_deg for stretch in steady]
     scatter = float(np.median([stretch.scatter_deg for stretch in steady]))
-    sigmas = replace(SIGMAS, heading_deg=min(max(scatter, SIGMAS.heading_deg), 45.0), crab_deg=crab_deg)
+    sigmas = replace(DEFAULT_SIGMAS, heading_deg=min(max(scatter, DEFAULT_SIGMAS.heading_deg), 45.0), crab_deg=crab_deg)
     poses = [stretch.samples for stretch in steady]
     return refresh_at_headings(poses, previous, headings, site=site, sigmas=sigmas, target_deg=target_deg)
 
 
-def _steady(straight: Sequence[Stretch], previous: Fit) -> list[Stretch]:
-    """Those during which the field was steady, as on a vehicle that neither rolls nor passes iron."""
+def _steady_stretches(straight: Sequence[Stretch], previous: Fit) -> list[Stretch]:
+    """Stretches with a steady field, as on a vehicle that neither rolls nor passes iron."""
     shape = symmetric(known_shape(previous, None).entries)
     return [stretch for stretch in straight if is_still(stretch.samples.field, shape)]

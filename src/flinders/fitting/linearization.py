@@ -1,9 +1,9 @@
-"""Axes that are not linear, linearized: quadratic and cubic terms that are taken off their readings.
+"""Linearization of nonlinear axes: quadratic and cubic terms that are subtracted from their readings.
 
-Readings are linearized by the terms that the engine finds, and fitted again, until it finds nothing more to take off
-(Gauss-Newton, with the offset about which they hold). What is not known of the terms changes offset and shape in the
-mean over all directions, which is in their covariance; the rest, and what terms of higher order may be, is an error of
-the direction at any attitude (`nonlinearity.c`).
+Readings are linearized by the terms that the engine finds, and fitted again, until the engine finds no further terms
+(Gauss-Newton, together with the offset about which they apply). The uncertainty of the terms has two effects: its mean
+over all directions changes offset and shape, and is in their covariance; the rest, with possible terms of higher
+order, is an error of the direction at any attitude (`nonlinearity.c`).
 """
 
 from __future__ import annotations
@@ -24,57 +24,57 @@ if TYPE_CHECKING:
     from flinders.native.layouts import Records
 
 ROUNDS: Final = 12
-"""Fits, at most: each takes nine tenths of what is left off, or more."""
+"""Largest count of fits; each removes at least nine tenths of the remaining nonlinearity."""
 
-BEYOND: Final = 1.2
-"""Over what the field makes of an axis: no sensor that is turned reads more, and what it would read is not known."""
+MAX_READING_RATIO: Final = 1.2
+"""Largest reading of an axis over the field strength at which the linearization is applied."""
 
-CONVERGED: Final = 1e-6
-"""Change of terms and offset from one to the next, as a share of the field: 0.0001° of heading."""
+MAX_CHANGE: Final = 1e-6
+"""Change of terms and offset between rounds at convergence, as a share of the field: 0.0001° of heading."""
 
 
 @dataclass(frozen=True, slots=True)
 class AxisTerms:
-    """Terms of the axes, and the surface about whose centre they hold.
+    """Nonlinear terms of the axes, and the surface about whose centre they apply.
 
-    What a linear reading t from the centre leaves is ``d - radius (quadratic (d / radius)² + cubic (d / radius)³)``.
+    A reading d from the centre has the linear value ``d - radius (quadratic (d / radius)² + cubic (d / radius)³)``.
     """
 
     quadratic: Floats  # (3,), shares of the field
     cubic: Floats  # (3,)
-    p_value: float  # how often chance alone makes as much
+    p_value: float  # probability of terms as large by chance
     surface: Ellipsoid
 
     @classmethod
     def of(cls, found: Nonlinearity, surface: Ellipsoid) -> Self:
-        """Those that the engine found."""
+        """Create terms from a nonlinearity that the engine found."""
         return cls(np.array(found.quadratic), np.array(found.cubic), found.p_value, surface)
 
     @property
     def linearization(self) -> Linearization:
-        """The same as a calibration holds them."""
+        """The terms in the form of a calibration."""
         radius, reach = self.surface.radius, np.linalg.norm(self.surface.shape, axis=1)
-        return Linearization(self.quadratic / radius, self.cubic / radius**2, BEYOND * reach)
+        return Linearization(self.quadratic / radius, self.cubic / radius**2, MAX_READING_RATIO * reach)
 
     def linear(self, field: Floats) -> Floats:
-        """(N, 3) linear readings."""
+        """(N, 3) linearized readings of (N, 3) readings."""
         return self.surface.centre + self.linearization.apply(field - self.surface.centre)
 
     def refined(self, left: Nonlinearity | None, surface: Ellipsoid) -> AxisTerms:
-        """These and what was found beside them, about the surface of the linear readings."""
+        """Add further terms found in the linearized readings, about their surface."""
         if left is None:
             return replace(self, surface=surface)
         quadratic, cubic = self.quadratic + left.quadratic, self.cubic + left.cubic
         return replace(self, quadratic=quadratic, cubic=cubic, surface=surface)
 
     def is_close(self, other: AxisTerms) -> bool:
-        """Whether both are the same to within `CONVERGED`."""
+        """Whether the terms agree to within `MAX_CHANGE`."""
         terms = np.concatenate([self.quadratic - other.quadratic, self.cubic - other.cubic])
         moved = (self.surface.centre - other.surface.centre) / self.surface.radius
-        return bool(np.abs(np.concatenate([terms, moved])).max() < CONVERGED)
+        return bool(np.abs(np.concatenate([terms, moved])).max() < MAX_CHANGE)
 
     def corrected(self, record: Records) -> Nonlinearity:
-        """What was corrected, and what is not known of it beside offset and shape, by the record of linear readings."""
+        """Corrected nonlinearity and its remaining error, from the record of the linearized readings."""
         sigma, level = float(record["nonlinear_sigma_deg"]), math.cos(math.radians(record["dip_deg"]))
         left = math.hypot(sigma, math.degrees(self.beyond_cubic / level))
         return Nonlinearity(
@@ -87,10 +87,10 @@ class AxisTerms:
 
     @property
     def beyond_cubic(self) -> float:
-        """What terms of higher order may do to a corrected reading, as a share of the field.
+        """Possible effect of terms of higher order on a corrected reading, as a share of the field.
 
-        Cubic terms of the reading and cubic terms of the field differ by 5 q c u⁴ + 3 c² u⁵ and smaller ones. In all
-        directions an axis has each u as often, so that lower orders take all of them but 8/35 P₄ and 8/63 P₅
+        Cubic terms of the reading and cubic terms of the field differ by 5 q c u⁴ + 3 c² u⁵ and smaller terms. Over all
+        directions u is uniformly distributed on an axis, so that lower orders absorb all but 8/35 P₄ and 8/63 P₅
         (Legendre's polynomials).
         """
         each = 8.0 / 7.0 * np.abs(self.quadratic * self.cubic) + 8.0 / 21.0 * self.cubic**2
@@ -98,10 +98,10 @@ class AxisTerms:
 
 
 def unchanged(fit: Fit) -> str:
-    """Why a fit that was asked to linearize its axes did not."""
+    """Reason why a fit with `linearize` did not linearize its axes, in words."""
     found, lag = fit.evidence.diagnosis.nonlinearity, fit.evidence.diagnosis.axis_lag
     if found is None or not found.is_likely:
-        return "the axes are linear as far as the readings tell, or not linear in the same way throughout"
+        return "the axes are linear as far as the readings show, or their nonlinearity changes within the recording"
     if lag is not None and lag.is_proven and lag.p_value < found.p_value:
-        return "the axes are read at different moments, which looks like curves: read them at once first"
-    return "linearized axes would not make the heading error smaller, as far as the readings tell"
+        return "the axes are read at different times, which resembles nonlinear axes: read them at the same time first"
+    return "linearized axes would not reduce the heading error, as far as the readings show"

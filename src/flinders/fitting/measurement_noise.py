@@ -1,14 +1,14 @@
-"""What a filter, or firmware, has to know of the corrected readings of a fit: their noise, and limits of clean ones.
+"""Noise of the corrected readings of a fit for a filter, and limits for firmware to detect disturbed readings.
 
-A reading x of the field's direction q has the error S⁻¹(δb + δS q + n) of the corrected direction: of the parameters,
-by their covariance C, and of noise n with the standard deviation σ on each axis,
+A reading x of the field's direction q has the error S⁻¹(δb + δS q + n) in the corrected direction, from the parameters
+with their covariance C and from noise n with the standard deviation σ on each axis,
 
     M(q) = G C Gᵀ + σ² S⁻¹S⁻ᵀ
 
-The first part is the same in every reading of a direction, the second is white: `noise_of` keeps them apart. Firmware
-tells a disturbed reading by limits (`gates_of`): the length is off by F √(qᵀ M q), the direction by at most the root of
-the largest eigenvalue of M. The limits are those of the worst direction, so that a clean reading is beyond them no more
-often than is said.
+The first part is the same in every reading of a direction, the second is white: `noise_of` gives both. Firmware detects
+a disturbed reading by limits (`gates_of`): the error of the length is F √(qᵀ M q), that of the direction at most the
+root of the largest eigenvalue of M. The limits are those of the worst direction, so that clean readings exceed them no
+more often than stated.
 """
 
 from __future__ import annotations
@@ -31,11 +31,11 @@ if TYPE_CHECKING:
     from flinders.fitting.result import Fit
 
 DIRECTIONS: Final = fibonacci(400)
-"""(N, 3) in which the error of a reading is looked at, for the limits of a disturbed one."""
+"""(N, 3) directions at which the error of a reading is computed, for the limits of a disturbed reading."""
 
 
 def noise_of(fit: Fit) -> MeasurementNoise | None:
-    """Noise and remaining error of corrected readings; None where the fit states no noise or no uncertainty.
+    """Noise and remaining error of corrected readings; None if the fit states no noise or no uncertainty.
 
     >>> from flinders import fit, simulate
     >>> noise = noise_of(fit(simulate.tumble(seed=1).samples))
@@ -65,9 +65,9 @@ def noise_of(fit: Fit) -> MeasurementNoise | None:
 
 
 def field_covariance(fit: Fit, fields: Floats) -> Floats:
-    """(N, 3, 3) covariance of (N, 3) corrected readings, in the square of their unit; zero where it is not known.
+    """(N, 3, 3) covariance of (N, 3) corrected readings, in the square of their unit; zero if unknown.
 
-    Both parts at the direction of each reading, in the axes of the calibration.
+    It has both parts at the direction of each reading, in the axes of the calibration.
     """
     if not _is_stated(fit):
         return np.zeros((len(fields), 3, 3))
@@ -80,15 +80,15 @@ def field_covariance(fit: Fit, fields: Floats) -> Floats:
 
 
 def _horizontal_sigma(covariance: Floats, down: Floats | None) -> float:
-    """Standard deviation along one horizontal axis of a (3, 3) covariance, both alike."""
+    """Standard deviation along a horizontal axis, by the mean of both, of a (3, 3) covariance."""
     vertical = np.array([0.0, 0.0, 1.0]) if down is None else down / np.linalg.norm(down)
     return math.sqrt(max(float(np.trace(covariance) - vertical @ covariance @ vertical), 0.0) / 2.0)
 
 
 def gates_of(fit: Fit) -> Gates | None:
-    """The limits of a fit; None where its noise or uncertainty is not known, or nothing would be beyond them.
+    """Limits of clean readings of a fit; None if its noise or uncertainty is unknown, or no reading could exceed them.
 
-    Dip has a limit where the fit saw how the sensor is turned against an accelerometer or attitude, and the dip there.
+    The dip has a limit if the fit found the rotation against an accelerometer or attitude, and the dip.
 
     >>> from flinders import fit, simulate
     >>> gates = gates_of(fit(simulate.tumble(seed=1).samples))
@@ -106,7 +106,7 @@ def gates_of(fit: Fit) -> Gates | None:
     aiding = fit.evidence.aiding
     if fit.calibration.rotation != "estimated" or aiding is None or aiding.dip_deg is None:
         return Gates(strength)
-    across = float(np.linalg.eigvalsh(errors)[:, -1].max()) + _mounting(aiding)
+    across = float(np.linalg.eigvalsh(errors)[:, -1].max()) + _mounting_variance(aiding)
     limit = SIGMAS * math.hypot(math.degrees(math.sqrt(across)), aiding.dip_sigma_deg or 0.0, TILT_DEG)
     return Gates(strength, aiding.dip_deg, limit)
 
@@ -117,7 +117,7 @@ def _is_stated(fit: Fit) -> bool:
 
 
 def _errors(fit: Fit, directions: Floats, covariance: Floats) -> tuple[Floats, Floats]:
-    """(N, 3, 3) G C Gᵀ in (N, 3) directions, and (3, 3) σ² S⁻¹S⁻ᵀ: squares of parts of the field strength."""
+    """(N, 3, 3) G C Gᵀ in (N, 3) directions, and (3, 3) σ² S⁻¹S⁻ᵀ, relative to the squared field strength."""
     inverse = np.linalg.inv(fit.calibration.ellipsoid.shape)
     rows = np.stack([gathered(np.tile(row, (len(directions), 1)).T, directions.T) for row in inverse], axis=1)
     carried: Floats = rows @ np.asarray(covariance) @ np.swapaxes(rows, 1, 2)
@@ -125,7 +125,7 @@ def _errors(fit: Fit, directions: Floats, covariance: Floats) -> tuple[Floats, F
     return carried, fit.evidence.noise**2 * inverse @ inverse.T
 
 
-def _mounting(aiding: Aiding) -> float:
-    """rad²: variance of the rotation against the body, about its least certain axis."""
+def _mounting_variance(aiding: Aiding) -> float:
+    """Variance of the rotation against the body about its least certain axis, in rad²."""
     covariance = aiding.rotation_covariance
     return 0.0 if covariance is None else float(np.linalg.eigvalsh(covariance)[-1])

@@ -1,4 +1,4 @@
-"""The engine's record of a fit, filled from what an estimator found: what the judge of fits takes.
+"""The engine's record of a fit, filled from an estimate, as input of the judgement.
 
 >>> from flinders import simulate
 >>> from flinders.estimators import Readings
@@ -41,21 +41,21 @@ if TYPE_CHECKING:
 
 AIDED, AIDED_BY_FIELD, AIDED_BY_ATTITUDE = constant("AIDED"), constant("AIDED_BY_FIELD"), constant("AIDED_BY_ATTITUDE")
 COMPENSATED, REFRESHED = constant("COMPENSATED"), constant("REFRESHED")
-"""What helped a fit beside the readings of one magnetometer."""
+"""Sources of a fit other than the readings of one magnetometer, as bits."""
 
-OF_STATISTICS: Final = (
+STATISTICS_FIELDS: Final = (
     "rows", "repeats", "distinct", "rests", "at_rest", "fitted", "fitted_repeats", "fitted_distinct", "step",
 )  # fmt: skip
-"""Fields of a record that `Statistics` has by the same names."""
+"""Fields of a record with the same names in `Statistics`."""
 
 ASKS_HALVES, ASKS_SWAP = constant("ASKS_HALVES"), constant("ASKS_SWAP")
-"""What a judgement would have looked at more closely."""
+"""Further tests that a judgement requests, as bits."""
 
 ROTATIONS: Final = {"symmetric": 0, "estimated": 2}
-"""How a calibration's rotation is known, as ``flinders.h`` numbers it; any other is 1: measured."""
+"""Numbers in ``flinders.h`` of the source of a calibration's rotation; any other source is 1, measured."""
 
-SEES_THE_FIELD: Final = frozenset({"dip", "tilt", "attitude"})
-"""Aiding sensors to which the field of a place with iron looks bent."""
+FIELD_SENSORS: Final = frozenset({"dip", "tilt", "attitude"})
+"""Aiding sensors that use the direction of the field, and err in a field distorted by iron nearby."""
 
 NUMBER_OF_PLANE: Final[dict[Plane | None, int]] = {None: 0} | {plane: place + 1 for place, plane in enumerate(PLANES)}
 
@@ -63,16 +63,16 @@ NUMBER_OF_PLANE: Final[dict[Plane | None, int]] = {None: 0} | {plane: place + 1 
 def record_of(
     estimate: Estimate, statistics: Statistics, coverage: Coverage | None = None, *, dip_deg: float = 60.0
 ) -> Records:
-    """Fill a record from an estimate; its level errors are not known yet.
+    """Record of an estimate, without level errors.
 
     Parameters
     ----------
     estimate : Estimate
-        Its covariance not widened yet.
+        With its covariance before widening.
     statistics : Statistics
-        Of the readings that it was made of.
+        Statistics of its readings.
     coverage : Coverage, optional
-        Of the same.
+        Coverage of its readings.
     dip_deg : float
         Inclination of the field at the site.
     """
@@ -99,12 +99,12 @@ def record_of(
 
 
 def farthest(outliers: Iterable[Outlier]) -> float:
-    """Largest distance of an outlier from the majority; NaN without any."""
+    """Largest distance of an outlier from the majority; NaN without outliers."""
     return max((run.max_distance for run in outliers), default=math.nan)
 
 
 def record_of_ellipsoid(ellipsoid: Ellipsoid, *, dip_deg: float = 60.0) -> Records:
-    """A record in which nothing but the surface is known."""
+    """Record of an ellipsoid alone; other fields are unknown."""
     record = engine().record()
     record["centre"], record["shape"], record["radius"] = ellipsoid.centre, upper(ellipsoid.shape), ellipsoid.radius
     record["dip_deg"] = dip_deg
@@ -112,7 +112,7 @@ def record_of_ellipsoid(ellipsoid: Ellipsoid, *, dip_deg: float = 60.0) -> Recor
 
 
 def _add_correlation(record: Records, correlation: Correlation | None) -> None:
-    """Add what residuals say of each other."""
+    """Add the correlation of residuals to a record."""
     record["is_white"] = correlation is None or correlation.is_white
     if correlation is None:
         return
@@ -122,8 +122,8 @@ def _add_correlation(record: Records, correlation: Correlation | None) -> None:
 
 
 def _add_statistics(record: Records, statistics: Statistics) -> None:
-    """Add what the recording says of itself."""
-    for name in OF_STATISTICS:
+    """Add the statistics of the recording to a record."""
+    for name in STATISTICS_FIELDS:
         record[name] = getattr(statistics, name)
     record["principal_variances"] = statistics.principal_variances
     record["lowest"], record["highest"] = 0.0, statistics.extent
@@ -138,7 +138,7 @@ def _add_statistics(record: Records, statistics: Statistics) -> None:
 
 
 def add_reading(record: Records, statistics: Statistics) -> None:
-    """Add what the reader of a file says: rows that it could not use, and doubts."""
+    """Add remarks of the reader of a file to a record: unusable rows, and doubts about the readings."""
     silent = sum(part.rows for part in statistics.skipped if part.is_silent)
     record["silent"] = silent
     record["skipped"] = sum(part.rows for part in statistics.skipped if part.is_loss and not part.is_silent)
@@ -146,14 +146,14 @@ def add_reading(record: Records, statistics: Statistics) -> None:
 
 
 def _add_rail(record: Records, rail: Rail) -> None:
-    """Add an end of an axis at which the sensor was at its limit."""
+    """Add an end of an axis at which the sensor was saturated to a record."""
     end = rail.axis + (3 if rail.end == "highest" else 0)
     record["rails"] |= 1 << end
     record["end_counts"][end] = round(rail.share * float(record["rows"]))
 
 
 def add_diagnosis(record: Records, diagnosis: Diagnosis) -> None:
-    """Put into a record what diagnostics found."""
+    """Add the results of diagnostics to a record."""
     drift, repeats, refreshed = diagnosis.drift, diagnosis.repeats, diagnosis.refreshed
     record["drift_deg"] = math.nan if drift is None else drift.heading_deg
     if drift is not None:
@@ -173,14 +173,14 @@ def add_diagnosis(record: Records, diagnosis: Diagnosis) -> None:
 
 
 def sources_of(aiding: Aiding | None, *, is_aided: bool, is_compensated: bool, is_refreshed: bool) -> int:
-    """What a fit is made of beside the readings of one magnetometer, as bits.
+    """Sources of a fit other than the readings of one magnetometer, as bits.
 
-    `is_aided`: the surface is that of the magnetometer and other sensors; `is_compensated`: of disturbances.
+    `is_aided`: other sensors contributed to the ellipsoid; `is_compensated`: disturbances were subtracted.
     """
     kept = set() if aiding is None else {sensor.name for sensor in aiding.sensors if sensor.is_used}
     return (
         AIDED * is_aided
-        | AIDED_BY_FIELD * bool(SEES_THE_FIELD & kept)
+        | AIDED_BY_FIELD * bool(FIELD_SENSORS & kept)
         | AIDED_BY_ATTITUDE * (is_aided and "attitude" in kept)
         | COMPENSATED * is_compensated
         | REFRESHED * is_refreshed
@@ -188,7 +188,7 @@ def sources_of(aiding: Aiding | None, *, is_aided: bool, is_compensated: bool, i
 
 
 def request_of(calibration: Calibration, *, target_deg: float) -> Records:
-    """What a judgement of a calibration is asked; nothing of it is shrunk any more."""
+    """Request for the judgement of a calibration, without further shrinkage."""
     return engine().request(
         target_deg=target_deg,
         field_strength=calibration.field_strength,
@@ -203,17 +203,17 @@ def request_of(calibration: Calibration, *, target_deg: float) -> Records:
 def expected_error(
     ellipsoid: Ellipsoid, covariance: Floats, *, dip_deg: float, distortion: float = 0.0
 ) -> tuple[HeadingError, float]:
-    """Heading error of a level vehicle, and the part of it that belongs to the direction, degrees.
+    """Heading error of a level vehicle, and its part that depends on the direction, in degrees.
 
     Parameters
     ----------
     ellipsoid : Ellipsoid
     covariance : (9, 9) float
-        As it is claimed, in the square of the unit.
+        Claimed covariance of offset and shape, in the square of the unit.
     dip_deg : float
-        Inclination of the field, with the sign that the sensor sees.
+        Inclination of the field, with its sign in the sensor's axes.
     distortion : float
-        Standard deviation of what belongs to the direction, in the unit.
+        Standard deviation of errors that depend on the direction, in the unit.
     """
     record = record_of_ellipsoid(ellipsoid, dip_deg=dip_deg)
     record["covariance"], record["distortion"], record["is_claimed"] = covariance.ravel(), distortion, True

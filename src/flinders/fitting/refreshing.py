@@ -1,17 +1,17 @@
-"""A calibration renewed: the soft iron of an earlier one, the hard iron of some seconds of recording.
+"""Renewal of a calibration: the soft iron of an earlier one, and the hard iron from some seconds of recording.
 
-What changes on a vehicle is mostly hard iron: a battery, a load, a camera. Soft iron and gains stay, and the earlier
-calibration knows them, with their uncertainty. So the shape S of the ellipsoid is expected as it was,
+A change on a vehicle, such as a battery, a load or a camera, mostly changes hard iron. Soft iron and gains stay, and
+are known from the earlier calibration with their uncertainty. So the prior of the shape S of the ellipsoid is
 
     S ~ N(f S₀, f² C₀ + σ² S₀ S₀ᵀ)
 
-C₀ the covariance that the earlier calibration claims, σ how well the strength of the field is known to be as it was, f
-the ratio of both strengths where a site tells that. The offset is free. The engine finds the maximum of the posterior
-(``refresh.c``); with aiding sensors `flinders.estimators.aiding` does, from there. Where the readings contradict the
-shape, it is fitted again with a prior that allows a change, and the verdict is limited.
+with the claimed covariance C₀ of the earlier calibration, the relative uncertainty σ of the field strength, and the
+ratio f of both strengths if a site states it, else 1. The offset is free. The engine finds the maximum of the posterior
+(``refresh.c``); with aiding sensors `flinders.estimators.aiding` continues from there. If the readings contradict the
+shape, they are fitted again with a prior that allows a change, and the verdict is limited.
 
-A few readings within 30° see a change of a hundredth of the soft iron seldom, and it costs a degree of heading
-(``python -m benchmarks.refresh``): a good verdict rests on the soft iron being the same, and says so.
+A few readings within 30° seldom show a change of the soft iron by 1 %, which causes a heading error of 1°
+(``python -m benchmarks.refresh``). Therefore a good verdict states the condition that the soft iron is the same.
 
 >>> from flinders import simulate
 >>> from flinders.fitting import calibrate
@@ -69,28 +69,28 @@ METHOD: Final = "refresh"
 TOO_FEW, OUT_OF_SCALE, UNMOVED = (constant(name) for name in ("TOO_FEW", "OUT_OF_SCALE", "UNMOVED"))
 """Statuses of the engine."""
 
-FEWEST: Final = 20
-"""Readings, as ``refresh.c`` has it."""
+MIN_READINGS: Final = 20
+"""Smallest count of readings, as in ``refresh.c``."""
 
-FEWEST_DIFFERENT: Final = 10
-"""Of these, as ``record.h`` has it."""
+MIN_DISTINCT_READINGS: Final = 10
+"""Smallest count of distinct readings, as in ``record.h``."""
 
 TO_ALL_SIDES: Final = "by 30° to all sides"
-"""How a sensor has to be turned."""
+"""Required motion of the sensor, in words."""
 
 UNFIT: Final = {
     "none": "there is no earlier calibration to renew: choose its file first",
     "refused": "{name} was refused when it was made: calibrate again, from a full tumble",
-    "level": "{name} comes from a level turn, which tells no soft iron: calibrate again as then",
-    "disturbed": "{name} follows {disturbances}, and a refreshed offset would not: calibrate again with {disturbances}",
-    "linearized": "{name} linearizes its axes about its offset: calibrate again, from a full tumble",
+    "level": "{name} comes from a level turn, which does not give the soft iron: repeat the level turn and calibrate",
+    "disturbed": "{name} follows {disturbances}, a refreshed offset does not: calibrate again with {disturbances}",
+    "linearized": "{name} linearizes its axes about its own offset: calibrate again, from a full tumble",
 }
-"""Why an earlier calibration cannot be renewed, as the live page says as well."""
+"""Reasons why an earlier calibration cannot be renewed, in the words of the live page too."""
 
-OTHER_UNIT: Final = "{source} is in {unit}, {name} is for readings in {other}: record as for that calibration"
-"""Of readings that an earlier calibration does not correct."""
-OTHER_AXES: Final = "{source} has axes {axes}, {name} has {other}: read it as the recording of the calibration"
-"""Of readings in axes that an earlier calibration does not correct."""
+OTHER_UNIT: Final = "{source} is in {unit}, {name} is for readings in {other}: record in the unit of that calibration"
+"""Message for readings in another unit than those of the earlier calibration."""
+OTHER_AXES: Final = "{source} has axes {axes}, {name} has {other}: read it with the axes of the calibration"
+"""Message for readings in other axes than those of the earlier calibration."""
 
 
 @spell_checked(ELSEWHERE)
@@ -103,23 +103,23 @@ def refresh(
     soft_iron_sigma: float = 0.0,
     target_deg: float = 1.0,
 ) -> Fit:
-    """Renew the hard iron of a calibration from a short recording, such as ten seconds of wobbling by 30°.
+    """Renew the hard iron of a calibration from a short recording, such as 10 s of wobbling by 30°.
 
     Parameters
     ----------
     source : Samples, Recording, (N, 3) array-like, path, open file or data frame
-        Readings in the unit and axes of `previous`; what `flinders.read` reads is read so.
+        Readings in the unit and axes of `previous`, or a source for `flinders.read`.
     previous : Fit
         The earlier calibration of this sensor, fitted or loaded from its file. Without a covariance its shape counts
         as known to 2 % (`SHAPE_SIGMA`).
     aiding : str, sequence of str or Instruments
-        What else was recorded and shall count, as for `flinders.fit`, each by its name.
+        Names of other recorded sensors to use, as for `flinders.fit`.
     site : Site, optional
-        What is known of the field at the place. With its strength, corrected readings have that length; without it,
-        the field is as strong as at the earlier calibration to 1 % (`STRENGTH_SIGMA`). Headings are judged at its
-        inclination, else at that of `previous`.
+        Known field at the place. If it states a strength, corrected readings have that length; if not, the strength of
+        the earlier calibration is assumed, to 1 % (`STRENGTH_SIGMA`). Headings are judged at its inclination, else at
+        that of `previous`.
     soft_iron_sigma : float
-        What the soft iron may have changed by, 1 σ, as a share: 0 for none.
+        Possible change of the soft iron, 1 σ, as a share; 0 for none.
     target_deg : float
         Worst heading error that is good enough, in degrees.
 
@@ -131,10 +131,10 @@ def refresh(
     Raises
     ------
     FitError
-        `Refused` with the fit where it cannot be trusted.
+        `Refused`, with the fit, if the fit cannot be trusted.
     UsageError
-        For an earlier calibration that cannot be renewed, or numbers out of range; its `UnitError` and `AxesError`
-        where the recording is not as the calibration is.
+        For an earlier calibration that cannot be renewed, or numbers out of range; its subclasses `UnitError` and
+        `AxesError` for a recording with another unit or other axes.
 
     Examples
     --------
@@ -157,10 +157,10 @@ def refresh(
         inclination_deg=dip_deg,
     )
     earlier = earlier_of(previous, site, soft_iron_sigma=soft_iron_sigma)
-    found = _solved(within_range(Readings.of(samples)), earlier, dip_deg)
+    found = _solve(within_range(Readings.of(samples)), earlier, dip_deg)
     if aiding:
         of_site = None if site is None else replace(site, strength=None).evidence
-        found = _aided(samples, found, earlier, Instruments.of(aiding), site=of_site, dip_deg=dip_deg)
+        found = _solve_aided(samples, found, earlier, Instruments.of(aiding), site=of_site, dip_deg=dip_deg)
     fit = judged_as(
         replace(found.estimate, method=METHOD, is_aided=False),
         found.readings,
@@ -177,7 +177,7 @@ def refresh(
 
 
 def earlier_of(previous: Fit, site: Site | None = None, *, soft_iron_sigma: float = 0.0) -> Records:
-    """What an earlier calibration tells of the sensor in the field of a site: a row of the engine's `EARLIER`."""
+    """Row of the engine's `EARLIER`: shape and covariance of an earlier calibration, in the field of a site."""
     calibration, claim = previous.calibration, previous.claim
     strength = strength_of(calibration, site)
     return engine().earlier(
@@ -191,7 +191,7 @@ def earlier_of(previous: Fit, site: Site | None = None, *, soft_iron_sigma: floa
 
 
 def known_shape(previous: Fit, site: Site | None = None) -> KnownShape:
-    """The shape of an earlier calibration, in the field of a site, and how well it is known.
+    """The shape of an earlier calibration in the field of a site, with its uncertainty.
 
     >>> from flinders.core.calibration import Calibration
     >>> from flinders.fitting.result import bare_fit
@@ -200,16 +200,16 @@ def known_shape(previous: Fit, site: Site | None = None) -> KnownShape:
     >>> shape.entries, np.sqrt(np.diag(shape.covariance)).round(2)
     (array([50., 50., 50.,  0.,  0.,  0.]), array([1.12, 1.12, 1.12, 1.  , 1.  , 1.  ]))
     """
-    return _known(earlier_of(previous, site))
+    return _known_shape(earlier_of(previous, site))
 
 
-def _known(earlier: Records) -> KnownShape:
-    """The shape of what an earlier calibration tells."""
+def _known_shape(earlier: Records) -> KnownShape:
+    """The shape in a row of the engine's `EARLIER`, with its uncertainty."""
     return KnownShape(earlier["parameters"][3:].copy(), earlier["covariance"].reshape(9, 9)[3:, 3:].copy())
 
 
 def refuse_unfit(previous: Fit) -> None:
-    """Refuse an earlier calibration that cannot be renewed."""
+    """Raise `UsageError` for an earlier calibration that cannot be renewed."""
     disturbances = " and ".join(disturbance.name for disturbance in previous.calibration.disturbances)
     unfit = {
         "refused": previous.verdict == "refused",
@@ -223,11 +223,11 @@ def refuse_unfit(previous: Fit) -> None:
 
 
 def samples_of(source: AnyReadings, previous: Fit) -> Samples:
-    """The readings, all in memory, in the unit and axes of the earlier calibration."""
+    """Readings in memory, in the unit and axes of the earlier calibration."""
     calibration = previous.calibration
     recording, _ = recording_of(source, calibration.raw, calibration.axes, calibration.sensor)
     if isinstance(recording, Summary):
-        raise UsageError("a refresh needs readings: give the recording, not its summary")
+        raise UsageError("a refresh needs readings, found a summary: give the recording")
     if recording.unit.inside != calibration.unit:
         names = {"source": recording.source, "unit": recording.unit.name, "other": calibration.raw.name}
         raise UnitError(OTHER_UNIT.format(name=previous.provenance.name, **names))
@@ -241,15 +241,15 @@ def samples_of(source: AnyReadings, previous: Fit) -> Samples:
 
 
 def strength_of(calibration: Calibration, site: Site | None) -> float | None:
-    """Length of corrected readings: that of the site, else as it was; None where it was not known."""
+    """Length of corrected readings: strength of the site, else of the earlier calibration; None if unknown."""
     if not calibration.field_strength_known:
         return None
     there = None if site is None else site.length or site.strength
     return calibration.field_strength if there is None else there
 
 
-class _Found(NamedTuple):
-    """An estimate whose shape is that of an earlier calibration, and how often chance makes readings contradict it."""
+class _RefreshEstimate(NamedTuple):
+    """An estimate with the shape of an earlier calibration, and the p-value of a change of the soft iron."""
 
     estimate: Estimate
     readings: Readings
@@ -257,8 +257,8 @@ class _Found(NamedTuple):
     aiding: Aiding | None = None
 
 
-def _solved(readings: Readings, earlier: Records, dip_deg: float) -> _Found:
-    """Fit readings by the magnetometer alone.
+def _solve(readings: Readings, earlier: Records, dip_deg: float) -> _RefreshEstimate:
+    """Estimate by the magnetometer alone.
 
     Raises
     ------
@@ -266,25 +266,29 @@ def _solved(readings: Readings, earlier: Records, dip_deg: float) -> _Found:
     """
     samples = in_memory(cast("Recording", readings.recording))
     record = engine().refresh(samples.field, earlier, time=samples.time, dip_deg=dip_deg)
-    if record["status"] == TOO_FEW and len(samples) < FEWEST:
-        raise TooFewSamples(found=len(samples), needed=FEWEST, method=METHOD)
+    if record["status"] == TOO_FEW and len(samples) < MIN_READINGS:
+        raise TooFewSamples(found=len(samples), needed=MIN_READINGS, method=METHOD)
     if record["status"] == TOO_FEW:
         found = int(record["distinct"])
-        raise TooFewSamples(found=found, among=len(samples), needed=FEWEST_DIFFERENT, method=METHOD)
+        raise TooFewSamples(found=found, among=len(samples), needed=MIN_DISTINCT_READINGS, method=METHOD)
     if record["status"] == UNMOVED:
         turn_deg = engine().turn_deg(samples.field, symmetric(earlier["parameters"][3:]))
         raise Unmoved(turn_deg, TO_ALL_SIDES)
     if record["status"] == OUT_OF_SCALE:
         raise OutOfScale(readings.summary.moments.unit)
     readings = readings.fitted()
-    return _Found(estimated(record, readings, has_statistics=True), readings, float(record["soft_iron_p_value"]))
+    return _RefreshEstimate(
+        estimated(record, readings, has_statistics=True), readings, float(record["soft_iron_p_value"])
+    )
 
 
-def _aided(samples: Samples, alone: _Found, earlier: Records, aiding: Instruments, **options: Any) -> _Found:
-    """Fit readings with aiding sensors, from what the magnetometer alone gives; `options` are those of `aided_by`."""
+def _solve_aided(
+    samples: Samples, alone: _RefreshEstimate, earlier: Records, aiding: Instruments, **options: Any
+) -> _RefreshEstimate:
+    """Estimate with aiding sensors, starting at the estimate `alone`; `options` are those of `aided_by`."""
     options |= {"start": alone.estimate.ellipsoid, **aiding.sigmas}
     (same, reported), (changed, reported_freer) = (
-        aided_by(samples, aiding.asked, shape=_known(each), **options)
+        aided_by(samples, aiding.asked, shape=_known_shape(each), **options)
         for each in (earlier, engine().allow_change(earlier))
     )
     chance = engine().soft_iron_p_value(
@@ -292,11 +296,11 @@ def _aided(samples: Samples, alone: _Found, earlier: Records, aiding: Instrument
     )
     is_changed = chance < limit_of("soft-iron-changed")
     aided, report = (changed, reported_freer) if is_changed else (same, reported)
-    return _Found(aided.estimate(), alone.readings.as_read, chance, report)
+    return _RefreshEstimate(aided.estimate(), alone.readings.as_read, chance, report)
 
 
 def refreshed_from(previous: Fit, ellipsoid: Ellipsoid, dip_deg: float, soft_iron_p_value: float = 1.0) -> Refreshed:
-    """What has changed since an earlier calibration, and what it would do to the headings of a level vehicle now."""
+    """Changes since an earlier calibration, and the heading error of a level vehicle that they would cause now."""
     change = ellipsoid.centre - previous.calibration.offset
     off = Ellipsoid(np.linalg.solve(previous.calibration.ellipsoid.shape, change), np.eye(3))
     worst = raw_error(off, dip_deg=dip_deg).worst
@@ -304,7 +308,7 @@ def refreshed_from(previous: Fit, ellipsoid: Ellipsoid, dip_deg: float, soft_iro
 
 
 def turned(calibration: Calibration, previous: Fit) -> Calibration:
-    """The correction in the axes that the earlier calibration corrects to."""
+    """The correction, into the axes of readings corrected by the earlier calibration."""
     rotation = previous.calibration.rotation
     return (
         replace(calibration, matrix=previous.calibration.rotation_matrix @ calibration.matrix, rotation=rotation)

@@ -1,4 +1,4 @@
-"""What a fit is asked for: the site, the target, the prior and the aiding sensors, whatever the method.
+"""Request for a fit: the site, the target, the prior and the aiding sensors, for any method.
 
 >>> request = Request.of(target_deg=2.0)
 >>> request.target_deg, request.dip_deg, request.dip_assumed
@@ -30,20 +30,20 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True)
 class Request:
-    """What a fit is asked for, whatever the method; as the parameters of `fit`."""
+    """Request for a fit by any method, from the parameters of `fit`."""
 
     target_deg: float = 1.0
     dip_deg: float = ASSUMED_DIP_DEG
     dip_assumed: bool = False
-    field_strength: float | None = None  # length of corrected readings, whatever the readings say
+    field_strength: float | None = None  # length of corrected readings; by default the fitted radius
     alignment_sigma_deg: float | None = None
-    site: Site | None = None  # what counts in the fit, of the site
+    site: Site | None = None  # values of the site that are priors of the fit
     prior: float | None = SPREAD
     instruments: Instruments | None = None
 
     @classmethod
     def of(cls, site: Site | None = None, **others: Any) -> Self:
-        """Ask by the site: with its dip, else an assumed one, its strength and its mounting."""
+        """Create a request with the dip, strength and mounting of a site; an unknown dip is assumed."""
         judged_deg, is_assumed = judged_dip(site)
         of_site: dict[str, Any] = {"dip_deg": judged_deg, "dip_assumed": is_assumed}
         if site is not None:
@@ -58,12 +58,12 @@ class Request:
 
     @property
     def likelihood(self) -> Auto:
-        """The estimator that claims of others are compared with."""
+        """The likelihood estimator, with which claims of other methods are compared."""
         return Auto(self.prior, dip_deg=self.dip_deg)
 
 
 def judged_dip(site: Site | None) -> tuple[float, bool]:
-    """Dip that headings are judged at, and whether it is assumed: that of the site, else 60°.
+    """Dip at which headings are judged, and whether it is assumed: that of the site, else 60°.
 
     >>> from flinders.likelihood.site_field import Site
     >>> judged_dip(Site(inclination_deg=-66.0)), judged_dip(None)
@@ -78,23 +78,23 @@ def judged_dip(site: Site | None) -> tuple[float, bool]:
 def refuse_combinations(
     estimator: Estimator, request: Request, disturbances: Sequence[str], *, linearize: bool
 ) -> None:
-    """Refuse aids and linearized axes with a method that has no place for them."""
+    """Refuse aiding sensors and linearized axes with a method that cannot use them."""
     if request.instruments and not (isinstance(estimator, Auto) and not estimator.robust):
-        raise UsageError("aids go with the method auto and its prior alone: leave other methods and options out")
+        raise UsageError("aiding sensors need the method auto with its prior: leave other methods and options out")
     if linearize and (request.instruments or disturbances or not isinstance(estimator, Auto)):
         raise UsageError(
-            "linearized axes go with the method auto alone: leave aids, disturbances and other methods out",
+            "linearized axes need the method auto: leave aiding sensors, disturbances and other methods out",
             hint={"linearize": True},
         )
 
 
 def estimator_of(method: str | Estimator, request: Request) -> Estimator:
-    """Look a method up, if it is a name, and give it what it asks for of the site.
+    """Estimator by its name or as given, with its parameters of the site.
 
     Raises
     ------
     UsageError
-        For a name that does not exist, what is no method, and a dip or strength other than that of the site.
+        For an unknown name, an object that is no method, and a dip or strength other than that of the site.
     """
     given: Any = method_of(method)() if isinstance(method, str) else method
     if not hasattr(given, "estimate") or isinstance(given, type):
@@ -103,5 +103,5 @@ def estimator_of(method: str | Estimator, request: Request) -> Estimator:
     of_site = {name: getattr(request, name) for name in OF_SITE if name in options}
     for name, known in of_site.items():
         if (own := getattr(given, name)) not in (known, options[name].default):
-            raise UsageError(f"{given.name} is given {own:g} by itself: state it by the site", hint={"site": None})
+            raise UsageError(f"{given.name} has its own value {own:g}: state it in the site", hint={"site": None})
     return cast("Estimator", replace(given, **of_site) if of_site else given)

@@ -1,6 +1,6 @@
 """`Fit` is the only result: a calibration with its evidence, the claim that follows, its judgement and its provenance.
 
-It has five values, and what is asked of them most; all else is in the five.
+It has five values, and the most used properties of these; all others are in the five.
 
 >>> from flinders import simulate
 >>> from flinders.fitting import calibrate
@@ -52,30 +52,30 @@ if TYPE_CHECKING:
 
 
 class Judged:
-    """What has findings has a verdict."""
+    """Base of values with findings, which give a verdict."""
 
     __slots__ = ()
     findings: tuple[Finding, ...]  #: most severe first
 
     @property
     def verdict(self) -> Verdict:
-        """``good``, ``limited`` or ``refused``: what the most severe finding says."""
+        """``good``, ``limited`` or ``refused``, by the most severe finding."""
         severities = {finding.severity for finding in self.findings}
         return next((verdict for severity, verdict in VERDICTS.items() if severity in severities), "good")
 
     @property
     def finding_records(self) -> tuple[FindingRecord, ...]:
-        """The findings as they stand in a file."""
+        """Records of the findings for a calibration file."""
         return tuple(finding.to_record() for finding in self.findings)
 
 
 class Outcome:
-    """What a calibration file can be written of."""
+    """Base of results that can be written to a calibration file."""
 
     __slots__ = ()
 
     def to_document(self, provenance: ProvenanceRecord | None = None) -> Document:
-        """The calibration file with all of this in it."""
+        """Content of the calibration file."""
         raise NotImplementedError
 
     def save(
@@ -95,17 +95,17 @@ class Outcome:
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
 class Judgement(Judged):
-    """What is said of a fit."""
+    """Findings, conditions and verdict of a fit."""
 
     findings: tuple[Finding, ...] = ()  #: most severe first
-    #: what a verdict rests on and no recording of this kind shows: that the field is the same wherever the sensor
-    #: was, and that neither current nor iron near it changed with its attitude. Other evidence ends them.
+    #: conditions of the verdict that a recording of this kind cannot show: that the field is the same wherever the
+    #: sensor was, and that neither current nor iron near it changed with its attitude. Other evidence removes them.
     conditions: tuple[Condition, ...] = ()
-    stated_verdict: Verdict | None = None  #: verdict that a file states and its findings do not explain
+    stated_verdict: Verdict | None = None  #: verdict in the file, if its findings do not explain it
 
     @property
     def verdict(self) -> Verdict:
-        """``good``, ``limited`` or ``refused``: what the most severe finding or the file says."""
+        """``good``, ``limited`` or ``refused``, by the most severe finding or the file."""
         verdicts = {self.stated_verdict, Judged.verdict.__get__(self)}
         return next(verdict for verdict in VERDICTS.values() if verdict in verdicts)
 
@@ -115,39 +115,39 @@ class Judgement(Judged):
 
     @property
     def is_flat(self) -> bool:
-        """The readings lie in one plane: there is no sphere to have seen a part of, and no number to trust."""
+        """Whether the readings lie in one plane, so that no ellipsoid and no number of one can be trusted."""
         return any(finding.code == "one-plane" for finding in self.findings)
 
 
 @dataclass(frozen=True, slots=True, repr=False)
 class Provenance(ShortRepr):
-    """What messages call a fit, and what its file states of where it comes from."""
+    """Name of a fit in messages, and its origin as its file states it."""
 
-    name: str = "fit"  #: of a fit that was loaded, the path of its file
-    record: ProvenanceRecord | None = None  #: release, date and recordings, of a file that states them
-    #: the readings as they were given, in the process that fitted them: a file, a pickle and a copy lack them
+    name: str = "fit"  #: of a loaded fit, the path of its file
+    record: ProvenanceRecord | None = None  #: release, date and recordings, if the file states them
+    #: the readings as given, only in the process that fitted them: a file, a pickle and a copy lack them
     recording: Recording | None = None
-    walk: Walk | None = None  #: how fast the offset of this unit walks, where its history is known
+    walk: Walk | None = None  #: random walk of the offset of this unit, if its history is known
 
     def __reduce__(self) -> tuple[object, ...]:
-        """Leave the readings where they are."""
+        """Pickle without the readings."""
         return Provenance, (self.name, self.record, None, self.walk)
 
     @property
     def files(self) -> tuple[SourceFile, ...]:
-        """The recordings that it came from, where a file states them."""
+        """Files of the recordings, if the calibration file states them."""
         return self.record.files if self.record else ()
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Fit:
-    """A calibration, how it was found and how far to trust it: five values, and what is asked of them most."""
+    """A calibration with its evidence, claim, judgement and provenance, and the most used properties of these."""
 
-    calibration: Calibration  #: the correction; ``--json`` has null where it is refused
-    evidence: Evidence  #: how it was found, and what the readings showed
-    claim: Claim  #: its covariance, and the errors that follow of it
-    judgement: Judgement  #: findings, verdict, and what a verdict rests on
-    provenance: Provenance = Provenance()  #: what messages call it; release, date and recordings of a loaded file
+    calibration: Calibration  #: the correction; null in ``--json`` if refused
+    evidence: Evidence  #: method of the calibration, and properties of its readings
+    claim: Claim  #: its covariance, and the errors that follow from it
+    judgement: Judgement  #: findings, verdict, and conditions of the verdict
+    provenance: Provenance = Provenance()  #: name in messages; release, date and recordings of a loaded file
 
     @overload
     def plot(self, kind: str = "sphere", recording: AnyReadings | None = None) -> Figure: ...
@@ -156,29 +156,29 @@ class Fit:
     def plot(
         self, kind: str = "sphere", recording: AnyReadings | None = None, *, ax: Axes | None = None
     ) -> Figure | Axes:
-        """Draw the fit, for a notebook or into axes of one's own.
+        """Draw the fit as a figure for a notebook, or into given axes.
 
         Parameters
         ----------
         kind : str
-            ``sphere``: the readings before and after, and the heading error to expect in each direction;
-            ``residuals``: how much longer each corrected reading is than the field, over time;
-            ``deviation``: the heading error of a level vehicle over its heading, before and after;
-            ``strength``: the length of each corrected reading over time, with the limit of a disturbed one.
+            ``sphere``: readings before and after correction, and the expected heading error in each direction;
+            ``residuals``: difference of the length of each corrected reading and the field strength, over time;
+            ``deviation``: heading error of a level vehicle over its heading, before and after correction;
+            ``strength``: length of each corrected reading over time, with the limit for disturbed readings.
         recording : Recording, (N, 3) array-like, path, open file or data frame, optional
-            The readings. A fit that was made in this process has them; of one that was loaded they are needed.
+            The readings; required for a loaded fit.
         ax : axes of matplotlib, optional
-            Draw into these.
+            Axes to draw into.
 
         Returns
         -------
         Figure or Axes
-            What a notebook shows, with ``save``; `ax` where that was given.
+            Figure with a method ``save``; `ax` if given.
 
         Raises
         ------
         NeedsRecording
-            For readings of a fit that was loaded.
+            For a loaded fit without `recording`.
         UsageError
             For an unknown kind, or the deviation of a fit that states no uncertainty.
         """
@@ -188,7 +188,7 @@ class Fit:
     def save(
         self, path: str | os.PathLike[str], *, force: bool = False, provenance: ProvenanceRecord | None = None
     ) -> None:
-        """Write the calibration file, whole or not at all; `flinders.load` reads it back.
+        """Write the calibration file, completely or not at all; `flinders.load` reads it.
 
         Raises
         ------
@@ -204,17 +204,17 @@ class Fit:
 
     @property
     def verdict(self) -> Verdict:
-        """``good``, ``limited`` or ``refused``: what the most severe finding or the file says; limited if none does."""
+        """``good``, ``limited`` or ``refused``, by the most severe finding or the file; by default limited."""
         return self.judgement.verdict
 
     @property
     def findings(self) -> tuple[Finding, ...]:
-        """Most severe first."""
+        """Findings, most severe first."""
         return self.judgement.findings
 
     @property
     def heading_error_deg(self) -> HeadingError:
-        """What to expect of a level vehicle, 1 σ; NaN if not stated."""
+        """Expected heading error of a level vehicle, 1 σ; NaN if not stated."""
         return self.claim.heading_error_deg
 
     def __repr__(self) -> str:
@@ -230,39 +230,39 @@ class Fit:
 
 
 def bare_fit(calibration: Calibration, *, name: str = "fit") -> Fit:
-    """A calibration of which nothing else is stated: its verdict is limited."""
+    """A fit with a calibration alone; its verdict is limited."""
     unexplained = Judgement(stated_verdict="limited")
     return Fit(calibration, Evidence(), Claim(calibration), unexplained, Provenance(name))
 
 
 def with_calibration(fit: Fit, calibration: Calibration) -> Fit:
-    """The same fit with another calibration, which its claim is then about."""
+    """The same fit with another calibration, also in its claim."""
     return replace(fit, calibration=calibration, claim=replace(fit.claim, calibration=calibration))
 
 
 def with_walk(fit: Fit, walk: Walk | None) -> Fit:
-    """The same fit of a unit whose walk is known, which its file then states."""
+    """The same fit with the walk of its unit, which its file then states."""
     return replace(fit, provenance=replace(fit.provenance, walk=walk))
 
 
 def with_name(fit: Fit, name: str) -> Fit:
-    """The same fit by another name."""
+    """The same fit with another name."""
     return replace(fit, provenance=replace(fit.provenance, name=name))
 
 
 def of_recording(fit: Fit, recording: Recording | None) -> Fit:
-    """The same fit with the readings that it was made from."""
+    """The same fit with the recording of its readings."""
     return replace(fit, provenance=replace(fit.provenance, recording=recording))
 
 
 def document_of(fit: Fit, provenance: ProvenanceRecord | None = None) -> Document:
-    """The calibration file with all of a fit in it; of a loaded fit by default with the provenance it has."""
+    """Content of the calibration file of a fit; `provenance` is by default that of a loaded fit."""
     origin = provenance or fit.provenance.record
     return fit.calibration.to_document(fit=_record(fit, origin), provenance=origin)
 
 
 def _record(fit: Fit, origin: ProvenanceRecord | None) -> Fitted | None:
-    """What a calibration file keeps of it beside the calibration."""
+    """Part of a calibration file other than the calibration; None if nothing is stated."""
     evidence, claim = fit.evidence, fit.claim
     if not evidence.is_described:
         return None
@@ -290,7 +290,7 @@ def _record(fit: Fit, origin: ProvenanceRecord | None) -> Fitted | None:
 
 
 def heading_record(claim: Claim) -> HeadingErrorRecord | None:
-    """The heading error as it stands in a file; None where none is stated."""
+    """Record of the heading error for a file; None if not stated."""
     error = claim.heading_error_deg
     if math.isnan(error.worst):
         return None
@@ -306,17 +306,17 @@ def heading_record(claim: Claim) -> HeadingErrorRecord | None:
 
 
 def finite_or_none(number: float) -> float | None:
-    """A number as it stands in a file, where there is no NaN."""
+    """A number for a file; None for NaN."""
     return None if math.isnan(number) else number
 
 
 def fit_of(outcome: Fit | FlindersError) -> Fit | None:
-    """The fit of an outcome, good or refused; None where there is none."""
+    """The fit of an outcome, also a refused fit; None if there is none."""
     return outcome.fit if isinstance(outcome, Refused) else outcome if isinstance(outcome, Fit) else None
 
 
 class Refused(FitError):
-    """A fit exists and is not fit for use: `fit` holds it with its findings, for those who want to look."""
+    """A fit must not be used; the attribute `fit` has it, with its findings."""
 
     code: ClassVar[str] = "refused"
 
@@ -329,11 +329,11 @@ class Refused(FitError):
 
 
 def tilt_words(fit: Fit) -> str:
-    """Up to which tilt a fit that rests on a level turn is within its target; nothing for any other."""
+    """Sentence on the tilt up to which a fit to a level turn meets its target; empty for other fits."""
     limit = next((finding.number for finding in fit.findings if finding.code == "level-plane"), None)
     if limit is None:
         return ""
     if not limit >= 1.0:
-        return "it rests on a level turn: for a level vehicle only"
+        return "it is based on a level turn: for a level vehicle only"
     within = "its target" if math.isnan(fit.heading_error_deg.worst) else f"{fit.claim.target_deg:g}°"
-    return f"it rests on a level turn: within {within} up to {limit:.0f}° of tilt"
+    return f"it is based on a level turn: within {within} up to {limit:.0f}° of tilt"

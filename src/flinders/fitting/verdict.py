@@ -1,7 +1,7 @@
-"""What there is to know of a judged fit: its findings, and what a verdict rests on.
+"""Findings of a judged fit, and the conditions of its verdict.
 
-The engine judges (`flinders.native`, ``judge.c``); `flinders.findings` has rules and sentences. Here are the values
-that findings have beside the quantities of a judgement, and the findings of disturbances and aiding sensors.
+The engine judges (`flinders.native`, ``judge.c``); `flinders.findings` has rules and sentences. This module adds the
+values in findings that are not quantities of a judgement, and the findings on disturbances and aiding sensors.
 
 >>> from flinders import simulate
 >>> from flinders.fitting.calibrate import fit
@@ -54,36 +54,36 @@ if TYPE_CHECKING:
     from flinders.summary.summary import RestSpan, Statistics
 
 PLACED, SKEWED = 0.5, 0.15
-"""Of the field: an offset across a level turn is known, a shape across it is not."""
+"""Limits across a level turn, as shares of the field: the offset counts as known below, the shape as unknown above."""
 NOT_BY_CHANCE: Final = 2.0
-"""Claims by which readings that were corrected before have to err for another calibration to be worth having."""
-UNSAID: Final = 0.5
-"""Of the target: a curve of a disturbance that costs less heading is left unsaid."""
-LISTED: Final = 3
-"""Runs, rests or lines that a finding lists."""
-STRAIGHT: Final = "current"
-"""A field goes in proportion to the current that makes it, and may be extrapolated."""
+"""Smallest heading error of already corrected readings, over the claim, for a further calibration to improve them."""
+MIN_CURVE_SHARE: Final = 0.5
+"""Smallest heading error from the nonlinearity of a disturbance that is reported, as a share of the target."""
+MAX_LISTED: Final = 3
+"""Largest count of runs, rests or lines in a finding."""
+LINEAR_DISTURBANCE: Final = "current"
+"""The disturbance whose field is proportional to its value, so that it may be extrapolated."""
 
 
 def with_findings(result: Fit, judgement: Records, statistics: Statistics) -> Fit:
-    """A fit with the findings of its judgement, the most severe first, and what a verdict rests on.
+    """A fit with the findings of its judgement, the most severe first, and the conditions of its verdict.
 
     Parameters
     ----------
     result : Fit
-        Without findings yet.
+        Without findings.
     judgement : Records
-        Of its record.
+        Judgement of its record.
     statistics : Statistics
-        Of the recording it came from.
+        Statistics of its recording.
     """
-    record, said = FitRecord(result, statistics, judged_quantities(judgement)), Said.by(judgement)
+    record, said = FitRecord(result, statistics, judged_quantities(judgement)), JudgedFindings.by(judgement)
     supported = said.findings(record, OF_THE_FIT)
     if not any(finding.code == "one-plane" for finding in supported):
-        # what follows from a surface that nothing supports is no finding
+        # consequences of an ellipsoid that the readings do not determine are left out
         supported = [
             *supported,
-            *_of_aiding(result),
+            *_aiding_findings(result),
             *said.findings(record, OF_RESIDUALS),
             *of_disturbances(result),
             *said.findings(record, OF_CALIBRATION),
@@ -96,7 +96,7 @@ def with_findings(result: Fit, judgement: Records, statistics: Statistics) -> Fi
 def headline_of(fit: Fit, limit_deg: float | None = None, language: Language = ENGLISH) -> Headline:
     """The first sentence of the verdict on a fit.
 
-    `limit_deg`: the tilt up to which headings are within the target, where that is known already.
+    `limit_deg` is the tilt up to which headings meet the target, if known already.
 
     >>> from flinders import simulate
     >>> from flinders.fitting.calibrate import fit
@@ -111,34 +111,34 @@ def headline_of(fit: Fit, limit_deg: float | None = None, language: Language = E
 
 
 def judged_quantities(judgement: Records) -> dict[str, float]:
-    """What the rules of a fit compare, by name."""
+    """Quantities that the rules of a fit compare, by name."""
     return dict(zip(QUANTITIES_OF_A_FIT, judgement["quantities"].tolist(), strict=True))
 
 
-class Said(NamedTuple):
-    """What a judgement says of a fit.
+class JudgedFindings(NamedTuple):
+    """Findings of a judgement.
 
     Attributes
     ----------
     severities : dict
-        Of the findings that it has, by code.
+        Severity of each finding, by its code.
     causes : dict
-        Code of the finding that one follows from, by its code.
+        Code of the finding that another one follows from, by the code of the latter.
     """
 
     severities: dict[str, Severity]
     causes: dict[str, str]
 
     @classmethod
-    def by(cls, judgement: Records) -> Said:
-        """Take it from a judgement of the engine."""
+    def by(cls, judgement: Records) -> JudgedFindings:
+        """Read the findings from a judgement of the engine."""
         severities = judgement["severities"]
         there = np.flatnonzero(severities).tolist()
         said = {OF_A_FIT[rule]: each for rule in there if (each := SEVERITIES[severities[rule]]) is not None}
         return cls(said, causes_of(judgement))
 
     def findings(self, record: Mapping[str, Any], codes: Iterable[str]) -> list[Finding]:
-        """Of some findings those that there are, with values of a record."""
+        """The findings of the judgement among `codes`, with values of a record."""
         return [
             stated(code, record, self.severities[code], self.causes.get(code))
             for code in codes
@@ -147,13 +147,13 @@ class Said(NamedTuple):
 
 
 def _conditions(judgement: Records) -> tuple[Condition, ...]:
-    """What a verdict rests on, by the bits of a judgement."""
+    """Conditions of the verdict, by the bits of a judgement."""
     bits = int(judgement["conditions"])
     return tuple(code for place, code in enumerate(CONDITIONS) if bits >> place & 1)
 
 
 class FitRecord(Record):
-    """The quantities of the judgement of a fit, and the values of `VALUES`, each made once, when a finding takes it."""
+    """Quantities of the judgement of a fit, and values of `VALUES`, which are computed on first use."""
 
     def __init__(self, fit: Fit, statistics: Statistics, quantities: Mapping[str, float]) -> None:
         super().__init__({name: value for name, value in quantities.items() if not math.isnan(value)})
@@ -165,70 +165,70 @@ class FitRecord(Record):
         return self[name]
 
 
-def _is_placed(result: Fit) -> bool:
-    """Whether the offset across the plane of a turn is known."""
+def _is_offset_known(result: Fit) -> bool:
+    """Whether the offset perpendicular to the plane of a turn is known."""
     assert result.claim.plane is not None
     across = order_of(result.claim.plane)[2]
     return bool(result.claim.offset_sigma[across] < PLACED * result.claim.ellipsoid.radius)
 
 
-def _is_skewed(result: Fit) -> bool:
-    """Whether the shape across the plane of a turn is not known."""
+def _is_shape_unknown(result: Fit) -> bool:
+    """Whether the shape perpendicular to the plane of a turn is unknown."""
     sigma = float(np.sqrt(np.diag(result.claim.covariance)[[6, 7, 8]].max()))
     return sigma > SKEWED * result.claim.ellipsoid.radius
 
 
 def improves(fit: Fit) -> bool:
-    """Whether headings are better with a calibration; of readings that were corrected before, by more than chance."""
+    """Whether a calibration improves headings; for already corrected readings, by more than chance."""
     better = NOT_BY_CHANCE if fit.claim.is_shrunk else 1.0
     return fit.claim.uncorrected_heading_error_deg.worst > better * fit.heading_error_deg.worst
 
 
 def of_contradiction(repeats: Repeats, unit: str) -> dict[str, Any]:
-    """Which recording is off the others, or which two are apart, and by how much in the offset."""
+    """Recording that deviates from the others, or the two that differ, with the difference of offsets."""
     pair = [part.source for part in repeats.parts]
     sources = pair if len(pair) == 2 else [repeats.farthest.source]
     return {"sources": sources, "offset_apart": repeats.farthest.offset_difference, "unit": unit}
 
 
-def _contradiction(judged: FitRecord) -> dict[str, Any]:
-    """Which recording of a fit is off the others, and by how much; nothing where it has one."""
+def _contradiction_of_fit(judged: FitRecord) -> dict[str, Any]:
+    """Recording of a fit that deviates from the others, with its difference; empty for a single recording."""
     repeats = judged.diagnosis.repeats
     return {} if repeats is None else of_contradiction(repeats, label(judged.fit.calibration.unit))
 
 
-def _of_aiding(fit: Fit) -> Iterator[Finding]:
-    """What does not fit together among the instruments."""
+def _aiding_findings(fit: Fit) -> Iterator[Finding]:
+    """Findings on instruments that contradict each other."""
     yield from () if fit.evidence.aiding is None else (mistake.finding for mistake in fit.evidence.aiding.mistakes)
 
 
 def _runs(fit: Fit) -> list[tuple[float, ...]]:
     """The three longest runs of outliers."""
-    worst = sorted(fit.evidence.outliers, key=lambda run: -run.readings)[:LISTED]
+    worst = sorted(fit.evidence.outliers, key=lambda run: -run.readings)[:MAX_LISTED]
     return [(run.first, run.last, run.readings, run.start_s, run.end_s, run.independent) for run in worst]
 
 
 def _rails(statistics: Statistics) -> list[tuple[str, str, float, float]]:
-    """Ends of axes at which the sensor was at its limit."""
+    """Ends of axes at which the sensor was saturated."""
     return [("xyz"[rail.axis], rail.end, rail.value, rail.share) for rail in statistics.rails]
 
 
 def _rests(statistics: Statistics) -> list[RestSpan]:
     """The three longest rests."""
-    return sorted(statistics.rest_spans, key=lambda span: span.first - span.last)[:LISTED]
+    return sorted(statistics.rest_spans, key=lambda span: span.first - span.last)[:MAX_LISTED]
 
 
-def _skipped(statistics: Statistics, *, is_silent: bool) -> list[tuple[Any, ...]]:
-    """Rows that should have been readings, a kind each."""
+def _skipped_rows(statistics: Statistics, *, is_silent: bool) -> list[tuple[Any, ...]]:
+    """Kinds of rows without a usable reading, with their counts."""
     return [
-        (part.reason, part.rows, part.lines[:LISTED], part.example)
+        (part.reason, part.rows, part.lines[:MAX_LISTED], part.example)
         for part in statistics.skipped
         if part.is_silent == is_silent and part.is_loss
     ]
 
 
 def _textbook_deg(fit: Fit) -> float:
-    """Worst heading error for independent residuals; NaN where nothing is known of it."""
+    """Worst heading error for independent residuals, in degrees; NaN if unknown."""
     textbook = fit.claim.textbook_heading_error_deg
     return math.nan if textbook is None else textbook.worst
 
@@ -242,8 +242,8 @@ VALUES: Final[dict[str, Callable[[FitRecord], Any]]] = {
     "corrected_length": lambda judged: judged.fit.calibration.field_strength,
     "unit": lambda judged: label(judged.fit.calibration.unit),
     "plane": lambda judged: judged.claim.plane or "",
-    "is_placed": lambda judged: _is_placed(judged.fit),
-    "is_skewed": lambda judged: _is_skewed(judged.fit),
+    "is_placed": lambda judged: _is_offset_known(judged.fit),
+    "is_skewed": lambda judged: _is_shape_unknown(judged.fit),
     "z_down": lambda judged: judged.evidence.z_down,
     "autocorrelation": lambda judged: judged.evidence.residuals.autocorrelation,
     "textbook_deg": lambda judged: _textbook_deg(judged.fit),
@@ -253,8 +253,8 @@ VALUES: Final[dict[str, Callable[[FitRecord], Any]]] = {
     "late_axis": lambda judged: "" if judged.diagnosis.axis_lag is None else judged.diagnosis.axis_lag.axis,
     "late_by": lambda judged: None if judged.diagnosis.axis_lag is None else judged.diagnosis.axis_lag.apart,
     "is_timed": lambda judged: judged.diagnosis.axis_lag is not None and judged.diagnosis.axis_lag.is_timed,
-    "sources": lambda judged: _contradiction(judged).get("sources", ()),
-    "offset_apart": lambda judged: _contradiction(judged).get("offset_apart"),
+    "sources": lambda judged: _contradiction_of_fit(judged).get("sources", ()),
+    "offset_apart": lambda judged: _contradiction_of_fit(judged).get("offset_apart"),
     "swapped_axes": lambda judged: "" if judged.diagnosis.axis_swap is None else judged.diagnosis.axis_swap.axes,
     "swap_row": lambda judged: None if judged.diagnosis.axis_swap is None else judged.diagnosis.axis_swap.rows[0] + 1,
     "swap_count": lambda judged: None if judged.diagnosis.axis_swap is None else len(judged.diagnosis.axis_swap.rows),
@@ -272,14 +272,14 @@ VALUES: Final[dict[str, Callable[[FitRecord], Any]]] = {
     "rest_count": lambda judged: judged.statistics.rests,
     "are_rests_left_out": lambda judged: judged.statistics.are_rests_left_out,
     "doubt": lambda judged: judged.statistics.doubt,
-    "skipped_kinds": lambda judged: _skipped(judged.statistics, is_silent=False),
-    "silent_kinds": lambda judged: _skipped(judged.statistics, is_silent=True),
+    "skipped_kinds": lambda judged: _skipped_rows(judged.statistics, is_silent=False),
+    "silent_kinds": lambda judged: _skipped_rows(judged.statistics, is_silent=True),
 }
-"""Values of the findings of a fit beside the quantities of its judgement; others are not numbers."""
+"""Values of the findings of a fit other than the quantities of its judgement; some are not numbers."""
 
 
 def of_calibration(calibration: Calibration) -> Iterator[Finding]:
-    """Say what the calibration alone tells, whatever it was made from."""
+    """Findings from the calibration alone, without its readings."""
     yield from judged_parts(calibration, OF_CALIBRATION)
 
 
@@ -291,17 +291,17 @@ def judged_parts(
     values: Mapping[str, Any] | None = None,
     **numbers: float,
 ) -> Iterator[Finding]:
-    """Judge a calibration that no recording is at hand of, by some findings alone.
+    """Judge a calibration without a recording, by some findings.
 
     Parameters
     ----------
     calibration : Calibration
     codes : iterable of str
-        Of `flinders.findings.catalogue.OF_A_FIT`.
+        Codes of `flinders.findings.catalogue.OF_A_FIT`.
     target_deg : float
         Worst heading error that is good enough.
     values : mapping, optional
-        Values of the findings beside the quantities.
+        Values in the findings other than quantities.
     **numbers
         Fields of the record, such as ``level_worst_deg``.
     """
@@ -318,11 +318,11 @@ def judged_parts(
         "textbook_deg": math.nan,
         "is_covered": False,
     }
-    yield from Said.by(judgement).findings({**judged_quantities(judgement), **own, **(values or {})}, codes)
+    yield from JudgedFindings.by(judgement).findings({**judged_quantities(judgement), **own, **(values or {})}, codes)
 
 
 def of_disturbances(fit: Fit) -> Iterator[Finding]:
-    """What there is to know of each disturbance that is modelled."""
+    """Findings on each disturbance of a fit."""
     estimates = fit.evidence.disturbances.estimates
     if not estimates:
         return
@@ -334,7 +334,7 @@ def of_disturbances(fit: Fit) -> Iterator[Finding]:
             yield from found_in(_unfollowed_record(estimate), "disturbance-constant", "column-unused")
             continue
         record = {
-            **_disturbance_record(estimate, estimate.disturbance, UNSAID * fit.claim.target_deg),
+            **_disturbance_record(estimate, estimate.disturbance, MIN_CURVE_SHARE * fit.claim.target_deg),
             "target_deg": fit.claim.target_deg,
             "left_at_most_deg": min(estimate.remaining_deg, 180.0),
             "unit": label(fit.calibration.unit),
@@ -347,15 +347,17 @@ def of_disturbances(fit: Fit) -> Iterator[Finding]:
             "noise": fit.evidence.noise,
         }
         first = ("disturbance", "disturbance-uncertain", "disturbance-collinear-attitude")
-        yield from found_in(record, *first, *OF_A_COLUMN)
+        yield from found_in(record, *first, *COLUMN_FINDINGS)
 
 
-OF_A_COLUMN: Final = tuple(f"disturbance-{fault}" for fault in ("monotone", "lag", "nonlinear", "range", "reference"))
-"""Findings of what was logged of a disturbance, turned or on a bench."""
+COLUMN_FINDINGS: Final = tuple(
+    f"disturbance-{fault}" for fault in ("monotone", "lag", "nonlinear", "range", "reference")
+)
+"""Findings on the logged values of a disturbance, of a turned sensor or on a bench."""
 
 
 def _unfollowed_record(estimate: DisturbanceEstimate) -> dict[str, Any]:
-    """What the findings of something that is not followed compare and state."""
+    """Values for the findings on a disturbance that is not followed."""
     return {
         "is_constant": float(not estimate.is_unused),
         "nothing": 0.0,
@@ -369,7 +371,7 @@ def _unfollowed_record(estimate: DisturbanceEstimate) -> dict[str, Any]:
 def _disturbance_record(
     estimate: DisturbanceEstimate, disturbance: Disturbance, unsaid_deg: float = 0.0
 ) -> dict[str, Any]:
-    """What the findings of a disturbance compare and state."""
+    """Values for the findings on a disturbance."""
     return {
         "removed_deg": estimate.removed_deg,
         "remaining_deg": estimate.remaining_deg,
@@ -386,7 +388,7 @@ def _disturbance_record(
 
 
 def _numbers(disturbance: Disturbance) -> dict[str, Any]:
-    """Its own numbers."""
+    """Attributes of a disturbance for findings."""
     return {
         "name": disturbance.name,
         "per_unit": disturbance.per_unit.tolist(),
@@ -400,18 +402,18 @@ def _numbers(disturbance: Disturbance) -> dict[str, Any]:
 
 
 def _reference(disturbance: Disturbance) -> dict[str, float]:
-    """How far the reference lies outside of what was recorded, as a share of that."""
+    """Distance of the reference from the recorded range, as a share of the range, with its limit."""
     outside = max(disturbance.lowest - disturbance.reference, disturbance.reference - disturbance.highest)
     return {
         "reference_outside": outside / (disturbance.highest - disturbance.lowest)
         if disturbance.has_range
         else math.nan,
-        "reference_limit": math.inf if motor(disturbance.name)[0] == STRAIGHT else 0.25,
+        "reference_limit": math.inf if motor(disturbance.name)[0] == LINEAR_DISTURBANCE else 0.25,
     }
 
 
 def _range(disturbance: Disturbance) -> dict[str, float]:
-    """Whether values of a disturbance can be in its unit, and count in its direction."""
+    """Whether values of a disturbance are plausible in its unit and sign, with the value and the limit."""
     low, high = disturbance.kind.plausible
     far = max(disturbance.lowest, disturbance.highest, key=abs)
     if not low <= far <= high:
@@ -423,14 +425,14 @@ def _range(disturbance: Disturbance) -> dict[str, float]:
 
 
 def of_alike(estimates: Sequence[DisturbanceEstimate]) -> Iterator[Finding]:
-    """Whether disturbances are collinear, so that what one does cannot be distinguished from what another does."""
+    """Finding that disturbances are collinear, so that their effects cannot be distinguished."""
     names = [one.name for one in estimates if one.collinearity > limit_of("disturbances-collinear")]
     most = max((one.collinearity for one in estimates), default=0.0)
     yield from found_in({"most_alike": most, "collinear": names}, "disturbances-collinear")
 
 
 def of_noisy(estimates: Sequence[DisturbanceEstimate]) -> Iterator[Finding]:
-    """Whether the columns of disturbances are noisy: one finding for all of them."""
+    """Finding that columns of disturbances are noisy: one for all columns."""
     limit = limit_of("disturbance-noisy")
     noisy = [one for one in estimates if one.disturbance is not None and one.attenuation > limit]
     shares = [one.attenuation for one in noisy]
@@ -443,13 +445,13 @@ def of_noisy(estimates: Sequence[DisturbanceEstimate]) -> Iterator[Finding]:
 
 
 def of_column(estimate: DisturbanceEstimate) -> Iterator[Finding]:
-    """Whether what was logged of a disturbance is fit to be modelled, of a sensor on a bench."""
+    """Findings on the logged values of a disturbance, of a sensor on a bench."""
     if estimate.disturbance is not None:
-        yield from found_in(_disturbance_record(estimate, estimate.disturbance), *OF_A_COLUMN)
+        yield from found_in(_disturbance_record(estimate, estimate.disturbance), *COLUMN_FINDINGS)
 
 
 def of_extrapolation(correction: Calibration, beyond: Mapping[str, float]) -> Iterator[Finding]:
-    """State extrapolations of disturbances, by `beyond` of `flinders.core.compensation.Compensator`.
+    """Findings on extrapolated disturbances, from `beyond` of `flinders.core.compensation.Compensator`.
 
     Examples
     --------

@@ -1,8 +1,8 @@
-"""What a fit may claim: a method's covariance, widened by all that the method does not know of.
+"""Widening of the covariance of a fit by errors that its method does not include.
 
 The residuals of real recordings are correlated, readings are repeated, methods have a bias, few readings leave the
 noise itself uncertain, and several recordings of one sensor differ by more than each of them claims. The engine widens
-by repeated and by few readings (``claim.c``); what needs other fits is added here.
+for repeated and for few readings (``claim.c``); this module adds the widening that needs further fits.
 
 >>> from flinders import simulate
 >>> from flinders.estimators import Readings
@@ -40,15 +40,15 @@ if TYPE_CHECKING:
 
 
 class Widened(NamedTuple):
-    """An estimate with the covariance that it may claim.
+    """An estimate with its widened covariance.
 
     Attributes
     ----------
     estimate : Estimate
     record : Records
-        Of the engine, claimed.
+        Record of the engine, with the claim.
     repeats : Repeats, optional
-        Recordings of one sensor, compared with each other.
+        Comparison of several recordings of one sensor.
     """
 
     estimate: Estimate
@@ -56,13 +56,13 @@ class Widened(NamedTuple):
     repeats: Repeats | None = None
 
     def widened(self, covariance: Floats) -> Widened:
-        """The same with another covariance (9, 9); level errors are not known then."""
+        """The same with another (9, 9) covariance, and unknown level errors."""
         self.record["covariance"] = covariance.ravel()
         self.record["level_worst_deg"] = self.record["level_rms_deg"] = np.nan
         return self._replace(estimate=replace(self.estimate, covariance=covariance))
 
     def shrunk(self) -> Widened:
-        """The same with the estimate of the record, which was shrunk."""
+        """The same with the shrunk estimate of the record."""
         ellipsoid = Ellipsoid(self.record["centre"].copy(), symmetric(self.record["shape"]))
         covariance = self.record["covariance"].reshape(9, 9).copy()
         return self._replace(estimate=replace(self.estimate, ellipsoid=ellipsoid, covariance=covariance, textbook=None))
@@ -85,31 +85,31 @@ def claimed(
     ----------
     estimate : Estimate
     readings : Readings
-        That it was made of.
+        Its readings.
     likelihood : Auto
-        What a method that does not look at residuals is compared with.
+        Reference for methods that do not evaluate residuals.
     statistics : Statistics
-        Of the readings.
+        Statistics of the readings.
     coverage : Coverage, optional
-        Of the readings.
+        Coverage of the readings.
     record : Records, optional
-        Of the engine, which made the estimate.
+        Record of the engine, if the engine made the estimate.
     is_biased : bool
-        The method has a bias of its own.
+        Whether the method has a bias.
     is_joint : bool
-        The estimate is of several instruments, and knows how its residuals are correlated and that readings are few.
+        Whether the estimate is from several instruments and already includes correlated residuals and few readings.
     """
     is_wide = record is not None or estimate.correlation is not None or estimate.plane or readings.recording is None
     reference = None if is_joint or (is_wide and not is_biased) else _reference(readings, likelihood)
     if reference is not None and not is_wide and not reference.plane and not reference.unobserved:
         estimate = as_correlated(estimate, reference)
     filled = record_of(estimate, statistics, coverage, dip_deg=likelihood.dip_deg) if record is None else record.copy()
-    engine().claim(filled, engine().request(parameters=0 if is_joint else _parameters(estimate), shrinks=0))
+    engine().claim(filled, engine().request(parameters=0 if is_joint else _parameter_count(estimate), shrinks=0))
     widened = Widened(replace(estimate, covariance=filled["covariance"].reshape(9, 9).copy()), filled)
     if reference is not None and is_biased:
         biased = with_bias(widened.estimate, reference)
         widened = widened.widened(biased.covariance)._replace(estimate=biased)
-    repeats = _compared(readings, likelihood, widened.estimate)
+    repeats = _compare(readings, likelihood, widened.estimate)
     return (
         widened
         if repeats is None
@@ -118,21 +118,21 @@ def claimed(
 
 
 def _reference(readings: Readings, likelihood: Auto) -> Estimate | None:
-    """The estimate of the maximum likelihood; None where the readings are too few for its model."""
+    """The maximum likelihood estimate; None if there are too few readings for its model."""
     try:
         return likelihood.estimate(readings)
     except FitError:
         return None
 
 
-def _parameters(estimate: Estimate) -> int:
-    """How many parameters its method finds."""
+def _parameter_count(estimate: Estimate) -> int:
+    """Count of parameters of the method of an estimate."""
     name = estimate.estimator or estimate.method
     return ROWS[name].parameters if name in ROWS else 5 if estimate.plane else 9
 
 
 def as_correlated(estimate: Estimate, likelihood: Estimate) -> Estimate:
-    """Widen a claim that takes residuals for independent as much as that of the likelihood is widened.
+    """Widen a claim for independent residuals by the factor of the likelihood for correlated ones.
 
     The factor is the mean over the variances of all nine parameters.
 
@@ -153,7 +153,7 @@ def as_correlated(estimate: Estimate, likelihood: Estimate) -> Estimate:
 
 
 def with_bias(estimate: Estimate, likelihood: Estimate) -> Estimate:
-    """Add ddᵀ to the covariance, where d separates an estimate from the likelihood's `beyond_chance`.
+    """Add d dᵀ to the covariance, with the difference d from the likelihood estimate `beyond_chance`.
 
     Parameters
     ----------
@@ -163,15 +163,15 @@ def with_bias(estimate: Estimate, likelihood: Estimate) -> Estimate:
     difference = estimate.ellipsoid.parameters - likelihood.ellipsoid.parameters
     bias = beyond_chance(difference, estimate.covariance + likelihood.covariance)
     covariance = estimate.covariance + np.outer(bias, bias)
-    if likelihood.unobserved:  # where the readings leave it open, nobody knows how far off a method is
+    if likelihood.unobserved:  # the bias of a method is unknown in directions that the readings do not determine
         covariance = covariance + likelihood.covariance
     return replace(estimate, covariance=covariance, bias=bias if bias.any() else None)
 
 
 def halves_apart(samples: Samples, likelihood: Auto, estimate: Estimate) -> float | None:
-    """How far the halves of a recording are apart at the worst heading, over what both claim of it."""
+    """Heading difference between the halves of a recording at the worst heading, over its claimed sigma."""
     middle = len(samples) // 2
-    repeats = _compared(Readings.of(Joined((samples[:middle], samples[middle:]))), likelihood, estimate)
+    repeats = _compare(Readings.of(Joined((samples[:middle], samples[middle:]))), likelihood, estimate)
     return (
         None
         if repeats is None
@@ -179,10 +179,10 @@ def halves_apart(samples: Samples, likelihood: Auto, estimate: Estimate) -> floa
     )
 
 
-def _compared(readings: Readings, likelihood: Auto, estimate: Estimate) -> Repeats | None:
-    """Compare the recordings of a sensor, those that determine a calibration by themselves.
+def _compare(readings: Readings, likelihood: Auto, estimate: Estimate) -> Repeats | None:
+    """Compare the recordings of a sensor that each determine a calibration.
 
-    Level turns are only compared with each other: each rests on the dip, and elsewhere that is estimated.
+    Level turns are only compared with each other: they assume the dip, while other recordings estimate it.
     """
     if not readings.parts:
         return None
@@ -197,7 +197,7 @@ def _compared(readings: Readings, likelihood: Auto, estimate: Estimate) -> Repea
             continue
         if alone.plane or not alone.unobserved:
             source = "" if part.recording is None else part.recording.source
-            widening = engine().widening_by_few(len(part.summary) - _parameters(alone))
+            widening = engine().widening_by_few(len(part.summary) - _parameter_count(alone))
             fits = turns if alone.plane else others
             fits.append(RecordingFit(source, alone.used, alone.ellipsoid, alone.covariance * widening))
     fits = turns if estimate.plane or len(others) < 2 else others

@@ -1,1 +1,1 @@
-"""Geometry without a sensor: angles, rotations, the ellipsoid and its sections, an even grid of the sphere."""
+"""Geometry: angles, rotations, the ellipsoid and its plane sections, an even grid of the sphere."""

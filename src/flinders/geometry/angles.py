@@ -1,4 +1,4 @@
-"""Angles that go round: headings in [0, 360) and differences in (−180, 180], without a seam.
+"""Angles modulo 360°: headings in [0, 360) and differences in (−180, 180].
 
 >>> wrapped([-10.0, 360.0, 725.0]), folded([350.0, -180.0, 181.0])
 (array([350.,   0.,   5.]), array([ -10.,  180., -179.]))
@@ -22,18 +22,18 @@ if TYPE_CHECKING:
 
 
 def wrapped(angle_deg: ArrayLike) -> Floats:
-    """Bring angles into [0, 360), whatever their shape; NaN stays."""
+    """Angles of any shape modulo 360°, in [0, 360); NaN stays."""
     turned = np.asarray(np.mod(floats(angle_deg, "angle"), 360.0))
     return np.where(turned >= 360.0, 0.0, turned) + 0.0  # the remainder of −1e-20 is rounded up to 360
 
 
 def folded(angle_deg: ArrayLike) -> Floats:
-    """Bring differences of angles into (−180, 180], whatever their shape; NaN stays."""
+    """Differences of angles of any shape modulo 360°, in (−180, 180]; NaN stays."""
     return 180.0 - wrapped(180.0 - floats(angle_deg, "angle"))
 
 
 def mean_deg(angles_deg: ArrayLike) -> float:
-    """Mean direction of (N,) angles in [0, 360): that of the sum of their unit vectors; NaN where they cancel.
+    """Direction of the sum of the unit vectors of (N,) angles, in [0, 360); NaN if they cancel.
 
     >>> round(mean_deg([350.0, 20.0]), 9)
     5.0
@@ -43,7 +43,7 @@ def mean_deg(angles_deg: ArrayLike) -> float:
 
 
 def deflection_deg(share: float) -> float:
-    """How far a vector turns at most where this share of its length is added: 180 where it may point anywhere.
+    """Largest angle by which a vector turns if a vector of `share` times its length is added; 180 from share 1 on.
 
     >>> round(deflection_deg(0.1), 2), deflection_deg(1.2)
     (5.74, 180.0)
@@ -52,7 +52,7 @@ def deflection_deg(share: float) -> float:
 
 
 def shown_heading(heading_deg: float, digits: int = 1) -> str:
-    """Write a heading as navigators do, three figures before the point, and never 360.
+    """Write a heading as navigators do: three digits before the point, and 000 instead of 360.
 
     >>> shown_heading(7.25), shown_heading(359.96), shown_heading(45.0, 0)
     ('007.2°', '000.0°', '045°')

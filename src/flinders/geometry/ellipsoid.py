@@ -1,10 +1,10 @@
-"""Ten coefficients of a quadric, and the ellipsoid they stand for: geometry only.
+"""The ten coefficients of a quadric, and its ellipsoid.
 
-A quadric is the set of x with xᵀQx + lᵀx + d = 0. Its coefficients are kept in the order
+A quadric is the set of x with xᵀQx + lᵀx + d = 0. Its coefficients are stored in the order
 
     Q₁₁, Q₂₂, Q₃₃, Q₁₂, Q₁₃, Q₂₃, l₁, l₂, l₃, d
 
-beside the monomials x², y², z², 2xy, 2xz, 2yz, x, y, z, 1.
+of the monomials x², y², z², 2xy, 2xz, 2yz, x, y, z, 1.
 
 >>> ellipsoid = Ellipsoid(np.array([1.0, 2.0, 3.0]), np.diag([4.0, 5.0, 6.0]))
 >>> Ellipsoid.from_quadric(ellipsoid.as_quadric()).isclose(ellipsoid)
@@ -26,13 +26,13 @@ if TYPE_CHECKING:
     from flinders.arrays import Floats
 
 GATHER: Final = np.zeros((12, 9))
-"""(12, 9): v and the nine products v_i u_j, gathered into coefficients of δb and of a symmetric δS."""
+"""(12, 9) matrix from v and the nine products v_i u_j to the coefficients of δb and of a symmetric δS."""
 
 GATHER[[0, 1, 2], [0, 1, 2]] = 1.0
 GATHER[[3, 7, 11, 4, 6, 5, 9, 8, 10], [3, 4, 5, 6, 6, 7, 7, 8, 8]] = 1.0
 
-SYMMETRIC: Final = np.array([[0, 3, 4], [3, 1, 5], [4, 5, 2]])
-"""(3, 3) which of the entries 11, 22, 33, 12, 13, 23 stands where in a symmetric matrix."""
+SYMMETRIC_INDEX: Final = np.array([[0, 3, 4], [3, 1, 5], [4, 5, 2]])
+"""(3, 3) index, among the entries 11, 22, 33, 12, 13, 23, of each entry of a symmetric matrix."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -40,16 +40,16 @@ class Ellipsoid:
     """The points centre + shape · u for all unit vectors u."""
 
     centre: Floats  #: (3,)
-    #: (3, 3): symmetric and positive definite: its eigenvalues are the semi-axes. An ellipsoid fixes it only up to a
-    #: rotation on the right; the symmetric root turns no direction on average.
+    #: (3, 3): symmetric and positive definite; its eigenvalues are the semi-axes. An ellipsoid determines the shape
+    #: only up to a rotation on the right; the symmetric one does not rotate directions on average.
     shape: Floats
 
     @classmethod
     def from_quadric(cls, coefficients: Floats, *, method: str = "") -> Self:
-        """Take the ellipsoid out of ten coefficients, of either sign.
+        """Ellipsoid of (10,) coefficients, of either sign.
 
-        Raises `NotAnEllipsoid` if the quadric is open, imaginary or not finite: each eigenvalue is looked at, not the
-        determinant.
+        Raises `NotAnEllipsoid` if the quadric is open, imaginary or not finite. The signs of all eigenvalues are
+        checked, not the determinant alone.
         """
         form, linear, constant = symmetric(coefficients[:6]), coefficients[6:9], coefficients[9]
         if not np.all(np.isfinite(coefficients)):
@@ -58,11 +58,11 @@ class Ellipsoid:
             form, linear, constant = -form, -linear, -constant
         eigenvalues, vectors = np.linalg.eigh(form)
         if not eigenvalues[0] > 1e-12 * abs(eigenvalues[2]):
-            raise _open(eigenvalues, method)
+            raise _not_closed_error(eigenvalues, method)
         centre = vectors @ (vectors.T @ linear / (-2.0 * eigenvalues))
         level = centre @ form @ centre - constant
         if not level > 0:
-            raise _open(-eigenvalues, method)
+            raise _not_closed_error(-eigenvalues, method)
         return cls(centre, (vectors * np.sqrt(level / eigenvalues)) @ vectors.T)
 
     def as_quadric(self) -> Floats:
@@ -73,7 +73,7 @@ class Ellipsoid:
         return np.concatenate([upper(form), -2.0 * linear, [self.centre @ linear - 1.0]])
 
     def in_frame(self, origin: Floats, scale: float) -> Self:
-        """The same surface where x = origin + scale · z, z being what it was given in."""
+        """The same surface in coordinates x = origin + scale · z, if the ellipsoid is in coordinates z."""
         return type(self)(origin + scale * self.centre, scale * self.shape)
 
     @cached_property
@@ -86,7 +86,7 @@ class Ellipsoid:
 
     @property
     def scale(self) -> float:
-        """The power of two above the largest entry of the shape: products of three of them stay within range."""
+        """Power of two above the largest entry of the shape; dividing by it keeps determinants within range."""
         return float(2.0 ** np.frexp(np.abs(self.shape).max())[1].clip(-1000, 1000))
 
     @cached_property
@@ -98,16 +98,16 @@ class Ellipsoid:
 
     @classmethod
     def of_parameters(cls, parameters: Floats) -> Self:
-        """The ellipsoid with (9,) `parameters`."""
+        """Ellipsoid of (9,) `parameters`."""
         return cls(parameters[:3], symmetric(parameters[3:]))
 
     @property
     def parameters(self) -> Floats:
-        """(9,) centre, then S₁₁, S₂₂, S₃₃, S₁₂, S₁₃, S₂₃: what covariances are of."""
+        """(9,) centre, then S₁₁, S₂₂, S₃₃, S₁₂, S₁₃, S₂₃, in the order of covariances."""
         return np.concatenate([self.centre, upper(self.shape)])
 
     def isclose(self, other: Ellipsoid, rtol: float = 1e-9) -> bool:
-        """The same surface to a fraction of its radius."""
+        """Whether both surfaces agree within `rtol` times the radius."""
         tolerance = rtol * self.radius
         return bool(
             np.allclose(self.centre, other.centre, rtol=0, atol=tolerance)
@@ -121,8 +121,8 @@ class Ellipsoid:
 
 
 def symmetric(entries: Floats) -> Floats:
-    """(3, 3) symmetric matrix of its entries 11, 22, 33, 12, 13, 23."""
-    matrix: Floats = entries[SYMMETRIC]
+    """(3, 3) symmetric matrix from its entries 11, 22, 33, 12, 13, 23."""
+    matrix: Floats = entries[SYMMETRIC_INDEX]
     return matrix
 
 
@@ -135,7 +135,8 @@ def upper(matrix: Floats) -> Floats:
 def sphere_through(points: Floats, origin: Floats | None = None) -> tuple[Floats, float]:
     """Centre (k,) and radius of the sphere, or circle, through (N, k) points by linear least squares (Kåsa 1976).
 
-    |x|² = 2 c·x + r² − |c|² for x about an origin, by default their mean; points in a plane have the centre in it.
+    Solves |x|² = 2 c·x + r² − |c|² with x relative to `origin`, by default the mean of the points. For points in a
+    plane the centre is in that plane.
 
     >>> sphere_through(np.array([[3.0, 0.0], [1.0, 2.0], [-1.0, 0.0], [1.0, -2.0]]))
     (array([1., 0.]), 2.0)
@@ -149,20 +150,20 @@ def sphere_through(points: Floats, origin: Floats | None = None) -> tuple[Floats
 
 
 def centred(readings: Floats, centre: Floats) -> Floats:
-    """(3, N) what (N, 3) readings are off a centre, axis by axis in memory: four times faster than row by row."""
+    """(3, N) differences of (N, 3) readings from a centre, contiguous by axis: four times faster than by row."""
     local: Floats = np.subtract(readings.T, centre[:, np.newaxis], order="C")
     return local
 
 
 def gathered(vectors: Floats, directions: Floats) -> Floats:
-    """(..., K, 9) coefficients of v·δb + vᵀ δS u in b and the entries of S in their order, for (..., 3, K) v and u."""
+    """(..., K, 9) derivatives of v·b + vᵀSu by the nine parameters of an ellipsoid, for (..., 3, K) v and u."""
     products = vectors[..., np.newaxis, :] * directions[..., np.newaxis, :, :]
     rows = np.concatenate([vectors, products.reshape(*vectors.shape[:-2], 9, -1)], axis=-2)
     coefficients: Floats = rows.mT @ GATHER
     return coefficients
 
 
-def _open(eigenvalues: Floats, method: str) -> NotAnEllipsoid:
-    """The error of a quadric that is no ellipsoid, its eigenvalues scaled to the largest."""
+def _not_closed_error(eigenvalues: Floats, method: str) -> NotAnEllipsoid:
+    """Error for a quadric that is not an ellipsoid, with its eigenvalues divided by the largest."""
     largest = float(np.abs(eigenvalues).max()) or 1.0
     return NotAnEllipsoid(tuple(float(value) / largest for value in eigenvalues), method)

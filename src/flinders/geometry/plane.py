@@ -1,7 +1,7 @@
-"""Readings of one plane: the ellipse that they lie on, and how evenly they are spread around it.
+"""Readings of a turn in one plane: their ellipse, and the evenness of their angles.
 
-A sensor that is turned about one of its axes reads an ellipse with the other two. Of points equally spaced in heading
-the mean is the centre of that ellipse, and twice their centred scatter is the square of its shape:
+If a sensor is turned about one axis, the readings of the other two lie on an ellipse. If the points are equally spaced
+in heading, their mean is the centre of the ellipse, and twice their centred scatter is the square of its shape:
 
 >>> heading = np.radians(np.arange(0, 360, 10))
 >>> points = np.stack([30 * np.cos(heading) + 10, -20 * np.sin(heading) - 5], axis=1)
@@ -9,21 +9,21 @@ the mean is the centre of that ellipse, and twice their centred scatter is the s
 >>> found.centre.round(9), found.semi_axes.round(9), round(found.direction_deg, 9)
 (array([10., -5.]), array([30., 20.]), 0.0)
 
-Of points that are not, it is another: as far off as the harmonics of their angles say.
+If the points are not equally spaced, the ellipse is wrong by the harmonics of their angles:
 
 >>> Spacing.of(found.angles(points)).is_even(within_deg=1.0)
 True
 >>> print(Spacing.of(found.angles(points[:27])))
 27 points around 360°, widest gap 100°; first harmonic 0.300, second 0.213: the mean costs up to 23° of heading
 
-A turn reads an ellipse, whatever else is known of the sensor's ellipsoid. With the field
-u = (cos I cos ψ, −cos I sin ψ, sin I), in the order of the plane, it is
+The ellipse of a turn follows from the sensor's ellipsoid. With the field u = (cos I cos ψ, −cos I sin ψ, sin I), in the
+axis order of the plane, it is
 
     (b + sin I S₃) + cos I S₂ (cos ψ, −sin ψ)
 
-for S₃ the column of the shape that belongs to the axis turned about and S₂ the part of it in the plane. It is linear in
-offset and shape, so a covariance comes along. Two calibrations of which one knows a plane alone are held against each
-other there, and a method that fits a plane is asked about it.
+where S₃ is the column of the shape for the axis of the turn, and S₂ the part of the shape in the plane. The ellipse is
+linear in offset and shape, so covariances can be propagated. A fit of one plane is compared with other calibrations by
+these ellipses.
 
 >>> turned = Ellipsoid(np.array([10.0, 20.0, 30.0]), np.diag([50.0, 40.0, 60.0]))
 >>> flat = equator(turned, "xy", dip_deg=60.0)
@@ -47,18 +47,18 @@ if TYPE_CHECKING:
     from flinders.arrays import Floats
 
 Plane: TypeAlias = Literal["xy", "yz", "zx"]
-"""The two axes that see the field go round; the third one, which completes a right-handed frame, is turned about."""
+"""The two axes in the plane of a turn; the third axis of the right-handed frame is the axis of the turn."""
 
 PLANES: Final[tuple[Plane, ...]] = get_args(Plane)
 
 IN_PLANE: Final = [0, 1, 3, 4, 6]
-"""Places of b₁, b₂, S₁₁, S₂₂, S₁₂ among the nine parameters: all that the readings of the plane ``xy`` tell."""
+"""Indices of b₁, b₂, S₁₁, S₂₂, S₁₂ among the nine parameters, which readings in the plane ``xy`` determine."""
 
 
 def order_of(plane: Plane) -> tuple[int, int, int]:
-    """Places of the first, the second and the third axis of a plane.
+    """Indices of the first and second axis of a plane, and of the axis of the turn.
 
-    Raises `UsageError` for what is no plane.
+    Raises `UsageError` for an unknown plane.
 
     Examples
     --------
@@ -72,7 +72,7 @@ def order_of(plane: Plane) -> tuple[int, int, int]:
 
 
 def across(plane: Plane) -> str:
-    """Name the axis that is turned about.
+    """Name of the axis of a turn in a plane.
 
     >>> across("zx")
     'y'
@@ -81,7 +81,7 @@ def across(plane: Plane) -> str:
 
 
 def down_of(plane: Plane | None) -> Floats | None:
-    """(3,) which way is down when a sensor turns in a plane; None for +z.
+    """(3,) down direction of a sensor that turns in a horizontal plane; None for +z.
 
     >>> down_of("yz"), down_of("xy")
     (array([1., 0., 0.]), None)
@@ -90,9 +90,9 @@ def down_of(plane: Plane | None) -> Floats | None:
 
 
 def heading_errors(readings: Floats, heading: Floats) -> tuple[Floats, float]:
-    """(N,) errors of what (3, N) readings of a level vehicle show at (N,) headings, the mean removed; and that mean.
+    """(N,) heading errors of (3, N) readings of a level vehicle at (N,) headings, without their mean; and the mean.
 
-    All in rad. An offset of a tenth of the level field is off by its share where the field lies across it:
+    All angles are in rad. An offset of 0.1 of the horizontal field gives 0.1 rad where the field is across the offset:
 
     >>> turn = np.radians(np.arange(0.0, 360.0, 90.0))
     >>> readings = np.stack([np.cos(turn) + 0.1, -np.sin(turn), 0.0 * turn])
@@ -106,19 +106,19 @@ def heading_errors(readings: Floats, heading: Floats) -> tuple[Floats, float]:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PlaneEllipse:
-    """The points centre + shape · u for all unit vectors u of a plane."""
+    """The ellipse of points centre + shape · u for all unit vectors u of a plane."""
 
     centre: Floats  #: (2,): in the unit of the readings, along the first and the second axis of the plane
     shape: Floats  #: (2, 2): symmetric and positive definite, in the unit of the readings
 
     @classmethod
     def of_points(cls, points: Floats) -> Self:
-        """The recipe: the mean, and the root of twice the centred scatter, of (N, 2) points."""
+        """Ellipse of (N, 2) equally spaced points, from their mean and scatter."""
         return cls.of_blocks([points])
 
     @classmethod
     def of_blocks(cls, blocks: Iterable[Floats]) -> Self:
-        """The recipe, of points that come in blocks."""
+        """As `of_points`, of blocks of (N, 2) points."""
         count, mean, scatter = 0, np.zeros(2), np.zeros((2, 2))
         for block in blocks:
             if not len(block):
@@ -133,7 +133,7 @@ class PlaneEllipse:
 
     @property
     def radius(self) -> float:
-        """Geometric mean of the semi-axes: a circle of this radius has the same area."""
+        """Geometric mean of the semi-axes: radius of the circle of the same area."""
         return float(np.sqrt(np.prod(self.semi_axes)))
 
     @property
@@ -143,20 +143,20 @@ class PlaneEllipse:
 
     @property
     def eigenvalues(self) -> Floats:
-        """(2,) of the centred scatter that equally spaced points on it have: half the squares of the semi-axes."""
+        """(2,) eigenvalues of the scatter of equally spaced points on the ellipse: half the squared semi-axes."""
         return self.semi_axes**2 / 2.0
 
     @property
     def ratio(self) -> float:
-        """The long semi-axis over the short one."""
+        """Long semi-axis divided by the short one."""
         long, short = self.semi_axes.tolist()
         return float(long / short)
 
     @property
     def direction_deg(self) -> float:
-        """Skew angle: where the long axis points, from the first axis towards the second, −90° to 90°.
+        """Skew angle: direction of the long axis, from the first axis towards the second, −90° to 90°.
 
-        Of a circle it means nothing.
+        Undefined for a circle.
         """
         x, y = np.linalg.eigh(self.shape)[1][:, 1]
         angle = float(np.degrees(np.arctan2(y, x)))
@@ -165,16 +165,16 @@ class PlaneEllipse:
 
     @property
     def matrix(self) -> Floats:
-        """(2, 2) S₁₁, S₁₂; S₂₁, S₂₂: what makes it a circle of the same area; symmetric, determinant 1."""
+        """(2, 2) correction that maps the ellipse to a circle of the same area; symmetric, determinant 1."""
         return self.radius * np.linalg.inv(self.shape)
 
     def correct(self, points: Floats) -> Floats:
-        """(N, 2) points after ``matrix @ (point - centre)``."""
+        """Correct (N, 2) points: ``matrix @ (point - centre)``."""
         corrected: Floats = (points - self.centre) @ self.matrix
         return corrected
 
     def angles(self, points: Floats) -> Floats:
-        """(N,) rad, of corrected points from the first axis towards the second."""
+        """(N,) angles in rad of corrected points, from the first axis towards the second."""
         x, y = self.correct(points).T
         angles: Floats = np.arctan2(y, x)
         return angles
@@ -186,28 +186,28 @@ class PlaneEllipse:
             "eigenvalues": self.eigenvalues.tolist(),
             "semi_axes": self.semi_axes.tolist(),
             "axis_ratio": self.ratio,  # long over short semi-axis
-            "skew_angle_deg": self.direction_deg,  # where the long axis points, from the first axis towards the second
+            "skew_angle_deg": self.direction_deg,  # direction of the long axis, from the first axis towards the second
             "matrix": self.matrix.tolist(),
         }
 
 
 @dataclass(frozen=True, slots=True)
 class Spacing:
-    """How evenly points are spread around a circle.
+    """Evenness of points around a circle.
 
-    With angles φ the harmonics are r₁ = |mean exp(iφ)| and r₂ = |mean exp(2iφ)|. Equally spaced points have none. The
-    mean of the points is r₁ radii off the centre, and their scatter makes the circle an ellipse of ratio 1 + r₂; of
-    the heading that takes up to r₁ + r₂/2 radians, to first order.
+    With angles φ the harmonics are r₁ = |mean exp(iφ)| and r₂ = |mean exp(2iφ)|, which are 0 for equally spaced points.
+    The mean of the points is r₁ radii from the centre, and their scatter is that of an ellipse of axis ratio 1 + r₂.
+    This gives heading errors of up to r₁ + r₂/2 radians, to first order.
     """
 
-    points: int
+    points: int  #: number of points
     first_harmonic: float  #: r₁, 0 to 1
     second_harmonic: float  #: r₂, 0 to 1
-    widest_gap_deg: float  #: between neighbours
+    widest_gap_deg: float  #: largest angle between neighbours
 
     @classmethod
     def of(cls, angles: Floats) -> Self:
-        """Look at (N,) angles in rad, of one turn or of several.
+        """Evenness of (N,) angles in rad, of one turn or of several.
 
         >>> Spacing.of(np.radians([0.0, 90.0, 180.0, 270.0])).widest_gap_deg
         90.0
@@ -220,11 +220,11 @@ class Spacing:
 
     @property
     def cost_deg(self) -> float:
-        """Heading error that the mean and the scatter of such points make at the worst heading, to first order."""
+        """Heading error at the worst heading from using mean and scatter, in degrees, to first order."""
         return float(np.degrees(self.first_harmonic + self.second_harmonic / 2.0))
 
     def is_even(self, *, within_deg: float) -> bool:
-        """The mean can be trusted: it costs no more than this."""
+        """Whether the heading error from using the mean and the scatter is at most `within_deg`."""
         return self.cost_deg <= within_deg
 
     def as_dict(self) -> dict[str, float]:
@@ -247,13 +247,13 @@ class Spacing:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Turn:
-    """A turn in one plane: its points, what the recipe makes of them, and the ellipse of least squares."""
+    """A turn in one plane: its points, and their ellipses from mean and scatter and by least squares."""
 
-    plane: Plane  #: the plane that was turned: ``xy``, ``yz`` or ``zx``
+    plane: Plane  #: plane of the turn: ``xy``, ``yz`` or ``zx``
     points: Floats  #: (N, 2): readings along the first and the second axis of the plane
     recipe: PlaneEllipse  #: from mean and scatter
-    ellipse: PlaneEllipse  #: by least squares; it does not care how the points are spaced
-    #: of the points once `ellipse` has corrected them: after the recipe itself no harmonics are left to see
+    ellipse: PlaneEllipse  #: by least squares; independent of the spacing of the points
+    #: of the points corrected by `ellipse`; points corrected by `recipe` have no harmonics
     spacing: Spacing
 
     @classmethod
@@ -267,47 +267,49 @@ class Turn:
         return {
             "plane": self.plane,
             "points": self.spacing.points,
-            "mean_and_scatter": self.recipe.as_dict(),  # the ellipse of the recipe
-            # the ellipse by least squares, which does not depend on the spacing
+            "mean_and_scatter": self.recipe.as_dict(),  # ellipse from mean and scatter
+            # ellipse by least squares, which is independent of the spacing
             "least_squares": self.ellipse.as_dict(),
             "spacing": self.spacing.as_dict(),
         }
 
 
 def equator(ellipsoid: Ellipsoid, plane: Plane, *, dip_deg: float) -> Ellipsoid:
-    """Take the ellipse of a turn as the equator of an ellipsoid, whose third semi-axis is the mean of the two.
+    """Ellipsoid whose equator is the ellipse of a turn; its third semi-axis is the mean of the other two.
 
     Parameters
     ----------
+    ellipsoid : Ellipsoid
+        Raw readings in all directions.
     plane : str
-        ``xy``, ``yz`` or ``zx``; the third axis is the one that is turned about.
-    dip_deg : float
-        Inclination of the field towards that axis.
+        ``xy``, ``yz`` or ``zx``; the third axis is the axis of the turn.
+    dip_deg : float, degrees
+        Inclination of the field towards the axis of the turn.
     """
     parameters = to_equator(plane, dip_deg=dip_deg) @ ellipsoid.parameters
     return Ellipsoid.of_parameters(parameters)
 
 
 def to_equator(plane: Plane, *, dip_deg: float) -> Floats:
-    """(9, 9) matrix from (b, S₁₁, S₂₂, S₃₃, S₁₂, S₁₃, S₂₃) to those of the equator; its rank is five."""
+    """(9, 9) matrix from the parameters of an ellipsoid to those of its `equator`; its rank is five."""
     first, second, third = order_of(plane)
     dip = np.deg2rad(dip_deg)
     rows = np.zeros((9, 9))
     for place in (first, second):
         rows[place, place] = 1.0
-        rows[place, _ENTRY[place, third]] = np.sin(dip)
-        rows[_ENTRY[place, place], _ENTRY[place, place]] = np.cos(dip)
-        rows[_ENTRY[third, third], _ENTRY[place, place]] = np.cos(dip) / 2.0
-    rows[_ENTRY[first, second], _ENTRY[first, second]] = np.cos(dip)
+        rows[place, _ENTRY_INDEX[place, third]] = np.sin(dip)
+        rows[_ENTRY_INDEX[place, place], _ENTRY_INDEX[place, place]] = np.cos(dip)
+        rows[_ENTRY_INDEX[third, third], _ENTRY_INDEX[place, place]] = np.cos(dip) / 2.0
+    rows[_ENTRY_INDEX[first, second], _ENTRY_INDEX[first, second]] = np.cos(dip)
     return rows
 
 
-_ENTRY = np.array([[3, 6, 7], [6, 4, 8], [7, 8, 5]])
-"""Where each entry of the shape stands among the nine."""
+_ENTRY_INDEX = np.array([[3, 6, 7], [6, 4, 8], [7, 8, 5]])
+"""Index of each entry of the shape among the nine parameters."""
 
 
 def root(square: Floats) -> Floats:
-    """(2, 2) symmetric root of a symmetric matrix, in closed form: (M + √det M) / √(tr M + 2 √det M).
+    """(2, 2) symmetric root of a symmetric matrix M in closed form, (M + √det M) / √(tr M + 2 √det M).
 
     >>> root(np.array([[5.0, 4.0], [4.0, 5.0]])).round(9).tolist()
     [[2.0, 1.0], [1.0, 2.0]]

@@ -1,7 +1,7 @@
-"""Attitudes as unit quaternions (w, x, y, z), which turn vectors of one set of axes into another: v' = q v q*.
+"""Attitudes as unit quaternions (w, x, y, z), which rotate vectors from one set of axes to another: v' = q v q*.
 
-An attitude turns the axes of a body, forward, right, down, into north, east, down. Hamilton's product: of two
-attitudes ``product(a, b)`` acts like b first and then a. A quaternion and its negative are the same attitude.
+An attitude rotates from the axes of a body, forward, right, down, to north, east, down. ``product(a, b)`` is Hamilton's
+product, which applies b first and then a. A quaternion and its negative are the same attitude.
 
 >>> east = of_angles([0.0, 0.0, np.pi / 2])                    # roll, pitch, yaw: level, its nose points east
 >>> rotated(east, [1.0, 0.0, 0.0]).round(9)
@@ -11,7 +11,7 @@ array([0., 1., 0.])
 array([ 0.   ,  0.866, -0.5  ])
 
 Source: J. Kuipers, *Quaternions and Rotation Sequences*, 1999, for the formulas; K. Shoemake, *Animating Rotation with
-Quaternion Curves*, 1985, for the way between two attitudes.
+Quaternion Curves*, 1985, for the interpolation between two attitudes.
 """
 
 from __future__ import annotations
@@ -28,14 +28,14 @@ if TYPE_CHECKING:
 
     from flinders.arrays import Floats
 
-NEAR_ONE: Final = 0.01
-"""By how much the length of a quaternion may differ from 1 and still be rounding."""
-STRAIGHT: Final = 1e-6
-"""Half a turn, in rad, below which the way between two attitudes is a straight line to the last bit but a few."""
+MAX_LENGTH_ERROR: Final = 0.01
+"""Largest difference of a quaternion's length from 1 that is taken as rounding."""
+LINEAR_ANGLE_RAD: Final = 1e-6
+"""Half of the angle between two attitudes, in rad, below which they are interpolated linearly."""
 
 
 def attitudes(values: ArrayLike) -> Floats:
-    """Let through (..., 4) quaternions, brought to length 1; NaN where a number is missing.
+    """Check (..., 4) quaternions and normalise them; NaN if a component is missing.
 
     Raises `ArrayError` for a wrong shape, or a length that is not 1 to within a hundredth.
 
@@ -49,11 +49,11 @@ def attitudes(values: ArrayLike) -> Floats:
     if array.ndim == 0 or array.shape[-1] != 4:
         raise ArrayError(f"attitude has shape {array.shape}: need (..., 4), one quaternion w, x, y, z a reading")
     length = np.linalg.norm(array, axis=-1, keepdims=True)
-    off = np.argwhere(np.abs(length[..., 0] - 1) > NEAR_ONE)
+    off = np.argwhere(np.abs(length[..., 0] - 1) > MAX_LENGTH_ERROR)
     if len(off):
         row = tuple(int(index) for index in off[0])
         raise ArrayError(
-            f"attitude at index {row} is {length[row][0]:.3g} long ({len(off):,} such): need unit quaternions "
+            f"attitude at index {row} has length {length[row][0]:.3g} ({len(off):,} such): need unit quaternions "
             "w, x, y, z"
         )
     unit: Floats = array / length
@@ -61,7 +61,7 @@ def attitudes(values: ArrayLike) -> Floats:
 
 
 def known(values: Floats) -> Floats:
-    """(N, 4) quaternions of a log: those whose length is not 1 are none, and NaN.
+    """(N, 4) quaternions of a log, normalised; NaN if the length is not 1 to within a hundredth.
 
     >>> known(np.array([[1.0, 0.0, 0.0, 0.0], [0.0, 0.0, 0.0, 0.0]]))
     array([[ 1.,  0.,  0.,  0.],
@@ -69,11 +69,11 @@ def known(values: Floats) -> Floats:
     """
     with np.errstate(over="ignore", invalid="ignore"):
         length = np.linalg.norm(values, axis=1, keepdims=True)
-        return np.where(np.abs(length - 1) <= NEAR_ONE, values / np.where(length > 0, length, 1.0), np.nan)
+        return np.where(np.abs(length - 1) <= MAX_LENGTH_ERROR, values / np.where(length > 0, length, 1.0), np.nan)
 
 
 def product(left: Floats, right: Floats) -> Floats:
-    """(..., 4) Hamilton's product: as an attitude, `right` first and then `left`."""
+    """(..., 4) Hamilton's product, the attitude that applies `right` first and then `left`."""
     a, b = np.asarray(left), np.asarray(right)
     w = a[..., :1] * b[..., :1] - np.sum(a[..., 1:] * b[..., 1:], axis=-1, keepdims=True)
     rest = a[..., :1] * b[..., 1:] + b[..., :1] * a[..., 1:] + np.cross(a[..., 1:], b[..., 1:])
@@ -81,7 +81,7 @@ def product(left: Floats, right: Floats) -> Floats:
 
 
 def inverse(attitude: Floats) -> Floats:
-    """(..., 4) the way back.
+    """(..., 4) inverse attitude.
 
     >>> product(inverse(of_angles([0.1, 0.2, 0.3])), of_angles([0.1, 0.2, 0.3])).round(12) + 0.0
     array([1., 0., 0., 0.])
@@ -91,7 +91,7 @@ def inverse(attitude: Floats) -> Floats:
 
 
 def rotated(attitude: Floats, vector: ArrayLike) -> Floats:
-    """(..., 3) vectors turned by (..., 4) unit quaternions: v + 2 w (u × v) + 2 u × (u × v), u = (x, y, z)."""
+    """Rotate (..., 3) vectors by (..., 4) unit quaternions: v + 2 w (u × v) + 2 u × (u × v), u = (x, y, z)."""
     v, u = vectors(vector, "vector", finite=False), attitude[..., 1:]
     twice = 2.0 * np.cross(u, v)
     turned: Floats = v + attitude[..., :1] * twice + np.cross(u, twice)
@@ -115,9 +115,9 @@ def of_angles(angles: ArrayLike) -> Floats:
 
 
 def of_matrix(matrix: Floats) -> Floats:
-    """(..., 4) quaternions of (..., 3, 3) rotations, with w positive or 0.
+    """(..., 4) quaternions of (..., 3, 3) rotations, with w ≥ 0.
 
-    The largest of w, x, y, z is found first, so that none is divided by a small one (Shepperd 1978).
+    The largest of w, x, y, z is computed first, which avoids division by a small number (Shepperd 1978).
 
     >>> of_matrix(np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])).round(4)
     array([0.7071, 0.    , 0.    , 0.7071])
@@ -140,13 +140,14 @@ def of_matrix(matrix: Floats) -> Floats:
 
 
 def between(first: Floats, second: Floats, share: Floats) -> Floats:
-    """(N, 4) attitudes on the shortest way from one to another, as a body has them that turns at a constant rate.
+    """(N, 4) attitudes interpolated on the shortest rotation between two, at a constant rate (slerp).
 
-    (sin((1 − s)θ) q₀ + sin(sθ) q₁) / sin θ, θ half of the angle between them.
+    (sin((1 − s)θ) q₀ + sin(sθ) q₁) / sin θ with θ half of the angle between the two attitudes.
 
     Parameters
     ----------
     first, second : (N, 4) float
+        Unit quaternions.
     share : (N,) float
         s: 0 at the first, 1 at the second.
 
@@ -159,7 +160,7 @@ def between(first: Floats, second: Floats, share: Floats) -> Floats:
     cosine = np.sum(first * second, axis=1)
     second = np.where(cosine[:, np.newaxis] < 0, -second, second)
     half = np.arccos(np.clip(np.abs(cosine), 0.0, 1.0))
-    straight = half < STRAIGHT
+    straight = half < LINEAR_ANGLE_RAD
     sine = np.where(straight, 1.0, np.sin(half))
     start = np.where(straight, 1.0 - share, np.sin((1.0 - share) * half) / sine)
     end = np.where(straight, share, np.sin(share * half) / sine)

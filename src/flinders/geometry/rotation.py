@@ -1,4 +1,4 @@
-"""Rotation matrices: of rotation vectors and back, of many readings at once; and steps on the sphere of directions.
+"""Rotation matrices and rotation vectors, for many readings at once; and steps on the sphere of directions.
 
 >>> quarter = rotations(np.array([[0.0, 0.0, np.pi / 2]]))
 >>> bool(np.allclose(quarter[0], np.eye(3) + cross_matrices(np.array([0.0, 0.0, 1.0])) - np.diag([1.0, 1.0, 0.0])))
@@ -19,12 +19,12 @@ if TYPE_CHECKING:
     from flinders.arrays import Floats
 
 
-NEAR_HALF_A_TURN: Final = -0.999
-"""Trace of a rotation below which the axis is taken from its quaternion, as R − Rᵀ vanishes."""
+MAX_HALF_TURN_TRACE: Final = -0.999
+"""Trace of a rotation below which its axis is computed from its quaternion, because R − Rᵀ vanishes."""
 
 
 def in_pieces(array: Floats, axes: int = 1) -> Floats:
-    """The same array with each entry of its last axes in one piece of memory, for sums over readings to stream through.
+    """Copy an array so that each entry of its last `axes` axes is contiguous over the readings, for fast sums.
 
     >>> in_pieces(np.zeros((500, 3))).strides
     (8, 4000)
@@ -35,23 +35,28 @@ def in_pieces(array: Floats, axes: int = 1) -> Floats:
 
 
 def components(vectors: Floats) -> Floats:
-    """(3, ...) of (..., 3) vectors; `numpy.moveaxis` takes ten times as long."""
+    """(3, ...) view of (..., 3) vectors, ten times faster than `numpy.moveaxis`."""
     return vectors.transpose(-1, *range(vectors.ndim - 1))
 
 
 def vectors_of(components: Floats) -> Floats:
-    """(..., 3) of (3, ...) components."""
+    """(..., 3) view of (3, ...) components."""
     return components.transpose(*range(1, components.ndim), 0)
 
 
 def product(first: Floats, second: Floats) -> Floats:
-    """(W, n, i, k) of (W, n, i, j) and (W, n or 1, j, k), `in_pieces`: several times faster so than ``@``."""
+    """(W, n, i, k) product of (W, n, i, j) and (W, n or 1, j, k) matrices in the memory layout of `in_pieces`.
+
+    Several times faster than ``@``.
+    """
     pieces = np.empty((first.shape[2], second.shape[3], *first.shape[:2]))
     return np.einsum("wnij,wnjk->wnik", first, second, out=np.moveaxis(pieces, (0, 1), (2, 3)))
 
 
 def transformed(matrix: Floats, vectors: Floats) -> Floats:
-    """(..., 3) of one (3, 3) matrix and (..., 3) vectors, `in_pieces`: several times faster so than ``@``.
+    """(..., 3) product of one (3, 3) matrix and (..., 3) vectors in the memory layout of `in_pieces`.
+
+    Several times faster than ``@``.
 
     >>> transformed(np.diag([1.0, 2.0, 3.0]), np.ones((4, 1, 3)))[3, 0]
     array([1., 2., 3.])
@@ -61,12 +66,12 @@ def transformed(matrix: Floats, vectors: Floats) -> Floats:
 
 
 def applied(matrices: Floats, vectors: Floats) -> Floats:
-    """(W, n, i) of (W, n, i, j) matrices and (W, n or 1, j) vectors, `in_pieces`."""
+    """(W, n, i) product of (W, n, i, j) matrices and (W, n or 1, j) vectors in the memory layout of `in_pieces`."""
     return product(matrices, vectors[..., np.newaxis])[..., 0]
 
 
 def rotations(vectors: ArrayLike) -> Floats:
-    """(..., 3, 3) rotations by (..., 3) rotation vectors in rad (Rodrigues), exact to rounding at any angle.
+    """(..., 3, 3) rotation matrices of (..., 3) rotation vectors in rad (Rodrigues), exact to rounding at any angle.
 
     >>> rotations(np.array([[0.0, 0.0, np.pi / 2]])).round(3)[0].tolist()
     [[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]]
@@ -88,7 +93,7 @@ def rotations(vectors: ArrayLike) -> Floats:
 
 
 def rotation_vectors(matrices: Floats) -> Floats:
-    """(..., 3) axis times angle, in rad up to half a turn, of (..., 3, 3) rotations: the inverse of `rotations`.
+    """(..., 3) rotation vectors, axis times angle in rad up to π, of (..., 3, 3) rotations; inverse of `rotations`.
 
     >>> rotation_vectors(rotations([[0.0, 0.0, 1.5708], [0.0, 3.1416, 0.0], [0.0, 0.0, 0.0]])).round(4) + 0.0
     array([[ 0.    ,  0.    ,  1.5708],
@@ -100,7 +105,7 @@ def rotation_vectors(matrices: Floats) -> Floats:
     trace, sine = np.trace(matrices, axis1=-2, axis2=-1), np.linalg.norm(twice, axis=-1)
     factor = np.where(sine > 1e-12, np.arctan2(sine, trace - 1.0) / np.maximum(sine, 1e-12), 0.5)
     vectors: Floats = twice * factor[..., np.newaxis]
-    is_large = trace < NEAR_HALF_A_TURN
+    is_large = trace < MAX_HALF_TURN_TRACE
     if np.any(is_large):
         quaternion = of_matrix(matrices[is_large])
         half = np.arccos(np.clip(quaternion[..., :1], -1.0, 1.0))
@@ -109,7 +114,7 @@ def rotation_vectors(matrices: Floats) -> Floats:
 
 
 def best_rotation(turned: Floats, true: Floats) -> Floats:
-    """(3, 3) the rotation that brings (N, 3) vectors closest to the true ones (Kabsch 1976)."""
+    """(3, 3) rotation that maps (N, 3) vectors `turned` to `true` with the least squared error (Kabsch 1976)."""
     left, _, right = np.linalg.svd(true.T @ turned)
     left[:, 2] *= np.sign(np.linalg.det(left @ right))
     rotation: Floats = left @ right
@@ -117,7 +122,7 @@ def best_rotation(turned: Floats, true: Floats) -> Floats:
 
 
 def cross_matrices(vectors: Floats) -> Floats:
-    """(..., 3, 3) the matrices [v]× with [v]× w = v × w."""
+    """(..., 3, 3) matrices [v]× of (..., 3) vectors v, with [v]× w = v × w."""
     x, y, z = np.moveaxis(vectors, -1, 0)
     crossed = np.zeros((3, 3, *x.shape))
     for i, j, along in ((0, 1, z), (2, 0, y), (1, 2, x)):
@@ -126,7 +131,7 @@ def cross_matrices(vectors: Floats) -> Floats:
 
 
 def across(directions: Floats) -> Floats:
-    """(..., 3, 2) two unit vectors at right angles to each other and to (..., 3) directions.
+    """(..., 3, 2) two unit vectors perpendicular to each other and to (..., 3) directions.
 
     >>> bool(np.allclose(np.array([[0.6, 0.0, 0.8]]) @ across(np.array([[0.6, 0.0, 0.8]]))[0], 0.0))
     True
@@ -148,7 +153,7 @@ def _cross_into(crossed: Floats, first: Floats, second: Floats) -> None:
 
 
 def on_the_sphere(directions: Floats, steps: Floats) -> Floats:
-    """(..., 3) directions moved by (..., 2) steps along `across`, back on the sphere, `in_pieces`."""
+    """(..., 3) unit vectors after (..., 2) steps along `across` from (..., 3) directions."""
     ways = across(directions)
     moved = ways[..., 0] * steps[..., :1] + ways[..., 1] * steps[..., 1:] + directions
     unit: Floats = moved / lengths(moved)[..., np.newaxis]

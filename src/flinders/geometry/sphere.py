@@ -1,9 +1,9 @@
-"""Directions: the sphere in 642 near-hexagonal tiles, points spread evenly over it, and directions drawn at random.
+"""Directions: 642 near-hexagonal tiles of the sphere, evenly spread points, and random directions.
 
-The vertices of an icosahedron whose edges are cut in 8, moved until each is the centroid of its own
-tile (Lloyd 1982), and the tiles around them: 630 hexagons and 12 pentagons, about 8° wide. Tile `i`
-holds the directions that are nearer to centre `i` than to any other, so that no direction is in two
-tiles or in none.
+The centres of the tiles are the vertices of an icosahedron whose edges are divided into 8, moved until
+each is the centroid of its own tile (Lloyd 1982). The tiles are 630 hexagons and 12 pentagons, about 8°
+wide. Tile `i` contains the directions that are nearer to centre `i` than to any other centre, so each
+direction is in exactly one tile.
 
 >>> tiles().centres.shape, [len(corners) for corners in tiles().polygons()].count(5)
 ((642, 3), 12)
@@ -12,8 +12,7 @@ array([  7, 400])
 >>> tile_of([[0.0, 0.0, 1.0]]) == tile_of([[0.0, 0.0, 50.0]])             # lengths do not matter
 array([ True])
 
-How even they are: hexagons are within 8 % of the mean area, pentagons 18 % smaller
-(`tests/laws/test_tile_laws.py`).
+Hexagons are within 8 % of the mean area, pentagons 18 % smaller (`tests/laws/test_tile_laws.py`).
 
 Source: S. P. Lloyd, "Least squares quantization in PCM", IEEE Trans. Inf. Theory 28 (1982) 129–137, §IV, on the sphere.
 """
@@ -37,70 +36,71 @@ if TYPE_CHECKING:
     from flinders.arrays import Floats
 
 COUNT: Final = 642
+"""Number of tiles."""
 BISECTIONS: Final = 3
-"""Edges of the icosahedron are halved so often."""
-ROUNDS: Final = 20
-"""Moves of all centres onto their centroids; the areas change by less than a hundredth after that."""
-BLOCK: Final = 4096
-"""Directions looked up at a time: the table of their distances to all centres stays in the cache's reach."""
+"""Bisections of the icosahedron's edges."""
+CENTROID_MOVES: Final = 20
+"""Moves of all centres to their centroids; further moves change the areas by less than 1 %."""
+BLOCK_DIRECTIONS: Final = 4096
+"""Directions that are assigned at a time, so that their distances to all centres fit into the cache."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Tiles:
-    """Centres and corners."""
+    """Centres and corners of the tiles."""
 
     centres: Floats  #: (642, 3): unit vectors
-    #: (642, 6, 3): unit vectors, anticlockwise seen from outside; of a pentagon the last is there twice
+    #: (642, 6, 3): unit vectors, anticlockwise seen from outside; the last corner of a pentagon is repeated
     corners: Floats
 
     def polygons(self) -> list[Floats]:
-        """The corners of each tile, (5, 3) or (6, 3)."""
+        """Corners of each tile, (5, 3) or (6, 3)."""
         return [ring[:5] if np.array_equal(ring[4], ring[5]) else ring for ring in self.corners]
 
     @property
     def areas(self) -> Floats:
         """(642,) solid angles, which sum to 4π."""
-        areas: Floats = _fans(self.centres, self.corners)[0].sum(axis=1)
+        areas: Floats = _triangle_angles(self.centres, self.corners)[0].sum(axis=1)
         return areas
 
 
 @lru_cache(maxsize=1)
 def tiles() -> Tiles:
-    """The tiles, always the same; read-only."""
+    """The tiles, read-only and with a cache."""
     centres, triangles = icosahedron()
     for _ in range(BISECTIONS):
-        centres, triangles = bisected(centres, triangles)
-    rings = _rings(centres, triangles)
-    for _ in range(ROUNDS):
-        centres = _centroids(centres, _corners(centres, triangles)[rings])
+        centres, triangles = bisect_edges(centres, triangles)
+    rings = _vertex_triangles(centres, triangles)
+    for _ in range(CENTROID_MOVES):
+        centres = _tile_centroids(centres, _corners(centres, triangles)[rings])
     corners = _corners(centres, triangles)[rings]
     centres.flags.writeable = corners.flags.writeable = False
     return Tiles(centres, corners)
 
 
 def tile_of(directions: ArrayLike) -> NDArray[np.intp]:
-    """(N,) which tile each of (N, 3) directions of any length falls in.
+    """(N,) index of the tile of each of (N, 3) directions of any length.
 
-    Raises `ArrayError` for another shape, or what is not finite.
+    Raises `ArrayError` for another shape, or values that are not finite.
     """
     vectors = table(directions)
     centres = tiles().centres.T.astype(np.float32)
     tile = np.empty(len(vectors), np.intp)
-    for start in range(0, len(vectors), BLOCK):
-        block = vectors[start : start + BLOCK]
+    for start in range(0, len(vectors), BLOCK_DIRECTIONS):
+        block = vectors[start : start + BLOCK_DIRECTIONS]
         lengths = np.linalg.norm(block, axis=1, keepdims=True).clip(min=np.finfo(float).tiny)
-        tile[start : start + BLOCK] = np.argmax((block / lengths).astype(np.float32) @ centres, axis=1)
+        tile[start : start + BLOCK_DIRECTIONS] = np.argmax((block / lengths).astype(np.float32) @ centres, axis=1)
     return tile
 
 
 def around_z(z: Floats, longitude: Floats) -> Floats:
-    """(N, 3) unit vectors at heights (N,) and longitudes (N,) in rad."""
+    """(N, 3) unit vectors with (N,) z components and (N,) longitudes in rad."""
     across = np.sqrt(1 - z * z)
     return np.stack([across * np.cos(longitude), across * np.sin(longitude), z], axis=1)
 
 
 def fibonacci(n: int) -> Floats:
-    """(n, 3) unit vectors spread evenly over the sphere, from the north pole to the south pole.
+    """(n, 3) unit vectors on an even spiral from the north pole to the south pole.
 
     >>> fibonacci(4).round(3)
     array([[ 0.24 , -0.616,  0.75 ],
@@ -115,7 +115,7 @@ def fibonacci(n: int) -> Floats:
 
 
 def uniform(rng: Generator, n: int) -> Floats:
-    """(n, 3) directions, all alike.
+    """(n, 3) random directions, uniform over the sphere.
 
     >>> bool(np.abs(uniform(np.random.default_rng(0), 10_000).mean(axis=0)).max() < 0.02)
     True
@@ -126,7 +126,7 @@ def uniform(rng: Generator, n: int) -> Floats:
 
 
 def hemisphere(rng: Generator, n: int) -> Floats:
-    """(n, 3) directions with z ≥ 0: of a sensor that is never turned over, where the field points down.
+    """(n, 3) random directions with z ≥ 0, as of a sensor that is never turned upside down.
 
     >>> bool(hemisphere(np.random.default_rng(0), 1000)[:, 2].min() >= 0)
     True
@@ -137,7 +137,7 @@ def hemisphere(rng: Generator, n: int) -> Floats:
 
 
 def clump(rng: Generator, n: int, *, half_angle_deg: float = 3.0) -> Floats:
-    """(n, 3) directions within a small angle of one that is drawn first.
+    """(n, 3) random directions within `half_angle_deg` of one random direction.
 
     >>> close = clump(np.random.default_rng(0), 100)
     >>> bool(np.degrees(np.arccos((close @ close.T).min())) < 6)
@@ -153,7 +153,7 @@ def clump(rng: Generator, n: int, *, half_angle_deg: float = 3.0) -> Floats:
 
 
 def clumped(rng: Generator, n: int, *, share: float = 0.6) -> Floats:
-    """(n, 3) directions: all alike first, then a `share` of them in one `clump`.
+    """(n, 3) random directions: first uniform ones, then a `share` of all in one `clump`.
 
     >>> bool(clumped(np.random.default_rng(0), 10)[-6:].std(axis=0).max() < 0.05)
     True
@@ -163,7 +163,7 @@ def clumped(rng: Generator, n: int, *, share: float = 0.6) -> Floats:
 
 
 def icosahedron() -> tuple[Floats, NDArray[np.intp]]:
-    """(12, 3) vertices and (20, 3) triangles, anticlockwise seen from outside."""
+    """(12, 3) vertices and (20, 3) vertex indices of the triangles, anticlockwise seen from outside."""
     golden = (1.0 + np.sqrt(5.0)) / 2.0
     rectangle = np.array([[0.0, a, b * golden] for a in (1.0, -1.0) for b in (1.0, -1.0)])
     vertices = np.concatenate([np.roll(rectangle, turn, axis=1) for turn in range(3)])
@@ -177,8 +177,8 @@ def icosahedron() -> tuple[Floats, NDArray[np.intp]]:
     return vertices, triangles
 
 
-def bisected(vertices: Floats, triangles: NDArray[np.intp]) -> tuple[Floats, NDArray[np.intp]]:
-    """Halve all edges: four triangles for each."""
+def bisect_edges(vertices: Floats, triangles: NDArray[np.intp]) -> tuple[Floats, NDArray[np.intp]]:
+    """Bisect all edges, which divides each triangle into four."""
     edges = np.sort(triangles[:, [[0, 1], [1, 2], [2, 0]]], axis=2).reshape(-1, 2)
     unique, where = np.unique(edges, axis=0, return_inverse=True)
     middles = vertices[unique].sum(axis=1)
@@ -189,46 +189,46 @@ def bisected(vertices: Floats, triangles: NDArray[np.intp]) -> tuple[Floats, NDA
     return np.concatenate([vertices, middles]), np.moveaxis(smaller, 1, 2).reshape(-1, 3)
 
 
-def _rings(vertices: Floats, triangles: NDArray[np.intp]) -> NDArray[np.intp]:
-    """(642, 6) the triangles around each vertex, anticlockwise; where there are five, the last is there twice."""
+def _vertex_triangles(vertices: Floats, triangles: NDArray[np.intp]) -> NDArray[np.intp]:
+    """(642, 6) indices of the triangles around each vertex, anticlockwise; the last of five is repeated."""
     order = np.argsort(triangles.ravel(), kind="stable")
     around = np.split(order // 3, np.cumsum(np.bincount(triangles.ravel()))[:-1])
     middles = vertices[triangles].sum(axis=1)
     rings = np.empty((len(vertices), 6), np.intp)
     for vertex, ring in enumerate(around):
-        x, y = _across(vertices[vertex])
+        x, y = _perpendicular(vertices[vertex])
         turned = ring[np.argsort(np.arctan2(middles[ring] @ y, middles[ring] @ x))]
         rings[vertex] = turned if len(turned) == 6 else [*turned, turned[-1]]
     return rings
 
 
-def _across(direction: Floats) -> tuple[Floats, Floats]:
-    """Two directions across one, which turn anticlockwise seen from its tip."""
+def _perpendicular(direction: Floats) -> tuple[Floats, Floats]:
+    """Two unit vectors perpendicular to a direction, the second 90° anticlockwise of the first seen from its tip."""
     x = np.cross(np.eye(3)[int(np.argmin(np.abs(direction)))], direction)
     x /= np.linalg.norm(x)
     return x, np.cross(direction, x)
 
 
 def _corners(vertices: Floats, triangles: NDArray[np.intp]) -> Floats:
-    """(T, 3) the points as far from each of a triangle's vertices, which are the corners of tiles."""
+    """(T, 3) circumcentres of the triangles on the sphere, which are the corners of the tiles."""
     a, b, c = np.moveaxis(vertices[triangles], 1, 0)
     normals = np.cross(b - a, c - a)
     corners: Floats = normals / np.linalg.norm(normals, axis=1, keepdims=True)
     return corners
 
 
-def _fans(centres: Floats, corners: Floats) -> tuple[Floats, Floats]:
-    """(642, 6) solid angles of the triangles from a centre to two corners, and (642, 6, 3) sums of their vertices."""
-    # The angle is van Oosterom's and Strackee's: tan(Ω/2) = a·(b × c) / (1 + a·b + b·c + c·a).
+def _triangle_angles(centres: Floats, corners: Floats) -> tuple[Floats, Floats]:
+    """(642, 6) solid angles of the triangles of a centre and two corners, and (642, 6, 3) sums of their vertices."""
+    # Solid angle by van Oosterom and Strackee: tan(Ω/2) = a·(b × c) / (1 + a·b + b·c + c·a).
     following = np.roll(corners, -1, axis=1)
     spanned = np.einsum("ij,ikj->ik", centres, np.cross(corners, following))
     around = 1.0 + np.einsum("ij,ikj->ik", centres, corners + following) + np.einsum("ikj,ikj->ik", corners, following)
     return 2.0 * np.arctan2(spanned, around), corners + following + centres[:, np.newaxis]
 
 
-def _centroids(centres: Floats, corners: Floats) -> Floats:
+def _tile_centroids(centres: Floats, corners: Floats) -> Floats:
     """(642, 3) unit vectors to the centroids of the tiles."""
-    angles, sums = _fans(centres, corners)
+    angles, sums = _triangle_angles(centres, corners)
     middles = sums / np.linalg.norm(sums, axis=2, keepdims=True)
     sums = np.einsum("ik,ikj->ij", angles, middles)
     centroids: Floats = sums / np.linalg.norm(sums, axis=1, keepdims=True)

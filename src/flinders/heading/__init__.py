@@ -1,1 +1,1 @@
-"""From corrected fields to headings: attitude, compass deviation, and what a wrong calibration costs in degrees."""
+"""From corrected fields to headings: attitude, compass deviation, and heading errors from errors of a calibration."""

@@ -1,8 +1,8 @@
 """Compass headings from a corrected field and the specific force of an accelerometer.
 
-``down = −f``, ``E = down × m``, ``N = E × down``; the heading of the sensor's x axis is ψ = atan2(E_x/|E|, N_x/|N|). No
-angles of roll and pitch are needed, nor any convention about them: it holds at every attitude, for z up or down, as
-long as both sensors have the same right-handed axes.
+``down = −f``, ``E = down × m``, ``N = E × down``; the heading of the sensor's x axis is ψ = atan2(E_x/|E|, N_x/|N|).
+The formula needs no roll and pitch, nor any convention for them. It holds at every attitude, for z up or down, if both
+sensors have the same right-handed axes.
 
 >>> level, north_east = [0.0, 0.0, -9.81], [15.0, -15.0, 45.0]     # forward, right, down; specific force is −g on z
 >>> float(magnetic_heading_deg(north_east, level))
@@ -32,26 +32,26 @@ if TYPE_CHECKING:
 
     from flinders.arrays import Floats
 
-LEAST: Final = 1e-6
-"""Sine of the angle to the vertical, of field or x axis, below which there is no heading."""
+MIN_SINE: Final = 1e-6
+"""Smallest sine of the angle between the vertical and field or x axis at which there is a heading."""
 
 
 def magnetic_heading_deg(field: ArrayLike, specific_force: ArrayLike) -> Floats:
     """Tilt-compensated magnetic heading of the x axis: exact at every attitude.
 
-    Raises `ArrayError` for a wrong shape, or values that are no numbers.
+    Raises `ArrayError` for a wrong shape, or values that are not numbers.
 
     Parameters
     ----------
     field : (..., 3)
         Corrected readings in any unit.
     specific_force : (..., 3)
-        What an accelerometer reads, in the same axes and any unit: level at rest with z down −g on z.
+        Readings of an accelerometer, in the same axes and any unit: −g on z at rest, level, with z down.
 
     Returns
     -------
     (...,) degrees in [0, 360)
-        Clockwise from magnetic north; NaN where field or x axis is vertical, and where a number is missing.
+        Clockwise from magnetic north; NaN if the field or the x axis is vertical, or a number is missing.
 
     Notes
     -----
@@ -65,10 +65,10 @@ def magnetic_heading_deg(field: ArrayLike, specific_force: ArrayLike) -> Floats:
 
 
 def level_heading_deg(field: ArrayLike) -> Floats:
-    """Heading of a sensor that stays level, x forward, y right: ψ = atan2(−m_y, m_x), from two axes.
+    """Heading of a level sensor with x forward, y right, from two axes: ψ = atan2(−m_y, m_x).
 
     (..., 3) or (..., 2) corrected readings give (...,) degrees in [0, 360); errors as `magnetic_heading_deg`. A tilt by
-    τ degrees puts it off by up to τ tan I: 1.7° for each degree at a dip of 60°.
+    τ degrees causes a heading error of up to τ tan I: 1.7° per degree at a dip of 60°.
 
     >>> level_heading_deg([[20.0, 0.0, 45.0], [0.0, -20.0, 45.0], [-20.0, 0.0, 45.0], [0.0, 20.0, 45.0]])
     array([  0.,  90., 180., 270.])
@@ -81,7 +81,7 @@ def level_heading_deg(field: ArrayLike) -> Floats:
 
 
 def an4248(field: ArrayLike, specific_force: ArrayLike) -> Floats:
-    """NXP's AN4248: roll, then pitch, then heading, for x forward, y right, z down; as exact as `magnetic_heading_deg`.
+    """Heading by NXP's AN4248, from roll and pitch, for x forward, y right, z down; equal to `magnetic_heading_deg`.
 
     φ = atan2(G_y, G_z); θ = atan2(−G_x, G_y sin φ + G_z cos φ);
     ψ = atan2(m_z sin φ − m_y cos φ, m_x cos θ + (m_y sin φ + m_z cos φ) sin θ), with G pointing down.
@@ -96,11 +96,11 @@ def an4248(field: ArrayLike, specific_force: ArrayLike) -> Floats:
 
 
 def an3192(field: ArrayLike, specific_force: ArrayLike) -> Floats:
-    """The formula that is handed on as ST's AN3192, for comparison only: wrong when rolled *and* pitched.
+    """Heading by the formula commonly cited as ST's AN3192, for comparison only: wrong if rolled *and* pitched.
 
     θ = asin(−G_x), φ = asin(G_y/cos θ); X = m_x cos θ + m_z sin θ; Y = m_x sin φ sin θ + m_y cos φ − m_z sin φ cos θ;
     ψ = atan2(−Y, X), with G pointing down. It is exact with roll or pitch alone. With both it errs at a dip of 60° by
-    up to 2.1° at 10°, 9.6° at 20° and 24° at 30° of each, and it cannot tell a sensor that is upside down.
+    up to 2.1° at 10°, 9.6° at 20° and 24° at 30° of each, and it is wrong for a sensor that is upside down.
 
     Parameters, result and errors as `magnetic_heading_deg`.
 
@@ -125,7 +125,7 @@ def an3192(field: ArrayLike, specific_force: ArrayLike) -> Floats:
 FORMULAS: Final[Mapping[str, Callable[[ArrayLike, ArrayLike], Floats]]] = MappingProxyType(
     {"exact": magnetic_heading_deg, "an4248": an4248, "an3192": an3192}
 )
-"""Formulas by name; all but the first are there to be compared with."""
+"""Formulas by name; all but the first are for comparison."""
 
 
 def roll_pitch_deg(specific_force: ArrayLike) -> tuple[Floats, Floats]:
@@ -142,7 +142,7 @@ def roll_pitch_deg(specific_force: ArrayLike) -> tuple[Floats, Floats]:
 
 
 def dip_deg(field: ArrayLike, specific_force: ArrayLike) -> Floats:
-    """How steeply the field points below the horizon: (...,) degrees in [−90, 90], the same at every attitude.
+    """Inclination of the field below the horizon: (...,) degrees in [−90, 90], the same at every attitude.
 
     >>> round(float(dip_deg([25.0, 0.0, 43.3], [0.0, 0.0, -1.0])), 2)
     60.0
@@ -152,28 +152,30 @@ def dip_deg(field: ArrayLike, specific_force: ArrayLike) -> Floats:
     return dip
 
 
-MOST_SCATTER_DEG: Final = 6.0
-"""Scatter of the dip beyond which an accelerometer is not of this body: its axes are others, or it never changes.
-A bias of 0.6 m/s² makes 3.5°."""
+MAX_SCATTER_DEG: Final = 6.0
+"""Largest scatter of the dip by an accelerometer of this body; beyond it the axes differ or its readings are constant.
+
+A bias of 0.6 m/s² causes a scatter of 3.5°.
+"""
 
 
 def tilt_error_deg(field: ArrayLike, specific_force: ArrayLike, *, own_deg: float = 0.0) -> float:
-    """Heading error (1 σ) from a vertical that leans as the dip wanders: tan I times its scatter, without its noise.
+    """Heading error (1 σ) from errors of the vertical: tan I times the scatter of the dip, without its noise.
 
-    Noise differs from one reading to the next; a bias of the accelerometer, or axes that sit askew, make the dip follow
-    the attitude. What two readings in a row have in common is theirs, but for the error of the calibration.
+    Noise is independent between readings, while a bias of the accelerometer or misaligned axes change the dip with the
+    attitude. The covariance of consecutive readings therefore contains these errors and the error of the calibration.
 
     Parameters
     ----------
     field, specific_force : (N, 3)
-        Corrected, in the order of recording; of a body that is hardly accelerated.
+        Corrected field and specific force, in the order of recording, of a body that is hardly accelerated.
     own_deg : float
-        Scatter of the dip that the magnetometer makes: by errors of its calibration, and by residuals that last; 1 σ.
+        Scatter of the dip from the magnetometer, 1 σ: from errors of its calibration and from correlated residuals.
 
     Returns
     -------
     float, degrees
-        NaN without two readings in a row, and where the accelerometer is not of this body.
+        NaN without two consecutive readings, or if the accelerometer is not of this body.
 
     Examples
     --------
@@ -188,13 +190,13 @@ def tilt_error_deg(field: ArrayLike, specific_force: ArrayLike, *, own_deg: floa
         return float("nan")
     middle = float(np.median(dips))
     common = float(np.mean((dips[1:] - middle) * (dips[:-1] - middle))) - own_deg**2
-    if common > MOST_SCATTER_DEG**2:
+    if common > MAX_SCATTER_DEG**2:
         return float("nan")
     return math.sqrt(max(common, 0.0)) * abs(math.tan(math.radians(middle)))
 
 
 def _unit(values: ArrayLike, name: str) -> Floats:
-    """Vectors of length one; NaN where they have no direction."""
+    """Vectors of length one; NaN for vectors without length."""
     array = vectors(values, name, finite=False)
     with np.errstate(invalid="ignore", divide="ignore", over="ignore"):
         scaled = array / np.abs(array).max(axis=-1, keepdims=True, initial=0.0)
@@ -203,19 +205,19 @@ def _unit(values: ArrayLike, name: str) -> Floats:
 
 
 def _roll(down: Floats) -> Floats:
-    """(...) rad, right side down is positive."""
+    """Roll (...) in rad, right side down is positive."""
     roll: Floats = np.arctan2(down[..., 1], down[..., 2])
     return roll
 
 
 def _pitch(down: Floats) -> Floats:
-    """(...) rad, nose up is positive."""
+    """Pitch (...) in rad, nose up is positive."""
     pitch: Floats = np.arctan2(-down[..., 0], np.hypot(down[..., 1], down[..., 2]))
     return pitch
 
 
 def _heading(east: Floats, north: Floats, horizontal: Floats) -> Floats:
-    """Angle of a horizontal vector, NaN where it or the field across the vertical is too short to have one."""
+    """Angle of a horizontal vector in degrees; NaN if the vector or the horizontal field is too short."""
     heading = np.rad2deg(np.arctan2(east, north))
-    is_known = (horizontal > LEAST) & (np.hypot(east, north) > LEAST * horizontal)
+    is_known = (horizontal > MIN_SINE) & (np.hypot(east, north) > MIN_SINE * horizontal)
     return wrapped(np.where(is_known, heading, np.nan))

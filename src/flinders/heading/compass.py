@@ -1,4 +1,4 @@
-"""A recording as headings: calibration, accelerometer and declination put together, block by block.
+"""Headings of a recording, from calibration, accelerometer and declination, block by block.
 
 >>> from flinders import simulate
 >>> from flinders.geometry.angles import folded
@@ -32,34 +32,35 @@ if TYPE_CHECKING:
     from flinders.core.samples import Samples
 
 LEVEL: Final = "level"
-"""The name of the heading from two axes."""
+"""Name of the heading from two axes."""
 
 STANDARD_GRAVITY: Final = 9.80665
 """m/s²."""
 
-AS_THEY_ARE: Final = Axes()
+RECORDED_AXES: Final = Axes()
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Headings:
-    """Headings of N readings, in degrees, NaN where there is none; roll, pitch and dip need an accelerometer."""
+    """Headings of N readings, in degrees, NaN if a reading has none; roll, pitch and dip need an accelerometer."""
 
     magnetic_deg: Floats  # (N,) in [0, 360)
     strength: Floats  # (N,) length of the corrected reading, as a share of the calibration's field
-    true_deg: Floats | None = None  # (N,) where the declination is known
+    true_deg: Floats | None = None  # (N,) if the declination is known
     roll_deg: Floats | None = None  # (N,) of a body with x forward, y right, z down
     pitch_deg: Floats | None = None  # (N,)
-    dip_deg: Floats | None = None  # (N,) of the field, as it is seen
-    frames: Frames = field(default_factory=Frames)  # axes of the accelerometer; of a level sensor, whether z is down
-    accelerated: int = 0  # readings whose acceleration was not that of gravity alone
-    grid_deg: Floats | None = None  # (N,) from north of the map's grid, where its convergence is known
+    dip_deg: Floats | None = None  # (N,) measured inclination of the field
+    frames: Frames = field(default_factory=Frames)  # sums that test the axes of the accelerometer; of a level sensor,
+    # whether z is down
+    accelerated: int = 0  # readings with an acceleration other than gravity
+    grid_deg: Floats | None = None  # (N,) from grid north, if the grid convergence is known
 
     def __len__(self) -> int:
         return len(self.magnetic_deg)
 
     @classmethod
     def joined(cls, blocks: Sequence[Headings]) -> Headings:
-        """Headings of one recording, block after block, as a whole."""
+        """Concatenate headings of consecutive blocks of one recording."""
         named = [block.columns() for block in blocks] or [{}]
         columns = {name: np.concatenate([each[name] for each in named]) for name in named[0]}
         return cls(
@@ -75,7 +76,7 @@ class Headings:
         )
 
     def columns(self) -> dict[str, Floats]:
-        """What there is, by the name of its column in a table."""
+        """Known columns, by their names in a table."""
         named = {
             "heading_deg": self.magnetic_deg,
             "true_heading_deg": self.true_deg,
@@ -90,29 +91,29 @@ class Headings:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Compass:
-    """What is needed to turn readings into headings; `UsageError` for a formula that is not known."""
+    """Calibration, formula and settings that turn readings into headings; `UsageError` for an unknown formula."""
 
     calibration: Calibration
     formula: str = "exact"  # of `flinders.heading.attitude.FORMULAS`, or "level": two axes, never tilted
-    acceleration_axes: Axes = AS_THEY_ARE  # what turns the acceleration further than the field
-    declination_deg: float | None = None  # added to magnetic headings it gives true ones
-    grid_declination_deg: float | None = None  # added to magnetic headings it gives those from grid north
+    acceleration_axes: Axes = RECORDED_AXES  # further rotation of the acceleration into the axes of the field
+    declination_deg: float | None = None  # true heading minus magnetic heading
+    grid_declination_deg: float | None = None  # grid heading minus magnetic heading
     gravity: float | None = None  # length of the acceleration at rest, in its own unit; else the median of each block
-    acceleration_bias: Floats | None = None  # (3,) m/s², read too much in the calibration's axes, and removed
-    acceleration_matrix: Floats | None = None  # (3, 3) by which what is left is multiplied
+    acceleration_bias: Floats | None = None  # (3,) m/s², bias in the calibration's axes, which is subtracted
+    acceleration_matrix: Floats | None = None  # (3, 3) factor after subtraction of the bias
 
     def __post_init__(self) -> None:
-        """Refuse a name that is none."""
+        """Refuse an unknown formula."""
         if self.formula != LEVEL and self.formula not in FORMULAS:
             raise UsageError(f"formula {self.formula!r} is not known: use one of {', '.join((*FORMULAS, LEVEL))}")
 
     def read(self, samples: Samples) -> Headings:
-        """Turn readings, in the calibration's unit and axes, into headings.
+        """Compute headings of readings in the calibration's unit and axes.
 
         Raises
         ------
         NoAccelerometer
-            Where there is none, unless the formula is ``level``.
+            For samples without acceleration, unless the formula is ``level``.
         """
         corrected = self.calibration.apply(samples.field)
         with np.errstate(over="ignore", invalid="ignore"):
@@ -125,7 +126,7 @@ class Compass:
         if samples.acceleration is None:
             raise NoAccelerometer(
                 f"no accelerometer among the columns of {samples.source}: the heading of a tilted sensor needs one; "
-                "name its columns, or say that the sensor never tilts",
+                "name its columns, or state that the sensor is always level",
                 hint={"acceleration": None, "level": True},
             )
         force = self._specific_force(self.acceleration_axes.apply(samples.acceleration))
@@ -140,7 +141,7 @@ class Compass:
         )  # fmt: skip
 
     def _specific_force(self, read: Floats) -> Floats:
-        """(N, 3) what the accelerometer reads, less its bias, by its matrix."""
+        """(N, 3) readings of the accelerometer, corrected by its bias and matrix."""
         if self.acceleration_bias is not None:
             gravity = self.gravity
             if gravity is None:
@@ -150,7 +151,7 @@ class Compass:
         return force
 
     def _from_north(self, magnetic: Floats) -> tuple[Floats | None, Floats | None]:
-        """Headings from true and from grid north, where these are known."""
+        """Headings from true and from grid north; None if unknown."""
         known = (self.declination_deg, self.grid_declination_deg)
         true, grid = (None if angle is None else wrapped(magnetic + angle) for angle in known)
         return true, grid
@@ -158,13 +159,14 @@ class Compass:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Voyage:
-    """What a stretch of headings was like, in sums that add."""
+    """Statistics of a stretch of headings, as sums that add."""
 
-    readings: int = 0  # how many were corrected
-    without_heading: int = 0  # those without a heading
-    accelerated: int = 0  # those whose acceleration was not that of gravity alone
+    readings: int = 0  # count of corrected readings
+    without_heading: int = 0  # count of readings without a heading
+    accelerated: int = 0  # count of readings with an acceleration other than gravity
     frames: Frames = field(default_factory=Frames)
-    tilts: Floats = field(default_factory=lambda: np.zeros(181))  # readings by the angle between z and down, in degrees
+    tilts: Floats = field(default_factory=lambda: np.zeros(181))  # histogram of the angle between z and down, in
+    # degrees
 
     @classmethod
     def of(cls, headings: Headings) -> Self:
@@ -188,17 +190,17 @@ class Voyage:
 
     @property
     def has_none(self) -> bool:
-        """No reading has a heading."""
+        """Whether no reading has a heading."""
         return 0 < self.readings == self.without_heading
 
     @property
     def is_z_up(self) -> bool:
-        """The sensor was mounted with z up: it pointed up more often than down."""
+        """Whether the sensor was mounted with z up, by the majority of readings."""
         return bool(self.tilts[:90].sum() < self.tilts[91:].sum())
 
     @property
     def tilt_deg(self) -> float:
-        """Tilt that 95 of 100 readings stay within, in whole degrees."""
+        """Tilt that 95 % of the readings do not exceed, in whole degrees."""
         tilts = self.tilts[::-1] if self.is_z_up else self.tilts
         total = tilts.cumsum()
         return float(np.searchsorted(total, 0.95 * total[-1])) if total[-1] else 0.0

@@ -1,11 +1,11 @@
-"""From an uncertain calibration to degrees of heading.
+"""Propagation of the covariance of a calibration to heading errors in degrees.
 
 >>> sphere = Ellipsoid(np.zeros(3), 50.0 * np.eye(3))
 >>> offset_only = np.diag([0.25, 0.25, 0.25, 0, 0, 0, 0, 0, 0])
 >>> level_error(sphere, offset_only, dip_deg=60.0)     # 0.5 µT on a horizontal field of 25 µT
 HeadingError(rms=1.15°, worst=1.15°, dip=60°)
 
-A vertical offset leaves a level heading alone, and comes in with the sine of the tilt:
+A vertical offset does not change a level heading; its effect grows with the sine of the tilt:
 
 >>> vertical = np.diag([0, 0, 0.25, 0, 0, 0, 0, 0, 0])
 >>> level_error(sphere, vertical), tilted_error(sphere, vertical, tilt_deg=30.0)
@@ -13,15 +13,15 @@ A vertical offset leaves a level heading alone, and comes in with the sine of th
 >>> round(attitude_limit_deg(sphere, vertical, limit_deg=0.573), 1)
 30.0
 
-The worst 1 σ belongs to one heading, and the largest error of a whole turn is mostly larger. To first order the heading
-errs by B sin ζ + C cos ζ + D sin 2ζ + E cos 2ζ, where (B, C, D, E) = L z, z of four independent normal numbers. With
-z = r θ, r its length and θ its direction, the largest error is r m(θ), m = max over ζ, and
+The worst 1 σ is that of one heading, and the largest error within a whole turn is usually larger. To first order the
+heading error is B sin ζ + C cos ζ + D sin 2ζ + E cos 2ζ, with (B, C, D, E) = L z and four independent standard normal
+numbers z. With z = r θ, the length r and the direction θ, the largest error is r m(θ), m = max over ζ, and
 
     P(largest ≤ u) = mean over θ of F(u / m(θ)),      F(x) = 1 − (1 + x²/2) exp(−x²/2)
 
-F the distribution of r. The engine (`native/heading.c`) takes the mean over 128 even directions (I. Deák, Numer. Math.
-35 (1980) 369; A. Genz and F. Bretz, "Computation of Multivariate Normal and t Probabilities", Springer (2009), sect.
-4.1), and solves for 95 %. `tests/heading/test_confidence.py` compares it with simulated errors.
+where F is the distribution of r. The engine (`native/heading.c`) takes the mean over 128 even directions (I. Deák,
+Numer. Math. 35 (1980) 369; A. Genz and F. Bretz, "Computation of Multivariate Normal and t Probabilities", Springer
+(2009), sect. 4.1), and solves for 95 %. `tests/heading/test_confidence.py` compares it with simulated errors.
 
 >>> sphere, hard_iron = Ellipsoid(np.zeros(3), 50.0 * np.eye(3)), np.diag([0.19, 0.19, *[0.0] * 7])
 >>> worst_deg = level_error(sphere, hard_iron).worst      # one circle, whose amplitude Rayleigh's law gives: √(2 ln 20)
@@ -49,11 +49,11 @@ if TYPE_CHECKING:
 HEADINGS: Final = 72
 STEEPEST_DIP_DEG: Final = 89.0
 
-_EVERYWHERE: Final = fibonacci(400)
+_SPHERE_DIRECTIONS: Final = fibonacci(400)
 
 
 class DirectionError(NamedTuple):
-    """What to expect of the direction of the corrected field, 1 σ, in degrees: over the whole sphere and at the worst.
+    """Expected error of the direction of the corrected field, 1 σ, in degrees: rms over the sphere, and the worst.
 
     >>> DirectionError(rms=0.1, worst=0.2)._asdict()
     {'rms': 0.1, 'worst': 0.2}
@@ -67,26 +67,26 @@ class DirectionError(NamedTuple):
 
     @classmethod
     def of(cls, errors: Floats) -> Self:
-        """Of (K,) errors, in degrees."""
+        """Summarise (K,) errors, in degrees."""
         return cls(float(np.sqrt(np.mean(errors**2))), float(np.abs(errors).max()))
 
 
 @dataclass(frozen=True, slots=True)
 class HeadingError:
-    """What to expect of the heading of a vehicle, 1 σ, the mean over a level turn removed."""
+    """Expected heading error of a vehicle, 1 σ, without its mean over a level turn."""
 
     rms: float  #: degrees: over all headings
     worst: float  #: degrees: at the worst heading
-    dip_deg: float  #: dip of the field for which it holds, positive where the field points along +z
-    tilt_deg: float = 0.0  #: how far the vehicle is rolled or pitched, whichever way; zero for a level one
+    dip_deg: float  #: dip of the field for these errors, positive if the field points along +z
+    tilt_deg: float = 0.0  #: angle by which the vehicle is rolled or pitched, in any direction; 0 if level
 
     def combined(self, angle_deg: float) -> HeadingError:
-        """Add another error of each heading, which is independent of this one."""
+        """Add an independent error of each heading."""
         rms, worst = math.hypot(self.rms, angle_deg), math.hypot(self.worst, angle_deg)
         return HeadingError(rms, worst, self.dip_deg, self.tilt_deg)
 
     def as_dict(self, **more: float) -> dict[str, float]:
-        """JSON-ready: rms and worst, and what else is to be said."""
+        """JSON-ready: rms, worst, and further keys from `more`."""
         return {"rms": self.rms, "worst": self.worst, **more}
 
     def __repr__(self) -> str:
@@ -97,31 +97,31 @@ class HeadingError:
 def level_error(
     ellipsoid: Ellipsoid, covariance: Floats, *, dip_deg: float = 60.0, down: Floats | None = None
 ) -> HeadingError:
-    """Carry the covariance of (b, S) over to the heading of a level vehicle.
+    """Propagate the covariance of (b, S) to the heading of a level vehicle.
 
-    With the field u(ψ) = (cos I cos ψ, −cos I sin ψ, sin I) in body axes (z down) and the corrected
-    reading's error δu = −S⁻¹(δb + δS u), the heading errs by δψ = −(sin ψ δu₁ + cos ψ δu₂)/cos I. A
-    constant part is a matter of mounting, which a magnetometer cannot see, and is removed.
+    With the field u(ψ) = (cos I cos ψ, −cos I sin ψ, sin I) in body axes (z down) and the corrected reading's error δu
+    = −S⁻¹(δb + δS u), the heading error is δψ = −(sin ψ δu₁ + cos ψ δu₂)/cos I. Its constant part is an error of the
+    mounting, which a magnetometer cannot observe, and is removed.
 
     Raises `UsageError` within a degree of the magnetic poles, where there is no heading.
 
     Parameters
     ----------
     covariance : (9, 9) float
-        Of (b, S₁₁, S₂₂, S₃₃, S₁₂, S₁₃, S₂₃), in unit².
+        Covariance of (b, S₁₁, S₂₂, S₃₃, S₁₂, S₁₃, S₂₃), in unit².
     dip_deg : float
         Inclination of the field at the site; negative in the south.
     down : (3,) float, optional
         Which way is down when the vehicle is level, in corrected sensor axes; by default +z. A sensor that is
-        mounted a little tilted is judged about the vehicle's vertical.
+        mounted with a small tilt is judged about the vehicle's vertical.
     """
     return tilted_error(ellipsoid, covariance, dip_deg=dip_deg, down=down)
 
 
 def level_gradients(ellipsoid: Ellipsoid, *, dip_deg: float = 60.0, down: Floats | None = None) -> Floats:
-    """(72, 9) how the heading ψ of a level vehicle changes with (b, S) at each heading, its mean removed, rad/unit.
+    """(72, 9) derivatives of the heading ψ of a level vehicle by (b, S) at each heading, without their mean, rad/unit.
 
-    Up to a sign, which no variance sees; parameters as those of `level_error`.
+    Their sign is arbitrary, as it does not affect variances; parameters as for `level_error`.
 
     Raises `UsageError` within a degree of the magnetic poles.
     """
@@ -140,19 +140,19 @@ def deviation_covariance(
     rotation: Floats | None = None,
     rotation_covariance: Floats | None = None,
 ) -> Floats:
-    """Carry the covariance of (b, S) over to the deviation that a level vehicle is left with: (4, 4) of B, C, D, E.
+    """Propagate the covariance of (b, S) to the remaining deviation of a level vehicle: (4, 4) of B, C, D, E.
 
-    The heading's error over a level turn, as in `body_error`, is A + B sin ζ + C cos ζ + D sin 2ζ + E cos 2ζ to first
-    order, so that each coefficient is twice the mean of its product with it. A is a matter of mounting.
+    The heading error over a level turn, as in `body_error`, is A + B sin ζ + C cos ζ + D sin 2ζ + E cos 2ζ to first
+    order, so that each coefficient is twice the mean of the error times its harmonic. A is an error of the mounting.
 
     Raises `UsageError` within a degree of the magnetic poles.
 
     Parameters
     ----------
     covariance : (9, 9) float
-        As for `level_error`, and so are `dip_deg` and `down`, which is in axes of the body where a rotation is given.
+        As for `level_error`, as are `dip_deg` and `down`; `down` is in axes of the body if a rotation is given.
     rotation, rotation_covariance : (3, 3) float, optional
-        As for `body_error`; by default none, and exact.
+        As for `body_error`; by default no rotation, known exactly.
 
     Returns
     -------
@@ -160,13 +160,13 @@ def deviation_covariance(
 
     Examples
     --------
-    Half a microtesla fore and aft, on a horizontal field of 25 µT, is hard iron of 1.15°:
+    An offset of 0.5 µT fore and aft, in a horizontal field of 25 µT, causes a deviation of 1.15°:
 
     >>> sphere, fore_and_aft = Ellipsoid(np.zeros(3), 50.0 * np.eye(3)), np.diag([0.25, 0, 0, 0, 0, 0, 0, 0, 0])
     >>> np.sqrt(np.diagonal(deviation_covariance(sphere, fore_and_aft)).clip(0)).round(2)
     array([1.15, 0.  , 0.  , 0.  ])
 
-    A tilt of the axes by 1° is one, too, by the vertical field:
+    A tilt of the axes by 1° causes one by the vertical field:
 
     >>> tilt = np.diag([np.radians(1.0) ** 2, 0.0, 0.0])
     >>> tilted = deviation_covariance(sphere, np.zeros((9, 9)), rotation=np.eye(3), rotation_covariance=tilt)
@@ -187,21 +187,21 @@ def tilted_error(
     tilt_deg: float = 0.0,
     down: Floats | None = None,
 ) -> HeadingError:
-    """Carry the covariance of (b, S) over to the heading of a vehicle that is rolled or pitched.
+    """Propagate the covariance of (b, S) to the heading of a vehicle that is rolled or pitched.
 
-    The vehicle knows its tilt T, a turn by `tilt_deg` about a horizontal axis, and turns readings back by it. It
-    meets the field v = Tᵀu(ψ), reads it with the error δv = −S⁻¹(δb + δS v), and its heading errs as that of a level
-    vehicle does by T δv. What is constant while it is *level* is a matter of mounting and removed; what the tilt
-    adds, in each of 24 directions, counts.
+    The vehicle's tilt T, a rotation by `tilt_deg` about a horizontal axis, is known and readings are rotated back by
+    it. The field in its axes is v = Tᵀu(ψ), read with the error δv = −S⁻¹(δb + δS v), so that the heading error is that
+    of a level vehicle for T δv. The constant part of the *level* error is an error of the mounting and removed; errors
+    that the tilt adds, in each of 24 directions, are included.
 
     Raises `UsageError` within a degree of the magnetic poles.
 
     Parameters
     ----------
     covariance : (9, 9) float
-        As for `level_error`, and so are `dip_deg` and `down`.
+        As for `level_error`, as are `dip_deg` and `down`.
     tilt_deg : float
-        0 to 180, which is upside down.
+        0 for level to 180 for upside down.
     """
     require_headings(dip_deg)
     rms, worst = engine().tilted_error(ellipsoid.shape, covariance, dip_deg=dip_deg, tilt_deg=tilt_deg, down=down)
@@ -216,10 +216,10 @@ def attitude_limit_deg(
     limit_deg: float = 1.0,
     down: Floats | None = None,
 ) -> float:
-    """How far a vehicle may roll or pitch, whichever way, before its worst heading error exceeds a limit, in degrees.
+    """Largest roll or pitch, in any direction, at which the worst heading error is within a limit, in degrees.
 
-    The largest tilt up to which `tilted_error` stays within `limit_deg`: 0 where a level vehicle is beyond it
-    already, 180 where all attitudes are within. Looked for in steps of 5°, and found to 0.01°.
+    The largest tilt up to which `tilted_error` stays within `limit_deg`: 0 if a level vehicle exceeds it, 180 if all
+    attitudes are within. It is searched in steps of 5°, then refined to 0.01°.
 
     Raises `UsageError` within a degree of the magnetic poles.
     """
@@ -228,22 +228,22 @@ def attitude_limit_deg(
 
 
 def direction_error_deg(ellipsoid: Ellipsoid, covariance: Floats) -> DirectionError:
-    """What to expect of the direction of the corrected field over the whole sphere: rms and worst, degrees, 1 σ.
+    """Expected error of the direction of the corrected field over the whole sphere: rms and worst, degrees, 1 σ.
 
-    `direction_errors_deg` in 400 directions.
+    By `direction_errors_deg` in 400 directions.
     """
-    return DirectionError.of(direction_errors_deg(ellipsoid, covariance, _EVERYWHERE))
+    return DirectionError.of(direction_errors_deg(ellipsoid, covariance, _SPHERE_DIRECTIONS))
 
 
 def direction_errors_deg(ellipsoid: Ellipsoid, covariance: Floats, directions: Floats) -> Floats:
-    """(K,) what to expect of the direction of the corrected field where it points along each u, degrees, 1 σ.
+    """(K,) expected error of the direction of the corrected field that points along each u, degrees, 1 σ.
 
-    The length of the error δu = −S⁻¹(δb + δS u) across u, which an attitude filter meets in full.
+    It is the length of the error δu = −S⁻¹(δb + δS u) perpendicular to u, which acts fully on an attitude filter.
 
     Parameters
     ----------
     covariance : (9, 9) float
-        Of (b, S), in unit².
+        Covariance of (b, S), in unit².
     directions : (K, 3) float
         Unit vectors, in corrected sensor axes.
 
@@ -258,9 +258,9 @@ def direction_errors_deg(ellipsoid: Ellipsoid, covariance: Floats, directions: F
 
 
 def alignment_error_deg(sigma_deg: float, *, dip_deg: float = 60.0) -> float:
-    """Heading error (1 σ) of a level vehicle from a mounting that is known to `sigma_deg` about each axis.
+    """Heading error (1 σ, degrees) of a level vehicle from a mounting with the uncertainty `sigma_deg` about each axis.
 
-    A turn about z goes straight into the heading; a tilt mixes the vertical field in, by tan I of it.
+    A rotation about z adds to the heading directly; a tilt mixes in the vertical field, multiplied by tan I.
 
     >>> round(alignment_error_deg(1.0, dip_deg=60.0), 2)
     2.0
@@ -271,11 +271,11 @@ def alignment_error_deg(sigma_deg: float, *, dip_deg: float = 60.0) -> float:
 def body_error(
     ellipsoid: Ellipsoid, covariance: Floats, rotation: Floats, rotation_covariance: Floats, *, dip_deg: float = 60.0
 ) -> HeadingError:
-    """Carry the covariances of (b, S) and of the rotation R into a body over to the heading of that body, level.
+    """Propagate the covariances of (b, S) and of the rotation R into a body to the heading of that body, level.
 
-    The body meets u(ψ), the magnetometer Rᵀu, and what is corrected to R (Rᵀu + δu) is turned by δθ besides: the
-    heading errs as that of R δu + δθ × u does. Both are taken for independent. Nothing is removed: what is constant is
-    a matter of the mounting, which is known here.
+    The field is u(ψ) in body axes and Rᵀu in the magnetometer's, and the corrected R (Rᵀu + δu) is further rotated by
+    δθ: the heading error is that of R δu + δθ × u. Both errors are taken as independent. The constant part is not
+    removed, as it is the error of the mounting, which is known here.
 
     Raises `UsageError` within a degree of the magnetic poles.
 
@@ -286,11 +286,11 @@ def body_error(
     rotation : (3, 3) float
         From the magnetometer's own axes to those of the body.
     rotation_covariance : (3, 3) rad²
-        Of its rotation vector, in axes of the body.
+        Covariance of its rotation vector, in axes of the body.
 
     Examples
     --------
-    A turn about z is one of the heading, and a tilt mixes the vertical field in:
+    A rotation about z changes the heading directly, a tilt mixes in the vertical field:
 
     >>> sphere, exact = Ellipsoid(np.zeros(3), 50.0 * np.eye(3)), np.zeros((9, 9))
     >>> body_error(sphere, exact, np.eye(3), np.diag([0.0, 0.0, np.radians(1.0) ** 2]))
@@ -304,7 +304,7 @@ def body_error(
 
 
 def _body_gradients(ellipsoid: Ellipsoid, rotation: Floats, dip_deg: float, down: Floats | None) -> Floats:
-    """(72, 12) how the heading of a level body changes with (b, S) and with its rotation, up to a sign of both."""
+    """(72, 12) derivatives of the heading of a level body by (b, S) and by its rotation, up to the sign."""
     across, directions = level_fields(dip_deg, down)
     vectors = np.linalg.solve(ellipsoid.shape, rotation.T @ across)
     own = gathered(vectors, rotation.T @ directions)
@@ -312,7 +312,7 @@ def _body_gradients(ellipsoid: Ellipsoid, rotation: Floats, dip_deg: float, down
 
 
 def _with_rotation(covariance: Floats, rotation_covariance: Floats | None) -> Floats:
-    """(12, 12) covariance of (b, S) and of a rotation, which are independent."""
+    """(12, 12) joint covariance of (b, S) and an independent rotation."""
     both = np.zeros((12, 12))
     both[:9, :9] = covariance
     if rotation_covariance is not None:
@@ -321,10 +321,10 @@ def _with_rotation(covariance: Floats, rotation_covariance: Floats | None) -> Fl
 
 
 def raw_error(ellipsoid: Ellipsoid, *, dip_deg: float = 60.0, down: Floats | None = None) -> HeadingError:
-    """What the heading of a level vehicle errs by if its readings are used as they come.
+    """Heading error of a level vehicle with uncorrected readings.
 
-    The heading of b + S u(ψ) less ψ, its mean removed. Where the offset is larger than the
-    horizontal field the raw heading does not even go round, and the error reaches 180°.
+    It is the heading of b + S u(ψ) minus ψ, without its mean. If the offset is larger than the horizontal field, the
+    raw heading does not cover the full circle, and the error reaches 180°.
 
     Raises `UsageError` within a degree of the magnetic poles.
     """
@@ -334,7 +334,7 @@ def raw_error(ellipsoid: Ellipsoid, *, dip_deg: float = 60.0, down: Floats | Non
 
 
 def level_turn(dip_deg: float, down: Floats | None = None) -> tuple[Floats, Floats]:
-    """(72,) headings ψ and (3, 72) unit fields u(ψ) that a level vehicle meets in a full turn.
+    """(72,) headings ψ and (3, 72) unit fields u(ψ) of a level vehicle in a full turn.
 
     Raises `UsageError` within a degree of the magnetic poles.
 
@@ -355,7 +355,7 @@ def level_turn(dip_deg: float, down: Floats | None = None) -> tuple[Floats, Floa
 
 @lru_cache(maxsize=16)
 def _turn_at(dip_deg: float) -> tuple[Floats, Floats, Floats]:
-    """(72,) headings, (3, 72) fields and (3, 72) what a heading errs by for an error across, read-only."""
+    """(72,) headings, (3, 72) fields and (3, 72) derivatives of the heading by an error of the field, read-only."""
     require_headings(dip_deg)
     dip = np.deg2rad(dip_deg)
     heading = np.arange(HEADINGS) * (2.0 * np.pi / HEADINGS)
@@ -374,7 +374,7 @@ def require_headings(dip_deg: float) -> None:
 
 
 def upright(down: Floats) -> Floats:
-    """(3, 3) the rotation that brings +z onto `down` (3,) and turns as little as can be; over the x axis if at all.
+    """(3, 3) smallest rotation from +z to `down` (3,); about the x axis if `down` is −z.
 
     >>> upright(np.array([0.0, 0.0, -1.0])).tolist()
     [[1.0, 0.0, 0.0], [0.0, -1.0, 0.0], [0.0, 0.0, -1.0]]
@@ -388,7 +388,7 @@ def upright(down: Floats) -> Floats:
 
 
 def level_fields(dip_deg: float, down: Floats | None = None) -> tuple[Floats, Floats]:
-    """(3, 72) horizontal vectors, an error along which is one of heading, and (3, 72) the fields of a level turn."""
+    """(3, 72) horizontal vectors along which a field error is a heading error, and (3, 72) fields of a level turn."""
     _, directions, across = _turn_at(float(dip_deg))
     if down is None:
         return across, directions
@@ -397,7 +397,7 @@ def level_fields(dip_deg: float, down: Floats | None = None) -> tuple[Floats, Fl
 
 
 def _in_degrees(gradient: Floats, covariance: Floats) -> tuple[float, float]:
-    """Root of the mean and of the largest variance along (K, 9) gradients in rad, in degrees."""
+    """Rms and largest standard deviation along (K, 9) gradients in rad, in degrees."""
     variance = (gradient @ covariance * gradient).sum(axis=1).clip(min=0.0)
     return math.degrees(math.sqrt(variance.mean())), math.degrees(math.sqrt(variance.max()))
 
@@ -405,13 +405,13 @@ def _in_degrees(gradient: Floats, covariance: Floats) -> tuple[float, float]:
 def level_bound_deg(
     ellipsoid: Ellipsoid, covariance: Floats, *, dip_deg: float = 60.0, down: Floats | None = None
 ) -> float:
-    """Bound the heading error of a level vehicle, degrees; parameters as those of `level_error`."""
+    """95 % bound of the level heading error over a whole turn, degrees; parameters as for `level_error`."""
     require_headings(dip_deg)
     return engine().heading_bound(ellipsoid.shape, covariance, dip_deg=dip_deg, down=down)
 
 
 @lru_cache(maxsize=2)
 def _harmonics(count: int) -> Floats:
-    """(count, 4) sine and cosine of headings all round and of their doubles."""
+    """(count, 4) sine and cosine of evenly spaced headings and of their doubles."""
     heading = np.arange(count) * (2.0 * np.pi / count)
     return np.stack([np.sin(heading), np.cos(heading), np.sin(2.0 * heading), np.cos(2.0 * heading)], axis=1)

@@ -1,17 +1,17 @@
-"""Which way to turn the sensor next, so that the worst error falls fastest.
+"""Guidance: the attitude to turn the sensor to next, so that the worst error falls fastest.
 
-A design of readings is G-optimal if no other makes the largest variance of what is predicted smaller (Kiefer and
-Wolfowitz 1960). What is predicted here is not the next reading but the heading of a level vehicle, or the field's
-direction in any attitude. Its covariance P is known after a fit, and a reading in the direction u says one number
-about the parameters: how far the surface lies off there, with the Jacobian j of `flinders.likelihood.magnitude`. So
-what a batch of n readings would bring can be computed before they are taken,
+A design of readings is G-optimal if no other design has a smaller largest variance of the predictions (Kiefer and
+Wolfowitz 1960). Predicted here is not the next reading but the heading of a level vehicle, or the field's direction at
+any attitude. The covariance P of the parameters is known after a fit. A reading in the direction u measures one
+combination of the parameters, the distance of the surface there, with the Jacobian j of
+`flinders.likelihood.magnitude`. So the covariance after a batch of n readings can be computed before they are taken,
 
     P′ = P − P j jᵀ P / (v/n + jᵀ P j)
 
-for all hundred directions at once, and the best of them is the advice. Taking it again and again is a sequential
-design (as in Wynn 1970), and ends where the readings are worth having, not where the sphere is evenly filled.
+for all 100 directions together, and the best of them is the advice. Repeating this is a sequential design (as in Wynn
+1970). It takes readings where they reduce the error, and does not fill the sphere evenly.
 
-After all headings but no tilt beyond 35°, a level heading is known well and what is upside down is not:
+After all headings with tilts up to 35°, the error is small for level headings and large for upside-down attitudes:
 
 >>> from flinders import simulate
 >>> from flinders.fitting import calibrate
@@ -55,44 +55,45 @@ if TYPE_CHECKING:
 
 Goal = Literal["heading", "attitude"]
 FRAMES: Final[tuple[Frame, ...]] = ("vehicle", "sensor")
-"""Axes that an attitude is named in, in the order of their numbers in flinders.h."""
+"""Frames for names of attitudes, in the order of their numbers in flinders.h."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Guidance:
-    """What is known in each direction, and where the next readings would tell most; all in corrected sensor axes."""
+    """Error in each direction, and the direction where the next readings help most, in corrected sensor axes."""
 
     errors_deg: Floats  # (100,) 1 σ of the direction of the field in each of `flinders.summary.coverage.CELLS`
-    worst_deg: float  # the error that matters: of a level heading, or of any direction for the goal "attitude"
-    direction: Floats  # (3,), one of the cells: where the field should point next
-    after_deg: float  # `worst_deg` after a batch there, as far as can be told before it is taken
+    worst_deg: float  # worst error of a level heading, or of any direction for the goal "attitude"
+    direction: Floats  # (3,), one of the cells: direction of the field for the next readings
+    after_deg: float  # predicted `worst_deg` after a batch there
     goal: Goal = "heading"
     dip_deg: float = 60.0  # inclination of the field at the site
-    down: Floats = field(default_factory=lambda: np.array([0.0, 0.0, 1.0]))  # (3,), which way is down when level
+    down: Floats = field(default_factory=lambda: np.array([0.0, 0.0, 1.0]))  # (3,), direction of down when level
 
     def is_reached(self, target_deg: float) -> bool:
-        """The worst error is no larger than was asked for. As far as the covariance tells: a verdict knows more."""
+        """Whether the worst error by the covariance is within the target; a verdict has further rules."""
         return self.worst_deg <= target_deg
 
     def pose(self, frame: Frame = "vehicle") -> Pose:
-        """The attitude to hold while turning once around: simple, and passing the advised direction closely.
+        """Simple attitude to hold while turning once around, so that the field passes close to the advised direction.
 
-        Turned about the vertical through all headings, a body meets the field at a fixed angle of 90° − I from its
-        own vertical, wherever north is. So an attitude will do if its vertical makes that angle with the advised
-        direction. One of `poses` does to within 15°, usually to a few, for dips up to 75°; it is the simplest such.
+        While a body turns about the vertical through all headings, the field has a constant angle of 90° − I from the
+        vertical, wherever north is. An attitude is suitable if its vertical has that angle to the advised direction.
+        For dips up to 75° one of `poses` has it to within 15°, usually to a few degrees; the simplest such pose is
+        returned.
         """
         return poses(frame)[self.pose_number(frame)]
 
     def pose_number(self, frame: Frame) -> int:
-        """The number of that attitude among those of a frame."""
+        """Index of that attitude among the poses of a frame."""
         goal = goal_row(self.goal, dip_deg=self.dip_deg, down=self.down)
         return engine().pose_towards(FRAMES.index(frame), goal, self.direction)
 
     def words(self, frame: Frame = "vehicle") -> str:
-        """Say what to do, to somebody who knows neither where north is nor which way the field points.
+        """Instruction for the next turn, which needs no knowledge of north or of the direction of the field.
 
-        For a ``vehicle`` with axes forward, right, down (at least when it is level): nose, sides, upside down. For a
-        bare ``sensor``: the sides that its axes point out of.
+        For a ``vehicle`` with axes forward, right, down when level, the words are nose, sides and upside down; for a
+        bare ``sensor`` the sides that its axes point out of.
         """
         return f"hold it {self.pose(frame).words} and turn it slowly once around, keeping it so"
 
@@ -102,11 +103,11 @@ class Guidance:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Pose:
-    """An attitude, but for its heading."""
+    """An attitude without its heading."""
 
-    down: Floats  # (3,) unit vector in the axes of the body: what points to the ground
+    down: Floats  # (3,) unit vector towards the ground, in body axes
     words: str  # after "hold it"
-    effort: int  # how many angles have to be judged by eye: none where a side points down
+    effort: int  # count of angles to estimate by eye; 0 if a side points down
 
 
 def guide(
@@ -120,27 +121,27 @@ def guide(
     goal: Goal = "heading",
     batch: float | None = None,
 ) -> Guidance:
-    """Find the direction whose readings would reduce the worst error most.
+    """Find the direction in which readings reduce the worst error most.
 
     Raises `UsageError` within a degree of the magnetic poles, for the goal ``heading``.
 
     Parameters
     ----------
     covariance : (9, 9) float
-        Of (b, S₁₁, S₂₂, S₃₃, S₁₂, S₁₃, S₂₃), in unit²; may be singular, where a method holds some of them.
+        Covariance of (b, S₁₁, S₂₂, S₃₃, S₁₂, S₁₃, S₂₃), in unit²; singular if a method fixes some of them.
     noise : float
         Standard deviation of a reading's distance from the surface, in the unit of the readings.
     coverage : Coverage
-        Of the readings that the covariance comes from: `reading_variance` is drawn from both.
+        Coverage of the readings of that covariance; `reading_variance` uses both.
     dip_deg : float
         Inclination of the field at the site, with its sign: positive in the north.
     down : (3,) float, optional
         Which way is down when the vehicle is level, in corrected sensor axes; by default +z. For a sensor that is
         mounted upside down this is −z, and the dip keeps its sign.
     goal : str
-        ``heading``: of a level vehicle; ``attitude``: the field's direction, whichever way the sensor is turned.
+        ``heading`` of a level vehicle, or ``attitude`` for the field's direction at any attitude.
     batch : float, optional
-        Readings that will be taken before the next advice; by default a hundredth of those there are.
+        Count of readings before the next advice; by default 1 % of the readings so far.
     """
     if goal == "heading":
         require_headings(dip_deg)
@@ -158,7 +159,7 @@ def guide(
 
 
 def goal_row(goal: Goal, *, dip_deg: float, down: Floats | None, target_deg: float = 1.0) -> Records:
-    """What further readings are for, as the engine has it; parameters as those of `guide`."""
+    """Record of the goal for the engine; parameters as for `guide`."""
     row = np.zeros((), dtype=GOAL)
     row["is_attitude"], row["dip_deg"], row["target_deg"] = goal == "attitude", dip_deg, target_deg
     row["down"] = (0.0, 0.0, 1.0) if down is None else down
@@ -166,12 +167,12 @@ def goal_row(goal: Goal, *, dip_deg: float, down: Floats | None, target_deg: flo
 
 
 def reading_variance(ellipsoid: Ellipsoid, covariance: Floats, noise: float, counts: Floats) -> float:
-    """Variance v of a reading with which (100,) readings counted give the covariance that is claimed, in unit².
+    """Effective variance v of a reading, in unit², for which (100,) counted readings give the claimed covariance.
 
-    Independent readings claim P = σ² M⁻¹ with M = Σ JJᵀ, and all eigenvalues of M P are σ². Where residuals are
-    correlated, P is wider, and a reading more of the same kind is worth as much less. Directions of parameter space
-    that nobody saw say nothing of that: there a prior makes the eigenvalue too small, or, M being a sum over
-    cells, the cells' width makes it too large. So the median speaks; but no reading is better than its noise.
+    For independent readings P = σ² M⁻¹ with M = Σ JJᵀ, and all eigenvalues of M P are σ². If residuals are correlated,
+    P is larger, and a further reading has proportionally less information. In directions of parameter space that
+    readings do not determine, the eigenvalue is too small because of the prior, or too large because of the width of
+    the cells over which M sums. Therefore v is the median eigenvalue, but at least the variance of the noise.
 
     >>> from flinders.geometry.ellipsoid import Ellipsoid
     >>> from flinders.likelihood import magnitude
@@ -186,6 +187,6 @@ def reading_variance(ellipsoid: Ellipsoid, covariance: Floats, noise: float, cou
 
 @cache
 def poses(frame: Frame) -> tuple[Pose, ...]:
-    """The attitudes that advice is given in, for either frame."""
+    """The attitudes that advice can name, for a frame."""
     placed = (engine().pose(FRAMES.index(frame), number) for number in range(len(POSE_WORDS[frame])))
     return tuple(Pose(down, words, effort) for (down, effort), words in zip(placed, POSE_WORDS[frame], strict=True))

@@ -1,4 +1,4 @@
-"""Harmonics of a heading up to the second: what offset and matrix of a level compass make of it."""
+"""Harmonics of a heading up to the second, the deviation of a level compass by its offset and matrix."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 
 
 def design(compass_deg: ArrayLike) -> Floats:
-    """(..., 5) rows 1, sin ζ, cos ζ, sin 2ζ, cos 2ζ."""
+    """(..., 5) rows 1, sin ζ, cos ζ, sin 2ζ, cos 2ζ of headings ζ in degrees."""
     angle = np.deg2rad(floats(compass_deg, "compass_deg"))
     return np.stack(
         [np.ones_like(angle), np.sin(angle), np.cos(angle), np.sin(2.0 * angle), np.cos(2.0 * angle)], axis=-1

@@ -1,14 +1,14 @@
-"""How to turn a sensor, planned several turns ahead, so that the target is reached with little turning.
+"""Path planning: how to turn a sensor, several turns ahead, so that the target is reached with little rotation.
 
-`flinders.heading.guidance` says which readings are worth most. Whoever turns a sensor takes readings all along the way,
-so what matters is the way: the field's direction, seen from the body, walks over the sphere, each stretch of it adds
-information that is known before it is walked, and the best of many walks is the advice. Walks lead over 42 waypoints,
-some 35° apart; a beam search keeps those that promise the smallest worst error, and the first that reaches the target
-wins. After a quarter of a second's walk everything is looked at anew.
+`flinders.heading.guidance` finds the most informative readings. A sensor takes readings during the whole rotation, so
+that the path counts. In body axes the field's direction moves along a path on the sphere. The information of each part
+of a path can be computed in advance, and the best of many paths is the advice. Paths lead over 42 waypoints, about 35°
+apart; a beam search keeps the paths with the smallest predicted worst error, and selects the first path that reaches
+the target. The path is planned again after 0.25 s.
 
-The first seconds need more care, since directions need a centre and no fit has one yet. A few readings on an arc say
-where its centre is in their own plane, and nothing of what lies across: `rough` puts a sphere there and says so in its
-covariance, which sends the walk out of the plane.
+In the first seconds there is no fit, and so no centre for directions. A few readings on an arc determine the centre in
+their plane, but not across it: `rough` places a sphere there, with a covariance that is large across the plane, so that
+the path leads out of the plane.
 
 >>> from flinders import simulate
 >>> from flinders.fitting import calibrate
@@ -21,7 +21,7 @@ Route(6 waypoints, worst 2.56°, at its end 0.70°)
 >>> way.words("vehicle")
 'lower its nose, then roll it to its right'
 
-A circle that is not even closed tells which way is out of its plane:
+An open arc gives the direction out of its plane:
 
 >>> angle = np.linspace(0.0, 2.0, 40)[:, np.newaxis]
 >>> arc = 50.0 * (np.cos(angle) * [1.0, 0.0, 0.0] + np.sin(angle) * [0.0, 1.0, 0.0]) + [10.0, 0.0, 0.0]
@@ -30,7 +30,7 @@ A circle that is not even closed tells which way is out of its plane:
 (array([10.,  0.,  0.]), True)
 
 Sources: sequential designs as in `flinders.heading.guidance`; beam search: P. S. Ow, T. E. Morton, "Filtered beam
-search in scheduling", Int. J. Production Research 26 (1988) 35–62. What it saves: `python -m benchmarks.guidance`.
+search in scheduling", Int. J. Production Research 26 (1988) 35–62. `python -m benchmarks.guidance` measures its effect.
 """
 
 from __future__ import annotations
@@ -59,11 +59,11 @@ if TYPE_CHECKING:
     from flinders.summary.coverage import Coverage
 
 READINGS_PER_DEG: Final = 50.0 / 90.0
-"""What a sensor of 50 Hz gives that is turned by 90° a second."""
+"""Readings per degree of a sensor at 50 Hz that is turned by 90° per second."""
 
 
 class UncertainEllipsoid(Protocol):
-    """What is taken of the claim of a fit."""
+    """Attributes of a claim that path planning uses."""
 
     @property
     def ellipsoid(self) -> Ellipsoid: ...  # noqa: D102
@@ -74,27 +74,27 @@ class UncertainEllipsoid(Protocol):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Belief:
-    """What is known before the next reading, and what a reading is worth."""
+    """Estimate with its covariance before the next reading, and the variance of a reading."""
 
     ellipsoid: Ellipsoid
     covariance: Floats  # (9, 9) of (b, S), in unit²
-    variance: float  # of the distance of a further reading from the surface, in unit²
-    is_rough: bool = False  # it comes from `rough` and no fit
+    variance: float  # variance of the distance of a further reading from the surface, in unit²
+    is_rough: bool = False  # whether it comes from `rough`, not from a fit
 
     @classmethod
     def of(cls, claim: UncertainEllipsoid, noise: float, coverage: Coverage) -> Self:
-        """What a fit claims. A refused one may claim nothing that makes sense: see `rough`."""
+        """Create a belief from the claim of a fit; for a refused fit use `rough` instead."""
         variance = reading_variance(claim.ellipsoid, claim.covariance, noise, coverage.counts)
         return cls(claim.ellipsoid, claim.covariance, variance)
 
     def direction(self, reading: ArrayLike) -> Floats:
-        """(3,) where the corrected field of a raw reading points; `ArrayError` where that is not three numbers."""
+        """(3,) direction of the corrected field of a raw reading; `ArrayError` unless it is three numbers."""
         departure = np.linalg.solve(self.ellipsoid.shape, triple(reading, "reading") - self.ellipsoid.centre)
         direction: Floats = departure / max(float(np.linalg.norm(departure)), np.finfo(float).tiny)
         return direction
 
     def row(self) -> Records:
-        """The belief as the engine takes it."""
+        """Record of the belief for the engine."""
         row = np.zeros((), dtype=BELIEF)
         row["centre"], row["shape"] = self.ellipsoid.centre, upper(self.ellipsoid.shape)
         row["covariance"], row["variance"] = np.ravel(self.covariance), self.variance
@@ -103,18 +103,17 @@ class Belief:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Route:
-    """Where the field should walk, as seen from the body; unit vectors in corrected sensor axes."""
+    """Advised path of the field's direction in body axes; unit vectors in corrected sensor axes."""
 
-    start: Floats  # (3,) where it points now
-    waypoints: Floats  # (K, 3) on great circles one after the other
-    worst_deg: float  # the error that matters now
-    after_deg: float  # and at the end of the walk, as far as can be told before it is walked
+    start: Floats  # (3,) direction of the field now
+    waypoints: Floats  # (K, 3), connected by great circles
+    worst_deg: float  # worst error of the goal now
+    after_deg: float  # predicted worst error at the end of the path
 
     def words(self, frame: Frame = "vehicle") -> str:
-        """Say how to turn the body, in at most two turns, as `flinders.heading.guidance.Guidance.words` does.
+        """Instruction of at most two turns of the body, in the words of `flinders.heading.guidance.Guidance.words`.
 
-        The field stays where it is, so to let its direction walk from u to v in the body's axes, the body turns
-        about v × u.
+        The field is constant in the world: to move its direction from u to v in body axes, the body turns about v × u.
         """
         legs = pairwise([self.start, *self.waypoints])
         turns = [turn for turn, _ in groupby(_turn(np.cross(there, here), frame) for here, there in legs)]
@@ -135,7 +134,7 @@ def plan(
     down: Floats | None = None,
     readings_per_deg: float = READINGS_PER_DEG,
 ) -> Route:
-    """Find the way that brings the worst error below the target soonest, or as low as it gets in six steps.
+    """Find the shortest path to a worst error below the target, or the path of six steps with the smallest error.
 
     Raises `ArrayError` for a direction of another shape or without length; `UsageError`: within a degree of the
     magnetic poles, for the goal ``heading``.
@@ -143,17 +142,17 @@ def plan(
     Parameters
     ----------
     at : (3,) array-like
-        Where the field points now, in corrected sensor axes.
+        Direction of the field now, in corrected sensor axes.
     target_deg : float
-        The worst error that is good enough, 1 σ.
+        Target of the worst error, 1 σ.
     goal : str
-        ``heading``: of a level vehicle; ``attitude``: the field's direction, whichever way the sensor is turned.
+        ``heading`` of a level vehicle, or ``attitude`` for the field's direction at any attitude.
     dip_deg : float
         Inclination of the field at the site, positive in the north.
     down : (3,) float, optional
         Which way is down when the vehicle is level, in corrected sensor axes; by default +z.
     readings_per_deg : float
-        Readings that are taken for each degree of turning.
+        Readings per degree of rotation.
     """
     start = _unit(at)
     if goal == "heading":
@@ -165,13 +164,13 @@ def plan(
 
 
 def rough(readings: ArrayLike) -> Belief | None:
-    """Put a sphere through (N, 3) raw readings that no fit can do anything with yet; None of too few, or a short arc.
+    """Rough sphere through (N, 3) raw readings that are not sufficient for a fit; None for too few or a short arc.
 
-    A linear least-squares sphere (|x|² = 2 c·x + k) in the plane, or space, in which the readings are spread; along
-    an axis without spread its centre is their mean. Where nothing was seen, the covariance is that of what hard and
-    soft iron commonly do: a radius each way, and 0.3 of it in shape.
+    A linear least-squares sphere (|x|² = 2 c·x + k) in the plane, or space, over which the readings spread; along an
+    axis without spread its centre is their mean. In undetermined directions the covariance is that of common hard and
+    soft iron, with standard deviations of one radius for the offset and 0.3 radii for the shape.
 
-    Raises `ArrayError` for another shape, or what is not finite.
+    Raises `ArrayError` for another shape, or values that are not finite.
     """
     belief = engine().rough(table(readings))
     if belief is None:
@@ -181,7 +180,7 @@ def rough(readings: ArrayLike) -> Belief | None:
 
 
 def _turn(axis: Floats, frame: Frame) -> str:
-    """Words for a turn about an axis of the body: the one of its own axes that it is mostly about.
+    """Words for a turn about an axis, by the nearest axis of the body.
 
     >>> _turn(np.array([1.0, 0.0, 0.4]), "vehicle"), _turn(np.array([0.0, -1.0, 0.4]), "sensor")
     ('roll it to its right', 'about y (x towards z)')
@@ -202,14 +201,14 @@ TURNS: Final[dict[Frame, tuple[tuple[str, str], ...]]] = {
         ("about z (x towards y)", "about z (y towards x)"),
     ),
 }
-"""Turns about each axis, right-handed and left-handed."""
+"""Words for turns about each axis, right-handed and left-handed."""
 
 
 def _unit(values: ArrayLike) -> Floats:
-    """(3,) of length one."""
+    """(3,) unit vector."""
     vector = triple(values, "direction")
     length = float(np.linalg.norm(vector))
     if length == 0.0:
-        raise ArrayError("direction has no length: need three numbers, not all zero")
+        raise ArrayError("direction is zero: need three numbers, not all zero")
     unit: Floats = vector / length
     return unit

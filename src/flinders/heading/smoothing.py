@@ -1,14 +1,14 @@
 """Filters for noisy readings: moving average, running median, and a Kalman filter for a constant field.
 
-A fit needs none of them: a likelihood averages over all readings already, and a filter that looks at several readings
-of a turning sensor gives one that lies inside the ellipsoid. They are for what takes single readings at their word: a
-display of headings, a corrected stream, and methods that go by extremes.
+A fit needs none of them: a likelihood averages over all readings already, and the mean of several readings of a turning
+sensor lies inside the ellipsoid. Filters are for uses of single readings: a display of headings, a corrected stream,
+and methods that use extremes.
 
 >>> spiky = Samples.of([[20.0, 0, 40], [20, 1, 40], [20, 2, 400], [20, 3, 40], [20, 4, 40]])
 >>> [block.field[:, 2] for block in filtered(spiky, Filter("median", 3)).blocks()]
 [array([40., 40., 40., 40., 40.])]
 
-What a uniform turn loses by it, here at 10° from one reading to the next, as a share of the radius that is left:
+Share of the radius that remains in a uniform turn, here with 10° between readings:
 
 >>> [round(Filter(name, 5).keeps(10.0), 3) for name in NAMES]
 [0.97, 0.985, 0.92]
@@ -41,60 +41,59 @@ NAMES: Final[tuple[Name, ...]] = get_args(Name)
 
 _Vector: TypeAlias = tuple[float, float, float]
 
-WIDTH: Final = 5
-"""Readings, where nothing is said: a tenth of a second at 50 Hz."""
+DEFAULT_WIDTH: Final = 5
+"""Width in readings by default, 0.1 s at 50 Hz."""
 
 WIDEST: Final = 999
-"""Readings: more than that is no filter of a compass."""
+"""Largest width in readings; larger ones are not useful for a compass."""
 
-PAUSE: Final = 20.0
-"""Mean steps of the clock without a reading, from which on a filter starts afresh."""
+MIN_PAUSE_STEPS: Final = 20.0
+"""Smallest time without a reading after which a filter restarts, in mean steps of the clock."""
 
-STEPS: Final = 10
-"""Steps of the clock whose mean tells a pause from a step."""
+STEPS_IN_MEAN: Final = 10
+"""Count of steps of the clock in the mean that distinguishes a pause from a step."""
 
-GATE: Final = 21.108
-"""χ² of three numbers that chance exceeds once in ten thousand times."""
+MAX_CHI2: Final = 21.108
+"""χ² with three degrees of freedom that chance exceeds with a probability of 0.01 %."""
 
 PATIENCE: Final = 3
-"""Readings beyond the gate, more than there are within it meanwhile, after which it is the field that has changed."""
+"""Excess of rejected over accepted readings at which the field counts as changed."""
 
-LOOKED_AT, MEMORY = 11, 50
-"""Innovations that tell their scale for the first time, all of them let through; and those over which it is kept."""
+INITIAL_INNOVATIONS, SCALE_INNOVATIONS = 11, 50
+"""Count of first innovations, all accepted, for the initial scale; and count of innovations for the later scale."""
 
 MEDIAN_CHI2: Final = 2.366
-"""Median of χ² of three numbers."""
+"""Median of χ² with three degrees of freedom."""
 
-AT_ONCE: Final = 500_000
-"""Numbers of windows that are looked at together: 4 MB an axis."""
+CHUNK_NUMBERS: Final = 500_000
+"""Count of numbers in windows that are processed together: 4 MB per axis."""
 
 
 @dataclass(frozen=True, slots=True)
 class Filter:
-    """A filter and how wide it is.
+    """A filter with its width.
 
     ``"moving-average"``
         The mean of `width` readings.
     ``"median"``
-        Of `width` readings the one in the middle, axis by axis: single spikes are gone, and so are up to
-        (width − 1)/2 in a row.
+        The median of `width` readings, axis by axis. It removes single spikes, and up to (width − 1)/2 in a row.
     ``"kalman"``
         State: the field, a random walk from one reading to the next; measurement: the field and white noise. The walk
         has the standard deviation λ σ for a noise of σ, λ² = K²/(1 − K) with K = 2/(width + 1), so that in the steady
-        state it is as quiet as the mean of `width` readings. σ is estimated from the innovations, and a reading
-        whose innovation chance exceeds once in ten thousand times is dropped. Three of those in a row, or three more
-        than others in between, mean that the field has really changed: the filter goes on from there. The first
-        eleven innovations are all let through, as nothing is known of σ.
+        state the noise is that of the mean of `width` readings. σ is estimated from the innovations, and a reading
+        is dropped if the probability of an innovation as large is below 0.01 %. If three in a row are dropped, or three
+        more than accepted meanwhile, the field has changed: the filter continues from the new field. The first
+        eleven innovations are all accepted, as σ is unknown.
 
     Parameters
     ----------
     width : int, readings
-        Odd where it is a window, so that there is a reading in its middle.
+        Odd for a window, so that there is a reading in its middle.
 
     Raises
     ------
     UsageError
-        For a name or width that there is not.
+        For an unknown name or an invalid width.
 
     References
     ----------
@@ -109,12 +108,14 @@ class Filter:
     """
 
     name: Name
-    width: int = WIDTH
+    width: int = DEFAULT_WIDTH
 
     def __post_init__(self) -> None:
-        """Refuse what is no filter."""
+        """Refuse an unknown name and an invalid width."""
         if self.name not in NAMES:
-            raise UsageError(f"filter {self.name!r} is not known: use {', '.join(NAMES)}, such as median:{WIDTH}")
+            raise UsageError(
+                f"filter {self.name!r} is not known: use {', '.join(NAMES)}, such as median:{DEFAULT_WIDTH}"
+            )
         odd = self.name == "kalman" or self.width % 2 == 1
         if not 3 <= self.width <= WIDEST or not odd:
             need = "a whole number" if self.name == "kalman" else "an odd number"
@@ -126,16 +127,18 @@ class Filter:
         name, colon, width = text.strip().partition(":")
         number = width.strip()
         if colon and not (number.isascii() and number.isdecimal() and len(number) < 10):
-            raise UsageError(f"filter {text!r}: need a number of readings behind the colon, such as median:{WIDTH}")
-        return cls(name.strip().casefold(), int(number) if colon else WIDTH)  # type: ignore[arg-type]  # checked there
+            raise UsageError(
+                f"filter {text!r}: need a number of readings after the colon, such as median:{DEFAULT_WIDTH}"
+            )
+        return cls(name.strip().casefold(), int(number) if colon else DEFAULT_WIDTH)  # type: ignore[arg-type]  # checked there
 
     def keeps(self, angle_deg: float) -> float:
-        """Share of the radius that is left of a circle, gone round uniformly at 0 to 180° from reading to reading.
+        """Share of the radius of a circle that the filter leaves, for a uniform turn of 0 to 180° per reading.
 
         A mean of w readings leaves |sin(wθ/2) / (w sin(θ/2))|. A Kalman filter in its steady state is an exponential
-        mean, and leaves K / √(K² + 4(1 − K) sin²(θ/2)). A median leaves all but the ends of each axis, which it
-        cuts off at cos((w − 1)θ/4) of the radius where steps are fine, and a little lower where they are not: no
-        circle is left, and this is half of its width along the axes, up to (w − 1)θ/2 = 90°.
+        mean, and leaves K / √(K² + 4(1 − K) sin²(θ/2)). A median clips each axis at cos((w − 1)θ/4) of the radius for
+        fine steps, and a little lower for coarse ones. The result is no circle; the share is half of its width along
+        the axes, up to (w − 1)θ/2 = 90°.
 
         >>> round(Filter("moving-average", 9).keeps(20.0), 3), round(Filter("median", 9).keeps(20.0), 3)
         (0.64, 0.766)
@@ -150,19 +153,19 @@ class Filter:
 
     @property
     def gain(self) -> float:
-        """K of a Kalman filter in its steady state: the share of each innovation that it follows."""
+        """Gain K of a Kalman filter in its steady state, applied to each innovation."""
         return 2.0 / (self.width + 1.0)
 
     @property
     def lag(self) -> float:
-        """Readings by which it is late where it cannot wait for those to come: half of its width."""
+        """Delay in readings of a filter that is not centred: half of its width."""
         return (self.width - 1) / 2.0
 
     def start(self, *, centred: bool) -> SmoothingStream:
-        """Begin with a recording.
+        """Start the filter for one recording.
 
-        A centred window lies around its reading, and readings come out when those behind it have come in; otherwise it
-        ends with its reading, which comes out at once. A Kalman filter never waits.
+        A centred window is symmetric about its reading, which is returned after the following readings have arrived.
+        Other windows end with their reading, which is returned immediately, as by a Kalman filter.
         """
         return SmoothingStream(self, centred=centred)
 
@@ -171,25 +174,25 @@ class Filter:
 
 
 def filtered(recording: Recording, by: Filter) -> Recording:
-    """A recording with its readings filtered, each file of several on its own.
+    """A recording with filtered readings; each of several files is filtered separately.
 
-    Windows are centred, so nothing is late; times and what else stands beside a reading stay with it. Readings that a
+    Windows are centred, so that there is no delay, and the other columns of each reading are unchanged. Readings that a
     Kalman filter drops are left out with all their columns.
     """
     if isinstance(recording, Joined):
         return Joined(tuple(filtered(part, by) for part in recording.recordings))
-    return Filtered(recording, by)
+    return FilteredRecording(recording, by)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Filtered(Wrapped):
-    """One recording with its readings filtered, see `filtered`."""
+class FilteredRecording(Wrapped):
+    """One recording with filtered readings, see `filtered`."""
 
     recording: Recording
     by: Filter
 
     def blocks(self) -> Iterator[Samples]:
-        """Go through the recording; the blocks have the rows of its own, but for those that are dropped."""
+        """Yield filtered blocks of the recording, without dropped readings."""
         stream = self.by.start(centred=True)
         waiting: deque[Samples] = deque()
         ready = Passed.nothing()
@@ -208,18 +211,18 @@ class Filtered(Wrapped):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Passed:
-    """Readings that have come through; in the place of one that was dropped stands what was expected of it."""
+    """Filtered readings; the value of a dropped reading is its prediction."""
 
     field: Floats  # (N, 3)
-    accepted: NDArray[np.bool_]  # (N,) not dropped
+    accepted: NDArray[np.bool_]  # (N,) whether the reading was not dropped
 
     @classmethod
     def nothing(cls) -> Passed:
-        """None at all: the identity of ``+``."""
+        """No readings, the identity of ``+``."""
         return cls(np.empty((0, 3)), np.empty(0, dtype=bool))
 
     def of(self, samples: Samples) -> Samples:
-        """What it leaves of some samples."""
+        """Samples with the filtered readings, without dropped ones."""
         through = replace(samples, field=self.field)
         return through if self.accepted.all() else through[self.accepted]
 
@@ -236,25 +239,25 @@ class Passed:
 
 
 class SmoothingStream:
-    """A filter at work on one recording: readings go in as they come, block by block, wherever blocks end.
+    """A running filter of one recording, which takes readings in blocks of any size.
 
-    It starts afresh where the clock steps back, and after a pause of twenty mean steps: what lies before a pause says
-    nothing of what comes after it. The first ten steps tell what a step is; without times no pause is seen.
+    It restarts if the clock steps back, and after a pause of 20 mean steps, as readings before a pause are unrelated to
+    those after it. The mean step comes from ten steps; without times no pause is detected.
     """
 
     def __init__(self, by: Filter, *, centred: bool) -> None:
         self._run: _Kalman | _Window = _Kalman(by.gain) if by.name == "kalman" else _Window(by, centred=centred)
         self._clock = _Clock()
         self._pauses = 0
-        self.dropped = 0  #: readings that a Kalman filter has dropped so far
+        self.dropped = 0  #: count of readings that a Kalman filter has dropped so far
 
     @property
     def restarts(self) -> int:
-        """Pauses after which it has started afresh, and, of a Kalman filter, fields that have really changed."""
+        """Count of restarts after pauses and, by a Kalman filter, after changes of the field."""
         return self._pauses + self._run.restarts
 
     def push(self, field: Floats, time: Floats | None = None) -> Passed:
-        """Take (N, 3) readings with their (N,) times, and give back what is ready: as many, unless windows wait."""
+        """Add (N, 3) readings with their (N,) times, and return finished ones; centred windows delay readings."""
         through = Passed.nothing()
         pauses = [] if time is None else self._clock.pauses(time)
         for number, (begin, end) in enumerate(pairwise([0, *pauses, len(field)])):
@@ -266,27 +269,27 @@ class SmoothingStream:
         return through
 
     def finish(self) -> Passed:
-        """Give back what still waits for readings to come, and forget what was before."""
+        """Return the readings that waited for following ones, and reset the filter."""
         return self._run.finish()
 
 
 class _Clock:
-    """Tells pauses from steps while times come in."""
+    """Detector of pauses in a stream of times."""
 
     def __init__(self) -> None:
         self._last = math.nan
         self._steps, self._seconds = 0, 0.0
 
     def pauses(self, time: Floats) -> list[int]:
-        """Rows before which there is a pause, or a step back."""
+        """Rows before which there is a pause or a step back."""
         rows = []
         for row, now in enumerate(time.tolist()):
             step = now - self._last
             if step != step:  # noqa: PLR0124 - the first time, or none
                 self._last = self._last if now != now else now  # noqa: PLR0124
                 continue
-            usual = self._seconds / self._steps if self._steps >= STEPS else math.inf
-            if step < 0.0 or step > PAUSE * usual > 0.0:
+            usual = self._seconds / self._steps if self._steps >= STEPS_IN_MEAN else math.inf
+            if step < 0.0 or step > MIN_PAUSE_STEPS * usual > 0.0:
                 rows.append(row)
             else:
                 self._steps, self._seconds = self._steps + 1, self._seconds + step
@@ -295,7 +298,7 @@ class _Clock:
 
 
 class _Window:
-    """A window that goes over readings; at an end it is narrower, and centred ones stay so."""
+    """A moving window over readings, narrower at both ends; a centred one stays symmetric there."""
 
     def __init__(self, by: Filter, *, centred: bool) -> None:
         self.restarts = 0
@@ -305,15 +308,15 @@ class _Window:
 
     def push(self, field: Floats) -> Passed:
         self._waiting = np.concatenate([self._waiting, field])
-        return self._through(len(self._waiting) - (self._reach if self._centred else 0))
+        return self._filter_until(len(self._waiting) - (self._reach if self._centred else 0))
 
     def finish(self) -> Passed:
-        rest = self._through(len(self._waiting))
+        rest = self._filter_until(len(self._waiting))
         self._waiting, self._done = np.empty((0, 3)), 0
         return rest
 
-    def _through(self, end: int) -> Passed:
-        """Those up to a row whose windows are as full as they will be; what no window needs any more is let go."""
+    def _filter_until(self, end: int) -> Passed:
+        """Filtered readings up to a row; readings that no further window needs are dropped from memory."""
         rows = np.arange(self._done, max(end, self._done))
         back = np.minimum(rows, self._reach)
         if self._centred:
@@ -322,9 +325,9 @@ class _Window:
         full = np.flatnonzero(back == self._reach)
         for place in np.flatnonzero(back < self._reach).tolist():
             out[place] = self._middle(int(rows[place]), int(back[place]), 1)[0]
-        at_once = max(1, AT_ONCE // self._by.width)
+        at_once = max(1, CHUNK_NUMBERS // self._by.width)
         for some in np.split(full, range(at_once, len(full), at_once)):
-            if len(some):  # consecutive, as windows are narrower at the ends alone
+            if len(some):  # consecutive, as windows are narrower only at the ends
                 out[some] = self._middle(int(rows[some[0]]), self._reach, len(some))
         let_go = max(int(rows[-1]) + 1 - self._reach, 0) if len(rows) else 0
         self._done += len(rows) - let_go
@@ -332,22 +335,22 @@ class _Window:
         return Passed(out, np.ones(len(out), dtype=bool))
 
     def _middle(self, row: int, back: int, count: int) -> Floats:
-        """(count, 3) mean or median of the windows of so many rows, from one on."""
+        """(count, 3) mean or median of the windows of `count` rows from `row`, which begin `back` rows earlier."""
         ahead = back if self._centred else 0
         around = self._waiting[row - back : row + count + ahead]
         windows = np.lib.stride_tricks.sliding_window_view(around, back + ahead + 1, axis=0)
-        with np.errstate(over="ignore", invalid="ignore"):  # numbers that large are refused, but not here
+        with np.errstate(over="ignore", invalid="ignore"):  # numbers as large are refused elsewhere
             if self._by.name == "median":
                 return np.asarray(np.median(windows, axis=2))
             own = around[back : back + count]
             mean: Floats = own + sum(windows[:, :, place] - own for place in range(back + ahead + 1)) / (
                 back + ahead + 1
-            )  # about its own reading, so that what is constant stays so to the last bit
+            )  # relative to its own reading, so that a constant stays exactly constant
             return mean
 
 
 class _Kalman:
-    """A random walk seen through white noise; variances are in units of that of the noise."""
+    """Kalman filter of a random walk with white noise; variances are relative to that of the noise."""
 
     def __init__(self, gain: float) -> None:
         self.restarts = 0
@@ -371,7 +374,7 @@ class _Kalman:
         return Passed.nothing()
 
     def _next(self, reading: _Vector) -> tuple[_Vector, bool]:
-        """Predict, look at the innovation, and follow it or not."""
+        """Predict, test the innovation, and accept or reject it; return the state, and whether it was accepted."""
         if self._state is None:
             return self._at(reading), True
         self._variance += self._step_variance
@@ -380,8 +383,8 @@ class _Kalman:
         if self._scale.is_beyond(square):
             self._beyond.append(reading)
             is_new = len(self._beyond) == PATIENCE
-            return (self._reacquired() if is_new else self._state), is_new
-        self._beyond = self._beyond[1:]  # one that is within makes up for one beyond, not for all of them
+            return (self._reacquire() if is_new else self._state), is_new
+        self._beyond = self._beyond[1:]  # one accepted reading cancels one rejected reading
         self._scale.add(square)
         gain = self._variance / (self._variance + 1.0)
         self._variance *= 1.0 - gain
@@ -389,21 +392,21 @@ class _Kalman:
         self._state = (x, y, z)
         return self._state, True
 
-    def _reacquired(self) -> _Vector:
-        """Go on where the last readings are; if they differ among themselves, what they do is let through from now."""
+    def _reacquire(self) -> _Vector:
+        """Restart at the last readings; if these differ, the scale is widened to accept their differences."""
         self.restarts += 1
         steps = [_square(tuple(b - a for a, b in zip(*pair, strict=True))) / 2.0 for pair in pairwise(self._beyond)]
         self._scale.widen(sum(steps) / len(steps))
         return self._at(self._beyond[-1])
 
     def _at(self, reading: _Vector) -> _Vector:
-        """Start afresh at a reading."""
+        """Restart at a reading."""
         self._state, self._variance, self._beyond = reading, 1.0, []
         return reading
 
 
 class _Scale:
-    """The noise of the readings, as |innovation|² over its variance in units of the noise."""
+    """Scale of the noise, from |innovation|² over its variance in units of the noise."""
 
     def __init__(self) -> None:
         self._first: list[float] = []
@@ -411,24 +414,24 @@ class _Scale:
         self._count = 0
 
     def is_beyond(self, square: float) -> bool:
-        """Whether chance makes it less than once in ten thousand times; of what never varied nobody can say."""
-        return self._count > 0 and square > GATE * self._square > 0.0
+        """Whether the probability of a square as large is below 0.01 %; False while the noise is unknown."""
+        return self._count > 0 and square > MAX_CHI2 * self._square > 0.0
 
     def add(self, square: float) -> None:
-        """Learn from one that was let through."""
+        """Update the scale by an accepted innovation."""
         if self._count:
-            self._count = min(self._count + 1, MEMORY)
+            self._count = min(self._count + 1, SCALE_INNOVATIONS)
             self._square += (square / 3.0 - self._square) / self._count
             return
         self._first.append(square)
-        if len(self._first) == LOOKED_AT:
-            self._count, self._square = LOOKED_AT, sorted(self._first)[LOOKED_AT // 2] / MEDIAN_CHI2
+        if len(self._first) == INITIAL_INNOVATIONS:
+            self._count, self._square = INITIAL_INNOVATIONS, sorted(self._first)[INITIAL_INNOVATIONS // 2] / MEDIAN_CHI2
 
     def widen(self, square: float) -> None:
-        """Let through what is as large as this."""
+        """Widen the scale so that a square as large as this is accepted."""
         self._square = max(self._square, square / 3.0)
 
 
 def _square(vector: tuple[float, ...]) -> float:
-    """Squared length."""
+    """Squared length of a vector."""
     return sum(part * part for part in vector)

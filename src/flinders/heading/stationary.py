@@ -1,6 +1,6 @@
-"""Where a vehicle kept its heading, found in a stream of headings; and whether half a turn turned the compass by half.
+"""Rests of a vehicle on one heading in a stream of headings, and the compass error over half a turn.
 
-A swing is recorded by steadying the vehicle on one heading after another. The stretches between turns are found here,
+A swing is recorded by holding the vehicle on one heading after another. The stretches between turns are found here,
 each with its mean heading.
 
 >>> rng = np.random.default_rng(1)
@@ -31,43 +31,43 @@ if TYPE_CHECKING:
 
     from flinders.arrays import Floats
 
-WITHIN_DEG: Final = 3.0
-"""How far the mean of a moment may be from that of the rest it belongs to."""
+MAX_DEVIATION_DEG: Final = 3.0
+"""Largest angle between the mean of a moment and that of its rest."""
 LEAST_READINGS: Final = 50
-"""Shortest rest, in readings."""
-MOMENTS: Final = 8
-"""Parts into which the shortest rest is cut: each is averaged, so that noise is no motion."""
-SLACK_DEG: Final = 30.0
-"""How far from 180° a turn may seem and still be meant as half a turn."""
+"""Length of the shortest rest, in readings."""
+MOMENTS_PER_REST: Final = 8
+"""Count of parts of the shortest rest; each is averaged, so that noise is not mistaken for motion."""
+MAX_HALF_TURN_ERROR_DEG: Final = 30.0
+"""Largest difference of a measured turn from 180° for a half turn."""
 
 
 @dataclass(frozen=True, slots=True)
 class Rest:
     """A stretch of one heading."""
 
-    start: int  # first reading
-    stop: int  # the one after the last
+    start: int  # index of the first reading
+    stop: int  # index after the last reading
     heading_deg: float  # mean, in [0, 360)
-    spread_deg: float  # scatter of a reading
-    sigma_deg: float  # 1 σ of the mean, from the means of its eighths: noise that creeps is in it, iron is not
+    spread_deg: float  # scatter of single readings, 1 σ
+    sigma_deg: float  # 1 σ of the mean, from the means of its eighths: slow noise is included, iron is not
 
     def as_dict(self) -> dict[str, Any]:
-        """JSON-ready, under the names of the attributes."""
+        """JSON-ready, with the names of the attributes as keys."""
         return {name: getattr(self, name) for name in self.__dataclass_fields__}
 
 
 @dataclass(frozen=True, slots=True)
 class HalfTurn:
-    """Two rests, half a turn apart.
+    """Two rests that are half a turn apart.
 
-    A compass whose deviation is δ(ζ) is off by δ(ζ) − δ(ζ + 180°) = 2 (B sin ζ + C cos ζ): hard iron shows, and what
-    repeats every half turn does not.
+    For a deviation δ(ζ) the error over half a turn is δ(ζ) − δ(ζ + 180°) = 2 (B sin ζ + C cos ζ): it shows hard iron,
+    but no error that repeats every half turn.
     """
 
     first: Rest
     second: Rest
-    error_deg: float  # change of the heading, less 180°, in (−180, 180]
-    sigma_deg: float  # 1 σ of that from the noise of the readings
+    error_deg: float  # change of the heading minus 180°, in (−180, 180]
+    sigma_deg: float  # 1 σ of `error_deg` from the noise of the readings
 
     def as_dict(self) -> dict[str, Any]:
         """JSON-ready."""
@@ -80,24 +80,24 @@ class HalfTurn:
 
 
 def rests(heading_deg: ArrayLike, *, least_readings: int = LEAST_READINGS) -> tuple[Rest, ...]:
-    """Find where (N,) headings, in the order of time and NaN where there is none, were kept for `least_readings`.
+    """Find rests of at least `least_readings` in (N,) headings in the order of time, NaN if missing.
 
-    Neighbours on the same heading, with a bump between them, are one rest. The first and the last moment (an eighth of
-    the shortest rest) of each are left out: the turn begins and ends in them.
+    Neighbouring rests on the same heading, with a bump between them, count as one. The first and the last moment (an
+    eighth of the shortest rest) of each are left out, as the turns end and begin in them.
 
     Raises `ArrayError` for anything but a list of numbers.
     """
     headings = floats(heading_deg, "heading_deg")
     if headings.ndim != 1:
-        raise ArrayError(f"heading_deg has shape {headings.shape}: need (N,), one heading a reading")
-    size = max(least_readings // MOMENTS, 1)
+        raise ArrayError(f"heading_deg has shape {headings.shape}: need (N,), one heading per reading")
+    size = max(least_readings // MOMENTS_PER_REST, 1)
     moments = np.exp(1j * np.deg2rad(headings[: len(headings) // size * size])).reshape(-1, size)
     with np.errstate(invalid="ignore"):
         mean = np.where(np.isfinite(moments).any(axis=1), np.nansum(moments, axis=1), np.nan)
     joined: list[tuple[int, int]] = []
-    for run in _runs(mean):
-        is_next = joined and run[0] - joined[-1][1] <= MOMENTS
-        if is_next and abs(_apart(mean, joined[-1], run)) <= WITHIN_DEG:
+    for run in _steady_runs(mean):
+        is_next = joined and run[0] - joined[-1][1] <= MOMENTS_PER_REST
+        if is_next and abs(_apart(mean, joined[-1], run)) <= MAX_DEVIATION_DEG:
             joined[-1] = (joined[-1][0], run[1])
         else:
             joined.append(run)
@@ -105,7 +105,7 @@ def rests(heading_deg: ArrayLike, *, least_readings: int = LEAST_READINGS) -> tu
 
 
 def half_turns(rests: Sequence[Rest], known_deg: Sequence[float] = ()) -> tuple[HalfTurn, ...]:
-    """Pair each rest with the next that is about half a turn away, by (N,) known headings where those are given.
+    """Pair each rest with the next one about half a turn away, by (N,) known headings if given.
 
     >>> north, south = Rest(0, 100, 1.0, 0.5, 0.1), Rest(200, 300, 178.0, 0.5, 0.1)
     >>> [round(half.error_deg, 9) for half in half_turns([north, south])]
@@ -118,14 +118,14 @@ def half_turns(rests: Sequence[Rest], known_deg: Sequence[float] = ()) -> tuple[
         for other, second in enumerate(rests[place + 1 :], place + 1):
             turn = known_deg[other] - known_deg[place] if len(known_deg) else 180.0
             off = float(folded(second.heading_deg - first.heading_deg - turn))
-            if abs(off) <= SLACK_DEG and abs(float(folded(turn - 180.0))) <= WITHIN_DEG:
+            if abs(off) <= MAX_HALF_TURN_ERROR_DEG and abs(float(folded(turn - 180.0))) <= MAX_DEVIATION_DEG:
                 halves.append(HalfTurn(first, second, off, float(np.hypot(first.sigma_deg, second.sigma_deg))))
                 break
     return tuple(halves)
 
 
 def hard_iron(halves: Sequence[HalfTurn]) -> tuple[float, float] | None:
-    """B and C of the deviation in degrees, by least squares from half turns; None where they lie along one line.
+    """B and C of the deviation in degrees, by least squares from half turns; None if all are along one line.
 
     >>> north_south = HalfTurn(Rest(0, 9, 0.0, 0.5, 0.1), Rest(9, 18, 184.0, 0.5, 0.1), 4.0, 0.1)
     >>> east_west = HalfTurn(Rest(20, 29, 90.0, 0.5, 0.1), Rest(30, 39, 272.0, 0.5, 0.1), 2.0, 0.1)
@@ -141,16 +141,16 @@ def hard_iron(halves: Sequence[HalfTurn]) -> tuple[float, float] | None:
     return b, c
 
 
-def _runs(mean: Floats) -> list[tuple[int, int]]:
-    """Stretches of moments, first and one past the last, that stay near their own mean for long enough."""
+def _steady_runs(mean: Floats) -> list[tuple[int, int]]:
+    """Stretches of moments, as first and last + 1, that stay near their own mean for long enough."""
     runs, start, total = [], 0, 0.0 + 0.0j
     for place, moment in enumerate(mean.tolist()):
-        belongs = start < place and abs(_angle(moment, total)) <= WITHIN_DEG  # false for NaN
+        belongs = start < place and abs(_angle(moment, total)) <= MAX_DEVIATION_DEG  # false for NaN
         if not belongs:
             runs.append((start, place))
             start, total = place, 0.0 + 0.0j
         total += moment
-    return [(first, stop) for first, stop in [*runs, (start, len(mean))] if stop - first >= MOMENTS]
+    return [(first, stop) for first, stop in [*runs, (start, len(mean))] if stop - first >= MOMENTS_PER_REST]
 
 
 def _apart(mean: Floats, one: tuple[int, int], other: tuple[int, int]) -> float:
@@ -164,11 +164,11 @@ def _angle(one: complex, other: complex) -> float:
 
 
 def _rest(headings: Floats, start: int, stop: int) -> Rest:
-    """Mean, scatter and uncertainty of a stretch."""
+    """Rest with the mean, scatter and uncertainty of a stretch of headings."""
     inside = headings[start:stop]
     inside = inside[np.isfinite(inside)]
     middle = mean_deg(inside)
     off = folded(inside - middle)
-    parts = [float(part.mean()) for part in np.array_split(off, MOMENTS) if len(part)]
+    parts = [float(part.mean()) for part in np.array_split(off, MOMENTS_PER_REST) if len(part)]
     sigma = float(np.std(parts, ddof=1) / len(parts) ** 0.5) if len(parts) > 1 else float("nan")
     return Rest(start, stop, float(wrapped(middle)), float(off.std()), sigma)

@@ -1,10 +1,10 @@
 """Error of the vertical that an accelerometer shows at rest, from the covariance of its calibration.
 
-With (1 + Γ)(f/g − β) along the true vertical u, errors δβ and δΓ turn what comes out by
+With (1 + Γ)(f/g − β) along the true vertical u, errors δβ and δΓ change the corrected vertical by
 
     δu = (1 − u uᵀ) (δΓ w − (1 + Γ) δβ),    w = (1 + Γ)⁻¹ u
 
-to first order. Of a level vehicle a tilt about the horizontal field moves the heading by tan I times as much.
+to first order. A tilt about the horizontal field changes the heading of a level vehicle by tan I times the tilt.
 
 >>> known = np.diag([1e-3**2] * 3 + [0.0] * 6)              # each offset to 1 mg: 0.057°
 >>> error = tilt_error(np.zeros(9), known)
@@ -28,21 +28,21 @@ if TYPE_CHECKING:
     from flinders.arrays import Floats
 
 ATTITUDES: Final = 200
-"""Directions of gravity, evenly over the sphere."""
+"""Count of directions of gravity, evenly over the sphere."""
 DRAWS: Final = 4000
-"""Of the errors, for the bound: it is good to 1 %."""
+"""Count of random errors for the bound, which is accurate to 1 %."""
 PROBABILITY: Final = 0.95
 
 
 def tilt_error(errors: Floats, covariance: Floats) -> TiltError:
-    """Propagate a covariance to tilts.
+    """Tilt error of the vertical, from a covariance.
 
     Parameters
     ----------
     errors : (9,) float
         β in parts of gravity, and the upper triangle of Γ, as in `flinders.likelihood.dip.AccelerometerPrior`.
     covariance : (9, 9) float
-        Of these.
+        Covariance of `errors`.
     """
     moved = turns(errors, fibonacci(ATTITUDES))
     variances = np.einsum("nki,ij,nkj->n", moved, covariance, moved)
@@ -53,7 +53,7 @@ def tilt_error(errors: Floats, covariance: Floats) -> TiltError:
 
 
 def turns(errors: Floats, attitudes: Floats) -> Floats:
-    """(N, 2, 9) rad: how two components across the vertical move with the errors, in (N, 3) `attitudes`."""
+    """(N, 2, 9) rad: derivatives of two components across the vertical by the errors, in (N, 3) `attitudes`."""
     whole = np.eye(3) + symmetric(errors[3:])
     aside = np.swapaxes(across(attitudes), 1, 2)
     felt = np.linalg.solve(whole, attitudes.T).T
@@ -62,7 +62,7 @@ def turns(errors: Floats, attitudes: Floats) -> Floats:
 
 
 def _root(covariance: Floats) -> Floats:
-    """(9, 9) a root of a covariance, which may be singular."""
+    """(9, 9) square root of a covariance, which may be singular."""
     values, vectors = np.linalg.eigh(covariance)
     root: Floats = vectors * np.sqrt(np.maximum(values, 0.0))
     return root

@@ -6,19 +6,18 @@ A calibration is the most probable set of parameters
 
 where raw = b + S u + noise, u is a unit vector and S symmetric: S = F W⁻¹, all nine in the unit of
 the readings. Each term adds a 9 × 9 matrix Σ JᵀJ and a vector Σ Jᵀr to `NormalEquations`; terms
-know nothing of each other, and the solver knows nothing of what they observe.
+are independent of each other, and the solver is independent of the terms.
 
 - `magnitude`: every corrected reading has the same length (always)
-- `prior`: soft iron is mild unless the readings say otherwise
+- `prior`: soft iron is small unless the readings contradict
 
-Where there is more than a magnetometer, `parameters` holds what else is found, `observations` the residuals of all
-readings that share a direction of the field, `solver` the steps of Levenberg and Marquardt, and `robust` the weights
-that large residuals lose. The problems of `solver` are
-`joint`, a magnetometer with aiding sensors, `sensors`, several magnetometers on one body, and that of
-`flinders.estimators.disturbance_problem`, where the magnitude alone tells what disturbances add. Terms:
+With other sensors, `parameters` holds the additional parameters, `observations` the residuals of readings that share a
+direction of the field, `solver` the Levenberg–Marquardt iteration, and `robust` the weights of large residuals. The
+problems of `solver` are `joint` for a magnetometer with aiding sensors, `sensors` for several magnetometers on one
+body, and `flinders.estimators.disturbance_problem`, which estimates disturbances from the magnitude alone. Terms:
 
-- `gyro`: the field stands still while the body turns
-- `dip`: its angle to the vertical is the same at every attitude (accelerometer, or an attitude without its yaw)
-- `attitude`: it stands still in the world
-- `site_field`: its strength and dip are known
+- `gyro`: the field is constant in the world while the body turns
+- `dip`: the angle between field and vertical is the same at every attitude (accelerometer, or attitude without yaw)
+- `attitude`: the field has a constant direction in the world
+- `site_field`: strength and dip of the field are known
 """

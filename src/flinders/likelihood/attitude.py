@@ -1,26 +1,26 @@
-"""The field of the site stands still in the world: what a logged attitude says.
+"""Term of a logged attitude: the field has a constant direction in the world.
 
-With the attitude C_k of the body, from its axes into north, east and down, and one direction m for all readings,
+With the attitude C_k of the body, from its axes to north, east and down, and one direction m for all readings,
 
     C_k q_k = m
 
-so that the matrix is found in full, the rotation included. m is found with the rest; where the inclination of the site
-is known it lies on that cone.
+so the full matrix is determined, including its rotation. m is estimated with the other parameters; if the inclination
+of the site is known, m has that inclination.
 
-A logged attitude is no truth. Off by a small turn e it puts the field at Cᵀm = q − e × q, so that with q = Cᵀm in the
-model x = b + S Rᵀ q + n the residual of a reading is n + S Rᵀ (e × q): larger across the field than along it,
-and correlated with the Jacobian, which holds the same e. Least squares then shrink S, by the variance of e over that
-of q: errors in variables. Half a degree of noise moves the shape of a leaning vehicle by more than its
-claim. So q_k stays free for each reading, or for each window of a gyro, and the attitude is a measurement
-of it beside that of the magnetometer: residuals x − b − S Rᵀ q over the noise of readings, m − C q over that of
-attitudes. Both noises come from their residuals: that along the field holds the one, those across it both. The Jacobian
-is taken where both measurements put q. There it is, to first order, independent of the residuals, which is what
-makes the estimate consistent. Of second order the term adds nothing: the mean of C q − m is along m, where
-neither q nor m can move.
+A logged attitude has errors. A small rotation error e gives the field Cᵀm = q − e × q. With q = Cᵀm in the model
+x = b + S Rᵀ q + n the residual of a reading would be n + S Rᵀ (e × q): larger across the field than along it, and
+correlated with the Jacobian, which contains the same e. Least squares would then shrink S by the ratio of the variances
+of e and q (errors in variables). Half a degree of noise changes the shape of a tilted vehicle by more than its claimed
+uncertainty. Therefore q_k is a free parameter of each reading, or of each window of a gyro, and both sensors measure
+it: residuals are x − b − S Rᵀ q over the noise of readings, and m − C q over the noise of attitudes. Both noises are
+estimated from the residuals: residuals along the field contain the noise of readings only, those across it both. The
+Jacobian is evaluated at the q that both measurements determine; there it is independent of the residuals to first
+order, which makes the estimate consistent. The second order adds nothing: the mean of C q − m is along m, where neither
+q nor m can move.
 
-When to use it: the attitude does not come from this compass: from an inertial navigator with two antennas, from a
-camera, from a turntable. The yaw of an autopilot follows its own compass: the fit then repeats the old calibration,
-and nothing in its residuals shows it. Without yaw, take the vertical alone, see `flinders.likelihood.dip`.
+When to use it: if the attitude is independent of this compass, such as from an inertial navigator with two antennas, a
+camera or a turntable. The yaw of an autopilot follows its own compass; the fit then repeats the old calibration, which
+its residuals do not show. For an attitude without a valid yaw use only the vertical, see `flinders.likelihood.dip`.
 
 Source: M. Kok, T. B. Schön, IEEE Sensors J. 16 (2016): y = D R m + o + noise; W. A. Fuller, *Measurement Error
 Models* (1987) §3.2, for errors in both sides of a non-linear relation.
@@ -48,11 +48,13 @@ if TYPE_CHECKING:
     from flinders.arrays import Floats
 
 HUBER: Final = 3.0
-"""Standard deviations about an axis beyond which an attitude counts less: one of a hundred in two components."""
+"""Residual of an attitude, in standard deviations about an axis, from which its weight is reduced.
+
+One in a hundred normal residuals of two components is larger."""
 
 
 def body_to_world(attitude: Floats) -> Floats:
-    """(N, 3, 3) matrices of (N, 4) attitudes, from body axes into north, east and down; NaN where one is not known."""
+    """(N, 3, 3) matrices of (N, 4) attitudes, from body axes to north, east and down; NaN if not known."""
     columns = [rotated(attitude, np.broadcast_to(axis, (len(attitude), 3))) for axis in np.eye(3)]
     return np.stack(columns, axis=-1)
 
@@ -70,14 +72,17 @@ def fill(
     Parameters
     ----------
     jacobian : (W, 3, n, P) float
+        Written in place.
+    columns : mapping of str to slice
+        Columns of the free blocks of parameters.
     attitudes : (W, n, 3, 3) float
         C.
     direction : (3,) float
         m.
     of_gyro : slice
-        Columns that go with `moved`.
+        Columns of the gyro's parameters.
     moved : (W, n, 3, m) float, optional
-        How q goes with a gyro.
+        Derivative of q by the gyro's parameters.
     """
     if "direction" in columns:
         jacobian[..., columns["direction"]] = -across(direction)[:, np.newaxis]
@@ -88,7 +93,7 @@ def fill(
 TERM: Final = Term(
     "attitude",
     "logged attitude",
-    "the logged attitude: the field stands still in the world",
+    "the logged attitude: the field has a constant direction in the world",
     ("attitude",),
     (Block("direction", 2),),
 )

@@ -1,29 +1,28 @@
-"""The angle between the field and the vertical is the same whichever way the body is held.
+"""Term of the dip: the angle between field and vertical is the same at every attitude.
 
-With a unit vector d_k that points down in body axes and the field's direction q_k there,
+With a unit vector d_k that points down in body axes and the field's direction q_k in these axes,
 
     d_kᵀ q_k = sin I
 
-for all readings: I the dip, found with the rest or known of the site. The vertical comes from the accelerometer, down =
-−f/|f|, or from a logged attitude without its yaw, which may stem from the very compass that is to be calibrated.
+for all readings, with the dip I, which is estimated or known from the site. The vertical is that of the accelerometer,
+down = −f/|f|, or that of a logged attitude, without its yaw, which may depend on the compass to be calibrated.
 
-An accelerometer that nobody has calibrated has a bias of 0.1 to 0.5 m/s², gains that are off by per cents, and axes
-that are not quite square. They tilt its vertical by degrees, and taken for exact it would bend offset and shape by far
-more than noise: these nine are found with the rest, about an `AccelerometerPrior`.
+An uncalibrated accelerometer has a bias of 0.1 to 0.5 m/s², gain errors of per cents, and axes that are not exactly
+orthogonal. These errors tilt its vertical by degrees and would change offset and shape by much more than noise.
+Therefore these nine parameters are estimated as well, with an `AccelerometerPrior`.
 
-An accelerometer feels more than gravity, too. A reading is trusted the less, the farther |f| is from its usual length,
+An accelerometer also measures motion. The weight of a vertical decreases with the difference of |f| from its median g,
 
     w = 1 / (1 + ((|f| − g)/s)²)
 
-with g the median and s three times the usual scatter of |f|, or a hundredth of g; and less again (Huber) where its
-residual is large among the rest.
+where s is three times the scatter of |f|, at least a hundredth of g. Large residuals reduce the weight further (Huber).
 
-When to use it: the body is tilted now and then, and mostly not accelerated. It sees the rotation between magnetometer
-and accelerometer, but for the part about an axis that stays vertical. Rotation about one body axis only leaves the
-offset along it open.
+When to use it: if the body is tilted during the recording and mostly not accelerated. The term determines the rotation
+between magnetometer and accelerometer, except about an axis that stays vertical. A rotation about one body axis only
+does not determine the offset along that axis.
 
-Source: M. Kok, T. B. Schön, IEEE Sensors J. 16 (2016), for the inclination as a parameter beside the matrix; the
-plain form is Σ (aᵀRm − |a||m| sin I)².
+Source: M. Kok, T. B. Schön, IEEE Sensors J. 16 (2016), for the inclination as a parameter; the plain form is
+Σ (aᵀRm − |a||m| sin I)².
 
 >>> down, trust = verticals(np.array([[0.0, 0.0, -9.8]] * 3 + [[5.0, 0.0, -9.8]]))
 >>> down[0] + 0.0, trust.round(2)
@@ -49,39 +48,39 @@ if TYPE_CHECKING:
 
     from flinders.arrays import Floats
 
-QUIET: Final = 0.01
-"""Of gravity: scatter of an accelerometer's length that is never compared with a reading."""
+MIN_LENGTH_SCATTER: Final = 0.01
+"""Smallest s in the weight of verticals, relative to gravity."""
 
-LEAST_REST: Final = 0.2
-"""Of gravity: what an accelerometer shows at rest at least; no bias is as large, but a step towards one may be."""
+MIN_REST_LENGTH: Final = 0.2
+"""Smallest length of an accelerometer's reading at rest, relative to gravity; only a solver step can violate it."""
 
 GRAVITY: Final = 9.80665
-"""m/s², that biases of accelerometers are told in parts of."""
+"""Standard gravity in m/s², the unit of an accelerometer's bias."""
 
 ACCELERATION_SIGMA: Final = 0.3
-"""m/s²: what the bias of an accelerometer may be; small ones that nobody has calibrated have as much."""
+"""Prior standard deviation of an accelerometer's bias in m/s², as for small uncalibrated sensors."""
 
 GAIN_SIGMA: Final = 0.02
-"""What its gains may be off by, and its axes from square, in rad."""
+"""Prior standard deviation of an accelerometer's gains, and of its misalignment angles in rad."""
 
-LEAST_RAISED: Final = 1e-3
-"""Squared cosine of a dip below which the field is vertical, and tells nothing of a vertical's tilt."""
+MIN_COSINE_SQUARED: Final = 1e-3
+"""Smallest squared cosine of the dip; a vertical field gives no information on the tilt of a vertical."""
 
-EXACT: Final = 1e-6
-"""Standard deviation, of gravity, of what somebody states is exact."""
+EXACT_SIGMA: Final = 1e-6
+"""Standard deviation of a bias that is stated to be exact, relative to gravity."""
 
 
 def verticals(acceleration: Floats) -> tuple[Floats, Floats]:
-    """Take the vertical from an accelerometer.
+    """Verticals from an accelerometer, with their weights.
 
-    `acceleration`: (N, 3), specific force in body axes, any unit: at rest and level −g on z.
+    `acceleration`: (N, 3) specific force in body axes, in any unit; −g on z at rest and level.
 
     Returns
     -------
     down : (N, 3) float
-        Unit vectors; zero where there is none.
+        Unit vectors; zero if not known.
     trust : (N,) float
-        0 to 1.
+        Weights, 0 to 1.
     """
     length = np.linalg.norm(acceleration, axis=1)
     observed = np.asarray(np.isfinite(length) & (length > 0.0))
@@ -89,84 +88,85 @@ def verticals(acceleration: Floats) -> tuple[Floats, Floats]:
         return np.zeros_like(acceleration), np.zeros(len(acceleration))
     down = np.where(observed[:, np.newaxis], -acceleration / np.where(observed, length, 1.0)[:, np.newaxis], 0.0)
     usual = float(np.median(length[observed]))
-    scatter = 3.0 * max(robust_sigma(length[observed] - usual), QUIET * usual / 3.0)
+    scatter = 3.0 * max(robust_sigma(length[observed] - usual), MIN_LENGTH_SCATTER * usual / 3.0)
     trust = np.where(observed, 1.0 / (1.0 + ((length - usual) / scatter) ** 2), 0.0)
     return down, trust
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class AccelerometerPrior:
-    """What is known of an accelerometer's errors before the magnetometer is looked at."""
+    """Prior of an accelerometer's errors."""
 
-    # (9,): bias β of gravity, and the upper triangle of Γ in the order of `flinders.geometry.ellipsoid.symmetric`: at
-    # rest (1 + Γ)(gβ − f) is down, and as long as gravity
+    # (9,): bias β relative to gravity, and the upper triangle of Γ in the order of
+    # `flinders.geometry.ellipsoid.symmetric`: at rest (1 + Γ)(gβ − f) points down and has the length g
     mean: Floats
-    precision: Floats  # (9, 9)
-    scale: float = 1.0  # what gravity is long in the recorded unit, for Γ = 0
+    precision: Floats  # (9, 9): inverse covariance
+    scale: float = 1.0  # length of gravity in the recorded unit, for Γ = 0
 
     @classmethod
     def of(cls, *, bias: float = ACCELERATION_SIGMA, gain: float = GAIN_SIGMA) -> Self:
-        """Errors about zero: a bias in m/s², gains, and axes from square in rad, 1 σ.
+        """Prior about zero, by 1 σ of the bias in m/s² and of gains and misalignment angles in rad.
 
-        The unit of gravity is the median of |f|, in which the bias is: all gains are off by as much together.
+        Gravity is the median of |f|, which contains the bias: all gains have a common error of that size.
 
         >>> (1.0 / np.sqrt(np.diag(AccelerometerPrior.of(bias=0.0).precision))).round(6)[[0, 3, 6]]
         array([1.e-06, 2.e-02, 1.e-02])
         """
         sigmas = np.repeat([bias / GRAVITY, gain, 0.5 * gain], 3)
-        covariance = np.diag(np.maximum(sigmas, EXACT) ** 2)
+        covariance = np.diag(np.maximum(sigmas, EXACT_SIGMA) ** 2)
         covariance[3:6, 3:6] += (bias / GRAVITY) ** 2
         return cls(np.zeros(9), np.linalg.inv(covariance))
 
     def equations(self, errors: Floats) -> NormalEquations:
-        """Normal equations at (9,) errors, in standard deviations."""
+        """Normal equations of the prior at (9,) errors."""
         left = self.mean - errors
         return NormalEquations(self.precision, self.precision @ left, float(left @ self.precision @ left), 0)
 
 
 def upright(down: Floats, errors: Floats) -> tuple[Floats, Floats]:
-    """Take an accelerometer's errors off its verticals.
+    """Correct verticals for the errors of an accelerometer.
 
-    At rest w = (1 + Γ)(ρd + β) with ρ = |f|/g points down, and ρ makes it of unit length. What is given is w/ρ, which
-    is not quite of unit length and has the noise of d, whatever the errors.
+    At rest w = (1 + Γ)(ρd + β) with ρ = |f|/g points down, and ρ is such that w has unit length. The result is w/ρ,
+    which has nearly unit length, and the noise of d regardless of the errors.
 
-    `down`: (..., 3), unit vectors d; `errors`: (9,), β and Γ, as in `AccelerometerPrior`.
+    `down`: (..., 3) unit vectors d; `errors`: (9,) β and Γ, as in `AccelerometerPrior`.
 
     Returns
     -------
     vertical : (..., 3) float
+        w/ρ.
     rest : (...,) float
         ρ.
 
-    >>> felt = np.array([0.0, 0.6, 0.8]) - np.array([0.0, 0.0, 0.03])               # of an accelerometer that is off
+    >>> reading = np.array([0.0, 0.6, 0.8]) - np.array([0.0, 0.0, 0.03])            # of an accelerometer with a bias
     >>> bias = np.array([0.0, 0.0, 0.03, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0])
-    >>> vertical, rest = upright(felt / np.linalg.norm(felt), bias)
-    >>> (vertical * rest).round(12), bool(np.isclose(rest, np.linalg.norm(felt)))
+    >>> vertical, rest = upright(reading / np.linalg.norm(reading), bias)
+    >>> (vertical * rest).round(12), bool(np.isclose(rest, np.linalg.norm(reading)))
     (array([0. , 0.6, 0.8]), True)
     """
     whole = np.eye(3) + symmetric(errors[3:])
     scaled, bias = transformed(whole, down), whole @ errors[:3]
     along = np.einsum("...i,i->...", scaled, bias)
-    square = np.maximum(np.einsum("...i,...i->...", scaled, scaled), LEAST_REST**2)
-    root = np.sqrt(np.maximum(along**2 + square * (1.0 - bias @ bias), LEAST_REST**2))
-    rest = np.maximum((root - along) / square, LEAST_REST)
+    square = np.maximum(np.einsum("...i,...i->...", scaled, scaled), MIN_REST_LENGTH**2)
+    root = np.sqrt(np.maximum(along**2 + square * (1.0 - bias @ bias), MIN_REST_LENGTH**2))
+    rest = np.maximum((root - along) / square, MIN_REST_LENGTH)
     return scaled + vectors_of(np.divide.outer(bias, rest)), rest
 
 
-def by_errors(rows: Floats, down: Floats, errors: Floats) -> Floats:
-    """(..., 9) how rᵀv moves with the errors, of (..., 3) rows r and the verticals v of `upright`."""
+def error_derivatives(rows: Floats, down: Floats, errors: Floats) -> Floats:
+    """(..., 9) derivative of rᵀv by the errors, for (..., 3) rows r and the verticals v of `upright`."""
     vertical, rest = upright(down, errors)
     whole = np.eye(3) + symmetric(errors[3:])
     lengthened = np.einsum("...i,...i->...", vertical, transformed(whole, down))
-    share = np.einsum("...i,i->...", rows, whole @ errors[:3]) / (rest * np.maximum(lengthened, LEAST_REST))
-    rows = rows + share[..., np.newaxis] * vertical  # ρ moves with the errors, too
+    share = np.einsum("...i,i->...", rows, whole @ errors[:3]) / (rest * np.maximum(lengthened, MIN_REST_LENGTH))
+    rows = rows + share[..., np.newaxis] * vertical  # ρ depends on the errors, too
     felt = down + vectors_of(np.divide.outer(errors[:3], rest))
     parts = transformed(whole, rows) / rest[..., np.newaxis], by_symmetric(rows, felt)
     return vectors_of(np.concatenate([components(part) for part in parts]))
 
 
 def by_symmetric(rows: Floats, vectors: Floats) -> Floats:
-    """(..., 6) how rᵀΓx moves with the upper triangle of Γ, of (..., 3) rows r and vectors x.
+    """(..., 6) derivative of rᵀΓx by the upper triangle of Γ, for (..., 3) rows r and vectors x.
 
     >>> by_symmetric(np.array([1.0, 2.0, 3.0]), np.array([1.0, 1.0, 0.0]))
     array([1., 2., 0., 3., 3., 3.])
@@ -177,7 +177,7 @@ def by_symmetric(rows: Floats, vectors: Floats) -> Floats:
 
 
 def verticals_of(attitude: Floats) -> tuple[Floats, Floats]:
-    """Take the vertical from (N, 4) logged attitudes, which turns it into body axes without regard to yaw.
+    """Verticals in body axes from (N, 4) logged attitudes, independent of yaw, with their weights 0 or 1.
 
     >>> from flinders.geometry.quaternions import of_angles
     >>> down, _ = verticals_of(of_angles([[0.0, 0.0, 0.5], [0.0, 0.0, 2.5]]))       # level, on two headings
@@ -192,13 +192,13 @@ def verticals_of(attitude: Floats) -> tuple[Floats, Floats]:
 
 
 def heights(down: Floats, q: Floats) -> Floats:
-    """(W, n) vᵀq, of verticals v and the field's direction q at each reading, both (W, n, 3)."""
+    """(W, n) products vᵀq of verticals v and the field's direction q at each reading, both (W, n, 3)."""
     height: Floats = np.einsum("wni,wni->wn", down, q)
     return height
 
 
 def residuals(down: Floats, q: Floats, sine: float) -> Floats:
-    """(W, n) |v| sin I − vᵀq."""
+    """(W, n) residuals |v| sin I − vᵀq, with `sine` = sin I."""
     left: Floats = sine * lengths(down) - heights(down, q)
     return left
 
@@ -216,22 +216,27 @@ def fill(
 ) -> None:
     """Write the Jacobian of vᵀq − |v| sin I.
 
-    That of an accelerometer's errors is taken at the vertical on which residual and field agree: the noise that stands
-    in the residual would else be in it, and gains would follow that noise.
+    The part of an accelerometer's errors is evaluated at the vertical with a residual of zero. Otherwise it would
+    contain the noise of the residual, and the estimated gains would follow that noise.
 
     Parameters
     ----------
     jacobian : (W, n, P) float
+        Written in place.
+    columns : mapping of str to slice
+        Columns of the free blocks of parameters.
     recorded : (W, n, 3) float
         Unit vectors d.
     q : (W, n, 3) float
-        The field's direction.
+        Direction of the field.
+    sine : float
+        sin I.
     errors : (9,) float
-        Of the accelerometer.
+        Errors of the accelerometer.
     of_gyro : slice
-        Columns that go with `moved`.
+        Columns of the gyro's parameters.
     moved : (W, n, 3, m) float, optional
-        How q goes with a gyro.
+        Derivative of q by the gyro's parameters.
     """
     down, _ = upright(recorded, errors)
     length = lengths(down)
@@ -240,9 +245,9 @@ def fill(
     if "accelerometer" in columns:
         height = sine / np.maximum(length, 1e-300)
         raised = q - height[..., np.newaxis] * down
-        off = residuals(down, q, sine) / np.maximum(np.einsum("wni,wni->wn", raised, raised), LEAST_RAISED)
+        off = residuals(down, q, sine) / np.maximum(np.einsum("wni,wni->wn", raised, raised), MIN_COSINE_SQUARED)
         agreed = recorded + off[..., np.newaxis] * raised
-        jacobian[..., columns["accelerometer"]] = by_errors(raised, agreed, errors)
+        jacobian[..., columns["accelerometer"]] = error_derivatives(raised, agreed, errors)
     if moved is not None:
         jacobian[..., of_gyro] = np.einsum("wni,wnij->wnj", down, moved)
 
@@ -250,9 +255,9 @@ def fill(
 TERM: Final = Term(
     "dip",
     "accelerometer",
-    "the accelerometer: the field's angle to the vertical stays the same",
+    "the accelerometer: the angle between field and vertical is constant",
     ("acceleration",),
     (Block("accelerometer", 9), Block("sine", 1)),
 )
 TILT: Final = Term("tilt", "logged tilt", "the logged attitude without its yaw, as `dip`", ("attitude",))
-"""The same from a logged attitude, which has no such errors."""
+"""The same term with the vertical of a logged attitude, which has no errors of an accelerometer."""

@@ -1,4 +1,4 @@
-"""Normal equations of a least-squares step: what every observation term adds to.
+"""Normal equations of a least-squares step, the sum over all observation terms.
 
 >>> one = NormalEquations(np.eye(9), np.arange(9.0), 2.0, 3)
 >>> (one + one).step()[:3], (one + one).count
@@ -16,8 +16,9 @@ if TYPE_CHECKING:
     from flinders.arrays import Floats
 
 FINEST: Final = 1e-6
-"""Of the field: no sensor resolves less, and no fit claims to."""
+"""Smallest standard deviation of readings, relative to the field; no sensor has a lower noise."""
 ROUNDING: Final = 1e-15
+"""Smallest eigenvalue of a scaled matrix, relative to the largest, that is not rounding."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -27,11 +28,11 @@ class NormalEquations:
     matrix: Floats  # (9, 9): Σ JᵀJ
     gradient: Floats  # (9,): Σ Jᵀr
     cost: float  # Σ r²
-    count: int  # residuals added up
+    count: int  # number of residuals
 
     @classmethod
     def empty(cls) -> Self:
-        """No residuals."""
+        """Equations of no residuals: the identity of ``+``."""
         return cls(np.zeros((9, 9)), np.zeros(9), 0.0, 0)
 
     def __add__(self, other: NormalEquations) -> Self:
@@ -40,13 +41,13 @@ class NormalEquations:
         )
 
     def placed(self, columns: slice, size: int) -> Self:
-        """The same as some columns of so many parameters."""
+        """The same equations as the block `columns` of `size` parameters."""
         matrix, gradient = np.zeros((size, size)), np.zeros(size)
         matrix[columns, columns], gradient[columns] = self.matrix, self.gradient
         return type(self)(matrix, gradient, self.cost, self.count)
 
     def step(self) -> Floats:
-        """(9,) change of θ that solves the equations; the smallest one where they leave it open."""
+        """(9,) change of θ that solves the equations; the smallest one if they are singular."""
         scale = self._scale
         try:
             solution = np.linalg.solve(self.matrix / np.outer(scale, scale), self.gradient / scale)
@@ -56,7 +57,7 @@ class NormalEquations:
         return step
 
     def inverse(self) -> Floats:
-        """(9, 9) inverse of the matrix, without the directions it leaves open: the covariance of θ."""
+        """(9, 9) covariance of θ: inverse of the matrix, without its singular directions."""
         scale = self._scale
         values, vectors = np.linalg.eigh(self.matrix / np.outer(scale, scale))
         seen = values > ROUNDING * values[-1]
@@ -66,7 +67,7 @@ class NormalEquations:
 
     @property
     def _scale(self) -> Floats:
-        """Root of the diagonal: in this scale the matrix has ones there, whatever the units."""
+        """(9,) root of the diagonal: scale in which the diagonal of the matrix is 1."""
         diagonal = np.diag(self.matrix)
         scale: Floats = np.sqrt(np.maximum(diagonal, max(ROUNDING * float(diagonal.max()), np.finfo(float).tiny)))
         return scale

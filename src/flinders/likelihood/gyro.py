@@ -1,25 +1,24 @@
-"""The field stands still while the body turns: what a gyro says of a few seconds of readings.
+"""Term of a gyro: the field is constant in the world while the body turns, within windows of a few seconds.
 
-Within a window of some seconds the direction of the field in body axes is q_k = ΔR_k(d)ᵀ v: one free direction v for
-the window, at its first reading, turned back by what the gyro has turned since,
+Within a window the direction of the field in body axes is q_k = ΔR_k(d)ᵀ v. The direction v at the first reading is
+free for each window; ΔR_k is the rotation of the body since then, by the gyro,
 
     ΔR_k(d) = Π_{j<k} exp([(1 + Γ)(ω_j − d)]× Δt_j)
 
-The rate is integrated, never the field differentiated, so that each reading enters once, with its own white noise; and
-the equation is linear in it. The bias d is found with the rest: with J_k = −ΔR_kᵀ Σ_{j<k} ΔR_{j+1} Δt_j a change
-of δ turns q_k by q_k × J_k δ. Γ is symmetric: what the scales of a gyro's three axes are off by, a few hundredths where
-nobody has calibrated them, and by how much those axes are not square. Beside an accelerometer or an attitude, whose
-axes are the body's, a small rotation ψ is found as well: 1 + Γ + [ψ]×. A body that turns by 15 rad in a window is lost
-by ten degrees for one hundredth, long before the gyro's noise counts. A magnetometer that lags by δt reads
-q_k + δt ω_k × q_k.
+The rate is integrated instead of differentiating the field. So each reading occurs once, with its own white noise, and
+the equation is linear in it. The bias d is estimated: with J_k = −ΔR_kᵀ Σ_{j<k} ΔR_{j+1} Δt_j a change δ of the bias
+turns q_k by q_k × J_k δ. The symmetric Γ has the scale errors of the gyro's axes, a few hundredths if uncalibrated, and
+their non-orthogonality. If an accelerometer or an attitude defines the body axes, a small rotation ψ of the gyro is
+estimated as well: 1 + Γ + [ψ]×. A scale error of one hundredth gives an error of ten degrees if the body turns by 15
+rad in a window, much more than the gyro's noise. A magnetometer with a delay δt reads q_k + δt ω_k × q_k.
 
-When to use it: the body turns about two axes or more while the field around it stays the same, if only by a few
-degrees; hard and soft iron follow from much less turning than the length of the field alone needs. Rotation about one
-axis says nothing of the offset along it.
+When to use it: if the body turns about two axes or more, even by a few degrees, in a constant field. Hard and soft iron
+then follow from much less turning than with the length of the field alone. A rotation about one axis does not determine
+the offset along that axis.
 
 Source: pre-integration as in T. Lupton, S. Sukkarieh, IEEE Trans. Robotics 28 (2012) 61–76, and C. Forster et
 al., IEEE Trans. Robotics 33 (2017) 1–21; the field's equation ṁ = −ω × m as in G. Troni, L. L. Whitcomb, ICRA
-2013; scales off by up to 3 % as data sheets of small gyros allow, such as InvenSense's MPU-6000.
+2013; scale errors of up to 3 % by data sheets of small gyros, such as InvenSense's MPU-6000.
 
 >>> quarter = np.tile([0.0, 0.0, np.pi / 2], (1, 3, 1))                      # 90°/s about z, for two seconds
 >>> turned = integrated(quarter, np.ones((1, 3)), np.zeros(3))
@@ -48,58 +47,58 @@ if TYPE_CHECKING:
     from flinders.arrays import Floats
 
 WINDOW_S: Final = 5.0
-"""Length of a window, in s: long enough to see a slow turn, and short enough for the gyro's noise to matter little."""
+"""Length of a window in s: long enough for a slow turn, and short enough to limit the effect of the gyro's noise."""
 
-SHORTEST: Final = 4
-"""Readings in a window; fewer say no more than as many single ones."""
+MIN_WINDOW_READINGS: Final = 4
+"""Smallest number of readings in a window; fewer have no more information than single readings."""
 
-GAP: Final = 3.0
-"""Usual intervals between two readings that are a gap: nobody knows how the body turned meanwhile."""
+MAX_GAP_INTERVALS: Final = 3.0
+"""Smallest gap, in median intervals of the readings, at which a window ends, as the motion in it is not known."""
 
 BRIDGED: Final = 3
-"""Missing rates in a row that their neighbours stand for."""
+"""Largest number of consecutive missing rates that are interpolated."""
 
-BIAS_SIGMA: Final = 0.1
-"""rad/s: what the bias of a gyro may be."""
+BIAS_SIGMA_RADPS: Final = 0.1
+"""Prior standard deviation of a gyro's bias in rad/s."""
 
 SCALE_SIGMA: Final = 0.02
-"""What the scales of a gyro may be off by, and its axes from square, in rad: data sheets of small ones say 1 to 3 %."""
+"""Prior standard deviation of a gyro's scales, and of its misalignment angles in rad: 1 to 3 % in data sheets."""
 
-DELAY_SIGMA: Final = 0.05
-"""s: by how much a magnetometer may lag."""
+DELAY_SIGMA_S: Final = 0.05
+"""Prior standard deviation of a magnetometer's delay in s."""
 
-AGAIN: Final = 2e-3
-"""rad: the rate is integrated anew once a change of its bias has turned the end of a window by more."""
+MAX_FIRST_ORDER_RAD: Final = 2e-3
+"""Largest rotation in rad by a change of the gyro's parameters that is applied to first order, without integration."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Turned:
-    """How a body turned within windows."""
+    """Rotation of a body within W windows of n readings, by its gyro."""
 
-    rotations: Floats  # (W, n, 3, 3): ΔR: from body axes at each reading into those at the first of its window
-    by_bias: Floats  # (W, n, 3, 3), s: J: a bias larger by δ turns ΔR_k by exp([J_k δ]×) on the right
-    by_scale: Floats  # (W, n, 3, 9): the same for a Γ larger by γ, and for another ψ
+    rotations: Floats  # (W, n, 3, 3): ΔR: from body axes at each reading to those at the first one of the window
+    by_bias: Floats  # (W, n, 3, 3), s: J: a change δ of the bias multiplies ΔR_k by exp([J_k δ]×) on the right
+    by_scale: Floats  # (W, n, 3, 9): the same for changes of Γ and ψ
     rate: Floats  # (W, n, 3), rad/s: as recorded
     interval: Floats  # (W, n), s: from each reading to the next
-    bias: Floats  # (3,), rad/s
-    scale: Floats  # (9,): Γ and ψ: for which all this holds
+    bias: Floats  # (3,), rad/s: bias in `rotations`
+    scale: Floats  # (9,): Γ and ψ in `rotations`
 
     def with_gyro(self, bias: Floats, scale: Floats) -> Turned:
-        """The same for another gyro: to first order for a small change, integrated anew for a larger one.
+        """The rotation for other parameters of the gyro: to first order for small changes, else integrated again.
 
-        `bias`: (3,), rad/s; `scale`: (6,) or (9,), Γ, and ψ.
+        `bias`: (3,) in rad/s; `scale`: (6,) Γ, or (9,) Γ and ψ.
         """
-        scale = _whole(scale)
+        scale = _scale_and_turn(scale)
         if np.array_equal(bias, self.bias) and np.array_equal(scale, self.scale):
             return self
         change = np.einsum("wnij,j->wni", self.by_bias, bias - self.bias)
         change += np.einsum("wnij,j->wni", self.by_scale, scale - self.scale)
-        if float(np.abs(change).max(initial=0.0)) > AGAIN:
+        if float(np.abs(change).max(initial=0.0)) > MAX_FIRST_ORDER_RAD:
             return integrated(self.rate, self.interval, bias, scale)
         return replace(self, rotations=product(self.rotations, rotations(change)), bias=bias, scale=scale)
 
     def chunk(self, rows: slice) -> Self:
-        """Some of the windows."""
+        """The rotation in some of the windows."""
         return replace(
             self, rotations=self.rotations[rows], by_bias=self.by_bias[rows], by_scale=self.by_scale[rows],
             rate=self.rate[rows], interval=self.interval[rows],
@@ -112,31 +111,32 @@ def integrated(rate: Floats, interval: Floats, bias: Floats, scale: Floats | Non
     Parameters
     ----------
     rate : (W, n, 3) float, rad/s
-        Taken for constant from each reading to the next.
+        Assumed constant from each reading to the next.
     interval : (W, n) float, s
         From each reading to the next; the last one of a window is not used.
     bias : (3,) float, rad/s
+        Subtracted from the rate.
     scale : (6,) or (9,) float, optional
-        Γ, and ψ; nothing where the gyro's scales are right and it sits straight.
+        Γ, or Γ and ψ; by default zero.
     """
-    gamma = _whole(np.zeros(6) if scale is None else scale)
+    gamma = _scale_and_turn(np.zeros(6) if scale is None else scale)
     larger = grown(gamma)
     turned = in_pieces(rate - bias) * interval[..., np.newaxis]
     along = np.moveaxis(np.empty((3, 3, *interval.shape)), (0, 1), (2, 3))
     along[:, :1], along[:, 1:] = np.eye(3), rotations(turned[:, :-1] @ larger.T)
     reach = 1
-    while reach < interval.shape[1]:  # products of 1, 2, 4, 8 … steps: as many rounds as the window's length has bits
+    while reach < interval.shape[1]:  # products of 1, 2, 4, 8 … steps: log₂ n passes
         along[:, reach:] = product(along[:, :-reach], along[:, reach:])
         reach *= 2
     seconds = interval[:, :-1, np.newaxis, np.newaxis]
     by_bias = np.zeros_like(along)
     weighted = product(np.cumsum(along[:, 1:] * seconds, axis=1), larger[np.newaxis, np.newaxis])
     by_bias[:, 1:] = -product(np.swapaxes(along[:, 1:], 2, 3), weighted)
-    return Turned(along, by_bias, _by_scale(along, turned), rate, interval, bias, gamma)
+    return Turned(along, by_bias, _scale_derivatives(along, turned), rate, interval, bias, gamma)
 
 
 def grown(scale: Floats) -> Floats:
-    """(3, 3) 1 + Γ + [ψ]× of (9,) both.
+    """(3, 3) matrix 1 + Γ + [ψ]× of (9,) Γ and ψ.
 
     >>> grown(np.array([0.1, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.02])).tolist()
     [[1.1, -0.02, 0.0], [0.02, 1.0, 0.0], [0.0, 0.0, 1.0]]
@@ -145,13 +145,13 @@ def grown(scale: Floats) -> Floats:
     return larger
 
 
-def _whole(scale: Floats) -> Floats:
-    """(9,) Γ and ψ, of (6,) Γ alone or of both."""
+def _scale_and_turn(scale: Floats) -> Floats:
+    """(9,) Γ and ψ from (6,) Γ, with ψ = 0, or from both."""
     return np.concatenate([scale, np.zeros(9 - len(scale))])
 
 
-def _by_scale(along: Floats, turned: Floats) -> Floats:
-    """(W, n, 3, 9) how larger Γ and ψ turn ΔR_k, of (W, n, 3) what the gyro turned by from each reading to the next."""
+def _scale_derivatives(along: Floats, turned: Floats) -> Floats:
+    """(W, n, 3, 9) derivative of ΔR_k by Γ and ψ; `turned`: (W, n, 3) rad from each reading to the next."""
     moved = np.moveaxis(np.zeros((3, 9, *turned.shape[:2])), (0, 1), (2, 3))
     for i, j, column in ((0, 1, 2), (1, 2, 0), (2, 0, 1)):
         moved[..., j, 6 + column], moved[..., i, 6 + column] = turned[..., i], -turned[..., j]
@@ -164,10 +164,9 @@ def _by_scale(along: Floats, turned: Floats) -> Floats:
 
 
 def bridged(time: Floats | None, rate: Floats | None) -> tuple[Floats | None, int]:
-    """(N, 3) rates with short gaps filled between their neighbours by a straight line, and how many readings that is.
+    """(N, 3) rates with gaps of at most `BRIDGED` readings interpolated, and the number of interpolated readings.
 
-    A gap of at most `BRIDGED` readings is one; what is longer stays NaN, and ends a window. Anything of other shape
-    than times and rates comes back as it is.
+    Longer gaps stay NaN and end a window. Without times the rates are returned unchanged.
 
     >>> time, rate = np.arange(9.0), np.outer(np.arange(9.0), [1.0, 0.0, 0.0])
     >>> rate[[2, 4, 5, 6, 7]] = np.nan
@@ -192,15 +191,16 @@ def bridged(time: Floats | None, rate: Floats | None) -> tuple[Floats | None, in
 
 
 def windows(time: Floats, rate: Floats, *, window_s: float = WINDOW_S) -> NDArray[np.intp]:
-    """(W, n) which readings are in which window: as many whole windows as each stretch without a gap has room for.
+    """(W, n) indices of the readings in each window; each stretch without a gap is divided into whole windows.
 
     Parameters
     ----------
     time : (N,) float, s
+        Times of the readings.
     rate : (N, 3) float, rad/s
-        NaN where it is not known, which ends a stretch.
+        NaN if not known, which ends a stretch.
     window_s : float
-        About how long a window is; a recording that is shorter is one window.
+        Approximate length of a window in s; a shorter recording is one window.
 
     >>> time = np.concatenate([np.arange(0.0, 1.0, 0.1), np.arange(2.0, 2.5, 0.1)])
     >>> windows(time, np.zeros((15, 3)), window_s=0.5)
@@ -208,36 +208,38 @@ def windows(time: Floats, rate: Floats, *, window_s: float = WINDOW_S) -> NDArra
            [ 5,  6,  7,  8,  9],
            [10, 11, 12, 13, 14]])
     """
-    if len(time) < SHORTEST:
-        return np.empty((0, SHORTEST), dtype=np.intp)
+    if len(time) < MIN_WINDOW_READINGS:
+        return np.empty((0, MIN_WINDOW_READINGS), dtype=np.intp)
     steps = np.diff(time)
     usual = float(np.median(steps[steps > 0.0])) if np.any(steps > 0.0) else np.inf
-    sound = (steps > 0.0) & (steps < GAP * usual) & np.isfinite(rate[:-1]).all(axis=1)
+    sound = (steps > 0.0) & (steps < MAX_GAP_INTERVALS * usual) & np.isfinite(rate[:-1]).all(axis=1)
     edges = np.concatenate([[0], np.flatnonzero(~sound) + 1, [len(time)]])
     lengths = np.diff(edges)
-    n = max(SHORTEST, min(round(window_s / usual) if np.isfinite(usual) else 1, int(lengths.max())))
+    n = max(MIN_WINDOW_READINGS, min(round(window_s / usual) if np.isfinite(usual) else 1, int(lengths.max())))
     starts = [np.arange(begin, begin + length - n + 1, n) for begin, length in zip(edges[:-1], lengths, strict=True)]
     first = np.concatenate(starts).astype(np.intp)
     return first[:, np.newaxis] + np.arange(n)
 
 
 def columns_of(columns: Mapping[str, slice]) -> slice:
-    """Columns of the gyro's bias, scales and delay, which lie side by side; of (name, columns) of all blocks."""
+    """Contiguous columns of the gyro's parameters, from the columns of all free blocks."""
     of_gyro = [columns[block.name] for block in TERM.blocks if block.name in columns]
     return slice(of_gyro[0].start, of_gyro[-1].stop) if of_gyro else slice(0, 0)
 
 
 def moved(turned: Turned, q: Floats, turning: Floats, columns: Mapping[str, slice]) -> Floats:
-    """How the field's direction at each reading goes with bias, scales and delay of the gyro.
+    """Derivative of the field's direction at each reading by bias, scales and delay of the gyro.
 
     Parameters
     ----------
+    turned : Turned
+        Rotation of the body within the windows.
     q : (W, n, 3) float
-        The field's direction.
+        Direction of the field.
     turning : (W, n, 3) float, rad/s
-        That the body turns by.
+        Angular rate of the body.
     columns : mapping of str to slice
-        Of all blocks that are free.
+        Columns of all free blocks.
 
     Returns
     -------
@@ -262,12 +264,12 @@ def moved(turned: Turned, q: Floats, turning: Floats, columns: Mapping[str, slic
 TERM: Final = Term(
     "rate",
     "gyro",
-    "the gyro: the field turns as the body turns back",
+    "the gyro: in body axes the field turns opposite to the body",
     ("rate", "time"),
     (
-        Block("gyro_bias", 3, BIAS_SIGMA),
+        Block("gyro_bias", 3, BIAS_SIGMA_RADPS),
         Block("gyro_scale", 6, SCALE_SIGMA),
         Block("gyro_turn", 3, SCALE_SIGMA),
-        Block("delay", 1, DELAY_SIGMA),
+        Block("delay", 1, DELAY_SIGMA_S),
     ),
 )

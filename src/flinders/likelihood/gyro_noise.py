@@ -1,30 +1,31 @@
-"""What the noise of a gyro pretends: it stands in the residuals of a window, and in their Jacobian.
+"""Bias by the noise of a gyro, which occurs both in the residuals of a window and in their Jacobian.
 
-The gyro's noise φ_j turns all readings after step j of a window. The field's direction there is not ΔR_kᵀv but off by
+The gyro's noise φ_j turns all readings after step j of a window. The error of the field's direction ΔR_kᵀv is then
 
     T_k w_k,    T_k = ΔR_kᵀ [v]×,    w_k = Σ_{j≤k} φ_j,    E w_k w_lᵀ = s min(k, l) 1
 
-a random walk. Residuals are off by P_k w_k, P the pushes; so is the Jacobian, which is taken at the same direction, and
-the mean of their product is not zero: errors in variables, which shrink the shape as they do for noisy attitudes,
-see `flinders.likelihood.attitude`. On the motions of MAGYC with five degrees of tilt that is half a standard deviation.
+a random walk. It adds P_k w_k to the residuals, with P the pushes, and also changes the Jacobian, which is evaluated at
+the same direction. The mean of their product is not zero: errors in variables, which shrink the shape like noisy
+attitudes, see `flinders.likelihood.attitude`. For the motions of MAGYC with a tilt of 5° this is half a standard
+deviation.
 
-The window's own direction follows by h = −Π Σ U_lᵀP_l w_l, with U its Jacobian and Π = (Σ UᵀU)⁻¹, and leaves the
-residuals r_k = −P_k w_k − U_k h. With C_j = Σ_{l≥j} U_lᵀP_l, H_k = Π Σ_l min(k, l) U_lᵀP_l and Θ = Σ Π U_kᵀP_k H_kᵀ,
-for s = 1,
+The window's own direction is fitted to the walk, by h = −Π Σ U_lᵀP_l w_l with U its Jacobian and Π = (Σ UᵀU)⁻¹. The
+remaining residuals are r_k = −P_k w_k − U_k h. With C_j = Σ_{l≥j} U_lᵀP_l, H_k = Π Σ_l min(k, l) U_lᵀP_l and
+Θ = Σ Π U_kᵀP_k H_kᵀ, for s = 1,
 
     E w_k r_kᵀ = H_kᵀU_kᵀ − k P_kᵀ,    E h r_kᵀ = H_k P_kᵀ − Θ U_kᵀ,    E h w_kᵀ = −H_k,    E h hᵀ = Θ
 
-and all means of second order follow from these. The mean gradient is
+from which all means of second order follow. The mean gradient is
 
     Σ E (∂J/∂q (T_k w_k + t h))ᵀ r_k  +  Σ Jᵀ E r₂
 
-with t across the direction. All columns of J are linear in the direction q but those of an accelerometer's errors, so
-that ∂J/∂q is a difference of two Jacobians. r₂ comes of the mean of the direction, which is
-−(k + tr Θ/2) v + Σᵢ Hᵢ × tᵢ, less what h takes up, and of E δUᵀ r. The parameters of the gyro itself, a turn of
-B_k = Σ_{j≤k} b_j in all, have the noise in each b_j, too: B_k is off by Σ_{j≤k} (D_j φ_j + w_j × b_j) + B_k × w_k,
-where D_j is how b_j goes with the rate.
+with t across the direction. All columns of J except those of an accelerometer's errors are linear in the direction q,
+so ∂J/∂q is computed as a difference of two Jacobians. r₂ follows from the mean of the direction,
+−(k + tr Θ/2) v + Σᵢ Hᵢ × tᵢ, minus the part that h absorbs, and from E δUᵀ r. The parameters of the gyro itself, whose
+total rotation is B_k = Σ_{j≤k} b_j, have the noise in each b_j, too: the error of B_k is
+Σ_{j≤k} (D_j φ_j + w_j × b_j) + B_k × w_k with D_j the derivative of b_j by the rate.
 
-When to use it: with the variance s that the residuals of the windows tell, to take the mean gradient off.
+When to use it: to subtract the mean gradient, with the variance s estimated from the residuals of the windows.
 
 Source: our own, to second order in φ as `flinders.likelihood.magnitude` is in the noise of readings; compared with
 draws of the noise in ``tests/likelihood/test_walked.py``.
@@ -41,7 +42,7 @@ draws of the noise in ``tests/likelihood/test_walked.py``.
 >>> whole = here, directions, layout, Weights(1.0)
 >>> walked = Walked.of(rows_of(group, *whole), pushes(group, here, directions, Weights(1.0)))
 >>> gradient = mean_gradient(walked, group, *whole)
->>> bool(np.all(gradient[3:6] < 0.0))                                        # it pretends a smaller shape
+>>> bool(np.all(gradient[3:6] < 0.0))                                        # the bias shrinks the shape
 True
 """
 
@@ -60,31 +61,31 @@ if TYPE_CHECKING:
     from flinders.arrays import Floats
     from flinders.likelihood.parameters import ParameterLayout, Parameters
 
-STEP: Final = 1e-4
-"""Step of the field's direction in the difference of two Jacobians."""
+DIFFERENCE_STEP_RAD: Final = 1e-4
+"""Step of the field's direction, in rad, in the difference of two Jacobians."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Walked:
-    """Windows, and what of second order a walk of one rad² a reading makes."""
+    """Second-order statistics of windows for a walk of 1 rad² per reading."""
 
-    rows: ObservationRows  # of the windows
+    rows: ObservationRows  # residuals and Jacobians of the windows
     own: Floats  # (W, n, k, 2): U: Jacobian of the window's direction
-    pushes: Floats  # (W, n, k, 3): P
+    pushes: Floats  # (W, n, k, 3): P: derivative of the residuals by a rotation
     inverse: Floats  # (W, 2, 2): Π: covariance of the direction
     products: Floats  # (W, n, 2, 3): UᵀP
-    steps: Floats  # (W, n, 2, 3): C: how the direction feels a turn at each step
-    follows: Floats  # (W, n, 2, 3): H: minus the covariance of the direction with the walk
-    spread: Floats  # (W, 2, 2): Θ: covariance of the direction that the walk makes
+    steps: Floats  # (W, n, 2, 3): C: effect on the direction of a rotation at each step
+    follows: Floats  # (W, n, 2, 3): H: negative covariance of the direction with the walk
+    spread: Floats  # (W, 2, 2): Θ: covariance of the direction by the walk
 
     @classmethod
     def of(cls, rows: ObservationRows, pushed: Floats) -> Self:
-        """Take (W, k, n, …) rows, and how a turn moves them, see `pushes`."""
+        """Compute the statistics from (W, k, n, …) rows and their `pushes`."""
         own, pushes = np.swapaxes(rows.own, 1, 2), np.swapaxes(pushed, 1, 2)
         flat = rows.own.reshape(len(rows.own), -1, 2)
         inverse = inverse_of(np.swapaxes(flat, 1, 2) @ flat)
         products = product(np.swapaxes(own, 2, 3), pushes)
-        steps = _from_here_on(products).copy()
+        steps = _reverse_cumsum(products).copy()
         steps[:, 0] = 0.0  # a window begins where its direction is
         follows = in_pieces(inverse[:, np.newaxis] @ np.cumsum(steps, axis=1), 2)
         spread = inverse @ np.einsum("wnij,wnkj->wik", products, follows)
@@ -92,26 +93,26 @@ class Walked:
 
     @property
     def age(self) -> Floats:
-        """(n, 1, 1) k: steps since the window began."""
+        """(n, 1, 1) number k of steps since the beginning of the window."""
         return np.arange(float(self.own.shape[1]))[:, np.newaxis, np.newaxis]
 
     @property
     def by_walk(self) -> Floats:
-        """(W, n, 3, k) E w rᵀ."""
+        """(W, n, 3, k) mean E w rᵀ."""
         return np.swapaxes(product(self.own, self.follows) - self.age * self.pushes, 2, 3)
 
     @property
     def by_direction(self) -> Floats:
-        """(W, n, 2, k) E h rᵀ."""
+        """(W, n, 2, k) mean E h rᵀ."""
         of_own = np.einsum("wab,wnkb->wnak", self.spread, self.own)
         mean: Floats = product(self.follows, np.swapaxes(self.pushes, 2, 3)) - of_own
         return mean
 
 
 def pushes(group: ObservationGroup, at: Parameters, directions: Floats, weights: Weights) -> Floats:
-    """(W, k, n, 3) how a turn φ, in the axes of the window's first reading, moves each residual after it."""
+    """(W, k, n, 3) derivative of each residual by an earlier rotation φ, in the axes of the window's first reading."""
     pushed = np.zeros((3, group.tall, *group.weight.shape)).transpose(2, 1, 3, 0)
-    turned = _carried(group, cross_matrices(directions))
+    turned = _rotate_back(group, cross_matrices(directions))
     of_field = np.tensordot(at.ellipsoid_like, np.moveaxis(turned, (2, 3), (0, 1)), 1).transpose(2, 0, 3, 1)
     pushed[:, :3] = of_field * (np.sqrt(group.weight) / weights.noise)[:, np.newaxis, :, np.newaxis]
     if group.trust is None:
@@ -132,55 +133,61 @@ def mean_gradient(
     layout: ParameterLayout,
     weights: Weights,
 ) -> Floats:
-    """(P,) mean gradient, in standard deviations, that a walk of one rad² a reading makes.
+    """(P,) mean gradient, in standard deviations, by a walk of 1 rad² per reading.
 
     Parameters
     ----------
     walk : Walked
-        Of all that follows.
+        Statistics of these windows.
     group : ObservationGroup
         Windows of a gyro.
+    at : Parameters
+        Values of the parameters.
     directions : (W, 3) float
-        Of each window, as they have settled.
+        Fitted direction of each window.
+    layout : ParameterLayout
+        Free parameters.
+    weights : Weights
+        Standard deviations of the residuals.
     """
-    gradient = _of_model(walk, directions) + _of_gyro(walk, group, at, layout)
-    together = _together(walk, group, directions)
+    gradient = _model_gradient(walk, directions) + _gyro_gradient(walk, group, at, layout)
+    together = _direction_residual_covariance(walk, group, directions)
     q, _ = group.seen(at, directions)
     here = jacobian_of(group, at, q, layout, weights)
     for axis in range(3):
-        aside = jacobian_of(group, at, q + STEP * np.eye(3)[axis], layout, weights)
-        gradient += np.einsum("wknp,wnk->p", (aside - here) / STEP, together[:, :, axis])
+        aside = jacobian_of(group, at, q + DIFFERENCE_STEP_RAD * np.eye(3)[axis], layout, weights)
+        gradient += np.einsum("wknp,wnk->p", (aside - here) / DIFFERENCE_STEP_RAD, together[:, :, axis])
     return gradient
 
 
-def _carried(group: ObservationGroup, matrices: Floats) -> Floats:
-    """(W, n, 3, k) what the rotations back to each reading make of (W, 3, k) matrices of a window."""
+def _rotate_back(group: ObservationGroup, matrices: Floats) -> Floats:
+    """(W, n, 3, k) products of (W, 3, k) matrices of each window with the inverse rotations to its readings."""
     return product(np.swapaxes(group.rotations, 2, 3), matrices[:, np.newaxis])
 
 
-def _together(walk: Walked, group: ObservationGroup, directions: Floats) -> Floats:
-    """(W, n, 3, k) E δq rᵀ: how the direction at each reading goes with its residuals."""
-    of_walk = product(_carried(group, cross_matrices(directions)), walk.by_walk)
-    mean: Floats = of_walk + product(_carried(group, across(directions)), walk.by_direction)
+def _direction_residual_covariance(walk: Walked, group: ObservationGroup, directions: Floats) -> Floats:
+    """(W, n, 3, k) mean E δq rᵀ, the covariance of the direction at each reading with its residuals."""
+    of_walk = product(_rotate_back(group, cross_matrices(directions)), walk.by_walk)
+    mean: Floats = of_walk + product(_rotate_back(group, across(directions)), walk.by_direction)
     return mean
 
 
-def _of_model(walk: Walked, directions: Floats) -> Floats:
-    """(P,) Σ Jᵀ E r₂: residuals have a mean, and the window's direction follows it."""
+def _model_gradient(walk: Walked, directions: Floats) -> Floats:
+    """(P,) Σ Jᵀ E r₂, from the mean of the residuals and the window's direction fitted to it."""
     tangent, model = across(directions), np.swapaxes(walk.rows.model, 1, 2)
     first, second = walk.follows[..., 0, :], walk.follows[..., 1, :]
     middle = np.cross(first, tangent[:, np.newaxis, :, 0]) + np.cross(second, tangent[:, np.newaxis, :, 1])  # Σ Hᵢ × tᵢ
     shorter = np.arange(model.shape[1]) + 0.5 * np.trace(walk.spread, axis1=1, axis2=2)[:, np.newaxis]
     along = np.einsum("wnj,wj->wn", middle, directions) - shorter
     mean = -model * along[..., np.newaxis] - np.einsum("wnka,wna->wnk", walk.own, middle @ tangent)
-    pulled = np.einsum("wnka,wnk->wa", walk.own, mean) + _of_own(walk, model, directions)
+    pulled = np.einsum("wnka,wnk->wa", walk.own, mean) + _own_direction_gradient(walk, model, directions)
     left = mean - np.einsum("wnka,wab,wb->wnk", walk.own, walk.inverse, pulled)
     gradient: Floats = np.einsum("wknp,wnk->p", walk.rows.jacobian, left)
     return gradient
 
 
-def _of_own(walk: Walked, model: Floats, directions: Floats) -> Floats:
-    """(W, 2) Σ E δUᵀ r, with δU the turn of t₁ and t₂: by the walk tᵢ × w, and −hᵢ v as the direction moves on."""
+def _own_direction_gradient(walk: Walked, model: Floats, directions: Floats) -> Floats:
+    """(W, 2) Σ E δUᵀ r, with δU the change of t₁ and t₂: tᵢ × w by the walk, and −hᵢ v by the fitted direction."""
     tangent = across(directions)
     axes = np.concatenate([np.swapaxes(tangent, 1, 2), directions[:, np.newaxis]], axis=1)
     first, second, middle = (np.einsum("wj,wnjk->wnk", axes[:, i], walk.by_walk) for i in range(3))
@@ -192,15 +199,15 @@ def _of_own(walk: Walked, model: Floats, directions: Floats) -> Floats:
     return np.stack([one.sum(axis=(1, 2)) for one in sums], axis=1)
 
 
-def _of_gyro(walk: Walked, group: ObservationGroup, at: Parameters, layout: ParameterLayout) -> Floats:
-    """(P,) Σ (P_k δB_k)ᵀ r_k on average, with E φ_j r_kᵀ = C_jᵀ Π U_kᵀ − P_kᵀ for a step j up to the reading.
+def _gyro_gradient(walk: Walked, group: ObservationGroup, at: Parameters, layout: ParameterLayout) -> Floats:
+    """(P,) mean of Σ (P_k δB_k)ᵀ r_k, with E φ_j r_kᵀ = C_jᵀ Π U_kᵀ − P_kᵀ for steps j up to the reading.
 
-    It is linear in D_j and in b_j, and what both are multiplied by is the same for all parameters of the gyro.
+    The mean is linear in D_j and b_j, with the same coefficients for all parameters of the gyro.
     """
     gradient = np.zeros(layout.size)
     if group.turned is None:
         return gradient
-    of_noise, of_turn = _felt(walk)
+    of_noise, of_turn = _step_coefficients(walk)
     rotations = group.rotations
     seconds = np.zeros(group.weight.shape)
     seconds[:, 1:] = group.turned.interval[:, :-1]
@@ -218,19 +225,19 @@ def _of_gyro(walk: Walked, group: ObservationGroup, at: Parameters, layout: Para
     return gradient
 
 
-def _felt(walk: Walked) -> tuple[Floats, Floats]:
-    """(W, n, 3, 3) and (W, n, 3): what D_j and b_j are multiplied by, summed over all readings from step j on."""
+def _step_coefficients(walk: Walked) -> tuple[Floats, Floats]:
+    """(W, n, 3, 3) coefficient of D_j and (W, n, 3) coefficient of b_j, summed over all readings from step j on."""
     since, stiff = np.swapaxes(walk.steps, 2, 3), product(np.swapaxes(walk.pushes, 2, 3), walk.pushes)
-    stiffer = _from_here_on(stiff)
+    stiffer = _reverse_cumsum(stiff)
     of_noise = product(since, np.einsum("wab,wnbj->wnaj", walk.inverse, walk.steps)) - stiffer
     of_noise[:, 0] = 0.0
     pulled = product(np.swapaxes(walk.products, 2, 3), walk.follows) - walk.age * stiff
-    crossed = walk.age * stiffer + _from_here_on(pulled) - product(since, walk.follows)
+    crossed = walk.age * stiffer + _reverse_cumsum(pulled) - product(since, walk.follows)
     of_turn = [crossed[..., j, i] - crossed[..., i, j] for i, j in ((1, 2), (2, 0), (0, 1))]
     return of_noise, np.moveaxis(np.array(of_turn), 0, -1)
 
 
-def _from_here_on(steps: Floats) -> Floats:
-    """(W, n, …) sums over each reading of a window and all after it."""
+def _reverse_cumsum(steps: Floats) -> Floats:
+    """(W, n, …) sums over each reading of a window and all later ones."""
     summed: Floats = np.cumsum(steps[:, ::-1], axis=1)[:, ::-1]
     return summed

@@ -1,13 +1,12 @@
-"""What the readings really say, and what noise only pretends.
+"""Identifiability of the parameters: real information of the readings, and spurious information by noise.
 
-A direction of parameter space is invisible to the readings if no point moves off its surface along it: across
-a ring, or along the pencil of ellipsoids through two rings. But each reading has noise, which shifts
-the point at which the Jacobian is taken along the surface; squares of those shifts add up in JᵀJ to
-information that is not there, N·(σ/R)² where the true one is zero, and the fit then follows the noise
-with great confidence.
+A direction of parameter space is not observable if a change along it moves no reading off the surface: a shift
+perpendicular to a ring of readings, or a change along the pencil of ellipsoids through two rings. Noise shifts the
+point at which the Jacobian of a reading is evaluated along the surface. The squares of these shifts add N·(σ/R)² to
+JᵀJ, although the true information is zero, and the fit then follows the noise with a small claimed uncertainty.
 
-That noise-induced information is known: it is the sum of the squared derivatives of J along the surface,
-times σ². A direction in which it is a good part of all there is counts as unseen.
+This spurious information can be computed: it is σ² times the sum of the squared derivatives of J along the surface. A
+direction is counted as not observable if a large part of its information is spurious.
 
 >>> ring = np.stack([np.cos(np.arange(60.0)), np.sin(np.arange(60.0)), np.zeros(60)], axis=1)
 >>> ellipsoid = Ellipsoid(np.zeros(3), 50.0 * np.eye(3))
@@ -36,22 +35,24 @@ if TYPE_CHECKING:
     from flinders.likelihood.equations import NormalEquations
 
 WELL_CONDITIONED: Final = 0.1
-"""Smallest eigenvalue of the normal matrix in its own scale from which on nothing needs a closer look."""
+"""Smallest eigenvalue of the scaled normal matrix from which all directions are observable without a check."""
 
-UNSEEN: Final = 1.0 / 3.0
-"""Share of a direction's information that noise may pretend before the direction counts as unseen."""
+MAX_SPURIOUS_SHARE: Final = 1.0 / 3.0
+"""Fraction of spurious information from which a direction is not observable."""
 
 
 def spurious_information(directions: Floats, ellipsoid: Ellipsoid, counts: Floats | float = 1.0) -> Floats:
-    """(9, 9) Σ (∂J/∂t)(∂J/∂t)ᵀ over (K, 3) unit directions and two tangents t: times σ², what noise adds to ΣJJᵀ."""
-    pointing = directions.any(axis=1)  # a reading right in the centre has no direction
+    """(9, 9) Σ (∂J/∂t)(∂J/∂t)ᵀ over (K, 3) unit directions and their tangents t: noise adds σ² times this to Σ JJᵀ."""
+    pointing = directions.any(axis=1)  # a reading at the centre has no direction
     counts = np.broadcast_to(counts, len(directions))[pointing]
-    total: Floats = np.sum([rows.T * counts @ rows for rows in turning(directions[pointing], ellipsoid)], axis=0)
+    total: Floats = np.sum(
+        [rows.T * counts @ rows for rows in tangent_derivatives(directions[pointing], ellipsoid)], axis=0
+    )
     return total
 
 
-def turning(directions: Floats, ellipsoid: Ellipsoid) -> Iterator[Floats]:
-    """Yield ∂J/∂t, (K, 9), of the Jacobian at (K, 3) directions for each of two tangents t."""
+def tangent_derivatives(directions: Floats, ellipsoid: Ellipsoid) -> Iterator[Floats]:
+    """Yield the (K, 9) derivatives ∂J/∂t of the Jacobian at (K, 3) directions, for each of the two tangents t."""
     inverse = np.linalg.inv(ellipsoid.shape)
     u = directions.T
     normal = inverse @ u
@@ -67,31 +68,30 @@ def turning(directions: Floats, ellipsoid: Ellipsoid) -> Iterator[Floats]:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Support:
-    """Directions of parameter space, in the scale in which the normal matrix has ones on its diagonal."""
+    """Observable and unobservable directions of parameter space; the normal matrix is scaled to diagonal 1."""
 
-    scale: Floats  # (K,): root of that diagonal
+    scale: Floats  # (K,): root of the diagonal of the normal matrix
     values: Floats  # (K,): eigenvalues of the scaled matrix
-    vectors: Floats  # (K, K): their directions, in columns
-    share: Floats  # (K,): of the information about each, what noise alone pretends
+    vectors: Floats  # (K, K): eigenvectors, in columns
+    share: Floats  # (K,): fraction of spurious information in each direction
 
     @classmethod
     def of(cls, matrix: Floats, spurious: Callable[[], Floats]) -> Self:
-        """Look at a normal matrix in standard deviations.
+        """Analyse a (K, K) normal matrix of residuals in standard deviations.
 
-        `matrix`: (K, K); `spurious`: gives the (K, K) matrix of `spurious_information`, where asked: a well-conditioned
-        matrix needs none.
+        `spurious` returns the (K, K) spurious information; it is not called for a well-conditioned matrix.
         """
         diagonal = np.diag(matrix)
         nothing = max(ROUNDING * float(diagonal.max()), np.finfo(float).tiny)
         scale = np.sqrt(np.maximum(diagonal, nothing))
         scaled = matrix / np.outer(scale, scale)
-        mute = diagonal <= nothing  # rounding must not tie them to the others
+        mute = diagonal <= nothing  # their off-diagonal entries are rounding
         scaled[mute] = scaled[:, mute] = 0.0
         values, vectors = np.linalg.eigh(scaled)
         share = np.zeros(len(values))
         if not values[0] > WELL_CONDITIONED:
             heard = np.where(mute, np.inf, scale)
-            with np.errstate(over="ignore", invalid="ignore"):  # what is beyond all numbers is pretended as a whole
+            with np.errstate(over="ignore", invalid="ignore"):  # infinite information is wholly spurious
                 noise = np.einsum("ij,ik,kj->j", vectors, spurious() / np.outer(heard, heard), vectors)
             noise = np.nan_to_num(noise, nan=np.inf, posinf=np.inf)
             observed = values > max(ROUNDING * float(values[-1]), np.finfo(float).tiny)
@@ -101,23 +101,23 @@ class Support:
 
     @property
     def seen(self) -> NDArray[np.bool_]:
-        """(K,) which directions the readings say something about."""
-        return self.share < UNSEEN
+        """(K,) whether each direction is observable."""
+        return self.share < MAX_SPURIOUS_SHARE
 
     @property
     def unobserved(self) -> int:
-        """How many they say nothing about."""
+        """Number of unobservable directions."""
         return int(np.count_nonzero(~self.seen))
 
     @property
     def directions(self) -> tuple[Floats, Floats]:
-        """(K, seen) and (K, unseen): bases of what is seen and, of unit length, of what is not, in parameters."""
+        """Bases, in parameters, of the observable directions, and of the unobservable ones with unit length."""
         unobserved = self.vectors[:, ~self.seen] / self.scale[:, np.newaxis]
         lengths = np.sqrt(np.einsum("ij,ij->j", unobserved, unobserved))
         return self.vectors[:, self.seen] / self.scale[:, np.newaxis], unobserved / lengths
 
     def keep(self, equations: NormalEquations) -> NormalEquations:
-        """Take the unseen directions out of the equations that this belongs to."""
+        """Remove the unobservable directions from the normal equations of this matrix."""
         if not self.unobserved:
             return equations
         basis = self.vectors[:, self.seen]
@@ -126,7 +126,7 @@ class Support:
         return replace(equations, matrix=(scaled * self.values[self.seen]) @ scaled.T, gradient=gradient)
 
     def projected(self, scatter: Floats) -> Floats:
-        """(K, K) the part of a scatter of the gradient that lies in seen directions."""
+        """(K, K) part of a covariance of the gradient in the observable directions."""
         basis = self.vectors[:, self.seen]
         onto = (basis * self.scale[:, np.newaxis]) @ (basis / self.scale[:, np.newaxis]).T
         part: Floats = onto @ scatter @ onto.T
@@ -134,9 +134,9 @@ class Support:
 
     @property
     def information(self) -> Floats:
-        """(K, K) what remains of the matrix after the pretence; its inverse is a covariance.
+        """(K, K) information without the spurious part; its inverse is a covariance.
 
-        Noise adds its share to the matrix and to the scatter of the gradient: (1 − share)² is left.
+        Noise adds its share to the matrix and to the covariance of the gradient, so the factor is (1 − share)².
         """
         scaled = self.vectors[:, self.seen] * self.scale[:, np.newaxis]
         information: Floats = (scaled * (self.values * (1.0 - self.share) ** 2)[self.seen]) @ scaled.T

@@ -1,8 +1,8 @@
-"""One magnetometer and the sensors on its body: readings in groups, their prior and their noise, for the solver.
+"""Problem of the solver for one magnetometer and aiding sensors: groups of readings, their prior and their noise.
 
-Each reading, or each window of a gyro, has a direction of the field of its own (`flinders.likelihood.observations`);
-`JointProblem` puts the readings in such groups, lays out the parameters, and says how residuals are weighed.
-`flinders.likelihood.solver` takes the steps.
+Each reading, or each window of a gyro, has its own direction of the field (`flinders.likelihood.observations`).
+`JointProblem` makes groups of the readings, defines the parameters, and weights the residuals;
+`flinders.likelihood.solver` iterates.
 """
 
 from __future__ import annotations
@@ -36,41 +36,41 @@ if TYPE_CHECKING:
     from flinders.likelihood.site_field import Site
     from flinders.likelihood.solver import Equations
 
-FINEST_VERTICAL: Final = 1e-4
-"""rad: no vertical is known better."""
+MIN_VERTICAL_SIGMA: Final = 1e-4
+"""Smallest standard deviation of a vertical in rad."""
 
-LOUDEST: Final = 0.1
-"""Of the field, and rad: what noises begin with at most."""
+MAX_START_NOISE: Final = 0.1
+"""Largest standard deviation at the start: of readings relative to the field, of verticals in rad."""
 
-STILLER: Final = 2.0
-"""Times less that the field outliers in the world: so much makes another way to sit than was thought a start."""
+MIN_SCATTER_DROP: Final = 2.0
+"""Smallest drop in the scatter of the field in the world, as a factor, that makes another mounting the start."""
 
-SEATED: Final = 10
-"""Rounds of finding where the field points, and how the magnetometer is mounted for it."""
+MOUNTING_ITERATIONS: Final = 10
+"""Iterations that estimate the direction of the field and the mounting of the magnetometer in turn."""
 
-MANY_ATTITUDES: Final = 1000
-"""Attitudes that a start is found from."""
+MAX_START_ATTITUDES: Final = 1000
+"""Largest number of attitudes from which a start is estimated."""
 
-MANY: Final = 20_000
-"""Readings of which the standard deviations are so small that a hundredth of one is nothing."""
+MIN_LONG_READINGS: Final = 20_000
+"""Number of readings from which a step of a few hundredths of a standard deviation is the last."""
 
-MISFIT: Final = 1.5
-"""Times larger than the noise from one reading to the next: residuals that another start may do away with."""
+MIN_MISFIT_RATIO: Final = 1.5
+"""Smallest ratio of residuals to the noise between consecutive readings for a misfit that another start may avoid."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class JointProblem:
-    """Groups of readings, and what is thought of the parameters before."""
+    """Groups of readings, and the prior of the parameters."""
 
     groups: tuple[ObservationGroup, ...]
-    layout: ParameterLayout
-    aiding: tuple[str, ...]
-    site: Site | None
+    layout: ParameterLayout  # free parameters
+    aiding: tuple[str, ...]  # names of the terms
+    site: Site | None  # known field of the site
     prior: SensorPrior
     interval: float  # s: between two readings of a window
-    accelerometer: AccelerometerPrior | None = None  # where it brings verticals
-    is_rough: bool = False  # a check asks for no more steps than a long recording takes
-    is_robust: bool = False  # readings with a large residual count less: to start from, not to claim from
+    accelerometer: AccelerometerPrior | None = None  # if verticals come from an accelerometer
+    is_rough: bool = False  # whether to stop as early as for a long recording
+    is_robust: bool = False  # whether large residuals reduce the weight of readings; for a start, not for a claim
     tolerance: ClassVar[float] = NO_WORSE
 
     @classmethod
@@ -88,8 +88,8 @@ class JointProblem:
         shape: KnownShape | None = None,
         is_rough: bool = False,
     ) -> Self:
-        """Put the readings in groups, and lay out what is to be found."""
-        groups, interval = grouped(samples, terms, window_s)
+        """Make groups of the readings, and define the free parameters."""
+        groups, interval = group_readings(samples, terms, window_s)
         in_windows = any(group.turned is not None for group in groups)
         upright = any(group.down is not None for group in groups)
         pointed = any(group.attitudes is not None for group in groups)
@@ -111,32 +111,32 @@ class JointProblem:
 
     @property
     def readings(self) -> int:
-        """How many there are."""
+        """Number of readings."""
         return sum(group.rows.size for group in self.groups)
 
     @property
     def settled(self) -> float:
-        """Standard deviations: such a step is the last. Of many readings, as long a one as of their correction."""
+        """Length of the last step, in standard deviations; longer for a long recording."""
         return EASED if self.is_long else SETTLED
 
     @property
     def is_long(self) -> bool:
-        """There are so many readings that a step costs more than what is left to gain by it, or little is asked for."""
-        return self.is_rough or self.readings >= MANY
+        """Whether to stop early: for so many readings that further steps are not worth their time, or if `is_rough`."""
+        return self.is_rough or self.readings >= MIN_LONG_READINGS
 
     def thinned(self, readings: int) -> Self:
-        """The same with about so many readings, spread over the recording."""
+        """The problem with about `readings` readings, spread over the recording."""
         step = self.readings // readings
         return self if step < 2 else replace(self, groups=tuple(group.runs(step) for group in self.groups))
 
     def robust(self) -> Self:
-        """The same with less weight for readings that have a large residual, so that a few cannot pull it far."""
+        """The problem with reduced weights of readings with large residuals, which limits the effect of outliers."""
         return replace(self, is_robust=True)
 
     def freed(self) -> Self:
-        """The same with the errors of an accelerometer among what is found, where there is one.
+        """The problem with the errors of an accelerometer as free parameters, if there is one.
 
-        On the way there it is held: noise pretends so much of it that the way down could lead anywhere.
+        They are fixed during the first iterations, because noise could lead the solver far away along them.
         """
         if self.accelerometer is None or "sine" not in self.layout:
             return self
@@ -144,23 +144,23 @@ class JointProblem:
         return replace(self, layout=ParameterLayout.of(**free, accelerometer=True))
 
     def begin(self, ellipsoid: Ellipsoid) -> Parameters:
-        """Where to start, with directions and dip that follow from an ellipsoid."""
+        """Parameters to start from, with the mounting, dip and direction of the field that follow from an ellipsoid."""
         at = replace(Parameters.at(ellipsoid.centre, ellipsoid.shape), rotation=self.prior.rotation)
         if self.accelerometer is not None:
             at = replace(at, accelerometer=self.accelerometer.mean)
-        return self.facing(replace(at, rotation=self._aligned(at)))
+        return self.facing(replace(at, rotation=self._start_rotation(at)))
 
     def begin_near(self, near: Parameters, layout: ParameterLayout) -> Parameters:
-        """Where to start with what a fit of another `ParameterLayout` has found."""
+        """Parameters to start from, after a fit of another `ParameterLayout`."""
         free = ("rotation", "gyro_bias", "gyro_scale", "gyro_turn", "delay")
         values = {name: getattr(near, name) for name in free if name in layout and name in self.layout}
         at = replace(self.begin(near.ellipsoid), **values)
-        return self.facing(replace(at, rotation=self._aligned(at)))
+        return self.facing(replace(at, rotation=self._start_rotation(at)))
 
-    def _aligned(self, at: Parameters) -> Floats:
-        """(3, 3) mounting of the magnetometer that makes the field stand still in attitudes: as it is, or far better.
+    def _start_rotation(self, at: Parameters) -> Floats:
+        """(3, 3) mounting with a constant field in the world by the attitudes, if it is much better than that of `at`.
 
-        From an attitude turned far the way down leads elsewhere, so that each of 24 ways to sit is tried.
+        The solver does not converge from a mounting with a large error, so all 24 axis rotations are tried.
         """
         attitudes, seen = [], []
         for group in self.groups:
@@ -170,11 +170,11 @@ class JointProblem:
                 seen.append(np.linalg.solve(at.shape, group.centred(at)[known].T).T)
         if not attitudes:
             return at.rotation
-        rows = slice(None, None, max(1, sum(map(len, seen)) // MANY_ATTITUDES))
+        rows = slice(None, None, max(1, sum(map(len, seen)) // MAX_START_ATTITUDES))
         return aligned(np.concatenate(attitudes)[rows], np.concatenate(seen)[rows], at.rotation)
 
     def facing(self, at: Parameters) -> Parameters:
-        """The same with the dip, or the direction of the site's field, that readings show."""
+        """The parameters with the dip, and the direction of the field in the world, that fit the readings."""
         inverse = np.linalg.inv(at.ellipsoid_like)
         heights, weights, world = 0.0, 0.0, np.zeros(3)
         for group in self.groups:
@@ -195,7 +195,7 @@ class JointProblem:
         )
 
     def prior_equations(self, at: Parameters) -> NormalEquations:
-        """What is thought before, of the sensors and of the field of the site, in standard deviations."""
+        """Normal equations of the priors of the sensors and of the field of the site."""
         equations = self.prior.equations(at, self.layout)
         for name, row, left in () if self.site is None else self._site_rows(at, self.site):
             if name in self.layout:
@@ -208,7 +208,7 @@ class JointProblem:
         return equations
 
     def _site_rows(self, at: Parameters, site: Site) -> Iterator[tuple[str, Floats, float]]:
-        """Jacobian and residual of what is known of the site, in standard deviations, for a block of parameters."""
+        """Yield block of parameters, Jacobian and residual, in standard deviations, of each known value of the site."""
         if site.strength is not None:
             width = site.gain_sigma * site.strength
             mean = np.array([1.0, 1.0, 1.0, 0.0, 0.0, 0.0]) / 3.0
@@ -222,23 +222,23 @@ class JointProblem:
             yield "sine", np.ones(1) / site.sine_sigma, (site.sine - at.sine) / site.sine_sigma
 
     def reweighed(self, iterate: JointIterate, equations: Equations) -> JointIterate:
-        """Weigh each kind of residual by its noise, and large ones less: of verticals, and of readings if robust."""
+        """Weight each kind of residual by its noise; large residuals of verticals, or if robust of readings, less."""
         weights = self._weights(iterate, equations)
         groups = tuple(
-            _reweighed(group, original, iterate.at, directions, weights, is_robust=self.is_robust)
+            _reweigh_group(group, original, iterate.at, directions, weights, is_robust=self.is_robust)
             for group, original, directions in zip(iterate.groups, self.groups, iterate.directions, strict=True)
         )
         return replace(iterate, weights=weights, groups=groups)
 
     def _weights(self, iterate: JointIterate, equations: Equations) -> Weights:
-        """Noise of readings, and of verticals unless they are correlated: those are weighed as a whole."""
+        """Standard deviations of readings, and of verticals unless they are correlated."""
         weights, size = iterate.weights, float(self.layout.size)
         finest = FINEST * iterate.at.radius
         if weights.span > 1.0 or all(group.trust is None for group in iterate.groups):
             return weights._replace(noise=max(weights.noise * equations.noise_factor(size), finest))
         noise, vertical = equations.noise_factors(np.array([size, 0.0])).tolist()
         return weights._replace(
-            noise=max(weights.noise * noise, finest), vertical=max(weights.vertical * vertical, FINEST_VERTICAL)
+            noise=max(weights.noise * noise, finest), vertical=max(weights.vertical * vertical, MIN_VERTICAL_SIGMA)
         )
 
 
@@ -246,10 +246,10 @@ JointIterate: TypeAlias = Iterate[Parameters, ObservationGroup, Weights]
 
 
 def aligned(attitudes: Floats, seen: Floats, rotation: Floats) -> Floats:
-    """How a magnetometer sits on a body of known attitude: as was thought, unless another way is far better.
+    """Mounting of a magnetometer on a body of known attitude: the assumed one, unless another is much better.
 
-    From each of the 24 ways in which axes can be exchanged, the field's mean direction m = Σ C R q and the rotation
-    that takes all q the nearest to Cᵀ m (Wahba's problem, by singular values) are found in turns.
+    From each of the 24 axis rotations, the field's mean direction m = Σ C R q, and the rotation that maps all q closest
+    to Cᵀ m (Wahba's problem, by singular values), are computed in turn.
 
     Parameters
     ----------
@@ -258,11 +258,12 @@ def aligned(attitudes: Floats, seen: Floats, rotation: Floats) -> Floats:
     seen : (N, 3) float
         q, in the magnetometer's own axes, of about unit length.
     rotation : (3, 3) float
-        As was thought.
+        The assumed mounting, from the magnetometer's axes to the body's.
 
     Returns
     -------
     (3, 3) float
+        The mounting.
 
     >>> from flinders.geometry.quaternions import of_angles
     >>> angles = np.random.default_rng(1).uniform(-1.0, 1.0, (50, 3))
@@ -276,8 +277,8 @@ def aligned(attitudes: Floats, seen: Floats, rotation: Floats) -> Floats:
     if not len(seen):
         return rotation
     ways = np.stack([rotation, *(axes.apply(np.eye(3)).T for axes in TURNS)])
-    pairs = np.einsum("nij,nk->nijk", attitudes, seen).mean(axis=0)  # Σ C_ij q_k: all that is needed of the readings
-    for _ in range(SEATED):
+    pairs = np.einsum("nij,nk->nijk", attitudes, seen).mean(axis=0)  # mean of C_ij q_k, sufficient for all mountings
+    for _ in range(MOUNTING_ITERATIONS):
         north = np.einsum("ijk,wjk->wi", pairs, ways)
         left, _, right = np.linalg.svd(np.einsum("wi,ijk->wjk", north, pairs))
         left[:, :, 2] *= np.linalg.det(left @ right)[:, np.newaxis]
@@ -285,16 +286,16 @@ def aligned(attitudes: Floats, seen: Floats, rotation: Floats) -> Floats:
     lengths = np.linalg.norm(np.einsum("ijk,wjk->wi", pairs, ways), axis=1)
     scattered = np.maximum(np.mean(np.sum(seen**2, axis=1)) - lengths**2, 0.0)  # variance about the mean
     best = int(np.argmin(scattered))
-    best_rotation: Floats = ways[best] if STILLER**2 * scattered[best] < scattered[0] else rotation
+    best_rotation: Floats = ways[best] if MIN_SCATTER_DROP**2 * scattered[best] < scattered[0] else rotation
     return best_rotation
 
 
-def grouped(samples: Samples, terms: Sequence[str], window_s: float) -> tuple[list[ObservationGroup], float]:
-    """Put readings that share a direction together, and say how far apart those of a window are, in s."""
+def group_readings(samples: Samples, terms: Sequence[str], window_s: float) -> tuple[list[ObservationGroup], float]:
+    """Groups of readings that share a direction, and the interval between the readings of a window in s."""
     auxiliary = _Attitudes.of(samples, terms)
     every = np.arange(len(samples), dtype=np.intp)
     if "rate" not in terms or samples.rate is None or samples.time is None:
-        return [_group(samples, every[:, np.newaxis], auxiliary)], 0.0
+        return [_make_group(samples, every[:, np.newaxis], auxiliary)], 0.0
     inside = gyro.windows(samples.time, samples.rate, window_s=window_s)
     groups = []
     interval = 0.0
@@ -303,15 +304,15 @@ def grouped(samples: Samples, terms: Sequence[str], window_s: float) -> tuple[li
         interval = float(np.median(steps))
         intervals = np.concatenate([steps, steps[:, -1:]], axis=1)
         turned = gyro.integrated(np.nan_to_num(samples.rate[inside]), intervals, np.zeros(3))
-        groups.append(replace(_group(samples, inside, auxiliary), turned=turned))
+        groups.append(replace(_make_group(samples, inside, auxiliary), turned=turned))
     rest = np.setdiff1d(every, inside.ravel())[:, np.newaxis]
     if len(rest):
-        groups.append(_group(samples, rest, auxiliary))
+        groups.append(_make_group(samples, rest, auxiliary))
     return groups, interval
 
 
 class _Attitudes(NamedTuple):
-    """What stands beside each reading: an attitude (N, 3, 3), or a vertical (N, 3), and how far it is trusted (N,)."""
+    """(N, 3, 3) attitude or (N, 3) vertical of each reading, and its (N,) weight, 0 to 1."""
 
     attitudes: Floats | None = None
     down: Floats | None = None
@@ -319,7 +320,7 @@ class _Attitudes(NamedTuple):
 
     @classmethod
     def of(cls, samples: Samples, terms: Sequence[str]) -> Self:
-        """Take the attitude, which holds a vertical, too; else the accelerometer's, else that of the attitude."""
+        """Attitudes if the terms contain ``attitude``; else verticals of the accelerometer, or of logged attitudes."""
         if "attitude" in terms and samples.attitude is not None:
             matrices = attitude.body_to_world(samples.attitude)
             known = np.asarray(np.isfinite(matrices).all(axis=(1, 2)))
@@ -332,8 +333,8 @@ class _Attitudes(NamedTuple):
         return cls()
 
 
-def _group(samples: Samples, rows: NDArray[np.intp], auxiliary: _Attitudes) -> ObservationGroup:
-    """Take what belongs to (W, n) readings."""
+def _make_group(samples: Samples, rows: NDArray[np.intp], auxiliary: _Attitudes) -> ObservationGroup:
+    """Make the group of (W, n) readings."""
     return ObservationGroup(
         rows,
         in_pieces(samples.field[rows]),
@@ -345,7 +346,7 @@ def _group(samples: Samples, rows: NDArray[np.intp], auxiliary: _Attitudes) -> O
 
 
 def initial(problem: JointProblem, at: Parameters) -> JointIterate:
-    """Where to begin with some parameters: directions that readings agree on, and noises that residuals show."""
+    """Start of the iteration at given parameters: directions by the readings, and noises by the residuals."""
     groups = tuple(group.at(at) for group in problem.groups)
     directions = tuple(group.guess(at) for group in groups)
     squares, counts = np.zeros(2), np.zeros(2)
@@ -358,14 +359,14 @@ def initial(problem: JointProblem, at: Parameters) -> JointIterate:
             counts[1] += float(np.count_nonzero(group.trust)) * auxiliary.shape[2]
     noise, vertical = np.sqrt(squares / np.maximum(counts, 1.0)).tolist()
     weights = Weights(
-        float(np.clip(noise, FINEST * at.radius, LOUDEST * at.radius)),
-        float(np.clip(vertical, FINEST_VERTICAL, LOUDEST)),
+        float(np.clip(noise, FINEST * at.radius, MAX_START_NOISE * at.radius)),
+        float(np.clip(vertical, MIN_VERTICAL_SIGMA, MAX_START_NOISE)),
     )
     return Iterate(at, groups, directions, weights)
 
 
 def misfits(iterate: JointIterate) -> bool:
-    """Whether weighted residuals are larger than what they change by from one reading to the next."""
+    """Whether weighted residuals are much larger than their changes between consecutive readings."""
     total, steps, count, pairs = 0.0, 0.0, 0, 0
     for group, directions in zip(iterate.groups, iterate.directions, strict=True):
         residual, auxiliary = residuals_of(group, iterate.at, directions)
@@ -373,15 +374,15 @@ def misfits(iterate: JointIterate) -> bool:
         if group.turned is None:
             if group.attitudes is None or auxiliary is None or group.trust is None:
                 continue
-            residual, weight = np.swapaxes(auxiliary, 0, 1), group.trust.T  # a direction each: one after the other
+            residual, weight = np.swapaxes(auxiliary, 0, 1), group.trust.T  # single readings in time order
         residual = residual * np.sqrt(weight)[..., np.newaxis]
         total += float(np.sum(residual**2))
         steps += 0.5 * float(np.sum(np.diff(residual, axis=1) ** 2))
         count, pairs = count + residual.size, pairs + residual[:, 1:].size
-    return count > 0 and total / count > MISFIT**2 * steps / max(pairs, 1)
+    return count > 0 and total / count > MIN_MISFIT_RATIO**2 * steps / max(pairs, 1)
 
 
-def _reweighed(
+def _reweigh_group(
     group: ObservationGroup,
     original: ObservationGroup,
     at: Parameters,
@@ -390,10 +391,7 @@ def _reweighed(
     *,
     is_robust: bool,
 ) -> ObservationGroup:
-    """Trust verticals and attitudes with a large residual less than what was recorded with them asks for.
-
-    Readings with a large residual count less where the fit is to be robust.
-    """
+    """Reduce the weight of verticals and attitudes with large residuals, and of readings if `is_robust`."""
     residual, auxiliary = residuals_of(group, at, directions)
     if is_robust:
         redescending = huber(lengths(residual) / weights.noise) ** 2
@@ -406,7 +404,7 @@ def _reweighed(
 
 
 def deviance(problem: JointProblem, iterate: JointIterate) -> float:
-    """−2 log of how probable a fit is, but for what all fits to these readings share."""
+    """Deviance of a fit, −2 log of its probability up to a constant."""
     counts = np.zeros(2)
     for group in iterate.groups:
         observed = 0 if group.trust is None else int(np.count_nonzero(group.trust))

@@ -1,4 +1,4 @@
-"""The field has the same strength whichever way the sensor points.
+"""Term of the magnitude: the field has the same strength in all directions of the sensor.
 
 A reading x has y = S⁻¹(x − b), which would be a unit vector u without noise. Its distance from the
 ellipsoid, to first order and in the unit of the readings, is the Sampson distance
@@ -6,12 +6,12 @@ ellipsoid, to first order and in the unit of the readings, is the Sampson distan
     s = (|y| − 1) / |S⁻¹ y/|y||
 
 With the surface normal n = S⁻¹u/|S⁻¹u| a change of parameters moves the surface towards x by
-n·δb + nᵀ δS u: that is the Jacobian. It is evaluated at the first-order foot point of x on the
-ellipsoid, where it carries no noise of first order.
+n·δb + nᵀ δS u, which gives the Jacobian. It is evaluated at the first-order foot point of x on the
+ellipsoid, where it contains no noise of first order.
 
-What remains is of second order: the surface is curved, so noise pushes readings outwards on
-average, by E[s] = ½ σ² ∇²s. `curvature` gives Σ J ½∇²s for the solver to subtract; without it the
-likelihood is biased, by many times its own uncertainty on long recordings.
+A bias of second order remains: the surface is curved, so noise moves readings outwards on average, by
+E[s] = ½ σ² ∇²s. `curvature` gives Σ J ½∇²s, which the solver subtracts; otherwise the bias would be
+many times the claimed uncertainty of long recordings.
 
 Source: P. D. Sampson (1982), Computer Graphics and Image Processing 18; bias of estimating
 equations as in Kukush, Markovsky, Van Huffel (2004) §2.
@@ -36,21 +36,21 @@ if TYPE_CHECKING:
 
     from flinders.arrays import Floats
 
-# Rows of a block are n, n_i u_j and s; the last column of the products belongs to s.
-_GATHER: Final = np.zeros((13, 10))
-_GATHER[:12, :9] = GATHER
-_GATHER[12, 9] = 1.0
+# Rows of a block are n, n_i u_j and s; the last column of the products is that of s.
+_DERIVATIVES: Final = np.zeros((13, 10))
+_DERIVATIVES[:12, :9] = GATHER
+_DERIVATIVES[12, 9] = 1.0
 
 
 def equations(blocks: Iterable[Floats], ellipsoid: Ellipsoid) -> NormalEquations:
-    """Add up the normal equations over blocks of (m, 3) readings, linearised at an ellipsoid."""
+    """Normal equations of blocks of (m, 3) readings, linearised at an ellipsoid."""
     inverse = np.linalg.inv(ellipsoid.shape)
     total = np.zeros((10, 10))
     count = 0
     for block in blocks:
         for start in range(0, len(block), BLOCK):
             rows = _rows(block[start : start + BLOCK], ellipsoid.centre, inverse)
-            total += _GATHER.T @ (rows @ rows.T) @ _GATHER
+            total += _DERIVATIVES.T @ (rows @ rows.T) @ _DERIVATIVES
             count += rows.shape[1]
     return NormalEquations(total[:9, :9], total[:9, 9], float(total[9, 9]), count)
 
@@ -62,7 +62,7 @@ def distances(readings: Floats, ellipsoid: Ellipsoid) -> Floats:
 
 
 def curvature(readings: Floats, ellipsoid: Ellipsoid) -> Floats:
-    """(9,) Σ J ½∇²s over (N, 3) readings: times σ², what noise adds to the gradient on average.
+    """(9,) Σ J ½∇²s over (N, 3) readings; noise adds σ² times this to the mean gradient.
 
     On the surface ∇²s = (tr K − k₁)/√k₁ − 2 (k₂ − k₁²)/k₁^{3/2} with K = S⁻², k₁ = uᵀKu, k₂ = |Ku|².
     """
@@ -70,7 +70,7 @@ def curvature(readings: Floats, ellipsoid: Ellipsoid) -> Floats:
     u = inverse @ centred(readings, ellipsoid.centre)
     u = u[:, np.any(u != 0.0, axis=0)]  # a reading at the centre has no direction
     u /= _lengths(u)
-    inverse = inverse * scale  # a power of two: powers of K stay within range, and no digit changes
+    inverse = inverse * scale  # a power of two: keeps powers of K within range without rounding
     metric = inverse @ inverse
     normal = inverse @ u
     bent = metric @ u
@@ -83,14 +83,14 @@ def curvature(readings: Floats, ellipsoid: Ellipsoid) -> Floats:
 
 
 def information(directions: Floats, ellipsoid: Ellipsoid) -> Floats:
-    """(K, 9) Jacobian J at (K, 3) unit directions u: the distance that each parameter moves the surface there."""
+    """(K, 9) Jacobian at (K, 3) unit directions: displacement of the surface there by each parameter."""
     normals = np.linalg.inv(ellipsoid.shape) @ directions.T
     normals /= _lengths(normals)
     return gathered(normals, directions.T)
 
 
 def _rows(readings: Floats, centre: Floats, inverse: Floats) -> Floats:
-    """(13, m): normal n, the products n_i u_j, and s, for one block."""
+    """(13, m) normals n, products n_i u_j, and distances s of one block of (m, 3) readings."""
     rows = np.empty((13, len(readings)))
     y = inverse @ centred(readings, centre)
     s, normal = _distances(y, inverse)
@@ -105,7 +105,7 @@ def _rows(readings: Floats, centre: Floats, inverse: Floats) -> Floats:
 
 
 def _distances(y: Floats, inverse: Floats) -> tuple[Floats, Floats]:
-    """s (m,) and n (3, m) of y = S⁻¹(x − b), (3, m)."""
+    """(m,) distances s and (3, m) normals n from (3, m) y = S⁻¹(x − b)."""
     length = _lengths(y)
     normal = inverse @ (y / length)
     steepness = _lengths(normal)
@@ -119,5 +119,5 @@ def _dot(a: Floats, b: Floats) -> Floats:
 
 
 def _lengths(vectors: Floats) -> Floats:
-    """(m,) lengths of (3, m) vectors; a vector of no length counts as very short, so that dividing is safe."""
+    """(m,) lengths of (3, m) vectors, at least 1e-150 to allow division."""
     return np.maximum(np.sqrt(_dot(vectors, vectors)), 1e-150)

@@ -1,41 +1,39 @@
-"""Readings in groups that share one direction of the field: of one reading, of a window, of a recording.
+"""Groups of readings that share a direction of the field: a single reading, or a window of a gyro.
 
-The direction of the field is nothing that anyone asks for, and yet every reading needs one. How many readings
-share it is what an aid changes:
+The direction of the field at each reading is a nuisance parameter. Aiding sensors determine which readings share it:
 
-    magnitude      one reading        q = v                 the length alone counts
+    magnitude      one reading        q = v                 only the length is observed
     dip            one reading        q = v, dᵀq = sin I    and the height above the horizon
-    rate           a window           q_k = ΔR_kᵀ v         three residuals a reading
-    attitude       one reading, or    C_k q_k = m           and the rotation is seen in full
+    rate           a window           q_k = ΔR_kᵀ v         three residuals for each reading
+    attitude       one reading, or    C_k q_k = m           and the full rotation is observable
                    a window
 
-Residuals are r = x − b − S Rᵀ q in the unit of the readings, sin I − dᵀq where there is a
-vertical d, and m − C q where there is an attitude C. All are linear in the noise. Each group's own direction is
-eliminated by a Schur complement: with the Jacobians J of the parameters and V of the direction, the normal equations
-lose JᵀV (VᵀV)⁻¹ VᵀJ.
+Residuals are r = x − b − S Rᵀ q in the unit of the readings, sin I − dᵀq for a vertical d, and m − C q for an attitude
+C. All are linear in the noise. The direction of each group is eliminated by a Schur complement: with the Jacobians J of
+the parameters and V of the direction, JᵀV (VᵀV)⁻¹ VᵀJ is subtracted from the normal equations.
 
-The sphere that v moves on is curved. Noise that leaves v uncertain by the covariance C leaves residuals with the mean
-½ tr(C) f(v), f the part of the model that is linear in v. `bent` gives what this adds to the gradient, for the solver
-to take off. For one reading alone that is the curvature of `flinders.likelihood.magnitude`; in a window it shrinks with
-the number of readings.
+The direction v moves on a sphere, which is curved. A covariance C of v gives residuals of mean ½ tr(C) f(v), with f the
+part of the model that is linear in v. `bent` is the resulting mean gradient, which the solver subtracts. For a single
+reading it is the curvature of `flinders.likelihood.magnitude`; in a window it decreases with the number of readings.
 
-An accelerometer's errors put the vertical where v = (1 + Γ)(d + β/ρ) points, see `flinders.likelihood.dip`: all
-alike while the body stays level, where a rotation of the magnetometer does the same, and not as it leans. The residual
-is then |v| sin I − vᵀq, which has the noise of d whatever β: over |v| it would be the smaller the longer β makes v.
+With an accelerometer's errors the vertical is v = (1 + Γ)(d + β/ρ), see `flinders.likelihood.dip`. While the body is
+level the errors have the same effect as a rotation of the magnetometer; when it tilts, their effect differs. The
+residual is |v| sin I − vᵀq, which has the noise of d regardless of β; divided by |v| it would decrease with a β that
+makes v longer.
 
-The vertical has noise, too, which stands in the residual sin I − dᵀq and in its Jacobian dᵀ∂q: their product has the
-mean σ² sin I dᵀ∂q for a noise of σ in each direction across d. And a noisy unit vector is the shorter along its mean,
-by σ². `bent` holds both. An attitude's noise leaves nothing of the kind, see `flinders.likelihood.attitude`.
+The noise of the vertical occurs in the residual sin I − dᵀq and in its Jacobian dᵀ∂q. Their product has the mean
+σ² sin I dᵀ∂q for a noise σ in each direction across d. Also, the mean of a noisy unit vector is shorter, by σ². `bent`
+contains both effects. The noise of attitudes has no such effect, see `flinders.likelihood.attitude`.
 
 Source: eliminating nuisance parameters as in B. Triggs et al., *Bundle Adjustment*, 2000; the bias of a
 curved surface as in `flinders.likelihood.magnitude`.
 
 >>> from flinders.likelihood.parameters import ParameterLayout, Parameters
->>> field = np.array([[[50.5, 0.0, 0.0]], [[0.0, 49.0, 0.0]]])               # on a sphere of 50, but for noise
+>>> field = np.array([[[50.5, 0.0, 0.0]], [[0.0, 49.0, 0.0]]])               # on a sphere of radius 50, with noise
 >>> group = ObservationGroup.of(field)
 >>> here = Parameters.at(np.zeros(3), 50.0 * np.eye(3))
 >>> equations = group.linearised(here, group.guess(here), ParameterLayout.of(), Weights(1.0))
->>> round(equations.cost, 6), round(float(equations.matrix[3, 3]), 6)               # 0.5² + 1²; one of two sees S₁₁
+>>> round(equations.cost, 6), round(float(equations.matrix[3, 3]), 6)         # 0.5² + 1²; one reading observes S₁₁
 (1.25, 1.0)
 """
 
@@ -71,75 +69,75 @@ if TYPE_CHECKING:
     from flinders.likelihood.parameters import ParameterLayout, Parameters
 
 ROOM: Final = 8192
-"""Readings worked on at a time, whatever the length of the recording."""
+"""Readings in a chunk, regardless of the length of the recording."""
 
-LEAST_SEEN: Final = 1e-12
-"""Determinant of what a window says of its direction, of the squared trace, below which it says nothing."""
+MIN_DETERMINANT_RATIO: Final = 1e-12
+"""Smallest determinant of the information on a window's direction, relative to its squared trace."""
 
-RUN: Final = 32
-"""Readings in a row of which some stand for all."""
+RUN_READINGS: Final = 32
+"""Consecutive readings that are kept together when a recording is thinned."""
 
 
 class Weights(NamedTuple):
-    """How far residuals are trusted."""
+    """Standard deviations of residuals."""
 
     noise: float  # standard deviation of a component of a reading, in its unit
     vertical: float = 1.0  # standard deviation of dᵀq, or of an attitude about each axis, in rad
-    own: float = 1.0  # share of the variance of dᵀq that is noise of d, and not of a gyro's walk
-    span: float = 1.0  # verticals in a row that say as much as one: accelerations last
+    own: float = 1.0  # fraction of the variance of dᵀq by the noise of d; the rest is the walk of a gyro
+    span: float = 1.0  # correlation length of verticals, in readings, as accelerations last
 
     @property
     def steepness(self) -> float:
-        """What a residual of a vertical, or of an attitude, counts for, in 1/rad."""
+        """Root of the weight of a residual of a vertical or attitude, in 1/rad."""
         return 1.0 / (self.vertical * math.sqrt(self.span))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ObservationGroup:
-    """Readings, so many to a direction."""
+    """W windows of n readings, each with one direction of the field."""
 
-    rows: NDArray[np.intp]  # (W, n): which readings of the recording
-    field: Floats  # (W, n, 3)
-    weight: Floats  # (W, n): 1, or 0 for a reading that does not belong
-    turned: Turned | None = None  # how the body turned within each window
-    # (W, n, 3, 3): from body axes into the world, where all share the direction of the site's field
+    rows: NDArray[np.intp]  # (W, n): index of each reading in the recording
+    field: Floats  # (W, n, 3): readings
+    weight: Floats  # (W, n): 1, or 0 for an outlier or missing reading
+    turned: Turned | None = None  # rotation of the body within each window
+    # (W, n, 3, 3): from body axes to the world, in which the field has one direction
     attitudes: Floats | None = None
-    down: Floats | None = None  # (W, n, 3)
-    trust: Floats | None = None  # (W, n): in the vertical, or in the attitude; a group has one of the two at most
+    down: Floats | None = None  # (W, n, 3): verticals d in body axes
+    trust: Floats | None = None  # (W, n): weight of the vertical or of the attitude; a group has at most one of them
 
     @classmethod
     def of(cls, field: Floats) -> Self:
-        """Readings (W, n, 3) with nothing beside them."""
+        """Make a group of (W, n, 3) readings of a magnetometer alone."""
         shape = field.shape[:2]
         return cls(np.arange(shape[0] * shape[1]).reshape(shape), field, np.ones(shape))
 
     @property
     def tall(self) -> int:
-        """Residuals of a reading: 3, 4 with a vertical, or 6 with an attitude."""
+        """Number of residuals of a reading: 3, 4 with a vertical, or 6 with an attitude."""
         return 6 if self.attitudes is not None else 3 if self.down is None else 4
 
     @property
     def count(self) -> int:
-        """Readings that count."""
+        """Number of readings with a weight."""
         return int(np.count_nonzero(self.weight))
 
     def chunks(self) -> list[Self]:
-        """The same in parts that are not too large, never cutting a window."""
+        """The group in parts of about `ROOM` readings, in whole windows."""
         each = max(1, ROOM // self.rows.shape[1])
         return [self.chunk(slice(begin, begin + each)) for begin in range(0, len(self.rows), each)]
 
     def every(self, step: int) -> Self:
-        """One window of so many."""
+        """The group with one of `step` windows."""
         return self.chunk(slice(None, None, step))
 
     def runs(self, step: int) -> Self:
-        """One window of so many; of single readings runs of `RUN`, so that noise still shows from one to the next."""
+        """The group with one of `step` windows; single readings in runs of `RUN_READINGS`, for noise estimates."""
         if self.turned is not None:
             return self.every(step)
-        return self.chunk(np.flatnonzero(np.arange(len(self.rows)) // RUN % step == 0))
+        return self.chunk(np.flatnonzero(np.arange(len(self.rows)) // RUN_READINGS % step == 0))
 
     def chunk(self, rows: slice | NDArray[np.intp]) -> Self:
-        """Some of the windows."""
+        """The group with some of its windows."""
         parts = {
             name: None if getattr(self, name) is None else getattr(self, name)[rows]
             for name in ("rows", "field", "weight", "attitudes", "down", "trust")
@@ -147,28 +145,28 @@ class ObservationGroup:
         return replace(self, **parts, turned=None if self.turned is None else self.turned.chunk(rows))  # type: ignore[arg-type]
 
     def at(self, at: Parameters) -> Self:
-        """The same, turned with the gyro of some parameters."""
+        """The group with the gyro's rotation for other parameters."""
         if self.turned is None:
             return self
         return replace(self, turned=self.turned.with_gyro(at.gyro_bias, at.gyro))
 
     @property
     def rotations(self) -> Floats:
-        """(W, n, 3, 3) from body axes at each reading into those of its direction, the delay left out."""
+        """(W, n, 3, 3) from body axes at each reading to those at the first of its window, without the delay."""
         if self.turned is not None:
             return self.turned.rotations
         return np.broadcast_to(np.eye(3), (*self.weight.shape, 3, 3))
 
     def centred(self, at: Parameters) -> Floats:
-        """(W, n, 3) readings about their offset."""
+        """(W, n, 3) readings minus the offset."""
         return self.field - at.offset
 
     def upright(self, at: Parameters) -> Floats | None:
-        """(W, n, 3) v, which points down and is about as long as d; None where no vertical was recorded."""
+        """(W, n, 3) corrected verticals v, of about unit length; None without verticals."""
         return None if self.down is None else dip.upright(self.down, at.accelerometer)[0]
 
     def guess(self, at: Parameters) -> Floats:
-        """(W, 3) the direction of each window that readings agree on best."""
+        """(W, 3) direction of each window by the mean of its readings."""
         seen = self.centred(at) @ np.linalg.inv(at.ellipsoid_like).T * self.weight[..., np.newaxis]
         if self.turned is not None:
             seen = applied(self.turned.rotations, in_pieces(seen))
@@ -178,7 +176,7 @@ class ObservationGroup:
         return unit
 
     def seen(self, at: Parameters, directions: Floats) -> tuple[Floats, Floats | None]:
-        """(W, n, 3) q at each reading, and the rotations (W, n, 3, 3) that made it from (W, 3) directions."""
+        """(W, n, 3) q at each reading from (W, 3) directions, and the (W, n, 3, 3) rotations between them."""
         if self.turned is None:
             return np.broadcast_to(directions[:, np.newaxis], self.field.shape), None
         back = np.swapaxes(self.turned.rotations, 2, 3)
@@ -195,7 +193,7 @@ class ObservationGroup:
         return cost
 
     def linearised(self, at: Parameters, directions: Floats, layout: ParameterLayout, weights: Weights) -> Linearised:
-        """Normal equations at some parameters and (W, 3) directions, the directions eliminated."""
+        """Normal equations at given parameters and (W, 3) directions, with the directions eliminated."""
         return eliminated(rows_of(self, at, directions, layout, weights))
 
 
@@ -205,44 +203,44 @@ class ObservationRows:
 
     residual: Floats  # (W, k, n): k is 3, 4 with a vertical, or 6 with an attitude
     jacobian: Floats  # (W, k, n, P)
-    own: Floats  # (W, k, n, 2): for the window's own direction
-    model: Floats  # (W, k, n): the part of the model that is linear in that direction
-    # (W, k, n): mean residual that the noise of verticals pretends, which stands in the residual and in its Jacobian
+    own: Floats  # (W, k, n, 2): Jacobian of the window's own direction
+    model: Floats  # (W, k, n): part of the model that is linear in that direction
+    # (W, k, n): equivalent mean residual by the noise of verticals, which occurs in the residual and in its Jacobian
     lean: Floats
-    still: Floats  # (P,): 1 for a parameter whose Jacobian has no part in that noise
-    # residuals of each kind: a weight stands for a variance, and each counts for one. Of an attitude two, as the third,
-    # along the field, is of second order.
+    still: Floats  # (P,): 1 for a parameter whose Jacobian is free of that noise
+    # number of residuals of each kind, regardless of their weights; 2 for an attitude, because its residual along the
+    # field is of second order
     counts: tuple[float, ...]
-    # which (W, k, n) residuals have a noise of their own: those of readings, and of verticals or attitudes
+    # slices of (W, k, n) residuals with separate standard deviations: readings, and verticals or attitudes
     kinds: tuple[tuple[slice, ...], ...] = (np.s_[:, :3], np.s_[:, 3:])
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Linearised:
-    """Normal equations of a group, its own directions eliminated."""
+    """Normal equations of a group, with its own directions eliminated."""
 
     matrix: Floats  # (P, P)
     gradient: Floats  # (P,)
     cost: float  # Σ r²
-    bent: Floats  # (P,): mean gradient that noise makes on the sphere
-    root: Floats  # (W, 2, 2) T: of T Tᵀ, the covariance of each direction, were the parameters known
+    bent: Floats  # (P,): mean gradient by noise, because the sphere of directions is curved
+    root: Floats  # (W, 2, 2): T, with T Tᵀ the covariance of each direction for known parameters
     mixed: Floats  # (W, P, 2): JᵀV, see `orthonormal`
     own: Floats  # (W, 2): Vᵀr
-    squares: Floats  # (K,): Σ r² of each kind of residual, once directions have settled
-    expected: Floats  # (K,): the same if the weights are right, but for what the parameters take up
-    # (K, K): how the squares hang on the variance of each kind: Fisher's information, twice, per relative change
+    squares: Floats  # (K,): Σ r² of each kind of residual, with fitted directions
+    expected: Floats  # (K,): expectation of `squares` for correct weights, before the fit of the parameters
+    # (K, K): derivative of `squares` by relative changes of the variances, twice Fisher's information
     curvature: Floats
 
     @classmethod
     def without_directions(cls, matrix: Floats, gradient: Floats, cost: float) -> Self:
-        """Of observations that have no direction of their own, and weigh themselves."""
+        """Normal equations of observations without own directions and without estimated noise."""
         size, nothing = len(gradient), np.zeros(0)
         none = np.zeros((0, 2, 2)), np.zeros((0, size, 2)), np.zeros((0, 2))
         return cls(matrix, gradient, cost, np.zeros(size), *none, nothing, nothing, np.zeros((0, 0)))
 
     @classmethod
     def joined(cls, parts: Sequence[Self]) -> Self:
-        """Of groups with a direction of its own for each window."""
+        """Join the normal equations of several groups."""
         if len(parts) == 1:
             return parts[0]
         by_window = ("root", "mixed", "own")
@@ -254,13 +252,13 @@ class Linearised:
         return cls(**values)  # type: ignore[arg-type]
 
     def follow(self, directions: Floats, step: Floats) -> Floats:
-        """(W, 3) directions that go with a step of the parameters."""
+        """(W, 3) directions fitted after a (P,) step of the parameters."""
         left = self.own - np.einsum("p,wpa->wa", step, self.mixed)
         return on_the_sphere(directions, np.einsum("wab,wb->wa", self.root, left))
 
 
 def residuals_of(group: ObservationGroup, at: Parameters, directions: Floats) -> tuple[Floats, Floats | None]:
-    """(W, n, 3) r in the unit of the readings, and (W, n, 1) sin I − dᵀq or (W, n, 3) m − C q, without weights."""
+    """Unweighted residuals: (W, n, 3) r in the unit of the readings, and (W, n, 1) sin I − dᵀq or (W, n, 3) m − C q."""
     q, _ = group.seen(at, directions)
     residual = group.centred(at) - transformed(at.ellipsoid_like, q)
     if group.attitudes is not None:
@@ -272,7 +270,7 @@ def residuals_of(group: ObservationGroup, at: Parameters, directions: Floats) ->
 
 
 def eliminated(rows: ObservationRows) -> Linearised:
-    """Sum up rows, and take their own directions out."""
+    """Normal equations of rows, with their own directions eliminated."""
     width, lean = rows.jacobian.shape[-1], rows.lean
     flat = rows.jacobian.transpose(3, 1, 0, 2).reshape(width, -1)  # (P, k W n)
     own, root = orthonormal(rows.own)
@@ -280,7 +278,7 @@ def eliminated(rows: ObservationRows) -> Linearised:
     projected = mixed.transpose(1, 2, 0).reshape(width, -1)  # (P, 2 W)
     pull = np.einsum("wkna,wkn->wa", own, rows.residual)
     share = 0.5 * np.einsum("wab,wab->w", root, root)
-    left = 1.0 - np.einsum("wkna,wkna->wkn", own, own)  # what own do not take
+    left = 1.0 - np.einsum("wkna,wkna->wkn", own, own)  # variance left by the fitted directions
     off = rows.model * share[:, np.newaxis, np.newaxis] + lean * (1.0 + left)
     weighing = np.stack([np.swapaxes(one, 0, 1).ravel() for one in (rows.residual, off, lean * left)])
     gradient, bent, leaning = weighing @ flat.T
@@ -295,16 +293,16 @@ def eliminated(rows: ObservationRows) -> Linearised:
 
 
 def orthonormal(own: Floats) -> tuple[Floats, Floats]:
-    """(W, k, n, 2) columns V = own T with VᵀV = 1 (Gram–Schmidt), and T (W, 2, 2), of each window.
+    """(W, k, n, 2) columns V = own T with VᵀV = 1 (Gram–Schmidt), and (W, 2, 2) T, of each window.
 
-    T Tᵀ is the covariance of the window's direction. Both are zero for a window that says nothing.
+    T Tᵀ is the covariance of the window's direction. Both are zero for a window without information on it.
     """
     first, second = own[..., 0], own[..., 1]
     a, b, d = (
         np.einsum("wkn,wkn->w", one, other) for one, other in ((first, first), (first, second), (second, second))
     )
     determinant = a * d - b * b
-    is_sound = determinant > LEAST_SEEN * (a + d) ** 2
+    is_sound = determinant > MIN_DETERMINANT_RATIO * (a + d) ** 2
     length, rest = np.sqrt(np.where(is_sound, a, 1.0)), np.sqrt(np.where(is_sound, determinant, 1.0))
     zero = np.zeros_like(a)
     root = vectors_of(vectors_of(np.array([[1.0 / length, -b / (length * rest)], [zero, length / rest]]) * is_sound))
@@ -315,16 +313,16 @@ def orthonormal(own: Floats) -> tuple[Floats, Floats]:
 
 
 def mixed_of(jacobian: Floats, own: Floats) -> Floats:
-    """(W, P, 2) JᵀV of (W, k, n, P) and (W, k, n, 2)."""
+    """(W, P, 2) products JᵀV of (W, k, n, P) Jacobians and (W, k, n, 2) columns."""
     count, width = len(jacobian), jacobian.shape[-1]
     mixed = np.moveaxis(np.empty((width, 2, count)), 2, 0)
     return np.einsum("wknp,wkna->wpa", jacobian, own, out=mixed)
 
 
 def _components(own: Sequence[Floats], counts: Floats) -> tuple[Floats, Floats]:
-    """Expected squares (K,) of each kind, and (K, K) how they follow a relative change of each variance.
+    """(K,) expected squares of each kind of residual, and their (K, K) derivative by relative changes of variances.
 
-    With Q = 1 − V Vᵀ of a window: tr Q over the rows of each kind, and tr Q_ab Q_ba; of the rows of V of each kind.
+    With Q = 1 − V Vᵀ of a window and `own` the rows of V of each kind: tr Q over the rows of a kind, and tr Q_ab Q_ba.
     """
     shares = [np.einsum("wkna,wknb->wab", of_kind, of_kind) for of_kind in own]
     traces = np.array([float(np.einsum("waa->", share)) for share in shares])
@@ -340,39 +338,39 @@ def rows_of(
     windows, n = group.weight.shape
     residual, model, lean = np.swapaxes(np.zeros((3, group.tall, windows, n)), 1, 2)
     linear = transformed(at.ellipsoid_like, q)
-    scale = _steepness_of_readings(group, weights)
+    scale = _reading_steepness(group, weights)
     model[:, :3] = np.swapaxes(linear, 1, 2) * scale
     residual[:, :3] = np.swapaxes(group.centred(at) - linear, 1, 2) * scale
     rows = ObservationRows(
         residual,
         jacobian_of(group, at, q, layout, weights),
-        _own_of(group, at, directions, back, weights),
+        _own_jacobian(group, at, directions, back, weights),
         model,
         lean,
         *_still_and_counts(group, layout, weights),
     )
     if group.trust is not None:
-        _add_beside(rows, group, at, q, weights)
+        _fill_auxiliary(rows, group, at, q, weights)
     return rows
 
 
 def own_of(group: ObservationGroup, at: Parameters, directions: Floats, weights: Weights) -> Floats:
-    """(W, k, n, 2) Jacobian of a group for its own directions (W, 3), in standard deviations."""
-    return _own_of(group, at, directions, group.seen(at, directions)[1], weights)
+    """(W, k, n, 2) Jacobian of a group by its own (W, 3) directions, in standard deviations."""
+    return _own_jacobian(group, at, directions, group.seen(at, directions)[1], weights)
 
 
-def _own_of(
+def _own_jacobian(
     group: ObservationGroup, at: Parameters, directions: Floats, back: Floats | None, weights: Weights
 ) -> Floats:
-    """`own_of`, with the rotations (W, n, 3, 3) of `ObservationGroup.seen`."""
+    """As `own_of`, with the (W, n, 3, 3) rotations of `ObservationGroup.seen`."""
     windows, n = group.weight.shape
     own = np.empty((2, group.tall, windows, n)).transpose(2, 1, 3, 0)
     tangent = across(directions)[:, np.newaxis]
     turned = np.broadcast_to(tangent, (windows, n, 3, 2)) if back is None else product(back, tangent)
-    scale = _steepness_of_readings(group, weights)
+    scale = _reading_steepness(group, weights)
     for axis in range(2):
         own[:, :3, :, axis] = np.swapaxes(transformed(at.ellipsoid_like, turned[..., axis]), 1, 2) * scale
-    steep = _steepness_beside(group, weights)[..., np.newaxis]
+    steep = _auxiliary_steepness(group, weights)[..., np.newaxis]
     if group.attitudes is not None:
         own[:, 3:] = np.swapaxes(product(group.attitudes, turned) * steep[..., np.newaxis], 1, 2)
     elif (down := group.upright(at)) is not None:
@@ -380,14 +378,14 @@ def _own_of(
     return own
 
 
-def _steepness_of_readings(group: ObservationGroup, weights: Weights) -> Floats:
-    """(W, 1, n) what residuals of readings count for, in 1/unit."""
+def _reading_steepness(group: ObservationGroup, weights: Weights) -> Floats:
+    """(W, 1, n) root of the weight of residuals of readings, in 1/unit."""
     steep: Floats = (np.sqrt(group.weight) / weights.noise)[:, np.newaxis]
     return steep
 
 
-def _steepness_beside(group: ObservationGroup, weights: Weights) -> Floats:
-    """(W, n) what residuals of verticals or attitudes count for, in 1/rad."""
+def _auxiliary_steepness(group: ObservationGroup, weights: Weights) -> Floats:
+    """(W, n) root of the weight of residuals of verticals or attitudes, in 1/rad."""
     if group.trust is None:
         return np.zeros(group.weight.shape)
     steep: Floats = np.sqrt(group.trust) * weights.steepness
@@ -397,7 +395,7 @@ def _steepness_beside(group: ObservationGroup, weights: Weights) -> Floats:
 def _still_and_counts(
     group: ObservationGroup, layout: ParameterLayout, weights: Weights
 ) -> tuple[Floats, tuple[float, float]]:
-    """`ObservationRows.still` and `ObservationRows.counts`."""
+    """Values of `ObservationRows.still` and `ObservationRows.counts`."""
     trusted = 0.0 if group.trust is None else float(np.count_nonzero(group.trust))
     trusted *= 1.0 / weights.span if group.attitudes is None else 2.0
     still = np.zeros(layout.size)
@@ -407,24 +405,32 @@ def _still_and_counts(
     return still, counts
 
 
-def _add_beside(rows: ObservationRows, group: ObservationGroup, at: Parameters, q: Floats, weights: Weights) -> None:
-    """Write what verticals or attitudes add to residuals and to what stands with them.
+def _fill_auxiliary(
+    rows: ObservationRows, group: ObservationGroup, at: Parameters, q: Floats, weights: Weights
+) -> None:
+    """Write the residuals of verticals or attitudes, with their `model` and `lean`.
 
     Parameters
     ----------
     rows : ObservationRows
-        But for their Jacobians.
+        Written in place, except its Jacobians.
+    group : ObservationGroup
+        Group with verticals or attitudes.
+    at : Parameters
+        Values of the parameters.
     q : (W, n, 3) float
-        The field's direction at each reading.
+        Direction of the field at each reading.
+    weights : Weights
+        Standard deviations of the residuals.
     """
     trust = np.zeros(group.weight.shape) if group.trust is None else group.trust
-    steep = _steepness_beside(group, weights)
+    steep = _auxiliary_steepness(group, weights)
     if group.attitudes is not None:
         stands = applied(group.attitudes, q) * steep[..., np.newaxis]
         rows.model[:, 3:] = np.swapaxes(stands, 1, 2)
         rows.residual[:, 3:] = np.swapaxes(at.direction * steep[..., np.newaxis] - stands, 1, 2)
     elif (down := group.upright(at)) is not None:
-        usual = np.count_nonzero(trust) / max(float(trust.sum()), 1e-300)  # a variance is one of trust 1
+        usual = np.count_nonzero(trust) / max(float(trust.sum()), 1e-300)  # the variance is that of a trust of 1
         across_it = usual * weights.own * weights.vertical**2 / max(1.0 - at.sine**2, 1e-3)
         rows.lean[:, 3] = at.sine * across_it * steep
         rows.model[:, 3] = dip.heights(down, q) * steep
@@ -434,12 +440,12 @@ def _add_beside(rows: ObservationRows, group: ObservationGroup, at: Parameters, 
 def jacobian_of(
     group: ObservationGroup, at: Parameters, q: Floats, layout: ParameterLayout, weights: Weights
 ) -> Floats:
-    """(W, k, n, P) Jacobian of a group in standard deviations, with the field's direction (W, n, 3) at each reading."""
-    jacobian = np.zeros((layout.size, group.tall, *q.shape[:2])).transpose(2, 1, 3, 0)  # a column in one piece
+    """(W, k, n, P) Jacobian of a group in standard deviations, with the (W, n, 3) direction q at each reading."""
+    jacobian = np.zeros((layout.size, group.tall, *q.shape[:2])).transpose(2, 1, 3, 0)  # columns are contiguous
     turned = group.turned
     moved = None if turned is None else gyro.moved(turned, q, at.turning(turned.rate), layout.columns)
-    _fill(jacobian, at, q, layout, moved)
-    jacobian[:, :3] *= _steepness_of_readings(group, weights)[..., np.newaxis]
+    _fill_readings(jacobian, at, q, layout, moved)
+    jacobian[:, :3] *= _reading_steepness(group, weights)[..., np.newaxis]
     if group.trust is None:
         return jacobian
     of_gyro = gyro.columns_of(layout.columns)
@@ -452,12 +458,12 @@ def jacobian_of(
             jacobian[:, 3], layout.columns, group.down, q,
             sine=at.sine, errors=at.accelerometer, of_gyro=of_gyro, moved=moved,
         )  # fmt: skip
-    jacobian[:, 3:] *= _steepness_beside(group, weights)[:, np.newaxis, :, np.newaxis]
+    jacobian[:, 3:] *= _auxiliary_steepness(group, weights)[:, np.newaxis, :, np.newaxis]
     return jacobian
 
 
-def _fill(jacobian: Floats, at: Parameters, q: Floats, layout: ParameterLayout, moved: Floats | None) -> None:
-    """Write the Jacobian (W, 3 or 4, n, P) of the readings, in their unit."""
+def _fill_readings(jacobian: Floats, at: Parameters, q: Floats, layout: ParameterLayout, moved: Floats | None) -> None:
+    """Write the rows of the readings into a (W, k, n, P) Jacobian, in their unit."""
     shape, u = at.ellipsoid_like, transformed(at.rotation.T, q)
     for axis in range(3):
         jacobian[:, axis, :, axis] = 1.0
@@ -473,9 +479,9 @@ def _fill(jacobian: Floats, at: Parameters, q: Floats, layout: ParameterLayout, 
 
 
 def inverse_of(matrices: Floats) -> Floats:
-    """(W, 2, 2) inverses of symmetric matrices; of one that says nothing, zero."""
+    """(W, 2, 2) inverses of symmetric matrices; zero for a singular matrix."""
     a, b, d = matrices[:, 0, 0], matrices[:, 0, 1], matrices[:, 1, 1]
     determinant = a * d - b * b
-    sound = determinant > LEAST_SEEN * (a + d) ** 2
+    sound = determinant > MIN_DETERMINANT_RATIO * (a + d) ** 2
     inverse = np.array([[d, -b], [-b, a]]) * (sound / np.where(sound, determinant, 1.0))
     return np.moveaxis(inverse, 2, 0)

@@ -1,12 +1,12 @@
-"""What a fit with aids finds: offset and shape always, and whatever else a term can see.
+"""Parameters of a fit with aiding sensors: offset and shape, and the parameters of the terms.
 
 A reading, in raw units, is
 
     x = b + S Rᵀ q + n,   |q| = 1
 
 with the field's direction q in body axes, the symmetric shape S, and the rotation R from the magnetometer's axes to
-those of the body. The gyro brings its bias, its scales, its mounting and its delay, the accelerometer its bias, its
-gains and the sine of the dip, a logged attitude the direction of the site's field.
+those of the body. A gyro adds its bias, scales, mounting and delay; an accelerometer its bias, its gains and the sine
+of the dip; a logged attitude the direction of the site's field.
 
 >>> layout = ParameterLayout.of(rotation=True, gyro_bias=True)
 >>> layout.size, layout.columns["gyro_bias"]
@@ -34,31 +34,31 @@ if TYPE_CHECKING:
     from flinders.arrays import Floats
 
 ROTATION_SIGMA: Final = 0.35
-"""rad: how far the axes of instruments on one body are thought to be apart, beyond what was looked for."""
+"""Prior standard deviation in rad of the rotation between sensors on one body, about the start of the fit."""
 
-SHORTEST_AXIS: Final = 1e-3
-"""Of the longest: no sensor makes a flatter surface."""
+MIN_AXIS_RATIO: Final = 1e-3
+"""Smallest ratio of the shortest to the longest semi-axis; no sensor has a flatter ellipsoid."""
 
 TERMS: Final = {term.name: term for term in (gyro.TERM, dip.TERM, dip.TILT, attitude.TERM)}
-"""What may be recorded beside the readings, by name."""
+"""Terms of aiding sensors, by name."""
 
 BLOCKS: Final = (
     Block("offset", 3), Block("shape", 6), Block("rotation", 3, ROTATION_SIGMA),
     *(block for term in TERMS.values() for block in term.blocks),
 )  # fmt: skip
-"""Columns of a Jacobian, in their order."""
+"""Blocks of parameters, in the order of the Jacobian's columns."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ParameterLayout:
-    """Which column of a Jacobian belongs to what."""
+    """Columns of the Jacobian for the free parameters."""
 
-    columns: dict[str, slice]  # of the blocks that are free; offset and shape are always the first nine
-    size: int
+    columns: dict[str, slice]  # columns of the free blocks by name; offset and shape are always the first nine
+    size: int  # number of free parameters
 
     @classmethod
     def of(cls, **free: bool) -> Self:
-        """Lay out the blocks that are to be found."""
+        """Assign columns to offset, shape and all other blocks that are free."""
         columns: dict[str, slice] = {}
         begin = 0
         for name, size, _ in BLOCKS:
@@ -73,58 +73,58 @@ class ParameterLayout:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Surface:
-    """Offset and shape on the way to an ellipsoid."""
+    """Offset and shape during a fit."""
 
-    offset: Floats  # (3,), unit of the readings
-    shape: Floats  # (3, 3), unit of the readings: symmetric and positive definite
+    offset: Floats  # (3,), in the unit of the readings
+    shape: Floats  # (3, 3), in the unit of the readings: symmetric and positive definite
 
     @property
     def ellipsoid(self) -> Ellipsoid:
-        """In the magnetometer's own axes."""
+        """Ellipsoid in the magnetometer's own axes."""
         return Ellipsoid(self.offset, self.shape)
 
     @property
     def radius(self) -> float:
-        """Of a ball as large as the ellipsoid."""
+        """Radius of a sphere of the same volume."""
         return float(np.cbrt(np.linalg.det(self.shape)))
 
     @property
     def is_closed(self) -> bool:
-        """Whether the surface is an ellipsoid, and not nearly flat."""
+        """Whether the surface is an ellipsoid that is not nearly flat."""
         axes = np.linalg.eigvalsh(self.shape)
-        return bool(axes[0] > SHORTEST_AXIS * axes[2])
+        return bool(axes[0] > MIN_AXIS_RATIO * axes[2])
 
     def relative(self, step: Floats, _: ParameterLayout) -> float:
-        """Largest change of offset and shape in a (P,) step, in radii."""
+        """Largest change of offset and shape by a (P,) step, relative to the radius."""
         return float(np.abs(step[:9]).max()) / self.radius
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Parameters(Surface):
-    """One set of values."""
+    """Values of all parameters, free or fixed."""
 
-    # (3, 3): turns vectors in the magnetometer's axes into the body's, which are those of gyro, accelerometer and
-    # attitude
+    # (3, 3): from the magnetometer's axes to the body's, which are those of gyro, accelerometer and attitude
     rotation: Floats
-    gyro_bias: Floats  # (3,), rad/s
-    delay: float  # s: by how much the magnetometer is behind the gyro
-    sine: float  # of the field's dip, positive where it points below the horizon
-    direction: Floats  # (3,): unit vector: the site's field in the axes that a logged attitude turns into
-    # (6,): upper triangle of Γ, in the order of `flinders.geometry.ellipsoid.symmetric`: the body turns by (1 + Γ)(ω −
-    # d)
+    gyro_bias: Floats  # (3,), rad/s: d
+    delay: float  # s: delay of the magnetometer behind the gyro
+    sine: float  # sine of the dip, positive if the field points below the horizon
+    direction: Floats  # (3,): unit vector: the site's field in the world axes of a logged attitude
+    # (6,): upper triangle of Γ, in the order of `flinders.geometry.ellipsoid.symmetric`: the rate of the body is
+    # (1 + Γ)(ω − d)
     gyro_scale: Floats = dataclasses.field(default_factory=lambda: np.zeros(6))
-    # (3,), rad: ψ: how the gyro's axes are turned against those of the body: it turns by (1 + Γ + [ψ]×)(ω − d)
+    # (3,), rad: ψ, rotation of the gyro's axes relative to the body: the rate of the body is (1 + Γ + [ψ]×)(ω − d)
     gyro_turn: Floats = dataclasses.field(default_factory=lambda: np.zeros(3))
-    # (9,): its bias β, of gravity, and the upper triangle of Γ, see `flinders.likelihood.dip.AccelerometerPrior`
+    # (9,): the accelerometer's bias β relative to gravity, and the upper triangle of its Γ, see
+    # `flinders.likelihood.dip.AccelerometerPrior`
     accelerometer: Floats = dataclasses.field(default_factory=lambda: np.zeros(9))
 
     @classmethod
     def at(cls, offset: Floats, shape: Floats) -> Self:
-        """Begin somewhere, with nothing else known."""
+        """Parameters with a given offset and shape, and defaults for all others."""
         return cls(offset, shape, np.eye(3), np.zeros(3), 0.0, 0.0, np.array([0.0, 0.0, 1.0]))
 
     def moved(self, step: Floats, layout: ParameterLayout) -> Self:
-        """Take a step; a rotation is turned by its part of it, on the left."""
+        """Parameters after a (P,) step; the step of a rotation is applied on the left."""
         parts = {name: step[columns] for name, columns in layout.columns.items()}
         changed: dict[str, Floats | float] = {
             "offset": self.offset + parts["offset"],
@@ -143,7 +143,7 @@ class Parameters(Surface):
         return replace(self, **changed)  # type: ignore[arg-type]
 
     def turning(self, rate: Floats) -> Floats:
-        """(..., 3) rad/s that the body turns by, of (..., 3) that its gyro says."""
+        """(..., 3) angular rate of the body from (..., 3) readings of its gyro, in rad/s."""
         turning: Floats = (rate - self.gyro_bias) @ grown(self.gyro).T
         return turning
 
@@ -154,6 +154,6 @@ class Parameters(Surface):
 
     @property
     def ellipsoid_like(self) -> Floats:
-        """(3, 3) S Rᵀ: takes the field's direction in body axes to readings about the offset."""
+        """(3, 3) product S Rᵀ, from the field's direction in body axes to readings minus the offset."""
         product: Floats = self.shape @ self.rotation.T
         return product

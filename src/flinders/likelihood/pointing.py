@@ -1,21 +1,21 @@
-"""Shots of a survey instrument: a magnetometer, an accelerometer, and a pointing axis that rolled shots share.
+"""Problem of the solver for shots of a survey instrument: magnetometer, accelerometer and pointing axis.
 
 A shot k of group j has an attitude C_k, from the axes of the instrument to the world (north, east, down). Residuals are
 
     m_k − b − S Rᵀ C_kᵀ f,        g_k − b' − S' C_kᵀ e,        t_j − C_k p
 
-with the magnetometer's reading m and the accelerometer's g, which points down; the field f = (cos I, 0, sin I) of dip I
-and e = (0, 0, 1); the pointing axis p, a unit vector in the accelerometer's axes; and the direction t_j that all shots
-of group j were aimed at, however they were rolled. Each kind of residual has a standard deviation of its own: noise of
-both sensors and the error of aiming. An accelerometer may be curved: for g_k stands g_k + q g_k², axis by axis, whose
-noise is taken as that of g_k. Directions t_j are eliminated (`flinders.likelihood.observations`), and attitudes
-are parameters beside gains, axes and offsets of both sensors: 24, with q 27, and three for each shot.
+with the magnetometer's reading m and the accelerometer's reading g, which points down; the field f = (cos I, 0, sin I)
+of dip I and e = (0, 0, 1); the pointing axis p, a unit vector in the accelerometer's axes; and the common direction t_j
+of all shots of group j, which differ in their roll. Each kind of residual has its own standard deviation: noise of both
+sensors and error of aiming. For a nonlinear accelerometer g_k is replaced by g_k + q g_k² for each axis, with the noise
+of g_k. The directions t_j are eliminated (`flinders.likelihood.observations`). Parameters are gains, axes and offsets
+of both sensors, 24, or 27 with q, and three for the attitude of each shot.
 
-The standard deviations follow from residuals and the trace of the hat matrix of each kind (W. Förstner 1979).
+Standard deviations are estimated from the residuals and the trace of the hat matrix of each kind (W. Förstner 1979).
 
 Source: B. Heeb, *A General Calibration Algorithm for 3-Axis Compass/Clinometer Devices*, CREG Journal 73 (2009), for
-groups of shots rolled about the pointing axis; he alternates between vectors and matrices, here all are found at once.
-For the quadratic terms CalibAlgoBH.java of TopoDroid, after his second algorithm.
+groups of shots rolled about the pointing axis. Heeb alternates between vectors and matrices; here all are estimated at
+once. For the quadratic terms, CalibAlgoBH.java of TopoDroid, after Heeb's second algorithm.
 
 >>> SurveyLayout(shots=56).size
 192
@@ -53,35 +53,35 @@ if TYPE_CHECKING:
 FORWARD, DOWN = np.eye(3)[0], np.eye(3)[2]
 
 GAIN_SPREAD: Final = 0.1
-"""Prior standard deviation of gains and of axes from square, of sensors without soft iron."""
+"""Prior standard deviation of gains, and of misalignment angles in rad, for sensors without soft iron."""
 
 QUADRATIC_SPREAD: Final = 0.05
-"""Prior standard deviation of q times gravity; the DistoX stores 0.045 at most."""
+"""Prior standard deviation of q times gravity; the DistoX stores at most 0.045."""
 
 FINEST_AIM: Final = 2e-4
-"""rad: nobody aims better by hand."""
+"""Smallest standard deviation of aiming by hand in rad."""
 
-LOUD: Final = 0.03
-"""Of the field, of gravity, and rad: what standard deviations begin with."""
+START_SIGMA: Final = 0.03
+"""Standard deviations at the start: relative to the field, relative to gravity, and in rad."""
 
-SPARE: Final = 5.0
-"""Residuals of a shot beyond its attitude: lengths, dip, and where it points."""
+SHOT_FREEDOM: Final = 5.0
+"""Degrees of freedom of the residuals of a shot besides its attitude: two lengths, dip, and direction."""
 
-LEAST_FREEDOM: Final = 0.5
-"""Residuals of a kind below which its standard deviation would be known from nothing."""
+MIN_FREEDOM: Final = 0.5
+"""Smallest degrees of freedom of a kind of residual for the estimate of its standard deviation."""
 
-KINDS: Final = (np.s_[:, :3], np.s_[:, 3:6], np.s_[:, 6:])
-"""Residuals of field, gravity and aim."""
+RESIDUAL_KINDS: Final = (np.s_[:, :3], np.s_[:, 3:6], np.s_[:, 6:])
+"""Slices of the residuals of field, gravity and aim."""
 
 MAGNETOMETER, ACCELEROMETER = ParameterLayout.of(rotation=True), ParameterLayout.of()
 
 
 @dataclass(frozen=True, slots=True)
 class SurveyLayout:
-    """Columns of the Jacobian for so many shots."""
+    """Columns of the Jacobian for the parameters of an instrument and the attitudes of its shots."""
 
-    shots: int
-    gravity: float = 0.0  # size of the accelerometer's readings, by which q is scaled; 0 without quadratic terms
+    shots: int  # number of shots
+    gravity: float = 0.0  # length of the accelerometer's readings, which scales q; 0 without quadratic terms
     magnetometer: ClassVar[slice] = slice(0, 12)
     accelerometer: ClassVar[slice] = slice(12, 21)
     dip: ClassVar[slice] = slice(21, 22)
@@ -89,42 +89,42 @@ class SurveyLayout:
 
     @property
     def is_quadratic(self) -> bool:
-        """The accelerometer may be curved."""
+        """Whether the accelerometer has quadratic terms."""
         return self.gravity > 0.0
 
     @property
     def _own(self) -> int:
-        """How many the instrument has."""
+        """Number of parameters of the instrument."""
         return 27 if self.is_quadratic else 24
 
     @property
     def quadratic(self) -> slice:
-        """Those of q, times `gravity`."""
+        """Columns of q times `gravity`."""
         return slice(24, self._own)
 
     @property
     def instrument(self) -> slice:
-        """All but the attitudes."""
+        """Columns of the instrument, without attitudes."""
         return slice(0, self._own)
 
     @property
     def attitudes(self) -> slice:
-        """Three for each shot."""
+        """Columns of the attitudes, three for each shot."""
         return slice(self._own, self.size)
 
     @property
     def size(self) -> int:
-        """Of all parameters."""
+        """Number of all parameters."""
         return self._own + 3 * self.shots
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SurveyParameters:
-    """What is fitted."""
+    """Values of the parameters of an instrument and its shots."""
 
-    # offset and shape of each, and the rotation from the magnetometer's axes to the accelerometer's
+    # offset, shape, and rotation from the magnetometer's axes to the accelerometer's
     magnetometer: Parameters
-    accelerometer: Parameters
+    accelerometer: Parameters  # offset and shape
     dip: float  # rad
     pointing: Floats  # (3,): p, in the accelerometer's axes
     attitudes: Floats  # (N, 3, 3): from the accelerometer's axes to north, east and down
@@ -137,12 +137,12 @@ class SurveyParameters:
         return np.array([np.cos(self.dip), 0.0, np.sin(self.dip)])
 
     def with_attitudes(self, attitudes: Floats) -> Self:
-        """The same instrument in other (N, 3, 3) attitudes."""
+        """The same instrument with other (N, 3, 3) attitudes."""
         return replace(self, attitudes=attitudes)
 
     @property
     def without_attitudes(self) -> Self:
-        """The instrument alone."""
+        """The instrument without attitudes."""
         return self.with_attitudes(np.empty((0, 3, 3)))
 
     @property
@@ -151,7 +151,7 @@ class SurveyParameters:
         return self.magnetometer.is_closed and self.accelerometer.is_closed
 
     def moved(self, step: Floats, layout: SurveyLayout) -> Self:
-        """Take a (P,) step."""
+        """Parameters after a (P,) step."""
         turned = rotations(step[layout.attitudes].reshape(-1, 3))
         return type(self)(
             self.magnetometer.moved(step[layout.magnetometer], MAGNETOMETER),
@@ -163,7 +163,7 @@ class SurveyParameters:
         )
 
     def relative(self, step: Floats, layout: SurveyLayout) -> float:
-        """Largest change in a step: of offset and shape in radii of their sensor, of angles in rad."""
+        """Largest change by a (P,) step: of offset and shape relative to their sensor's radius, of angles in rad."""
         return max(
             self.magnetometer.relative(step[layout.magnetometer], MAGNETOMETER),
             self.accelerometer.relative(step[layout.accelerometer], ACCELEROMETER),
@@ -172,11 +172,11 @@ class SurveyParameters:
         )
 
     def straightened(self, gravity: Floats) -> Floats:
-        """(..., 3) readings of the accelerometer without its curve."""
+        """Linearize (..., 3) readings of the accelerometer."""
         return gravity + self.quadratic * gravity**2
 
     def corrected(self, magnetic: Floats, gravity: Floats) -> tuple[Floats, Floats]:
-        """Directions of field and gravity, about unit vectors in the accelerometer's axes, of (..., 3) readings."""
+        """Directions of field and gravity in the accelerometer's axes, of about unit length, from (..., 3) readings."""
         pairs = ((magnetic, self.magnetometer), (self.straightened(gravity), self.accelerometer))
         field, down = ((reading - own.offset) @ np.linalg.inv(own.ellipsoid_like).T for reading, own in pairs)
         return field, down
@@ -188,9 +188,9 @@ class SurveyParameters:
 
     @property
     def to_instrument(self) -> Floats:
-        """(3, 3) from the accelerometer's axes to those of the instrument, the first of which is the pointing axis.
+        """(3, 3) from the accelerometer's axes to those of the instrument, whose first axis is the pointing axis.
 
-        The roll is chosen as Heeb does, so that the accelerometer's matrix is symmetric in the other two.
+        The roll is that of Heeb: the accelerometer's matrix is symmetric in the other two axes.
         """
         right = np.eye(3)[1] - self.pointing[1] * self.pointing
         right /= np.linalg.norm(right)
@@ -203,17 +203,16 @@ class SurveyParameters:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ShotGroup:
-    """All shots, those in the same direction in one row; the rest of a row counts nothing."""
+    """All shots in W rows, one for each direction; rows are padded to n shots with weight 0."""
 
-    shots: NDArray[np.intp]  # (W, n): which shot
-    weight: Floats  # (W, n): 1, or 0 where a row has fewer shots
-    # (W, n, 3): readings
-    magnetic: Floats
-    gravity: Floats
+    shots: NDArray[np.intp]  # (W, n): index of the shot
+    weight: Floats  # (W, n): 1, or 0 for padding
+    magnetic: Floats  # (W, n, 3): readings of the magnetometer
+    gravity: Floats  # (W, n, 3): readings of the accelerometer
 
     @classmethod
     def of(cls, magnetic: Floats, gravity: Floats, groups: NDArray[np.intp]) -> Self:
-        """Put (N, 3) readings of the (N,) same group in a row."""
+        """Arrange (N, 3) readings by their (N,) groups."""
         members = [np.flatnonzero(groups == group) for group in dict.fromkeys(groups.tolist())]
         longest = max(map(len, members))
         shots = np.stack([np.pad(own, (0, longest - len(own)), mode="edge") for own in members])
@@ -221,11 +220,11 @@ class ShotGroup:
         return cls(shots, weight, magnetic[shots], gravity[shots])
 
     def at(self, _: SurveyParameters) -> Self:
-        """Nothing of it depends on the parameters."""
+        """The same group, which does not depend on the parameters."""
         return self
 
     def aimed(self, at: SurveyParameters) -> Floats:
-        """(W, n, 3) where the pointing axis of each shot points to in the world."""
+        """(W, n, 3) direction of the pointing axis of each shot in the world."""
         aimed: Floats = at.attitudes[self.shots] @ at.pointing
         return aimed
 
@@ -236,7 +235,7 @@ class ShotGroup:
         return mean
 
     def residuals(self, at: SurveyParameters, directions: Floats, noises: Floats) -> Floats:
-        """(W, 9, n) in standard deviations: of field, gravity and aim."""
+        """(W, 9, n) residuals of field, gravity and aim, in standard deviations."""
         back = np.swapaxes(at.attitudes[self.shots], 2, 3)
         field = self.magnetic - at.magnetometer.offset - back @ at.field @ at.magnetometer.ellipsoid_like.T
         gravity = at.straightened(self.gravity) - at.accelerometer.offset - back @ DOWN @ at.accelerometer.shape
@@ -249,7 +248,7 @@ class ShotGroup:
         return float(np.sum(self.residuals(at, directions, noises) ** 2))
 
     def linearised(self, at: SurveyParameters, directions: Floats, layout: SurveyLayout, noises: Floats) -> Linearised:
-        """Normal equations, the directions eliminated."""
+        """Normal equations, with the directions eliminated."""
         return eliminated(self.rows(at, directions, layout, noises))
 
     def rows(self, at: SurveyParameters, directions: Floats, layout: SurveyLayout, noises: Floats) -> ObservationRows:
@@ -268,11 +267,11 @@ class ShotGroup:
         residual, nothing, count = self.residuals(at, directions, noises), np.zeros(shape), float(self.weight.sum())
         counts = (3.0 * count, 3.0 * count, 2.0 * count)
         return ObservationRows(
-            residual, jacobian * scale, own * scale, nothing, nothing, np.zeros(layout.size), counts, KINDS
+            residual, jacobian * scale, own * scale, nothing, nothing, np.zeros(layout.size), counts, RESIDUAL_KINDS
         )
 
     def _fill_sensors(self, jacobian: Floats, turning: Floats, at: SurveyParameters, layout: SurveyLayout) -> None:
-        """Write Jacobians of both sensors, without weights, by their parameters, the dip and (W, 9, n, 3) attitudes."""
+        """Write the unweighted Jacobians of both sensors, by their parameters and dip, and by attitudes (`turning`)."""
         back = np.swapaxes(at.attitudes[self.shots], 2, 3)
         sensors = (
             (self.magnetic, at.magnetometer, MAGNETOMETER, at.field, layout.magnetometer),
@@ -296,7 +295,7 @@ SurveyIterate: TypeAlias = "Iterate[SurveyParameters, ShotGroup, Floats]"
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SurveyProblem:
-    """Shots, and what is thought of the instrument before."""
+    """Shots, and the prior of the instrument."""
 
     group: ShotGroup
     layout: SurveyLayout
@@ -306,18 +305,18 @@ class SurveyProblem:
 
     @classmethod
     def of(cls, magnetic: Floats, gravity: Floats, groups: NDArray[np.intp], *, is_quadratic: bool = False) -> Self:
-        """Of (N, 3) readings of field and gravity, forward, right and down but for errors, and (N,) groups."""
+        """Make the problem of (N, 3) readings of field and gravity, forward, right and down, and (N,) groups."""
         of_field, of_gravity = (SensorPrior.of(readings, GAIN_SPREAD, np.eye(3)) for readings in (magnetic, gravity))
         layout = SurveyLayout(len(magnetic), sphere_through(gravity)[1] if is_quadratic else 0.0)
         return cls(ShotGroup.of(magnetic, gravity, groups), layout, (of_field, of_gravity))
 
     def initial(self, at: SurveyParameters) -> SurveyIterate:
-        """Where to begin, with standard deviations that are larger than those to be found."""
-        noises = np.array([LOUD * at.magnetometer.radius, LOUD * at.accelerometer.radius, LOUD])
+        """Start of the iteration at given parameters, with large standard deviations."""
+        noises = np.array([START_SIGMA * at.magnetometer.radius, START_SIGMA * at.accelerometer.radius, START_SIGMA])
         return Iterate(at, (self.group,), (self.group.guess(at),), noises)
 
     def prior_equations(self, at: SurveyParameters) -> NormalEquations:
-        """What is thought before, in standard deviations."""
+        """Normal equations of the prior."""
         size, layout = self.layout.size, self.layout
         whole = NormalEquations(np.zeros((size, size)), np.zeros(size), 0.0, 0)
         whole += self.priors[0].equations(at.magnetometer, MAGNETOMETER).placed(layout.magnetometer, size)
@@ -332,31 +331,31 @@ class SurveyProblem:
         return whole
 
     def reweighed(self, iterate: SurveyIterate, _: Equations) -> SurveyIterate:
-        """Each kind of residual weighed by the standard deviation that it shows."""
+        """Weight each kind of residual by its estimated standard deviation."""
         influence = Influence.of(self, iterate)
         return replace(iterate, weights=np.maximum(iterate.weights * influence.factors, finest(iterate.at)))
 
 
 def finest(at: SurveyParameters) -> Floats:
-    """(3,) least standard deviation of each kind of residual."""
+    """(3,) smallest standard deviation of each kind of residual."""
     return np.array([at.magnetometer.radius * FINEST, at.accelerometer.radius * FINEST, FINEST_AIM])
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Influence:
-    """Residuals and hat matrix of a fit: how much each residual determines itself."""
+    """Residuals and hat matrix of a fit, which has the influence of each residual on its own prediction."""
 
-    residual: Floats  # (N, 9): of each shot, in standard deviations
-    hat: Floats  # (N, 9, 9): block of each shot
+    residual: Floats  # (N, 9): residuals of each shot, in standard deviations
+    hat: Floats  # (N, 9, 9): block of the hat matrix for each shot
     jacobian: Floats  # (N, 9, Q): by all parameters and directions
-    inverse: Floats  # (Q, Q): of the normal matrix
+    inverse: Floats  # (Q, Q): inverse of the normal matrix
 
     @classmethod
     def of(cls, problem: SurveyProblem, iterate: SurveyIterate) -> Self:
-        """Evaluate at an iterate."""
+        """Compute the influence at an iterate."""
         group, size = problem.group, problem.layout.size
         rows = group.rows(iterate.at, iterate.directions[0], problem.layout, iterate.weights)
-        whole = np.concatenate([rows.jacobian, _of_each_row(rows.own)], axis=3)
+        whole = np.concatenate([rows.jacobian, _expand_directions(rows.own)], axis=3)
         real = np.nonzero(group.weight)
         order = np.argsort(group.shots[real])
         jacobian = whole.transpose(0, 2, 1, 3)[real][order]
@@ -368,7 +367,7 @@ class Influence:
         return cls(rows.residual.transpose(0, 2, 1)[real][order], hat, jacobian, inverse)
 
     def covariance(self, factors: Floats) -> Floats:
-        """(Q, Q) of parameters and directions, the variance of each kind of residual by (3,) factors larger."""
+        """(Q, Q) covariance of parameters and directions, with the variances of the residuals times (3,) factors."""
         flat = self.jacobian.reshape(-1, self.jacobian.shape[2])
         more = np.tile(np.repeat(factors - 1.0, 3), len(self.jacobian))
         covariance: Floats = self.inverse + self.inverse @ (flat.T * more) @ flat @ self.inverse
@@ -376,43 +375,43 @@ class Influence:
 
     @property
     def freedom(self) -> Floats:
-        """(3,) residuals of each kind beyond the parameters that they determine."""
+        """(3,) degrees of freedom of each kind of residual."""
         taken = np.einsum("nkk->k", self.hat).reshape(3, 3).sum(axis=1)
         freedom: Floats = len(self.hat) * np.array([3.0, 3.0, 2.0]) - taken
         return freedom
 
     @property
     def factors(self) -> Floats:
-        """(3,) by what the standard deviation of each kind is to be multiplied."""
+        """(3,) factors for the standard deviation of each kind of residual."""
         squares = np.sum(self.residual**2, axis=0).reshape(3, 3).sum(axis=1)
-        factors: Floats = np.sqrt(squares / np.maximum(self.freedom, LEAST_FREEDOM))
+        factors: Floats = np.sqrt(squares / np.maximum(self.freedom, MIN_FREEDOM))
         return factors
 
     @property
     def contradiction(self) -> Floats:
-        """(N,) root of what χ² falls by where a shot is left out, over the root of the residuals it has to spare."""
+        """(N,) root of the decrease of χ², per degree of freedom, if a shot is left out."""
         free = np.eye(9) - self.hat
         fall = np.einsum("ni,nij,nj->n", self.residual, np.linalg.pinv(free, rcond=1e-6, hermitian=True), self.residual)
-        contradiction: Floats = np.sqrt(fall / SPARE)
+        contradiction: Floats = np.sqrt(fall / SHOT_FREEDOM)
         return contradiction
 
 
-def _of_each_row(own: Floats) -> Floats:
-    """(W, k, n, 2 W) Jacobians of directions, of (W, k, n, 2) those of each row by its own."""
+def _expand_directions(own: Floats) -> Floats:
+    """(W, k, n, 2 W) Jacobian by all directions, from the (W, k, n, 2) Jacobian of each row by its own direction."""
     count = len(own)
     apart: Floats = np.einsum("wkna,wv->wknva", own, np.eye(count)).reshape(*own.shape[:3], 2 * count)
     return apart
 
 
 def _inverse(matrix: Floats) -> Floats:
-    """Inverse of a normal matrix, in a scale in which it has ones on its diagonal."""
+    """Inverse of a normal matrix, computed with its diagonal scaled to 1."""
     scale = np.sqrt(np.diag(matrix))
     inverse: Floats = np.linalg.inv(matrix / np.outer(scale, scale)) / np.outer(scale, scale)
     return inverse
 
 
 def attitudes_of(field: Floats, down: Floats) -> Floats:
-    """(N, 3, 3) from the instrument to north, east and down, of (N, 3) directions of field and gravity (TRIAD)."""
+    """(N, 3, 3) attitudes, from the instrument to north, east, down, by (N, 3) field and gravity directions (TRIAD)."""
     east = np.cross(down, field)
     rows = np.stack([np.cross(east, down), east, down], axis=-2)
     unit: Floats = rows / np.linalg.norm(rows, axis=-1, keepdims=True)
@@ -420,7 +419,7 @@ def attitudes_of(field: Floats, down: Floats) -> Floats:
 
 
 def begin(magnetic: Floats, gravity: Floats) -> SurveyParameters:
-    """Where to start: sphere and axes as stated for both sensors, and attitudes by their readings."""
+    """Parameters to start from: a sphere for both sensors, stated axes, and attitudes by the readings."""
     sensors = [Parameters.at(centre, radius * np.eye(3)) for centre, radius in map(sphere_through, (magnetic, gravity))]
     at = SurveyParameters(sensors[0], sensors[1], 0.0, FORWARD, np.empty((0, 3, 3)))
     field, down = (vectors / lengths(vectors)[:, np.newaxis] for vectors in at.corrected(magnetic, gravity))

@@ -1,16 +1,14 @@
-"""Soft iron is mild unless the readings say otherwise.
+"""Prior of the soft iron: it is small unless the readings contradict.
 
-Where a recording leaves a direction unseen, nothing but experience speaks for the shape there.
-The prior says that the departure of S/R from the identity (R the mean semi-axis) is about
-`spread`, alike in all directions:
+If a recording lacks directions, the shape there is known only from experience. The prior is that the
+departure of S/R from the identity (R the mean semi-axis) is about `spread`, equally in all directions:
 
     cost = |dev(S)/R|² / (2 spread²)
 
 with dev(S) = S − R·1 and the Frobenius norm, so that each off-diagonal entry has the standard
-deviation `spread`. It says nothing of the centre and nothing of the size; `sense` keeps those from running
-away where nothing else holds them. With readings all around
-it has no effect worth a digit; where they are missing it lets the fit fall back to "no soft iron
-there" with an uncertainty of that size.
+deviation `spread`. This prior is independent of centre and size; `sense` limits these two if nothing
+else does. With readings in all directions the prior has a negligible effect. Where readings are missing,
+the fit returns no soft iron, with an uncertainty of `spread`.
 
 >>> sphere = Ellipsoid(np.zeros(3), 50.0 * np.eye(3))
 >>> round(equations(sphere, spread=0.3).cost, 12)
@@ -32,36 +30,37 @@ if TYPE_CHECKING:
     from flinders.likelihood.parameters import ParameterLayout, Parameters
 
 SPREAD: Final = 0.3
-"""Default departure of the scaled matrix from the identity: the soft iron of ordinary mountings, and more."""
+"""Default of `spread`; the soft iron of usual mountings is smaller."""
 
-SENSE: Final = 10.0
+PLAUSIBLE_SPREADS: Final = 10.0
+"""Standard deviation of centre and size in `sense`, relative to the spread of the readings."""
 
-# Deviator of the entries 11, 22, 33, 12, 13, 23; an off-diagonal entry stands twice in the matrix.
-DEVIATOR: Final = np.zeros((6, 6))
-DEVIATOR[:3, :3] = np.eye(3) - 1.0 / 3.0
-DEVIATOR[3:, 3:] = np.sqrt(2.0) * np.eye(3)
+# Deviator of the entries 11, 22, 33, 12, 13, 23; an off-diagonal entry occurs twice in the matrix.
+DEVIATOR_MATRIX: Final = np.zeros((6, 6))
+DEVIATOR_MATRIX[:3, :3] = np.eye(3) - 1.0 / 3.0
+DEVIATOR_MATRIX[3:, 3:] = np.sqrt(2.0) * np.eye(3)
 
 
 def equations(ellipsoid: Ellipsoid, *, spread: float = SPREAD) -> NormalEquations:
-    """Give the prior's normal equations, its residuals in standard deviations."""
+    """Normal equations of the prior of the shape, at an ellipsoid."""
     entries = upper(ellipsoid.shape)
     scale = np.sqrt(2.0) * spread * float(entries[:3].mean())
-    residual: Floats = DEVIATOR @ entries / scale
+    residual: Floats = DEVIATOR_MATRIX @ entries / scale
     jacobian = np.zeros((6, 9))
-    jacobian[:, 3:] = -DEVIATOR / scale
+    jacobian[:, 3:] = -DEVIATOR_MATRIX / scale
     jacobian[:, 3:6] += residual[:, np.newaxis] / entries[:3].sum()
     return NormalEquations(jacobian.T @ jacobian, jacobian.T @ residual, float(residual @ residual), 0)
 
 
 def sense(ellipsoid: Ellipsoid, middle: Floats, spread: float) -> NormalEquations:
-    """Give normal equations that keep what no reading speaks for within sense.
+    """Normal equations that keep centre and size in a plausible range if the readings do not determine them.
 
-    The centre lies within ten spreads of the readings from their middle, and the size is theirs to a factor of about
-    ten. A level turn leaves both open across its plane; anything that was seen does not feel it.
+    1 σ of the centre, and of the size, is ten times the spread of the readings about their mean. A level turn does not
+    determine them across its plane; on observable parameters the effect is negligible.
 
-    `middle`: (3,), mean reading; `spread`: root mean square distance of the readings from it.
+    `middle`: (3,) mean reading; `spread`: root mean square distance of the readings from `middle`.
     """
-    width = SENSE * spread
+    width = PLAUSIBLE_SPREADS * spread
     residual = np.append(ellipsoid.centre - middle, np.trace(ellipsoid.shape) / 3.0 - spread) / width
     jacobian = np.zeros((4, 9))
     jacobian[:3, :3] = -np.eye(3) / width
@@ -71,13 +70,13 @@ def sense(ellipsoid: Ellipsoid, middle: Floats, spread: float) -> NormalEquation
 
 @dataclass(frozen=True, slots=True, eq=False)
 class KnownShape:
-    """The shape of an earlier calibration, instead of what is usual."""
+    """Prior of the shape from an earlier calibration."""
 
     entries: Floats  # (6,): in the order of `flinders.geometry.ellipsoid.upper`
     covariance: Floats  # (6, 6): positive definite
 
     def equations(self, ellipsoid: Ellipsoid) -> NormalEquations:
-        """Give its normal equations at an ellipsoid, its residuals in standard deviations."""
+        """Normal equations of this prior, at an ellipsoid."""
         left = self.entries - upper(ellipsoid.shape)
         precision = np.linalg.inv(self.covariance)
         return NormalEquations(precision, precision @ left, float(left @ precision @ left), 0).placed(slice(3, 9), 9)
@@ -85,21 +84,21 @@ class KnownShape:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SensorPrior:
-    """What is thought of the parameters of one magnetometer before anything is read."""
+    """Prior of all parameters of one magnetometer."""
 
     spread: float  # departure of the shape from a sphere, see `equations`
     middle: Floats  # (3,): mean reading
-    width: float  # root mean square distance of the readings from it, see `sense`
-    rotation: Floats  # (3, 3): about which the rotation is thought to lie
-    # standard deviations of blocks of `flinders.likelihood.parameters.BLOCKS` where they are not the usual ones
+    width: float  # root mean square distance of the readings from `middle`, see `sense`
+    rotation: Floats  # (3, 3): mean of the prior of the rotation
+    # standard deviations of blocks, by name, that replace those of `flinders.likelihood.parameters.BLOCKS`
     sigmas: dict[str, float] = field(default_factory=dict)
-    known: KnownShape | None = None  # of an earlier calibration: it takes the place of `spread`
+    known: KnownShape | None = None  # shape of an earlier calibration, which replaces the prior by `spread`
 
     @classmethod
     def of(
         cls, readings: Floats, spread: float, rotation: Floats, known: KnownShape | None = None, **sigmas: float
     ) -> Self:
-        """About (N, 3) readings."""
+        """Make the prior for (N, 3) readings."""
         middle = readings.mean(axis=0)
         width = float(np.sqrt(np.mean(np.sum((readings - middle) ** 2, axis=1))))
         return cls(spread, middle, width, rotation, sigmas, known)
@@ -109,7 +108,7 @@ class SensorPrior:
         from flinders.likelihood.parameters import BLOCKS
 
         matrix, gradient = np.zeros((layout.size, layout.size)), np.zeros(layout.size)
-        shape = self._of_shape(at.ellipsoid) + sense(at.ellipsoid, self.middle, self.width)
+        shape = self._shape_equations(at.ellipsoid) + sense(at.ellipsoid, self.middle, self.width)
         matrix[:9, :9], gradient[:9], cost = shape.matrix, shape.gradient, shape.cost
         for name, _, usual in BLOCKS:
             if usual is not None and name in layout:
@@ -121,21 +120,21 @@ class SensorPrior:
         return NormalEquations(matrix, gradient, cost, 0)
 
     def influence(self, at: Parameters, covariance: Floats) -> float:
-        """Share of the least known parameter of the shape that the prior speaks for, of (9, 9) the covariance.
+        """Fraction of information from the prior, in the least known parameter of the shape, by a (9, 9) covariance.
 
-        An earlier calibration is no prior in this sense.
+        Returns 0 for the shape of an earlier calibration.
         """
         if self.known is not None:
             return 0.0
         of_shape = equations(at.ellipsoid, spread=self.spread).matrix
         return float(np.clip(np.real(np.linalg.eigvals(covariance @ of_shape)).max(), 0.0, 1.0))
 
-    def _of_shape(self, ellipsoid: Ellipsoid) -> NormalEquations:
-        """What is thought of the shape."""
+    def _shape_equations(self, ellipsoid: Ellipsoid) -> NormalEquations:
+        """Normal equations of the prior of the shape."""
         return equations(ellipsoid, spread=self.spread) if self.known is None else self.known.equations(ellipsoid)
 
     def _departure(self, at: Parameters, name: str) -> Floats:
-        """How far a block of parameters is from where it is thought to be; a rotation to first order, in rad."""
+        """Difference of a block of parameters from the mean of its prior; for a rotation to first order, in rad."""
         if name != "rotation":
             return np.asarray(getattr(at, name))
         turned = at.rotation @ self.rotation.T

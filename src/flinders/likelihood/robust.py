@@ -1,4 +1,4 @@
-"""Robust statistics of residuals: their standard deviation from a median, and weights that large ones lose.
+"""Robust statistics of residuals: standard deviation from a median, and reduced weights of large residuals.
 
 Source: P. J. Huber, *Robust Statistics* (1981).
 """
@@ -13,10 +13,10 @@ if TYPE_CHECKING:
     from flinders.arrays import Floats
 
 MAD_TO_SIGMA: Final = 1.4826
-"""Standard deviation of a normal distribution over the median of its absolute values."""
+"""Ratio of the standard deviation of a normal distribution to the median of its absolute values."""
 
 HUBER: Final = 2.5
-"""Standard deviations beyond which a residual counts less than its square."""
+"""Residual in standard deviations from which the weight is reduced."""
 
 
 def robust_sigma(residuals: Floats) -> float:
@@ -29,7 +29,7 @@ def robust_sigma(residuals: Floats) -> float:
 
 
 def huber(residuals: Floats, *, beyond: float = HUBER) -> Floats:
-    """Weights of residuals in standard deviations.
+    """Huber's weights of residuals in standard deviations: 1 up to `beyond`, then ``beyond / |r|``.
 
     >>> huber(np.array([0.5, -5.0]))
     array([1. , 0.5])

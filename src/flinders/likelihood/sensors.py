@@ -1,12 +1,12 @@
-"""Several magnetometers on one body: one direction of the field at each moment, seen by all.
+"""Problem of the solver for several magnetometers on one body, which share the direction of the field at each time.
 
-Residuals of all sensors i at all moments k, each sensor in its own noise σᵢ, are
+Residuals of sensors i at times k, with the noise σᵢ of each sensor, are
 
     (xᵢₖ − bᵢ − Sᵢ Rᵢᵀ qₖ) / σᵢ,    |qₖ| = 1
 
-with R = 1 for the reference. Each direction qₖ is eliminated (`flinders.likelihood.observations`): of 3m readings 3m −
-2 are left, m of them lengths, and 2(m − 1) that hold the directions of the sensors against each other. The groups of
-`SensorGroup` are observations as any other: a term that shares the direction adds rows to those of a moment.
+with R = 1 for the reference. Each direction qₖ is eliminated (`flinders.likelihood.observations`). Of 3m residuals of m
+sensors 3m − 2 remain: m compare the lengths, and 2(m − 1) compare the directions of the sensors. The groups of
+`SensorGroup` are observations as any other; a term that shares the direction adds rows to those of a time.
 
 >>> field = np.array([[50.0, 0.0, 0.0], [0.0, 50.0, 0.0]])
 >>> group = SensorGroup.of(np.stack([field, 0.8 * field + 1.0]))
@@ -48,21 +48,21 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SensorLayout:
-    """Which columns of a Jacobian belong to which sensor."""
+    """Columns of the Jacobian for each sensor."""
 
-    each: tuple[ParameterLayout, ...]
-    columns: tuple[slice, ...]
+    each: tuple[ParameterLayout, ...]  # free parameters of each sensor
+    columns: tuple[slice, ...]  # columns of each sensor
 
     @classmethod
     def of(cls, sensors: int, *, reference: int) -> Self:
-        """Offset and shape of each sensor, and the rotation of all but the reference."""
+        """Assign columns to offset and shape of each sensor, and to the rotation of all but the reference."""
         each = tuple(ParameterLayout.of(rotation=sensor != reference) for sensor in range(sensors))
         ends = np.cumsum([layout.size for layout in each]).tolist()
         return cls(each, tuple(slice(end - layout.size, end) for end, layout in zip(ends, each, strict=True)))
 
     @property
     def size(self) -> int:
-        """Of all parameters."""
+        """Number of all parameters."""
         return int(self.columns[-1].stop)
 
 
@@ -70,11 +70,11 @@ class SensorLayout:
 class Sensors:
     """Parameters of all sensors."""
 
-    each: tuple[Parameters, ...]
+    each: tuple[Parameters, ...]  # parameters of each sensor
 
     @property
     def radii(self) -> Floats:
-        """(m,) of balls as large as the ellipsoids."""
+        """(m,) radii of spheres of the same volumes."""
         return np.array([at.radius for at in self.each])
 
     @property
@@ -83,12 +83,12 @@ class Sensors:
         return all(at.is_closed for at in self.each)
 
     def moved(self, step: Floats, layout: SensorLayout) -> Self:
-        """Take a (P,) step."""
+        """Parameters after a (P,) step."""
         parts = zip(self.each, layout.columns, layout.each, strict=True)
         return type(self)(tuple(at.moved(step[columns], own) for at, columns, own in parts))
 
     def relative(self, step: Floats, layout: SensorLayout) -> float:
-        """Largest change in a step: of offset and shape in radii of their sensor, of a rotation in rad."""
+        """Largest change by a (P,) step: of offset and shape relative to their sensor's radius, of rotations in rad."""
         parts = list(zip(self.each, layout.columns, layout.each, strict=True))
         moved = [at.relative(step[columns], own) for at, columns, own in parts]
         return max(*moved, *(float(np.abs(step[columns][9:]).max(initial=0.0)) for columns in layout.columns))
@@ -96,38 +96,38 @@ class Sensors:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SensorGroup:
-    """Readings of several sensors at the same moments, one direction for each moment."""
+    """Readings of several sensors at the same times, with one direction of the field for each time."""
 
-    # of each sensor, one reading a moment; of weight 0 where it is missing or does not belong
+    # group of each sensor with one reading for each time; weight 0 for a missing reading or an outlier
     each: tuple[ObservationGroup, ...]
 
     @classmethod
     def of(cls, fields: Floats) -> Self:
-        """Take (m, N, 3) readings, NaN where a sensor has none."""
+        """Make the group of (m, N, 3) readings, NaN if a sensor has none."""
         recorded = np.asarray(np.isfinite(fields).all(axis=2))
         groups = [ObservationGroup.of(field[:, np.newaxis]) for field in np.nan_to_num(fields)]
         return cls(tuple(groups)).weighed(recorded)
 
     def weighed(self, inliers: NDArray[np.bool_]) -> Self:
-        """The same with (m, N) readings that count."""
+        """The group with weights 1 for (m, N) inliers and 0 for others."""
         weights = inliers.astype(float)[..., np.newaxis]
         return type(self)(tuple(replace(group, weight=own) for group, own in zip(self.each, weights, strict=True)))
 
     @property
     def inliers(self) -> NDArray[np.bool_]:
-        """(m, N) readings that count."""
+        """(m, N) whether each reading has a weight."""
         return np.stack([group.weight[:, 0] > 0.0 for group in self.each])
 
     def every(self, step: int) -> Self:
-        """One moment of so many."""
+        """The group with one of `step` times."""
         return type(self)(tuple(group.every(step) for group in self.each))
 
     def at(self, _: Sensors) -> Self:
-        """Nothing of it depends on the parameters."""
+        """The same group, which does not depend on the parameters."""
         return self
 
     def guess(self, at: Sensors, noise: Floats) -> Floats:
-        """(N, 3) the direction at each moment that the sensors agree on best, each weighed by (m,) its noise."""
+        """(N, 3) mean direction of the sensors at each time, weighted by their (m,) noise."""
         total = np.zeros((len(self.each[0].field), 3))
         for group, own, radius, sigma in zip(self.each, at.each, at.radii, noise, strict=True):
             seen = group.centred(own)[:, 0] @ np.linalg.inv(own.ellipsoid_like).T
@@ -137,7 +137,7 @@ class SensorGroup:
         return unit
 
     def distances(self, at: Sensors, directions: Floats, noise: Floats) -> Floats:
-        """(m, N) length of each residual in the sensor's standard deviations, whether the reading counts or not."""
+        """(m, N) length of each residual in the sensor's standard deviations, regardless of its weight."""
         parts = zip(self.each, at.each, noise.tolist(), strict=True)
         return np.stack([lengths(residuals_of(group, own, directions)[0][:, 0]) / sigma for group, own, sigma in parts])
 
@@ -147,18 +147,18 @@ class SensorGroup:
         return sum(group.cost(own, directions, Weights(sigma)) for group, own, sigma in parts)
 
     def linearised(self, at: Sensors, directions: Floats, layout: SensorLayout, noise: Floats) -> Linearised:
-        """Normal equations at some parameters and directions, the directions eliminated, so many moments at a time."""
+        """Normal equations at given parameters and directions, with the directions eliminated; computed in chunks."""
         return Linearised.joined([
             eliminated(self._chunk(rows).rows(at, directions[rows], layout, noise))
             for rows in (slice(begin, begin + ROOM) for begin in range(0, len(directions), ROOM))
         ])  # fmt: skip
 
     def _chunk(self, rows: slice) -> Self:
-        """Some of the moments."""
+        """The group with some of its times."""
         return type(self)(tuple(group.chunk(rows) for group in self.each))
 
     def rows(self, at: Sensors, directions: Floats, layout: SensorLayout, noise: Floats) -> ObservationRows:
-        """Residuals (N, 3, m) and Jacobians (N, 3, m, P) in standard deviations: a kind of noise for each sensor."""
+        """(N, 3, m) residuals and (N, 3, m, P) Jacobians in standard deviations; each sensor is a kind of residual."""
         parts = [
             rows_of(group, own, directions, columns, Weights(sigma))
             for group, own, columns, sigma in zip(self.each, at.each, layout.each, noise.tolist(), strict=True)
@@ -180,9 +180,9 @@ SensorIterate: TypeAlias = "Iterate[Sensors, SensorGroup, Floats]"
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SensorProblem:
-    """Readings of all sensors, and what is thought of the parameters before."""
+    """Readings of all sensors, and the prior of their parameters."""
 
-    group: SensorGroup  # as recorded
+    group: SensorGroup  # with all recorded readings
     layout: SensorLayout
     priors: tuple[SensorPrior, ...]
     tolerance: ClassVar[float] = NO_WORSE
@@ -190,7 +190,7 @@ class SensorProblem:
 
     @classmethod
     def of(cls, fields: Floats, at: Sensors, *, reference: int, spread: float) -> Self:
-        """Of (m, N, 3) readings, and rotations that are thought to lie about those of some parameters."""
+        """Make the problem of (m, N, 3) readings; the prior of the rotations is about those of `at`."""
         group = SensorGroup.of(fields)
         before = [
             SensorPrior.of(field[recorded], spread, own.rotation)
@@ -199,12 +199,12 @@ class SensorProblem:
         return cls(group, SensorLayout.of(len(fields), reference=reference), tuple(before))
 
     def initial(self, at: Sensors, noise: Floats, inliers: NDArray[np.bool_] | None = None) -> SensorIterate:
-        """Where to begin: with the directions that sensors of (m,) some noise agree on, and (m, N) readings or all."""
+        """Start of the iteration at given parameters and (m,) noises, with all readings or (m, N) inliers."""
         group = self.group if inliers is None else self.group.weighed(inliers)
         return Iterate(at, (group,), (group.guess(at, noise),), noise)
 
     def prior_equations(self, at: Sensors) -> NormalEquations:
-        """What is thought before, in standard deviations, each sensor for itself."""
+        """Normal equations of the priors of all sensors."""
         size = self.layout.size
         matrix, gradient, cost = np.zeros((size, size)), np.zeros(size), 0.0
         for before, own, layout, columns in zip(
@@ -215,6 +215,6 @@ class SensorProblem:
         return NormalEquations(matrix, gradient, cost, 0)
 
     def reweighed(self, iterate: SensorIterate, equations: Equations) -> SensorIterate:
-        """Each sensor weighed by the noise that its residuals show."""
+        """Weight each sensor by its estimated noise."""
         factors = equations.noise_factors(np.array([float(layout.size) for layout in self.layout.each]))
         return replace(iterate, weights=np.maximum(iterate.weights * factors, FINEST * iterate.at.radii))

@@ -1,20 +1,19 @@
-"""What is known of the field at the site before anything is read: its strength, and how it dips.
+"""Known field of the site: its strength and inclination.
 
-A number without an uncertainty says how a fit is used: corrected readings have that length, and headings are judged at
-that dip. A number with its uncertainty counts in the fit as well.
-The strength F then says how large the shape is, as far as the sensor's gain is known: the mean of the three semi-axes
-is F to within `gain_sigma` of itself. The inclination is that of the model to within a degree or so; iron around and
-rock below make more difference than the model's own error. `Site.of` takes both from the model, with uncertainties.
+A number without an uncertainty defines the use of a fit: the length of corrected readings, and the dip at which
+headings are judged. A number with an uncertainty is also an observation in the fit. The strength F then determines the
+size of the shape: the mean of the three semi-axes is F with the relative standard deviation `gain_sigma`, the
+uncertainty of the sensor's gain. The inclination is that of the model to within about a degree; nearby iron and rock
+contribute more than the error of the model. `Site.of` takes both from the model, with uncertainties.
 
-When to use it: the recording is in a true unit, and the sensor could not be turned over, so that size and offset
-across its plane cannot be distinguished.
+When to use it: if the recording is in a physical unit, and the sensor could not be turned upside down, so that size
+and offset across its plane cannot be distinguished.
 
-A strength that is known to one per cent says nothing while the gain of the sensor is known to a quarter: where that
+A strength that is known to one per cent has no effect if the gain of the sensor is known only to a quarter. If the gain
 has been measured, give a smaller `gain_sigma`.
 
-A level turn looks the same with z down and with z up, and the offset in z that its dip gives differs by twice the field
-along z. Where no accelerometer was recorded, say that z points down, once it does (`z_down`): else the claim holds for
-both.
+The readings of a level turn are the same with z down and with z up, but the offset in z from the dip differs by twice
+the field along z. Without an accelerometer, state that z points down (`z_down`); otherwise the claim covers both cases.
 
 Source: NOAA/NCEI, *The US/UK World Magnetic Model for 2025–2030*, its error model; data sheets for
 the gain, such as ±5 % for Honeywell's HMC5883L.
@@ -37,38 +36,38 @@ from flinders.errors import UsageError
 if TYPE_CHECKING:
     from flinders.core.geomag import SiteField
 
-GAIN_SIGMA: Final = 0.05
-"""Of the strength: what data sheets give for the gain of a sensor; the crust that no model shows adds a hundredth."""
+USUAL_GAIN_SIGMA: Final = 0.05
+"""Relative standard deviation of a sensor's gain by data sheets; local fields of the crust add 0.01."""
 
 INCLINATION_SIGMA_DEG: Final = 1.0
-"""Degrees, the same for the dip."""
+"""Standard deviation of the inclination in degrees."""
 
 
 @dataclass(frozen=True, slots=True, repr=False)
 class Site(ShortRepr):
-    """The field at a place, and how the sensor is mounted in it.
+    """Known field at a place, and the mounting of the sensor.
 
-    Raises `UsageError` for numbers that no site has.
+    Raises `UsageError` for implausible numbers.
 
     Parameters
     ----------
     strength : float, optional
-        Strength of the field, in the unit of the readings. Corrected readings have that length; with `gain_sigma`, as
-        far as the readings do not contradict it.
+        Strength of the field, in the unit of the readings. Corrected readings have this length; with `gain_sigma` it is
+        an observation that the readings can correct.
     inclination_deg : float, optional
-        Inclination, at which headings are judged; positive where the field points below the horizon.
+        Inclination at which headings are judged; positive if the field points below the horizon.
     gain_sigma : float
-        By what share the mean gain of the sensor, and the strength with it, may be off, 1 σ. By default infinite: the
-        strength says nothing of the sensor.
+        Relative uncertainty of the sensor's mean gain and of the strength together, 1 σ. By default infinite: the
+        strength is not used in the fit.
     inclination_sigma_deg : float
-        What the inclination may be off by, 1 σ. By default infinite: headings are judged at it, and that is all.
+        Uncertainty of the inclination in degrees, 1 σ. By default infinite: the inclination is not used in the fit.
     z_down : bool
-        z of the axes in use points down in a level vehicle; an accelerometer goes before that.
+        Whether z of the axes in use points down in a level vehicle; an accelerometer takes precedence.
     alignment_sigma_deg : float, optional
-        How well the mounting is known, 1 σ about each axis: its heading error is stated separately, since no
-        magnetometer sees it. Of a level turn at a known site it also says how steep a tilt can be, see docs/level.md.
+        Uncertainty of the mounting about each axis in degrees, 1 σ. Its heading error is stated separately, because a
+        magnetometer cannot observe it. For a level turn at a known site it also limits the tilt, see docs/level.md.
     length : float, optional
-        Length that corrected readings shall have, where it is not `strength`; whatever the readings say.
+        Length of corrected readings if it differs from `strength`, regardless of the readings.
 
     >>> seen = Site(strength=50.0, gain_sigma=0.05, inclination_deg=60.0).evidence
     >>> seen.strength, seen.inclination_deg, Site(strength=50.0, inclination_deg=60.0).evidence
@@ -91,23 +90,23 @@ class Site(ShortRepr):
         if self.inclination_deg is not None and not abs(self.inclination_deg) <= 90.0:
             raise UsageError(f"inclination is {self.inclination_deg:g}°: need -90° to 90°")
         if not (self.gain_sigma > 0.0 and self.inclination_sigma_deg > 0.0):
-            raise UsageError("what is known of a site is never exact: need uncertainties above 0")
+            raise UsageError("uncertainties of strength and inclination must be above 0: no site is known exactly")
         if self.alignment_sigma_deg is not None and not 0.0 <= self.alignment_sigma_deg <= 180.0:
             raise UsageError(f"alignment sigma is {self.alignment_sigma_deg:g}°: need an angle from 0° to 180°")
 
     @classmethod
     def of(cls, field: SiteField, **more: Any) -> Self:
-        """Take it from the World Magnetic Model, with what gains and places are usually off by; readings are in µT."""
-        usual = {"gain_sigma": GAIN_SIGMA, "inclination_sigma_deg": INCLINATION_SIGMA_DEG}
+        """Make the site from a model's field, with usual uncertainties of gain and inclination; for readings in µT."""
+        usual = {"gain_sigma": USUAL_GAIN_SIGMA, "inclination_sigma_deg": INCLINATION_SIGMA_DEG}
         return cls(field.strength, field.inclination_deg, **{**usual, **more})
 
     @classmethod
     def stated(
         cls, known: Self | None = None, *, strength: float | None = None, inclination_deg: float | None = None
     ) -> Self | None:
-        """A known site with the numbers that somebody states, without uncertainty; None where neither is there.
+        """Merge a known site with numbers stated by the user, without uncertainty; None without either.
 
-        A stated strength sets the length of corrected readings; the known strength still counts in the fit.
+        A stated strength sets the length of corrected readings; the known strength is still used in the fit.
 
         >>> Site.stated(Site(50.0, 60.0, 0.05, 1.0), inclination_deg=66.0).evidence.inclination_deg is None
         True
@@ -123,12 +122,12 @@ class Site(ShortRepr):
 
     @property
     def fixed_length(self) -> float | None:
-        """Length of corrected readings, whatever the readings say; None of a strength that counts in the fit."""
+        """Fixed length of corrected readings; None if the strength is used in the fit."""
         return self.length if self.length is not None or math.isfinite(self.gain_sigma) else self.strength
 
     @property
     def evidence(self) -> Self | None:
-        """The site with the numbers that have an uncertainty, which count in a fit; None where neither has."""
+        """Site with only the numbers that have an uncertainty, which the fit uses; None if there are none."""
         strength = self.strength if math.isfinite(self.gain_sigma) else None
         inclination_deg = self.inclination_deg if math.isfinite(self.inclination_sigma_deg) else None
         if strength is None and inclination_deg is None:
@@ -137,27 +136,27 @@ class Site(ShortRepr):
 
     @property
     def judged(self) -> Self:
-        """What a fit is judged with: length of corrected readings, dip and mounting, without uncertainties."""
+        """Site for the judgement of a fit: length of corrected readings, dip and mounting, without uncertainties."""
         return type(self)(self.fixed_length, self.inclination_deg, alignment_sigma_deg=self.alignment_sigma_deg)
 
     @property
     def sine(self) -> float | None:
-        """Of the inclination."""
+        """Sine of the inclination; None if not known."""
         return None if self.inclination_deg is None else math.sin(math.radians(self.inclination_deg))
 
     @property
     def sine_sigma(self) -> float:
-        """Standard deviation of the sine; at the poles as flat as a degree is round."""
+        """Standard deviation of the sine; near the poles of second order in that of the inclination."""
         level = math.cos(math.radians(self.inclination_deg or 0.0))
         return math.radians(self.inclination_sigma_deg) * max(level, math.radians(self.inclination_sigma_deg))
 
 
 def recorded_site(recording: object, **more: Any) -> tuple[Site, str] | None:
-    """The site that a log, or a magnetometer of one, states, and words that say so; None where it states none.
+    """Site from the place and date in a log, or one magnetometer of it, with a message; None without place or date.
 
-    `more` goes to `Site`. Readings in counts know no strength, and have none.
+    `more` are arguments of `Site`. Also None for readings in counts, whose strength is not known.
     """
     field, unit = recorded_field(recording), getattr(recording, "unit", None)
     if field is None or (unit is not None and unit.inside != MICROTESLA):
         return None
-    return Site.of(field, **more), f"the log says where and when: {field}; used"
+    return Site.of(field, **more), f"place and date are in the log: {field}; used"

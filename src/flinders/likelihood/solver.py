@@ -1,21 +1,21 @@
-"""Levenberg–Marquardt over observation terms that share a direction of the field: the one solver of joint fits.
+"""Levenberg–Marquardt solver of joint fits, with observation terms that share directions of the field.
 
-Minimises over parameters θ and a direction v of the field for each window, moment or reading
+Minimises over parameters θ and a direction v of the field for each window, time or reading
 
     χ²(θ, v) = Σ r(θ, v)² + prior(θ)
 
 with all residuals r in standard deviations. Each group of observations gives its normal equations with its directions
-eliminated (a Schur complement, see `flinders.likelihood.observations`); a damped Gauss–Newton step δ solves
+eliminated (a Schur complement, see `flinders.likelihood.observations`). A damped Gauss–Newton step δ solves
 
     (N + λ diag N) δ = g,        N = Σ JᵀJ + prior,        g = Σ Jᵀr + prior
 
-and is taken where χ² does not grow; where it does, the damping λ does. The standard deviations follow from the
-residuals, by a step of Fisher's scoring for components of variance after each step of the parameters. At the end
-`bias_corrected` takes off the mean gradient that noise makes on the sphere of directions.
+The step is accepted if χ² does not grow; otherwise the damping λ is increased. After each step the standard deviations
+are estimated from the residuals by Fisher scoring for variance components. At the end `bias_corrected` subtracts the
+mean gradient by noise on the curved sphere of directions.
 
-A problem brings its groups, its prior, and how it weighs residuals: `flinders.likelihood.joint` for a magnetometer and
-aiding sensors, `flinders.likelihood.sensors` for several magnetometers on one body, `flinders.likelihood.pointing` for
-a survey instrument.
+A problem defines its groups, its prior, and the weights of its residuals: `flinders.likelihood.joint` for a
+magnetometer and aiding sensors, `flinders.likelihood.sensors` for several magnetometers on one body,
+`flinders.likelihood.pointing` for a survey instrument.
 
 Source: J. Nocedal, S. J. Wright, *Numerical Optimization* (2006) §10.3; B. Triggs et al., *Bundle Adjustment* (2000)
 §6.1, for the Schur complement; R. I. Jennrich, M. D. Schluchter, Biometrics 42 (1986), for the scoring.
@@ -41,59 +41,59 @@ if TYPE_CHECKING:
     from flinders.likelihood.observations import Linearised
 
 STEPS: Final = 60
-"""Of Levenberg and Marquardt; ten are usual."""
+"""Largest number of Levenberg–Marquardt steps; ten are usual."""
 
 SETTLED: Final = 1e-3
-"""Standard deviations: a step shorter than this in all parameters is the last, unless a problem asks for less."""
+"""Length of the last step in standard deviations, root mean square over the parameters; a problem may set another."""
 
-LONGEST_STEP: Final = 0.5
-"""Of the radius: a longer step is cut."""
+MAX_STEP: Final = 0.5
+"""Largest step relative to the radius; a longer step is shortened."""
 
-INITIAL_DAMPING, LEAST_DAMPING, MOST_DAMPING = 1e-3, 1e-12, 1e9
-"""Beyond the last no step makes the fit better."""
+INITIAL_DAMPING, MIN_DAMPING, MAX_DAMPING = 1e-3, 1e-12, 1e9
+"""Damping at the start, and its range; at the largest damping no step improves the fit."""
 
 NO_WORSE: Final = 1e-6
-"""In χ², beside rounding: a step that costs less is taken."""
+"""Largest increase of χ² by an accepted step, besides rounding."""
 
-LEAST_CHANGE: Final = 0.2
-"""Of a variance in one step: what is far off is approached."""
+MIN_VARIANCE_FACTOR: Final = 0.2
+"""Smallest factor of a variance in one step of its estimation; the largest is its inverse."""
 
-SAME: Final = 1e-2
-"""Relative change of a standard deviation that is none."""
+MAX_SIGMA_CHANGE: Final = 1e-2
+"""Largest relative change of a standard deviation at convergence."""
 
 CORRECTED: Final = 8
-"""Steps with the mean gradient of the noise removed."""
+"""Largest number of steps with the mean gradient of the noise subtracted."""
 
 EASED: Final = 0.03
-"""Standard deviations: such a step with it is the last, as the next would be shorter than `SETTLED`."""
+"""Length of the last of these steps in standard deviations; the next one would be shorter than `SETTLED`."""
 
 
 Values: TypeAlias = Any
-"""Parameters, their layout or weights of a group: the group and its problem know of which type."""
+"""Parameters, their layout, or weights; the type depends on the group and its problem."""
 
 
 class ParameterSet(Protocol):
-    """Values of the parameters."""
+    """Values of the parameters of a problem."""
 
     @property
     def is_closed(self) -> bool:
         """Whether all surfaces are ellipsoids."""
 
     def moved(self, step: Floats, layout: Values) -> Self:
-        """The values after a (P,) step."""
+        """Values after a (P,) step."""
 
     def relative(self, step: Floats, layout: Values) -> float:
-        """Length of a step in radii of the surfaces that it moves."""
+        """Largest change by a (P,) step, relative to the radii of the surfaces."""
 
 
 class Observations(Protocol):
-    """A group of observations, with directions of its own."""
+    """Group of observations, with its own directions of the field."""
 
     def at(self, at: Values) -> Self:
-        """The same with what it has to calculate anew for other parameters."""
+        """The group updated for other parameters."""
 
     def linearised(self, at: Values, directions: Floats, layout: Values, weights: Values) -> Linearised:
-        """Normal equations, the directions eliminated."""
+        """Normal equations, with the directions eliminated."""
 
     def cost(self, at: Values, directions: Floats, weights: Values) -> float:
         """χ² of the group."""
@@ -106,16 +106,16 @@ W = TypeVar("W")
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Iterate(Generic[P, G, W]):
-    """Where the iteration stands."""
+    """State of the iteration."""
 
-    at: P
-    groups: tuple[G, ...]  # with weights, trust and integrated rates as they are now
-    directions: tuple[Floats, ...]  # (W, 3) of each group
-    weights: W  # standard deviations of each kind of residual, and what else residuals are weighed by
+    at: P  # parameters
+    groups: tuple[G, ...]  # with their current weights and integrated rates
+    directions: tuple[Floats, ...]  # (W, 3) directions of each group
+    weights: W  # standard deviations of each kind of residual, and other weights
 
 
 class Problem(Protocol[P, G, W]):
-    """Parameters that are to be found, what is thought of them before, and how residuals are weighed."""
+    """Problem of the solver: free parameters, their prior, and the weights of residuals."""
 
     @property
     def layout(self) -> Values:
@@ -123,17 +123,17 @@ class Problem(Protocol[P, G, W]):
 
     @property
     def tolerance(self) -> float:
-        """χ² by which a step may be worse."""
+        """Largest increase of χ² by an accepted step."""
 
     @property
     def settled(self) -> float:
-        """Standard deviations: a step shorter than this in all parameters is the last."""
+        """Length of the last step in standard deviations."""
 
     def prior_equations(self, at: P) -> NormalEquations:
         """Normal equations of the prior."""
 
     def reweighed(self, iterate: Iterate[P, G, W], equations: Equations) -> Iterate[P, G, W]:
-        """The same, weighed as the residuals of the equations ask for."""
+        """The iterate with new weights by its residuals."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -141,9 +141,9 @@ class Equations:
     """Normal equations of all groups and of the prior, in standard deviations."""
 
     parts: tuple[Linearised, ...]  # one for each group
-    matrix: Floats  # (P, P): N of the groups alone
-    gradient: Floats  # (P,)
-    bent: Floats  # (P,): mean gradient that noise makes on the sphere of directions
+    matrix: Floats  # (P, P): N of the groups without the prior
+    gradient: Floats  # (P,): of the groups without the prior
+    bent: Floats  # (P,): mean gradient by noise, because the sphere of directions is curved
     prior: NormalEquations
 
     @classmethod
@@ -161,62 +161,63 @@ class Equations:
 
     @property
     def cost(self) -> float:
-        """χ² of everything."""
+        """χ² of all groups and the prior."""
         return self.prior.cost + sum(part.cost for part in self.parts)
 
     @property
     def whole(self) -> NormalEquations:
-        """N and g, with the prior."""
+        """Normal equations with the prior, without bias correction."""
         return self.unbiased(-self.bent) + self.prior
 
     def unbiased(self, bias: Floats | float = 0.0) -> NormalEquations:
-        """Normal equations of the groups alone, with the mean gradient of noise removed, and (P,) another one."""
+        """Normal equations of the groups, minus the mean gradient by noise and another (P,) `bias`."""
         return NormalEquations(self.matrix, self.gradient - self.bent - bias, 0.0, 0)
 
     def noise_factors(self, parameters: Floats) -> Floats:
-        """(K,) factors on the standard deviation of each kind of residual: a step of Fisher's scoring.
+        """(K,) factors of the standard deviations of each kind of residual, by a step of Fisher scoring.
 
         Parameters
         ----------
         parameters : (K,) float
-            How many parameters each kind of residual determines.
+            Number of parameters that each kind of residual determines.
         """
         surplus = sum(part.squares - part.expected for part in self.parts) + parameters
         curvature = np.sum([part.curvature for part in self.parts], axis=0)
         change = np.linalg.lstsq(curvature, surplus, rcond=1e-6)[0]
-        factors: Floats = np.sqrt(np.clip(1.0 + change, LEAST_CHANGE, 1.0 / LEAST_CHANGE))
+        factors: Floats = np.sqrt(np.clip(1.0 + change, MIN_VARIANCE_FACTOR, 1.0 / MIN_VARIANCE_FACTOR))
         return factors
 
     def noise_factor(self, parameters: float) -> float:
-        """Factor on the standard deviation of the first kind of residual alone: of their squares over their freedom."""
+        """Factor of the standard deviation of the first kind of residual, by its degrees of freedom."""
         squares = sum(float(part.squares[0]) for part in self.parts)
         expected = sum(float(part.expected[0]) for part in self.parts) - parameters
         return math.sqrt(squares / max(expected, 1.0))
 
 
 def levenberg_marquardt(problem: Problem[P, G, W], iterate: Iterate[P, G, W], steps: int = STEPS) -> Iterate[P, G, W]:
-    """Take steps until they are small beside what is claimed, with the weights that residuals ask for.
+    """Iterate until steps are small in standard deviations; weights are estimated after each step.
 
     Parameters
     ----------
     problem : Problem
+        Priors and weights.
     iterate : Iterate
-        Where to begin.
+        Start.
     steps : int, optional
-        At most.
+        Largest number of steps.
 
     Returns
     -------
     Iterate
-        Where no step makes the fit better, or after so many.
+        State at convergence, or after the last step.
     """
     damping = INITIAL_DAMPING
     for _ in range(steps):
         equations = Equations.of(problem, iterate)
-        step, moved, damping = _accepted(problem, iterate, equations, damping)
+        step, moved, damping = _accept_step(problem, iterate, equations, damping)
         weighed = problem.reweighed(iterate if moved is None else moved, equations)
         is_small = moved is None or (_length(equations, step) < problem.settled**2 * len(step) and damping < 1.0)
-        is_done = is_small and _is_same(weighed.weights, iterate.weights)
+        is_done = is_small and _have_converged(weighed.weights, iterate.weights)
         iterate, damping = weighed, min(damping, 1.0)
         if is_done:
             break
@@ -230,26 +231,27 @@ def bias_corrected(
     observed: Callable[[Iterate[P, G, W], NormalEquations], NormalEquations] | None = None,
     steps: int = CORRECTED,
 ) -> tuple[Iterate[P, G, W], Equations]:
-    """Take off the mean gradient that noise makes, by Gauss–Newton steps; also the equations at the end.
+    """Subtract the mean gradient by noise in Gauss–Newton steps; returns the iterate and its equations.
 
     Parameters
     ----------
     problem : Problem
+        Priors and weights.
     iterate : Iterate
-        Where the solver came to rest.
+        State at convergence of the solver.
     bias : (P,) float, optional
-        Mean gradient beyond that which the groups know of.
+        Mean gradient in addition to that of the groups.
     observed : callable, optional
-        Takes out of the groups' normal equations at an iterate what noise alone pretends.
+        Removes spurious information from the groups' normal equations at an iterate.
     steps : int, optional
-        At most.
+        Largest number of steps.
     """
     for _ in range(steps):
         equations = Equations.of(problem, iterate)
         plain = equations.unbiased(bias)
         whole = (plain if observed is None else observed(iterate, plain)) + equations.prior
         step = damped_step(whole.matrix, whole.gradient, 0.0)
-        moved = stepped(problem, iterate, equations, step)
+        moved = take_step(problem, iterate, equations, step)
         if moved is None:
             break
         iterate = problem.reweighed(moved, equations)
@@ -259,20 +261,20 @@ def bias_corrected(
 
 
 def damped_step(matrix: Floats, gradient: Floats, damping: float) -> Floats:
-    """(P,) the damped step, in a scale in which the (P, P) matrix has ones on its diagonal."""
+    """(P,) damped step, for the (P, P) matrix scaled to diagonal 1."""
     scale = np.sqrt(np.maximum(np.diag(matrix), 1e-300))
     damped = matrix / np.outer(scale, scale) + damping * np.eye(len(scale))
     try:
         step: Floats = np.linalg.solve(damped, gradient / scale) / scale
-    except np.linalg.LinAlgError:  # nothing speaks for one of them, and it stays
+    except np.linalg.LinAlgError:  # an undetermined parameter stays
         step = np.linalg.lstsq(damped, gradient / scale, rcond=None)[0] / scale
     return step
 
 
-def stepped(
+def take_step(
     problem: Problem[P, G, W], iterate: Iterate[P, G, W], equations: Equations, step: Floats
 ) -> Iterate[P, G, W] | None:
-    """Where a step of the parameters leads, directions with it; None where a surface is not closed."""
+    """Iterate after a (P,) step, with its directions; None if a surface is not closed."""
     at = iterate.at.moved(step, problem.layout)
     if not at.is_closed:
         return None
@@ -283,28 +285,28 @@ def stepped(
     return replace(iterate, at=at, groups=groups, directions=directions)
 
 
-def _accepted(
+def _accept_step(
     problem: Problem[P, G, W], iterate: Iterate[P, G, W], equations: Equations, damping: float
 ) -> tuple[Floats, Iterate[P, G, W] | None, float]:
-    """A step damped until χ² does not grow, where it leads, or None where no damping helps, and the next damping."""
+    """Step damped until χ² does not grow, the iterate after it or None if there is none, and the next damping."""
     whole, most = equations.whole, equations.cost * (1.0 + 1e-9) + problem.tolerance
     step: Floats = whole.gradient
-    while damping < MOST_DAMPING:
+    while damping < MAX_DAMPING:
         step = damped_step(whole.matrix, whole.gradient, damping)
-        tried = stepped(problem, iterate, equations, _cut(problem, iterate, step))
+        tried = take_step(problem, iterate, equations, _shorten(problem, iterate, step))
         if tried is not None and _cost(problem, tried) <= most:
-            return step, tried, max(damping / 10.0, LEAST_DAMPING)
+            return step, tried, max(damping / 10.0, MIN_DAMPING)
         damping *= 8.0
     return step, None, damping
 
 
-def _cut(problem: Problem[P, G, W], iterate: Iterate[P, G, W], step: Floats) -> Floats:
-    """A step that moves no surface by more than a part of its size."""
-    return step * min(1.0, LONGEST_STEP / max(iterate.at.relative(step, problem.layout), 1e-300))
+def _shorten(problem: Problem[P, G, W], iterate: Iterate[P, G, W], step: Floats) -> Floats:
+    """Shorten a step so that no surface moves by more than `MAX_STEP` of its radius."""
+    return step * min(1.0, MAX_STEP / max(iterate.at.relative(step, problem.layout), 1e-300))
 
 
 def _cost(problem: Problem[P, G, W], iterate: Iterate[P, G, W]) -> float:
-    """χ² of everything."""
+    """χ² of all groups and the prior."""
     return problem.prior_equations(iterate.at).cost + sum(
         group.cost(iterate.at, directions, iterate.weights)
         for group, directions in zip(iterate.groups, iterate.directions, strict=True)
@@ -316,6 +318,6 @@ def _length(equations: Equations, step: Floats) -> float:
     return float(step @ (equations.matrix + equations.prior.matrix) @ step)
 
 
-def _is_same(weights: Values, before: Values) -> bool:
-    """No standard deviation has changed."""
-    return bool(np.all(np.abs(np.log(np.divide(weights, before))) < SAME))
+def _have_converged(weights: Values, before: Values) -> bool:
+    """Whether all standard deviations have converged."""
+    return bool(np.all(np.abs(np.log(np.divide(weights, before))) < MAX_SIGMA_CHANGE))

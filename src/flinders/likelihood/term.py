@@ -1,6 +1,6 @@
-"""What an observation beside the magnitude is: the instrument, the columns it needs, the parameters it brings.
+"""Description of an observation term of an aiding sensor: its instrument, columns and parameters.
 
-A term is one file of this package: its equation, its part of residuals and Jacobian, and its row, a `Term`, at the end.
+Each term is a file of this package with its equation, its residuals and Jacobian, and at the end its row, a `Term`.
 
 >>> Term("rate", "gyro", "the field turns back", ("rate", "time"), (Block("gyro_bias", 3, 0.1),)).blocks[0].size
 3
@@ -12,19 +12,19 @@ from typing import NamedTuple
 
 
 class Block(NamedTuple):
-    """Parameters that belong together."""
+    """Block of parameters, such as the three biases of a gyro."""
 
-    name: str  # as the attribute of `flinders.likelihood.parameters.Parameters`
-    size: int  # columns in the Jacobian
-    # prior standard deviation about zero, or about what is known; None without a prior of its own
+    name: str  # attribute of `flinders.likelihood.parameters.Parameters`
+    size: int  # number of columns in the Jacobian
+    # prior standard deviation about zero, or about a known value; None without a prior
     sigma: float | None = None
 
 
 class Term(NamedTuple):
-    """An observation that a recording may hold beside the magnetometer's readings."""
+    """Observation term of an aiding sensor."""
 
-    name: str  # as it is asked for
-    instrument: str  # what it comes from
-    words: str  # what it goes by
-    needs: tuple[str, ...]  # columns of `flinders.core.samples.Samples`
-    blocks: tuple[Block, ...] = ()
+    name: str  # name in the parameter `aiding` of a fit
+    instrument: str  # instrument, in words
+    words: str  # its principle, in words
+    needs: tuple[str, ...]  # required columns of `flinders.core.samples.Samples`
+    blocks: tuple[Block, ...] = ()  # parameters of the instrument

@@ -1,1 +1,1 @@
-"""Sensors and boards on a wire: where bytes come from, feeds of readings, and a calibration sent to a board."""
+"""Sensors and boards on a wire: byte sources, feeds of readings, and sending a calibration to a board."""

@@ -1,4 +1,4 @@
-"""Records a feed into a file until it is told to stop: what `flinders record` does with a source that sends no lines.
+"""Recording of a feed into a file until it is stopped, for sources of `flinders record` that send no lines.
 
 >>> import tempfile
 >>> from pathlib import Path
@@ -30,12 +30,12 @@ if TYPE_CHECKING:
     from flinders.links.feeds import Feed, Received
     from flinders.links.recorder import Resumed, Sink
 
-WAIT_S: Final = 0.1  # Longest wait for readings: how soon the end of a recording is noticed
+WAIT_S: Final = 0.1  # Longest wait for readings, the delay at the end of a recording
 WATCH_S: Final = 0.5
 
 
-class _Limited:
-    """A feed that ends after so many readings."""
+class _LimitedFeed:
+    """A feed that ends after a count of readings."""
 
     def __init__(self, feed: Feed, readings: int | None) -> None:
         self.name, self._feed, self._left = feed.name, feed, readings
@@ -43,7 +43,7 @@ class _Limited:
     def next(self, timeout: float) -> Received:
         """As `Feed.next`."""
         if self._left == 0:
-            return FeedEvent("ended", 0.0, f"all readings of {self.name} that were asked for are there")
+            return FeedEvent("ended", 0.0, f"all requested readings of {self.name} were received")
         received = self._feed.next(timeout)
         if self._left is None or received is None or isinstance(received, FeedEvent):
             return received
@@ -73,11 +73,11 @@ def record_feed(
     Raises
     ------
     OutputError
-        Where it cannot be written; what came before is saved.
+        If the file cannot be written; earlier readings are saved.
     UnreadableInput
-        Where no reading came.
+        Without any reading.
     """
-    recorded, statistics = RecordedFeed(_Limited(feed, readings), sink, resumed=resumed), RecordingStatistics()
+    recorded, statistics = RecordedFeed(_LimitedFeed(feed, readings), sink, resumed=resumed), RecordingStatistics()
     start, watched, why = clock(), 0.0, f"nothing arrived from {feed.name}"
     try:
         while not stopped() and (seconds is None or statistics.seconds < seconds):
@@ -101,19 +101,19 @@ def record_feed(
 
 
 def _announce(event: FeedEvent, statistics: RecordingStatistics, say: Callable[[str], None]) -> None:
-    """Say what a person at the bench should know, and count what went away."""
+    """Report an event to the user, and count disconnections."""
     match event.kind:
         case "connected" | "back":
             say(event.words)
         case "gone":
             statistics.disconnections += 1
-            say(f"! {event.words}; what was recorded is saved. Waiting for it to come back; Ctrl-C ends the recording")
+            say(f"! {event.words}; readings so far are saved. Waiting for it to come back; Ctrl-C ends the recording")
         case _:
             say(f"! {event.words}")
 
 
 def _count(samples: Samples, statistics: RecordingStatistics) -> None:
-    """Count readings, and note how strong their field is."""
+    """Add readings and their field strengths to the statistics."""
     statistics.unit = label(samples.unit.inside)
     for at in () if samples.time is None else samples.time.tolist():
         statistics.count_row(at)

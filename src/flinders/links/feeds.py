@@ -1,4 +1,4 @@
-"""Feeds: readings of a running sensor, and what happens to it in between; a recording is one, played back.
+"""Feeds: readings of a running sensor with events of its source; a recording can be played back as a feed.
 
 >>> from flinders import simulate
 >>> feed = Replay(simulate.tumble(seed=1).samples, speed=None)     # as fast as it is asked
@@ -9,9 +9,9 @@
 >>> print(FeedEvent("gone", 12.5, "/dev/ttyACM0 is gone: check the cable"))
 12.5 s: /dev/ttyACM0 is gone: check the cable
 
-A feed knows no thread and no event loop: one thread asks, and each question takes at most its timeout. `Replay` is one;
-the recorder of lines, a vehicle and a simulated sensor are others. `FeedThread` asks, and queues the answers, whatever
-the server is doing meanwhile.
+A feed uses no thread and no event loop: one thread calls `next`, and each call takes at most its timeout. `Replay`, the
+recorder of lines, a vehicle and a simulated sensor are feeds. `FeedThread` calls `next` on its own thread and queues
+the results, independently of the server.
 """
 
 from __future__ import annotations
@@ -37,34 +37,39 @@ if TYPE_CHECKING:
     from flinders.arrays import Floats
     from flinders.core.samples import Recording
 
-AT_ONCE: Final = 500  # Readings handed on together at most
-ASSUMED_HZ: Final = 50.0  # Readings a second of a recording without times
-LONGEST_GAP_S: Final = 2.0  # Seconds that a pause of a recording takes when it is played back, at most
-SHORTEST_S: Final = 1e-4  # Least wait
+AT_ONCE: Final = 500  # Largest count of readings that are returned together
+ASSUMED_HZ: Final = 50.0  # Readings per second of a recording without times
+MAX_GAP_S: Final = 2.0  # Longest pause in a playback; longer ones are shortened
+MIN_WAIT_S: Final = 1e-4  # Shortest wait
 
 Kind: TypeAlias = Literal[
     "connected", "settled", "several", "unclear", "silent", "nothing", "garbage", "no-answer", "lost", "gone", "back",
     "ended",
 ]  # fmt: skip
-"""It is there; how its lines are written is known; they are of several devices; which of their numbers are the field is
-not; nothing has come yet; nothing usable has; lines that are not like the first ones; the sensor did not answer; this
-machine was too busy to take all; it went away; it is there again; nothing more will come."""
+"""Kinds of events of a source.
+
+``connected``: the source is open. ``settled``: the format of its lines is recognised. ``several``: lines are of several
+devices. ``unclear``: the columns of the field are unknown. ``silent``: no bytes yet. ``nothing``: no usable line yet.
+``garbage``: lines unlike the first ones. ``no-answer``: the sensor did not answer its board. ``lost``: this machine was
+too busy to receive all. ``gone``: the source is disconnected. ``back``: it is connected again. ``ended``: no more
+readings follow.
+"""
 
 
 @dataclass(frozen=True, slots=True)
 class FeedEvent:
-    """Something that happened to a source of readings."""
+    """An event of a source of readings."""
 
     kind: Kind  #: as `Kind`
-    at: float  #: s: since the start
-    words: str  #: for people
+    at: float  #: s: time since the start
+    words: str  #: sentence for users
 
     def __str__(self) -> str:
         return f"{self.at:.1f} s: {self.words}"
 
 
 Received: TypeAlias = Samples | FeedEvent | None
-"""Readings in order, with times and in the axes of the sensor; or one event; or None where nothing came."""
+"""Readings in order, with times and in the axes of the sensor; or one event; or None without either."""
 
 
 class Feed(Protocol):
@@ -72,35 +77,35 @@ class Feed(Protocol):
 
     @property
     def name(self) -> str:
-        """For messages."""
+        """Name for messages."""
 
     def next(self, timeout: float) -> Received:
-        """Return what has come, waiting at most so many seconds for it.
+        """Return readings or an event, waiting at most `timeout` seconds.
 
-        After an event ``ended`` nothing comes.
+        After an event ``ended`` the result is always None.
 
         Raises
         ------
         FlindersError
-            For what cannot be waited out; a source that is gone for a while is an event.
+            For a permanent error; a temporary loss of the source is an event.
         """
 
     def close(self) -> None:
-        """Let go of the source; closing twice does no harm."""
+        """Close the source; may be called twice."""
 
 
 class Replay:
-    """Plays a recording back, in the time that it took or faster.
+    """Feed that plays a recording back, at its own speed or faster.
 
     Parameters
     ----------
     recording : Recording
         Anything that `flinders.open_recording` opens, or samples.
     speed : float, optional
-        So many times as fast as it was recorded; None for as fast as it is asked. Pauses of more than two seconds are
-        shortened to two. A recording without times is taken to have 50 readings a second.
+        Factor on the recorded speed; None for as fast as `next` is called. Pauses of more than 2 s are shortened to 2
+        s. A recording without times is assumed to have 50 readings per second.
     clock, sleep : callable
-        Seconds, ascending; and wait.
+        Monotonic clock in seconds, and wait.
 
     Raises
     ------
@@ -117,7 +122,7 @@ class Replay:
         sleep: Callable[[float], None] = time.sleep,
     ) -> None:
         if speed is not None and not 0 < speed < np.inf:
-            raise UsageError(f"speed is {speed:g}: need a number above 0, or none for as fast as possible")
+            raise UsageError(f"speed is {speed:g}: need a number above 0, or None for as fast as possible")
         self.name, self._is_timed = recording.source, True
         self._speed, self._clock, self._sleep = speed, clock, sleep
         self._blocks = recording.blocks()
@@ -133,7 +138,7 @@ class Replay:
         Raises
         ------
         InputError
-            Where the recording cannot be read to its end.
+            If the recording cannot be read to its end.
         """
         if not self._is_announced:
             self._load()
@@ -142,8 +147,8 @@ class Replay:
         if not len(self._block) and not self._is_over:
             self._load()
         if self._is_over:
-            return self._ended(timeout)
-        ready = AT_ONCE if self._speed is None else self._ready(timeout)
+            return self._end_event(timeout)
+        ready = AT_ONCE if self._speed is None else self._due_count(timeout)
         taken, self._block, self._due = self._block[:ready], self._block[ready:], self._due[ready:]
         return taken if len(taken) else None
 
@@ -158,10 +163,10 @@ class Replay:
 
     @property
     def _assumption(self) -> str:
-        return "" if self._is_timed else f", as if it had {ASSUMED_HZ:g} readings a second: the file has no times"
+        return "" if self._is_timed else f", with {ASSUMED_HZ:g} readings per second assumed, as the file has no times"
 
     def _load(self) -> None:
-        """Take the next block, and say when each of its readings is due."""
+        """Load the next block, and compute when each of its readings is due."""
         block = next(self._blocks, None)
         if block is None or not len(block):
             self._is_over = block is None
@@ -171,22 +176,22 @@ class Replay:
         times = counted if block.time is None else block.time
         self._count += len(block)
         steps = np.diff(times, prepend=self._last if np.isfinite(self._last) else times[0])
-        steps = np.clip(np.nan_to_num(steps), 0.0, LONGEST_GAP_S)
+        steps = np.clip(np.nan_to_num(steps), 0.0, MAX_GAP_S)
         self._due = self._played + np.cumsum(steps) / (self._speed or 1.0)
         self._played, self._last = float(self._due[-1]), float(times[-1])
         self._block = replace(block, time=times)
 
-    def _ready(self, timeout: float) -> int:
-        """Count the readings that are due, after waiting for the first of them."""
+    def _due_count(self, timeout: float) -> int:
+        """Count of the readings that are due, after waiting for the first of them."""
         if not len(self._due):
             return 0
         wait = float(self._due[0]) - (self._clock() - self._start)
         if wait > 0:
-            self._sleep(max(min(wait, timeout), SHORTEST_S))
+            self._sleep(max(min(wait, timeout), MIN_WAIT_S))
         ready = int(np.searchsorted(self._due, self._clock() - self._start, side="right"))
         return min(ready, AT_ONCE)
 
-    def _ended(self, timeout: float) -> FeedEvent | None:
+    def _end_event(self, timeout: float) -> FeedEvent | None:
         if not self._has_ended:
             self._has_ended = True
             words = f"{self.name} has been played to its end{self._assumption}"
@@ -196,7 +201,7 @@ class Replay:
 
 
 class NoSensor:
-    """A feed that ends at once, for a session that is looked at again.
+    """A feed that ends at once, to show a saved session.
 
     >>> NoSensor("session.csv").next(0.1).words
     'session.csv is shown without a sensor: start again with its source to go on with it'
@@ -216,20 +221,22 @@ class NoSensor:
 
 Result = TypeVar("Result")
 
-ASK_S: Final = 0.05  # Longest wait of one question
-REST_S: Final = 0.045
-"""From an answer to the next question, where little came: what comes meanwhile is then read in one go. A little below a
-twentieth of a second, so that pages get twenty updates in each."""
-LITTLE: Final = 40
-"""Readings of an answer; a faster sensor is asked again at once, before what the system keeps for it is full."""
-FULL: Final = 250_000
-"""Readings that wait to be taken, at most: a recording played back as fast as possible waits for the server then."""
-FULL_S: Final = 0.01
-STOPPING_S: Final = 10.0  # Seconds that a feed has to let go: longer than any of them waits for a host
+CALL_S: Final = 0.05  # Timeout of one call of `next`
+PAUSE_S: Final = 0.045
+"""Pause between calls after few readings, so that readings meanwhile are read together.
+
+It is slightly shorter than 50 ms, for 20 updates of a page per second.
+"""
+MAX_PAUSED_READINGS: Final = 40
+"""Largest count of readings of one call before a pause; after more the feed is called at once, before buffers fill."""
+MAX_QUEUED_READINGS: Final = 250_000
+"""Largest count of queued readings, at which a fast playback waits for the server."""
+QUEUE_WAIT_S: Final = 0.01
+STOPPING_S: Final = 10.0  # Longest wait for a feed to close, longer than any wait for a host
 
 
 class FeedThread(threading.Thread):
-    """Asks a feed until it has ended, or is told to stop; what else is to be done on its thread is a job between two.
+    """Thread that reads a feed until it ends or is stopped, and runs jobs between calls of `next`.
 
     Parameters
     ----------
@@ -238,7 +245,7 @@ class FeedThread(threading.Thread):
     Attributes
     ----------
     tell : callable
-        Called on the feed's thread when something is in the queue.
+        Called on the feed's thread when the queue has entries.
 
     Examples
     --------
@@ -261,12 +268,12 @@ class FeedThread(threading.Thread):
         self._put = self._got = 0
 
     def run(self) -> None:
-        """Ask; a feed that fails for good is one that has gone, and its reason is told."""
+        """Read the feed; a permanent failure is queued as an event ``gone`` with its reason."""
         try:
             while not self._stopping.is_set() and not self._is_over:
                 self._do_jobs()
-                if self._put - self._got >= FULL:
-                    self._stopping.wait(FULL_S)
+                if self._put - self._got >= MAX_QUEUED_READINGS:
+                    self._stopping.wait(QUEUE_WAIT_S)
                 else:
                     self._ask()
         except Exception as error:  # noqa: BLE001 - a thread that ends without a word would look like a silent sensor
@@ -280,7 +287,7 @@ class FeedThread(threading.Thread):
                 self._feed.close()
 
     def taken(self) -> list[Samples | FeedEvent]:
-        """All that has come since this was last called, in order."""
+        """Readings and events since the last call, in order."""
         received = []
         while self._queue:
             received.append(self._queue.popleft())
@@ -288,7 +295,7 @@ class FeedThread(threading.Thread):
         return received
 
     def do(self, job: Callable[[], Result]) -> Future[Result]:
-        """Do something on the feed's thread, soon; where that has ended, at once."""
+        """Run a job on the feed's thread soon; at once if the thread has ended."""
         future: Future[Result] = Future()
 
         def done() -> None:
@@ -303,13 +310,13 @@ class FeedThread(threading.Thread):
         return future
 
     def stop(self) -> None:
-        """Ask no more, and wait until the feed has written what it holds."""
+        """Stop reading, and wait until the feed has written its data."""
         self._stopping.set()
         if self.is_alive():
             self.join(STOPPING_S)
 
     def _ask(self) -> None:
-        received = self._feed.next(ASK_S)
+        received = self._feed.next(CALL_S)
         if received is None:
             return
         self._put += _size(received)
@@ -317,8 +324,8 @@ class FeedThread(threading.Thread):
         self.tell()
         if isinstance(received, FeedEvent):
             self._is_over = received.kind == "ended"
-        elif len(received) < LITTLE:
-            self._stopping.wait(REST_S)
+        elif len(received) < MAX_PAUSED_READINGS:
+            self._stopping.wait(PAUSE_S)
 
     def _do_jobs(self) -> None:
         while True:
@@ -334,27 +341,27 @@ def _size(received: Samples | FeedEvent) -> int:
 
 
 def feed_kind(name: str) -> Callable[..., Feed]:
-    """Look up by its name what makes a feed of something that sends no lines: ``opened`` of its module.
+    """Function ``opened`` that opens a feed of a kind of source that sends no lines.
 
-    ``mavlink`` takes a `ByteSource` and the number of a magnetometer, ``ros2`` the names of topics and a unit.
-    Raises `UsageError` where no package of `flinders.apps` reads that.
+    ``mavlink`` has a `ByteSource` and the number of a magnetometer as arguments, ``ros2`` the names of topics and a
+    unit. Raises `UsageError` if no package of `flinders.apps` reads that kind.
     """
-    opened: Callable[..., Feed] = _opened("FEEDS", name)
+    opened: Callable[..., Feed] = _open_function("FEEDS", name)
     return opened
 
 
 def publisher_kind(name: str) -> Callable[..., Any]:
-    """Look up by its name what publishes beside a feed of that name: ``opened`` of its module, of the feed and a topic.
+    """Function ``opened`` that opens a publisher for a kind of feed, with the feed and a topic as arguments.
 
-    Raises `UsageError` where no package of `flinders.apps` does.
+    Raises `UsageError` if no package of `flinders.apps` publishes that kind.
     """
-    return _opened("PUBLISHERS", name)
+    return _open_function("PUBLISHERS", name)
 
 
-def _opened(table: str, name: str) -> Callable[..., Any]:
-    """``opened`` of the module that a table names."""
+def _open_function(table: str, name: str) -> Callable[..., Any]:
+    """The function ``opened`` of the module for a name in a table."""
     module = app_modules(table).get(name)
     if module is None:
-        raise UsageError(f"this installation knows no {name}: install flinders anew")
+        raise UsageError(f"this installation has no {name}: install flinders again")
     opened: Callable[..., Any] = import_module(module).opened
     return opened

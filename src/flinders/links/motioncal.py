@@ -1,7 +1,7 @@
-r"""Sends a calibration to a board as MotionCal does, and reads its echo.
+r"""Sending a calibration to a board by the protocol of MotionCal, confirmed by the board's echo.
 
 The board answers a packet with two lines, ten numbers and nine: offsets of accelerometer, gyroscope and magnetometer
-with the field, and the matrix. Only when both hold what was sent is it confirmed.
+with the field, and the matrix. The calibration is confirmed only if both have the sent values.
 
 >>> import numpy as np
 >>> from flinders.links.transports import Scripted
@@ -14,9 +14,9 @@ confirmed by the board's echo, to 3 decimals
 >>> board.written == packet.encode()
 True
 
-Tolerance: MotionCal's own, 0.0001 + 0.00003 \|x\|, and half a unit of the last digit that the board prints, of at least
-two. MotionCal itself allows the first alone: PJRC's and Adafruit's sketches echo three decimals, which is often off by
-more, so that its tick does not appear although the board has taken the values.
+The tolerance is MotionCal's, 0.0001 + 0.00003 \|x\|, plus half a unit of the last printed digit, of at least two
+decimals. MotionCal allows only the first part: PJRC's and Adafruit's sketches echo three decimals, which often differ
+by more, so that MotionCal shows no confirmation although the board has accepted the values.
 """
 
 from __future__ import annotations
@@ -35,42 +35,42 @@ if TYPE_CHECKING:
     from flinders.links.transports import ByteSource
 
 TRIES: Final = 3
-ANSWER_S: Final = 3.0  # Seconds that the echo of a packet is waited for; sketches print it once in a second or so
-BOOT_S: Final = 4.0  # Seconds that a board is waited for that starts anew when its port is opened, as many do
+ANSWER_S: Final = 3.0  # Longest wait for the echo of a packet, which sketches print about once per second
+BOOT_S: Final = 4.0  # Longest wait for a board that restarts when its port is opened, as many do
 PIECE, PAUSE_S = 16, 0.01
-"""From the second time on bytes are sent in pieces, for boards whose buffer is shorter than a packet."""
-LONGEST: Final = 4096
+"""Size of pieces in bytes, and pause between them, from the second try on: some boards have short buffers."""
+MAX_LINE_BYTES: Final = 4096
 MOTIONCAL_SLACK, MOTIONCAL_SHARE = 0.0001, 0.00003
-FEWEST_PLACES: Final = 2
-"""Decimals that an echo is taken to have: what it prints with fewer has to agree with that many."""
-EITHER: Final = "the board may hold the old values or the new ones"  # What is known where the packet was on its way
-REOPEN_S: Final = 0.1  # Seconds between tries to open a port again
+MIN_PLACES: Final = 2
+"""Smallest count of decimals by which an echo is compared, also if it prints fewer."""
+EITHER: Final = "the board may hold the old values or the new ones"  # State of the board if the packet was already sent
+REOPEN_S: Final = 0.1  # Time between tries to open a port again
 NUMBER: Final = re.compile(r"[-+]?\d+(?:\.(\d*))?")
-NUMBERS: Final = {"Cal1": 10, "Cal2": 9}
+NUMBER_COUNTS: Final = {"Cal1": 10, "Cal2": 9}
 
 
 @dataclass(frozen=True, slots=True)
 class Echo:
-    """One line in which a board says what it holds: values as printed, and the decimals of each."""
+    """One line of a board's echo: printed values, and the count of decimals of each."""
 
     values: tuple[float, ...]
     places: tuple[int, ...]
 
     def differs(self, expected: tuple[float, ...]) -> int | None:
-        """The place of the first number that is not the expected one; None where all agree.
+        """Index of the first number that differs from the expected one; None if all agree.
 
         >>> Echo.of("12.346,-0.500", 2).differs((12.3456, -0.5)), Echo.of("12.346,-0.51", 2).differs((12.3456, -0.5))
         (None, 1)
         """
         for place, (number, digits, wanted) in enumerate(zip(self.values, self.places, expected, strict=True)):
-            half = 0.5 * 10.0 ** -max(digits, FEWEST_PLACES)
+            half = 0.5 * 10.0 ** -max(digits, MIN_PLACES)
             if not abs(number - wanted) <= MOTIONCAL_SLACK + MOTIONCAL_SHARE * abs(wanted) + half:
                 return place
         return None
 
     @classmethod
     def of(cls, text: str, count: int) -> Echo | None:
-        """Read what stands behind the colon; None where that is not so many numbers."""
+        """Parse the text after the colon; None unless it is `count` numbers."""
         matches = [NUMBER.fullmatch(cell.strip()) for cell in text.split(",")]
         if len(matches) != count or None in matches:
             return None
@@ -80,7 +80,7 @@ class Echo:
 
 @dataclass(frozen=True, slots=True)
 class Confirmed:
-    """A board has said that it holds what was sent, to so many decimals, after so many tries."""
+    """Confirmation by a board, with the compared decimals and the count of tries."""
 
     places: int
     tries: int
@@ -101,19 +101,19 @@ def send(
     packet : MotionCalPacket
     tries : int
     answer : float, s
-        How long an echo is waited for, each time.
+        Longest wait for an echo, for each try.
     boot : float, s
-        How long the board has to say something before the first packet; it is sent to a silent one too.
+        Longest wait for any output of the board before the first packet, which is then sent to a silent board too.
 
     Raises
     ------
     LinkError
-        Where the board goes away before anything was sent.
+        If the board is disconnected before a packet was sent.
     NotConfirmed
-        Where no echo comes, or one of other values; says what the board may hold.
+        Without an echo, or with one of other values; it states the values that the board may have.
     """
     listener = _EchoListener(source)
-    listener.anything(boot)
+    listener.wait_for_output(boot)
     listener.before = dict(listener.known)
     expected = echo_of(packet)
     content = packet.encode()
@@ -122,27 +122,27 @@ def send(
         try:
             if lost is not None:
                 _reopen(source, boot)
-                listener.anew(boot)
+                listener.wait_for_restart(boot)
                 lost = None
             for piece in [content] if attempt == 1 else _pieces(content):
                 source.write(piece)
             if (echoes := listener.echo(expected, answer)) is not None:
                 return Confirmed(min(min(echo.places) for echo in echoes), attempt)
-        except LinkError as error:  # a board that starts anew goes away for a moment
+        except LinkError as error:  # a board that restarts is disconnected for a moment
             lost = error
     if lost is not None:
-        raise NotConfirmed(f"{lost}; the packet was on its way, so that {EITHER}: plug it in and send again")
+        raise NotConfirmed(f"{lost}; the packet was being sent, so that {EITHER}: plug it in and send again")
     raise NotConfirmed(f"sent {tries} times and not confirmed: {listener.complaint(expected)}")
 
 
 def echo_of(packet: MotionCalPacket) -> dict[str, tuple[float, ...]]:
-    """What the two lines of an echo have to hold: offsets and field, and the matrix row by row."""
+    """Expected values in the two lines of an echo: offsets and field, and the matrix row by row."""
     offsets = [0.0] * BEFORE_OFFSET + [*packet.offset, packet.strength]
     return {"Cal1": tuple(map(float, offsets)), "Cal2": tuple(map(float, packet.matrix.ravel()))}
 
 
 def echo_lines(packet: MotionCalPacket) -> list[str]:
-    """Write the echo of a packet as PJRC's and Adafruit's sketches do.
+    """Lines of the echo of a packet, as PJRC's and Adafruit's sketches print it.
 
     >>> import numpy as np
     >>> echo_lines(MotionCalPacket(np.array([10.0, -20.0, 30.0]), 50.0, np.eye(3)))[1]
@@ -153,10 +153,10 @@ def echo_lines(packet: MotionCalPacket) -> list[str]:
 
 @dataclass(slots=True)
 class _EchoListener:
-    """What the board has said: the last echo of each kind since the packet was sent, at all, and from before that.
+    """Reader of a board's output, with the last echo of each kind since sending, since the start, and before sending.
 
-    `rest` is a line without its end, `received` counts bytes since the port was opened, and `garbled` is the last line
-    that begins as an echo does and is none.
+    `echoes`, `known` and `before` have these echoes. `rest` is an incomplete line, `received` counts bytes since the
+    port was opened, and `garbled` is the last line that begins like an echo but is none.
     """
 
     source: ByteSource
@@ -167,19 +167,19 @@ class _EchoListener:
     known: dict[str, Echo] = field(default_factory=dict)
     before: dict[str, Echo] = field(default_factory=dict)
 
-    def anything(self, seconds: float) -> None:
-        """Wait until the board says anything."""
+    def wait_for_output(self, seconds: float) -> None:
+        """Wait until the board prints anything."""
         until = time.monotonic() + seconds
         while not self.received and time.monotonic() < until:
             self._take(until)
 
-    def anew(self, seconds: float) -> None:
-        """Forget a line that was cut off, and wait until the board says anything again."""
+    def wait_for_restart(self, seconds: float) -> None:
+        """Drop an incomplete line, and wait until the board prints anything again."""
         self.rest, self.received = b"", 0
-        self.anything(seconds)
+        self.wait_for_output(seconds)
 
     def echo(self, expected: dict[str, tuple[float, ...]], seconds: float) -> list[Echo] | None:
-        """Wait for both lines with the expected values; None where they do not come in time."""
+        """Wait for both lines with the expected values; None if they do not arrive in time."""
         self.echoes.clear()
         until = time.monotonic() + seconds
         while time.monotonic() < until:
@@ -189,56 +189,56 @@ class _EchoListener:
         return None
 
     def complaint(self, expected: dict[str, tuple[float, ...]]) -> str:
-        """Say what came in place of the echo, and what to do."""
+        """Sentence on the output in place of the echo, with a remedy."""
         for name, echo in self.known.items():
             if (place := echo.differs(expected[name])) is not None:
                 number = f"{echo.values[place]:g} in place of {expected[name][place]:.6g}"
-                return self._of_values(name, f"{number} (number {place + 1} of its {name} line)")
-        unknown = "whether the board has taken the packet is not known"
+                return self._values_complaint(name, f"{number} (number {place + 1} of its {name} line)")
+        unknown = "it is unknown whether the board has accepted the packet"
         if self.garbled:
             return f"its echo cannot be read ({self.garbled[:60]!r}): check --baud and the cable; {unknown}"
         if not self.received:
-            return f"nothing came from {self.source.name}: check the port, --baud and that the sketch runs; {unknown}"
+            return f"{self.source.name} sent nothing: check the port, --baud and that the sketch runs; {unknown}"
         missing = " and ".join(f"{name}:" for name in expected if name not in self.known)
         if not missing:
-            return "the board printed both lines with the new values, but never one soon after the other: send again"
+            return "the board printed both lines with the new values, but not one directly after the other: send again"
         return (
-            f"the board prints no {missing} line, by which a sketch confirms, and {unknown}: see what it prints with "
-            "flinders record, and whether its sketch reads what MotionCal sends"
+            f"the board prints no {missing} line to confirm, and {unknown}: look at its output with "
+            "flinders record, and check that its sketch reads packets of MotionCal"
         )
 
-    def _of_values(self, name: str, wrong: str) -> str:
-        """Say what an echo of other values means, and what to do: one from before tells old values from new ones."""
+    def _values_complaint(self, name: str, wrong: str) -> str:
+        """Sentence on an echo of other values, with a remedy, by comparison with an echo from before sending."""
         if name not in self.echoes:
             return (
-                f"the board said {wrong} before, and nothing of it since: {EITHER}; see what it prints with flinders "
+                f"the board printed {wrong} before, and no such line since: {EITHER}; look at its output with flinders "
                 "record, and send again"
             )
         if name in self.before and self.before[name].values == self.known[name].values:
             return (
-                f"the board still says {wrong}, as before it was sent anything: it has not taken the packet, or did so "
-                "before and keeps other numbers than it is sent; see that its sketch keeps a calibration as those of "
-                "PJRC and Adafruit do, and send again"
+                f"the board still prints {wrong}, as before sending: it did not accept the packet, or it stores other "
+                "numbers than it receives; check that its sketch stores a calibration like those of PJRC and Adafruit, "
+                "and send again"
             )
         return (
-            f"the board now says {wrong}: other numbers than were sent; send again, or look at how its sketch keeps "
-            "and prints them"
+            f"the board now prints {wrong}, not the sent numbers: send again, or check how its sketch stores and "
+            "prints them"
         )
 
     def _take(self, until: float) -> None:
-        """Take what has arrived, and note the echoes in it."""
+        """Read until a time, and store the echoes."""
         content = self.source.read(max(min(0.1, until - time.monotonic()), 0.0))
         self.received += len(content)
         *lines, self.rest = re.split(rb"[\r\n]+", self.rest + content)
-        self.rest = self.rest[-LONGEST:]
+        self.rest = self.rest[-MAX_LINE_BYTES:]
         for line in lines:
             self._note(line.decode("ascii", "replace").strip())
 
     def _note(self, line: str) -> None:
-        """Keep an echo; one that is not understood is no answer, but worth telling."""
+        """Store an echo; a line that cannot be parsed is stored as `garbled`."""
         name, colon, text = line.partition(":")
-        if colon and name in NUMBERS:
-            echo = Echo.of(text, NUMBERS[name])
+        if colon and name in NUMBER_COUNTS:
+            echo = Echo.of(text, NUMBER_COUNTS[name])
             if echo is None:
                 self.garbled = line
             else:
@@ -246,7 +246,7 @@ class _EchoListener:
 
 
 def _reopen(source: ByteSource, seconds: float) -> None:
-    """Open a port again that may be back in so many seconds."""
+    """Open a port again, trying for `seconds`."""
     until = time.monotonic() + seconds
     while True:
         try:

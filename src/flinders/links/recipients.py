@@ -1,4 +1,4 @@
-"""Sources of readings that take a calibration back, such as a vehicle: what whoever hands one over needs of them.
+"""Interface of sources that accept a calibration of their readings, such as a vehicle.
 
 >>> from flinders.links.feeds import NoSensor
 >>> isinstance(NoSensor("session.csv"), Recipient)
@@ -16,43 +16,43 @@ if TYPE_CHECKING:
 
 
 class Transfer(Protocol):
-    """What would change in a recipient so that it uses a calibration."""
+    """Changes in a recipient that make it use a calibration."""
 
     @property
     def suffix(self) -> str:
-        """Of a file with `backup`."""
+        """File name suffix for `backup`."""
 
     @property
     def is_done(self) -> bool:
-        """It holds the calibration already."""
+        """Whether the recipient has the calibration already."""
 
     def backup(self) -> str:
-        """What it holds now, as its own tools load it."""
+        """Current values of the recipient, in the format of its own tools."""
 
     def carry_out(self, *, stopped: Callable[[], bool], say: Callable[[str], None]) -> str:
-        """Change it and read it back, or put all back as it was; says what is confirmed.
+        """Write the changes and read them back, or restore the old values; return a sentence on the confirmation.
 
-        Raises `NotConfirmed`, which says what the recipient holds.
+        Raises `NotConfirmed`, which states the values of the recipient.
         """
 
 
 @runtime_checkable
 class Recipient(Protocol):
-    """A feed whose source takes a calibration of its readings."""
+    """A feed whose source accepts a calibration of its readings."""
 
     @property
     def name(self) -> str:
-        """For messages."""
+        """Name for messages."""
 
     @property
     def refusal(self) -> str:
-        """Why it takes nothing now, such as that it is armed; empty where it does."""
+        """Reason why no calibration is accepted now, such as an armed vehicle; empty if it is accepted."""
 
     def on_board(self, field_strength: float) -> Calibration | None:
-        """The calibration that it holds, for readings as the feed gives them, in µT; None where that is not known."""
+        """The calibration on board, for readings of the feed, in µT; None if unknown."""
 
     def transfer(self, calibration: Calibration) -> Transfer:
-        """Ask what would change; nothing is changed.
+        """Determine the changes without writing them.
 
-        Raises `NotSent`, `NotExportable`, `UnitError` or `LinkError` where that is impossible.
+        Raises `NotSent`, `NotExportable`, `UnitError` or `LinkError` if a transfer is impossible.
         """

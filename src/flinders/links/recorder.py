@@ -1,7 +1,7 @@
-r"""Records a running sensor: all that arrives goes to the disk as it arrives, as text that `flinders.read` reads.
+r"""Recording of a running sensor: everything received is written to disk immediately, as text for `flinders.read`.
 
-A line that is not understood is kept as a comment and counted. What was received is handed to the operating system at
-once and forced to the disk each second, so that a crash loses at most a second, and a program that is killed less.
+A line that cannot be parsed is stored as a comment and counted. Text is passed to the operating system immediately and
+forced to the disk every second, so that a crash of the machine loses at most 1 s, and a killed program less.
 
 >>> import tempfile
 >>> from pathlib import Path
@@ -22,8 +22,8 @@ t_s,accel_x_g,accel_y_g,accel_z_g,gyro_x_dps,gyro_y_dps,gyro_z_dps,mag_x_uT,mag_
 >>> read(file).field[0]
 array([ 21.7,   0.4, -58.6])
 
-A recorder is also a `Feed`: `next` records what has come and hands it on, as readings and events. It writes to a sink:
-a file that lasts, one that survives a full disk too (`Patient`), what follows in a pipe, or nowhere.
+A recorder is also a `Feed`: `next` records the received lines and returns readings and events. It writes to a sink:
+a file, a file with retries when the disk is full (`Patient`), standard output, or nowhere.
 """
 
 from __future__ import annotations
@@ -60,37 +60,37 @@ if TYPE_CHECKING:
     from flinders.links.feeds import Feed, Received
     from flinders.links.transports import ByteSource
 
-SYNC_S: Final = 1.0  # Seconds after which what was received is forced to the disk
-WAIT_S: Final = 0.1  # Longest wait for bytes: how soon the end of a recording is noticed
+SYNC_S: Final = 1.0  # Time after which received text is forced to the disk
+WAIT_S: Final = 0.1  # Longest wait for bytes, the delay at the end of a recording
 WATCH_S: Final = 0.5
-TOGETHER: Final = 5000  # Datagrams that are taken together, at most
+MAX_DATAGRAMS: Final = 5000  # Largest count of datagrams that are read together
 FIRST_RETRY_S, LAST_RETRY_S = 0.1, 2.0
-"""Seconds between tries to open a lost port again: each twice the one before, up to the last."""
+"""First and longest time between tries to open a lost port again; it doubles with each try."""
 
 
 class Recorder:
-    """Takes what a source gives, writes it down, and hands it on.
+    """Recorder of a byte source, which is also a feed of its readings.
 
     Parameters
     ----------
     source : ByteSource
     sink : Sink, optional
-        Without it nothing is written, and readings and events are handed on.
+        Without it nothing is written, and readings and events are only returned.
     seconds, readings : float and int, optional
-        When `run` stops, and after how many rows nothing more is taken.
+        Duration after which `run` stops, and count of rows after which nothing more is read.
     resumed : Resumed, optional
         The recording that is continued, of which `sink` is the file.
     stopped : callable
-        Tells `run` whether to stop for another reason.
+        Called by `run` to decide whether to stop for another reason.
     say : callable
-        Told by `run` what a person at the bench should know, a sentence each.
+        Called by `run` with each sentence for the user.
     watch : callable, optional
-        Called by `run` twice a second with what has been recorded.
+        Called by `run` twice per second with the statistics.
     clock : callable
-        Seconds, ascending.
+        Monotonic clock in seconds.
     **reading
-        ``columns``, ``unit``, ``scale`` and ``pattern``, where the lines do not tell, as `flinders.open_recording`
-        takes them. What is written depends on the pattern alone.
+        ``columns``, ``unit``, ``scale`` and ``pattern``, if the lines do not state them, as for
+        `flinders.open_recording`. The written text depends on the pattern alone.
     """
 
     def __init__(
@@ -109,7 +109,7 @@ class Recorder:
     ) -> None:
         self.name = source.name
         self._source, self._sink, self._clock = source, sink or Nowhere(), clock
-        self._saved = "; what was recorded is saved" if sink else ""
+        self._saved = "; all readings so far are saved" if sink else ""
         self._seconds, self._stopped, self._say, self._watch = seconds, stopped, say, watch
         before: dict[str, Any] = {} if resumed is None else {"header": resumed.header, "rows": resumed.rows}
         self._transcript = Transcript(source.name, is_framed=source.is_framed, most=readings, **before, **reading)
@@ -124,7 +124,7 @@ class Recorder:
 
     @property
     def statistics(self) -> RecordingStatistics:
-        """What has been recorded so far."""
+        """Statistics of the recording so far."""
         return self._transcript.statistics
 
     @property
@@ -133,7 +133,7 @@ class Recorder:
         return self._transcript.clock_start
 
     def next(self, timeout: float = WAIT_S) -> Received:
-        """As `Feed.next`; `OutputError` where what has come cannot be written: what came before is saved."""
+        """As `Feed.next`; `OutputError` if the received text cannot be written; earlier text is saved."""
         if self._is_closed and not self._waiting:
             time.sleep(timeout)
         elif not self._waiting:
@@ -148,7 +148,7 @@ class Recorder:
         return self._waiting.popleft() if self._waiting else None
 
     def close(self) -> None:
-        """Write what waits, see that it lasts, and let go of the source; `next` still hands on what is left."""
+        """Write waiting lines, force them to the disk, and close the source; `next` still returns their readings."""
         if not self._is_closed:
             self._is_closed = True
             self._end()
@@ -156,17 +156,17 @@ class Recorder:
         self._source.close()
 
     def run(self) -> RecordingStatistics:
-        """Record until the end; what was received by then is written.
+        """Record until the end, and write everything received by then.
 
         Raises
         ------
         OutputError
-            Where it cannot be written; what came before is saved.
+            If the sink cannot be written; earlier text is saved.
         UnreadableInput
-            Where no line of numbers came at all.
+            Without any line of numbers.
         """
         while not self._is_over():
-            received = self.next(max(min(WAIT_S, self._left()), 0.0))
+            received = self.next(max(min(WAIT_S, self._remaining_s()), 0.0))
             if isinstance(received, FeedEvent):
                 self._announce(received)
             if self._watch and self._now() - self._watched >= WATCH_S:
@@ -182,17 +182,17 @@ class Recorder:
     def _now(self) -> float:
         return self._clock() - self._start + self._earlier
 
-    def _left(self) -> float:
-        """Seconds until it was told to stop."""
+    def _remaining_s(self) -> float:
+        """Seconds until the requested end."""
         return math.inf if self._seconds is None else self._seconds + self._earlier - self._now()
 
     def _is_over(self) -> bool:
-        return (self._left() <= 0.0 and not self._waiting) or self._transcript.is_full or self._stopped()
+        return (self._remaining_s() <= 0.0 and not self._waiting) or self._transcript.is_full or self._stopped()
 
     def _announce(self, event: FeedEvent) -> None:
-        """Say what a person at the bench should know."""
+        """Report an event to the user."""
         match event.kind:
-            case "connected" | "unclear":  # which is said at the end, of what is recorded
+            case "connected" | "unclear":  # reported at the end, with the statistics
                 return
             case "settled":
                 self._say(f"{self.name}: {event.words}")
@@ -204,7 +204,7 @@ class Recorder:
                 self._say(f"! {event.words}")
 
     def _listen(self, timeout: float) -> None:
-        """Take what comes, and note where the other end goes away."""
+        """Read and record bytes; queue an event if the source is disconnected."""
         try:
             content = self._read(timeout)
         except LinkError as error:
@@ -219,17 +219,17 @@ class Recorder:
         self._record(self._transcript.take(content, self._now()))
 
     def _read(self, timeout: float) -> bytes:
-        """Wait for what comes; of datagrams take all that wait, for there is only so much room for them."""
+        """Wait for bytes; read all waiting datagrams, as their buffer is limited."""
         content = self._source.read(timeout)
         if not content or not self._source.is_framed:
             return content
         together = [content]
-        while len(together) < TOGETHER and (content := self._source.read(0.0)):
+        while len(together) < MAX_DATAGRAMS and (content := self._source.read(0.0)):
             together.append(content)
         return b"\n".join(together)
 
     def _note_lost(self) -> None:
-        """Say where the system has thrown datagrams away, which nobody took in time."""
+        """Report datagrams that the system has dropped because they were not read in time."""
         lost = getattr(self._source, "lost", 0)
         new, self._lost = lost - self._lost, lost
         if new <= 0:
@@ -238,34 +238,34 @@ class Recorder:
         words = f"{counted(new, 'datagram')} {'was' if new == 1 else 'were'} lost by this machine, which was too busy"
         self._sink.write(f"# {words}, before {self._now():.4f} s\n")
         self._waiting.append(
-            FeedEvent("lost", self._now(), f"{words}: send several readings in one, or fewer a second")
+            FeedEvent("lost", self._now(), f"{words}: send several readings in one datagram, or fewer per second")
         )
 
     def _record(self, taken: Taken) -> None:
-        """Write the text, and put in line what follows from it: what was recognised, the readings, what is amiss."""
+        """Write the text, and queue its readings and events."""
         if taken.text:
             self._sink.write(taken.text)
         for event in taken.events:
             if event.kind == "settled":
                 self._waiting.append(event)
-                self._waiting += self._unclear()
+                self._waiting += self._unclear_event()
         if taken.readings is not None:
             self._waiting.append(taken.readings)
         self._waiting += [event for event in taken.events if event.kind != "settled"]
 
-    def _unclear(self) -> Iterator[FeedEvent]:
-        """Say why no reading comes of lines that do: nobody can tell which of their numbers are the field."""
+    def _unclear_event(self) -> Iterator[FeedEvent]:
+        """Yield an event if lines arrive whose columns of the field are unknown."""
         form = self.statistics.form
         if form is not None and not self.statistics.unit:
             yield FeedEvent(
                 "unclear",
                 self._now(),
-                "lines of numbers come, and which are the magnetometer's is not clear: start again with --columns "
-                f"X,Y,Z, three of {form.header}, and with --unit; what comes is recorded",
+                "lines of numbers arrive, but the columns of the magnetometer are unclear: start again with --columns "
+                f"X,Y,Z, three of {form.header}, and with --unit; the lines are recorded",
             )
 
     def _try_again(self, timeout: float) -> None:
-        """Wait for the other end, asking less and less often."""
+        """Try to open the source again, at increasing intervals."""
         due, pause = self._retry or (0.0, FIRST_RETRY_S)
         left = due - self._clock()
         if left > 0:
@@ -286,34 +286,34 @@ class Recorder:
         self._sink.sync()
 
 
-ROWS: Final = 20  # Rows by which a recording is recognised that is continued
-GAP_S: Final = 0.001  # Seconds between its last row and the next, at least
-TIME: Final = re.compile(r'"?(\d+[.,]\d{4})')  # What a row begins with whose time was put in front
-AGAIN_S: Final = 3.0  # Seconds after which what could not be written is tried again
-MOST_WAITING: Final = 64 << 20  # Characters that wait meanwhile, at most
-TAIL: Final = 1 << 16  # Bytes that are looked at for the end of the last whole line
-BEGUN: Final = re.compile(r"^# flinders \S+ record: .*, begun (\S+)$", re.MULTILINE)
+RECOGNITION_ROWS: Final = 20  # Count of rows by which the format of a continued recording is recognised
+MIN_RESUME_GAP_S: Final = 0.001  # Smallest time between its last row and the next
+TIME_CELL: Final = re.compile(r'"?(\d+[.,]\d{4})')  # Start of a row with a time of arrival
+AGAIN_S: Final = 3.0  # Time after which a failed write is tried again
+MAX_WAITING_CHARACTERS: Final = 64 << 20  # Largest count of characters that wait meanwhile
+TAIL_BYTES: Final = 1 << 16  # Bytes at the end in which the last complete line is searched
+START_LINE: Final = re.compile(r"^# flinders \S+ record: .*, begun (\S+)$", re.MULTILINE)
 
 
 class Sink(Protocol):
-    """Where a recording goes; `why` says why what comes cannot be written now, and nothing where it can."""
+    """Destination of a recording; `why` is the reason why it cannot be written now, empty if it can."""
 
     name: str
     why: str
 
     def write(self, text: str) -> None:
-        """Hand text on at once; `OutputError` where that is impossible."""
+        """Write text immediately; `OutputError` if that is impossible."""
 
     def sync(self) -> None:
-        """See that it lasts, without waiting for it."""
+        """Start forcing the text to the disk, without waiting."""
 
 
 @dataclass(frozen=True, slots=True)
 class Resumed:
-    """What has to be known of a recording to continue it.
+    """Properties of a recording that are needed to continue it.
 
-    `header` stands above its rows, and may be empty; it is None where there are no `rows`, of which the first are kept.
-    `seconds` is from its beginning to now, and no less than its last time where the recorder gave that.
+    `header` is the line above its rows, possibly empty; None if there are no `rows`, of which the first are stored.
+    `seconds` is the time from its start to now, at least its last time if that is a time of arrival.
     """
 
     header: str | None
@@ -322,19 +322,19 @@ class Resumed:
 
     @classmethod
     def of(cls, path: str | os.PathLike[str]) -> Self:
-        """Look at a recording that `Recorder` has made; `OutputError` where there is none, or it is something else."""
+        """Inspect a recording of `Recorder`; `OutputError` if there is none, or the file is another one."""
         file = Path(path)
         try:
             with file.open("rb") as content:
-                head = content.read(TAIL).decode("utf-8", "replace")
-                content.seek(max(file.stat().st_size - TAIL, 0))
+                head = content.read(TAIL_BYTES).decode("utf-8", "replace")
+                content.seek(max(file.stat().st_size - TAIL_BYTES, 0))
                 tail = content.read().decode("utf-8", "replace")
         except OSError as error:
             raise OutputError(f"{path}: cannot be continued: {reason(error)}") from None
-        begun = BEGUN.search(head)
+        begun = START_LINE.search(head)
         if begun is None:
             raise OutputError(
-                f"{path} is no recording of flinders record (none begins it): give one, or record into a new file"
+                f"{path} is no recording of flinders record (its first line is missing): give one, or another new file"
             )
         whole = head.rpartition("\n")[0].splitlines()
         lines = [line for line in whole if line.strip() and not line.startswith("#")]
@@ -344,24 +344,24 @@ class Resumed:
         is_row = lines[0].lstrip('"')[:1].isdigit() or lines[0][:1] in "-+."
         header = "" if is_row else lines[0]
         last = _last_time(tail) if header.startswith("t_s") else 0.0
-        return cls(header, tuple(lines[not is_row :][:ROWS]), max(since, last + GAP_S))
+        return cls(header, tuple(lines[not is_row :][:RECOGNITION_ROWS]), max(since, last + MIN_RESUME_GAP_S))
 
 
 class ToFile:
-    r"""A new file, written without a buffer of its own, or a recording that a crash has ended, continued at its end.
+    r"""Sink into a new file without buffering, or at the end of a recording that a crash has ended.
 
     Parameters
     ----------
     path : str or path
     force : bool
-        Begin anew where there is a file already.
+        Replace an existing file.
     resume : bool
-        Go on at the end of the file that there is; a last line without its end is made a comment.
+        Continue at the end of the existing file; an incomplete last line is made a comment.
 
     Raises
     ------
     OutputExists, OutputError
-        Where it cannot be made.
+        If the file exists or cannot be created.
 
     Examples
     --------
@@ -393,18 +393,18 @@ class ToFile:
             raise OutputExists(path) from None
         except OSError as error:
             raise OutputError(f"{self.name}: cannot be written: {reason(error)}") from None
-        self._syncing = ThreadPoolExecutor(1, "sync")  # a slow disk must not keep a port from being read
+        self._syncing = ThreadPoolExecutor(1, "sync")  # a slow disk must not delay reading a port
         self._pending: Future[None] | None = None
         self._bytes = 0
         self._is_over, self._is_new = force, not (force or resume)
         if resume:
-            self._mend()
+            self._comment_incomplete_line()
 
     def write(self, text: str) -> None:
-        """As `Sink.write`; of lines that do not fit on the disk none is begun."""
+        """As `Sink.write`; lines that do not fit on the disk are not written partly."""
         content = memoryview(text.encode())
         with self._failures():
-            if self._is_over:  # what was there before goes when there is something in its place
+            if self._is_over:  # the old file is replaced only when there is new text
                 os.ftruncate(self._file, 0)
                 self._is_over = False
             whole = os.fstat(self._file).st_size
@@ -412,19 +412,19 @@ class ToFile:
                 while content:
                     content = content[os.write(self._file, content) :]
             except OSError:
-                with contextlib.suppress(OSError):  # half a line would read as other numbers
+                with contextlib.suppress(OSError):  # half a line would be read as other numbers
                     os.ftruncate(self._file, whole)
                 raise
         self._bytes += len(text.encode())
 
     def sync(self) -> None:
-        """As `Sink.sync`: in the background, and not again before it is done."""
+        """As `Sink.sync`, in the background; a call during a running sync does nothing."""
         if self._pending is None or self._pending.done():
             self._finish()
             self._pending = self._syncing.submit(os.fsync, self._file)
 
     def close(self) -> None:
-        """Wait until all of it is on the disk; a new file with nothing in it goes."""
+        """Wait until everything is on the disk; remove an empty new file."""
         try:
             self._finish()
             with self._failures():
@@ -437,18 +437,18 @@ class ToFile:
                 Path(self.name).unlink(missing_ok=True)
 
     def _lock(self) -> None:
-        """See that nobody else records into the file."""
-        if not locked(self._file):  # Windows keeps others out by itself
+        """Lock the file against other recorders."""
+        if not locked(self._file):  # Windows excludes other writers itself
             os.close(self._file)
-            raise OutputError(f"{self.name}: another program is recording into it: stop that one, or name another file")
+            raise OutputError(f"{self.name}: another program is recording into it: stop it, or name another file")
 
-    def _mend(self) -> None:
-        """Make a comment of a last line without its end, which a crash has left."""
+    def _comment_incomplete_line(self) -> None:
+        """Make a comment of an incomplete last line, as a crash leaves it."""
         with self._failures():
             size = os.fstat(self._file).st_size
             start, tail = size, b""
             while start and b"\n" not in tail:
-                start = max(start - TAIL, 0)
+                start = max(start - TAIL_BYTES, 0)
                 os.lseek(self._file, start, os.SEEK_SET)
                 tail = os.read(self._file, size - start)
             torn = tail.rpartition(b"\n")[2]
@@ -485,20 +485,20 @@ class ToFile:
 
 
 class Patient:
-    r"""A sink that survives a full disk: text that cannot be written waits, and is tried again every few seconds.
+    r"""A sink for a disk that may be full: text that cannot be written waits, and is tried again every 3 s.
 
     Parameters
     ----------
     sink : ToFile
     say : callable
-        Told why, and when it goes on.
+        Called with the reason, and when writing continues.
     clock : callable
         Seconds, ascending.
 
     Attributes
     ----------
     missing : str
-        Why something is not on the disk, also where what came later is; nothing where all is.
+        Reason why some text is not on the disk, even if later text is; empty if all is.
 
     Examples
     --------
@@ -525,9 +525,9 @@ class Patient:
         self._size += len(text)
         if not self.why or self._clock() - self._tried >= AGAIN_S:
             self._try()
-        if self._size > MOST_WAITING:
+        if self._size > MAX_WAITING_CHARACTERS:
             self._waiting, self._size = [], 0
-            self.missing = f"{self.why}; {MOST_WAITING >> 20} MB that came since are lost"
+            self.missing = f"{self.why}; {MAX_WAITING_CHARACTERS >> 20} MB received since are lost"
             self._say(f"! {self.missing}")
 
     def sync(self) -> None:
@@ -541,12 +541,12 @@ class Patient:
             self._fail(error)
 
     def close(self) -> None:
-        """Try a last time; `OutputError` where not all that came is in the file."""
+        """Try a last time; `OutputError` if the file lacks received text."""
         if self._waiting:
             self._try()
         self._sink.close()
         if self._waiting or self.missing:
-            raise OutputError(f"{self.missing or self.why}; the recording is not whole")
+            raise OutputError(f"{self.missing or self.why}; the recording is incomplete")
 
     def _try(self) -> None:
         self._tried = self._clock()
@@ -568,22 +568,22 @@ class Patient:
 
 
 def title(name: str, *, is_new: bool) -> str:
-    """Write the first line of a recording: what it is of, and since when."""
+    """First line of a recording, with its source and start time."""
     now = datetime.now(UTC).isoformat(timespec="milliseconds").replace("+00:00", "Z")
     return f"# flinders {version('flinders')} record: {name}, {'begun' if is_new else 'resumed'} {now}\n"
 
 
 def _last_time(tail: str) -> float:
-    """The time of the last whole row; 0 where there is none."""
+    """Time of the last complete row; 0 if there is none."""
     for line in reversed(tail.rpartition("\n")[0].splitlines()):
-        match = TIME.match(line)
+        match = TIME_CELL.match(line)
         if match:
             return float(match[1].replace(",", "."))
     return 0.0
 
 
 class ToStandardOutput:
-    """Standard output, for what follows in a pipe; `OutputError` where it is closed."""
+    """Sink into standard output, for a pipe; `OutputError` if it is closed."""
 
     name, why = "standard output", ""
 
@@ -597,15 +597,15 @@ class ToStandardOutput:
             sys.stdout.write(text)
             sys.stdout.flush()
         except OSError as error:
-            why = "whoever read it has gone" if isinstance(error, BrokenPipeError) else reason(error)
+            why = "the reading program has ended" if isinstance(error, BrokenPipeError) else reason(error)
             raise OutputError(f"{self.name} cannot be written: {why}") from None
 
     def sync(self) -> None:
-        """Nothing to do."""
+        """Do nothing, as standard output is not a file on disk."""
 
 
 class Nowhere:
-    """A sink for readings that are used and not kept."""
+    """A sink for readings that are not stored."""
 
     name, why = "nowhere", ""
 
@@ -617,7 +617,7 @@ class Nowhere:
 
 
 class RecordedFeed:
-    """Records a feed as a table that `flinders.read` reads; events become comments.
+    """Feed that records another feed as a table for `flinders.read`; events become comments.
 
     Parameters
     ----------
@@ -651,11 +651,11 @@ class RecordedFeed:
 
     @property
     def name(self) -> str:
-        """That of the feed."""
+        """Name of the feed."""
         return self._feed.name
 
     def next(self, timeout: float) -> Received:
-        """As `Feed.next`; `OutputError` where it has other columns than the recording that is continued."""
+        """As `Feed.next`; `OutputError` if the columns differ from those of the continued recording."""
         received = self._feed.next(timeout)
         if isinstance(received, FeedEvent):
             self._write("".join(f"# {line}\n" for line in str(received).splitlines()))
@@ -680,11 +680,11 @@ class RecordedFeed:
         header = ",".join(columns)
         if not self._is_checked and header != self._header:
             raise OutputError(
-                f"{self.name} gives {header}, and the recording that is continued has {self._header or 'no header'}: "
-                "begin another recording"
+                f"{self.name} has the columns {header}, the continued recording {self._header or 'no header'}: "
+                "start another recording"
             )
         is_new, self._is_checked = self._header is None, True
-        self._header = self._header or header  # a column that comes and goes stays as it was at first
+        self._header = self._header or header  # a column that is sometimes missing stays as in the first block
         nothing = np.full(len(samples), np.nan)
         rows = zip(*[columns.get(name, nothing).tolist() for name in self._header.split(",")], strict=True)
         text = "".join(f"{at:.6f},{','.join(f'{value:.9g}' for value in rest)}\n" for at, *rest in rows)
@@ -692,7 +692,7 @@ class RecordedFeed:
 
 
 def _columns(samples: Samples) -> dict[str, Floats]:
-    """Columns of a recorded feed by their names."""
+    """Columns of a recorded feed, by their names."""
     unit = "uT" if samples.unit.inside == MICROTESLA else "counts"
     tables = {
         "t_s": samples.time,

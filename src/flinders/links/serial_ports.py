@@ -1,4 +1,4 @@
-"""The serial ports of this machine, and which of them a board is plugged into.
+"""The serial ports of this machine, and detection of the port of a board.
 
 >>> nano = SerialPort("/dev/ttyACM0", product="Arduino Nano 33 BLE", vendor=0x2341)
 >>> mainboard, modem = SerialPort("/dev/ttyS0"), SerialPort("/dev/ttyUSB2", product="LTE Modem", vendor=0x1234)
@@ -7,8 +7,8 @@
 >>> in_words([mainboard, nano])
 'there are /dev/ttyACM0 (Arduino Nano 33 BLE), /dev/ttyS0'
 
-Only what is on USB, and no modem, is taken without being named. A port of the mainboard, of Bluetooth or of a debug
-console opens as well, and nothing ever comes from it.
+Only a device on USB that is no modem is used without its name. Ports of the mainboard, of Bluetooth or of a debug
+console can be opened as well, but never send anything.
 """
 
 from __future__ import annotations
@@ -24,31 +24,33 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
 
 ANY_PORT: Final = "?"
-"""Stands for the port of the one board that is plugged in."""
+"""Placeholder for the port of the only connected board."""
 SERIAL_PORT: Final = re.compile(r"/dev/|COM\d", re.IGNORECASE)
-"""How the name of a serial port begins."""
-MODEM: Final = re.compile(r"\b(?:modem|lte|gsm|wwan|umts|hspa|mobile broadband)\b", re.IGNORECASE)
-"""What modems call themselves."""
+"""Pattern of the start of a serial port's name."""
+MODEM_WORDS: Final = re.compile(r"\b(?:modem|lte|gsm|wwan|umts|hspa|mobile broadband)\b", re.IGNORECASE)
+"""Words in the product names of modems."""
 MODEM_VENDORS: Final = frozenset(
     {0x05C6, 0x0AF0, 0x0BDB, 0x1199, 0x12D1, 0x19D2, 0x1BC7, 0x1E0E, 0x1E2D, 0x2C7C, 0x2CB7}
 )
-"""USB vendors of cellular modems, as Linux' drivers of them list (drivers/usb/serial, option.c and sierra.c): Qualcomm,
-Option, Ericsson, Sierra, Huawei, ZTE, Telit, SIMCom, Thales, Quectel, Fibocom."""
+"""USB vendor numbers of cellular modems, from the Linux drivers drivers/usb/serial/option.c and sierra.c.
+
+They are Qualcomm, Option, Ericsson, Sierra, Huawei, ZTE, Telit, SIMCom, Thales, Quectel and Fibocom.
+"""
 
 
 @dataclass(frozen=True, slots=True)
 class SerialPort:
     """A serial port."""
 
-    name: str  # as people know it: /dev/ttyACM0, COM3
-    path: str = ""  # that stays the same when the board is plugged in again, where the system has one
-    product: str = ""  # what a device on USB says of itself
-    vendor: int | None = None  # number of the maker of a device on USB; None elsewhere
+    name: str  # usual name: /dev/ttyACM0, COM3
+    path: str = ""  # path that stays the same when the board is plugged in again, if the system has one
+    product: str = ""  # product name of a device on USB
+    vendor: int | None = None  # vendor number of a device on USB; None for others
 
     @property
     def is_board(self) -> bool:
-        """Whether a board may be at its end: it is on USB, and no modem."""
-        is_modem = self.vendor in MODEM_VENDORS or MODEM.search(self.product) is not None
+        """Whether it may be the port of a board: on USB, and no modem."""
+        is_modem = self.vendor in MODEM_VENDORS or MODEM_WORDS.search(self.product) is not None
         return self.vendor is not None and not is_modem
 
     def __str__(self) -> str:
@@ -56,7 +58,7 @@ class SerialPort:
 
 
 def ports() -> list[SerialPort]:
-    """The serial ports of this machine; none where they cannot be listed.
+    """The serial ports of this machine; empty if they cannot be listed.
 
     Raises `MissingExtra` without serialx.
     """
@@ -69,7 +71,7 @@ def ports() -> list[SerialPort]:
 
 
 def in_words(found: Sequence[SerialPort]) -> str:
-    """Say which ports there are, those of boards first, or what to check where there are none."""
+    """Sentence on the ports, those of boards first, or on what to check without any."""
     if not found:
         return "this machine has no serial port now: plug the board in, with a cable that carries data"
     names = [str(port) for port in sorted(found, key=lambda port: (not port.is_board, port.name))]
@@ -77,7 +79,7 @@ def in_words(found: Sequence[SerialPort]) -> str:
 
 
 def ports_in_words() -> str:
-    """Say which serial ports this machine has, or what to install to see them."""
+    """Sentence on the serial ports of this machine, or on what to install to list them."""
     try:
         return in_words(ports())
     except MissingExtra as missing:
@@ -85,30 +87,30 @@ def ports_in_words() -> str:
 
 
 def plugged_in() -> str | None:
-    """The port of the one board that is plugged in; None where there is none, or serialx is missing.
+    """The port of the only connected board; None if there is none, or without serialx.
 
-    Raises `UsageError` where there are several.
+    Raises `UsageError` for several.
     """
     try:
-        return _only([port for port in ports() if port.is_board])
+        return _only_board([port for port in ports() if port.is_board])
     except MissingExtra:
         return None
 
 
 def board_port() -> str:
-    """The port of the one board that is plugged in.
+    """The port of the only connected board.
 
     Raises
     ------
     LinkError
-        Where no board is: says which ports there are, and what to check.
+        Without a board; it lists the ports and what to check.
     UsageError
-        Where there are several.
+        For several boards.
     MissingExtra
         Without serialx.
     """
     found = ports()
-    if port := _only([port for port in found if port.is_board]):
+    if port := _only_board([port for port in found if port.is_board]):
         return port
     check = (
         "plug one in with a cable that carries data, not only power, install the driver of its USB chip (such as CH340 "
@@ -118,18 +120,18 @@ def board_port() -> str:
     if not found:
         raise LinkError(f"no board was found, and this machine has no serial port now: {check}")
     raise LinkError(
-        f"no board was found on USB: {check}. Other ports are used where they are named: {_listed(found)}",
+        f"no board was found on USB: {check}. To use another port, name it: {_port_list(found)}",
         hint={"port": found[0].name},
     )
 
 
-def _only(boards: Sequence[SerialPort]) -> str | None:
-    """The one board of a list; None of an empty one."""
+def _only_board(boards: Sequence[SerialPort]) -> str | None:
+    """The only board of a list; None for an empty list; `UsageError` for several."""
     if len(boards) > 1:
-        listed = _listed(boards)
+        listed = _port_list(boards)
         raise UsageError(f"several boards are plugged in, {listed}: name one", hint={"port": boards[0].name})
     return boards[0].path or boards[0].name if boards else None
 
 
-def _listed(found: Sequence[SerialPort]) -> str:
+def _port_list(found: Sequence[SerialPort]) -> str:
     return ", ".join(map(str, found))

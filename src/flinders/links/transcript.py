@@ -1,8 +1,8 @@
-r"""What arrives from a sensor as lines, turned into the text of a recording, into readings, and into what to tell.
+r"""Transcript of a sensor's lines: text of a recording, readings, and events.
 
-A transcript knows neither port, file nor clock: bytes go in with the second at which they came. How the first lines are
-written decides how all are read; it is recognised as in a file, so that what a file can hold can be recorded. Time of
-arrival is put in front where the lines have no time of their own.
+A transcript uses no port, file or clock: bytes are passed in with their time of arrival. The format of all lines is
+that of the first ones; it is recognised as in a file, so that everything in a file can be recorded. The time of arrival
+is added as the first column if the lines have no time.
 
 >>> transcript = Transcript("the board")
 >>> _ = transcript.take(b"booting\r\nRaw:0,0,8192,0,0,0,217,4,-5", at=0.0)
@@ -15,7 +15,7 @@ t_s,accel_x_g,accel_y_g,accel_z_g,gyro_x_dps,gyro_y_dps,gyro_z_dps,mag_x_uT,mag_
 >>> later.readings.field, [event.kind for event in later.events]
 (array([[ 21.7,   0.4, -58.6]]), ['settled'])
 
-The readings are those that `flinders.read` makes of the text.
+The readings are equal to those of `flinders.read` from the text.
 """
 
 from __future__ import annotations
@@ -59,51 +59,50 @@ if TYPE_CHECKING:
     from flinders.readers.dialects import Dialect
 
 SETTLE_S: Final = 0.9
-"""Seconds that the first lines wait until it is recognised how they are written; less than a second, which a crash may
-cost."""
-ENOUGH: Final = 20  # Lines that settle it at once
-LONGEST: Final = 4096  # Bytes in a line; a longer one is none
-SILENT_S: Final = 3.0  # Seconds without a reading after which advice is given
-UNLIKE: Final = 50  # Lines in a row that are not like the first ones, after which advice is given
-UNANSWERED: Final = 10  # Readings at which the sensor did not answer, after which advice is given
-STEP_S: Final = 1e-4  # Lines that arrive together differ by so much, the last digit of a time
-ENDS: Final = re.compile(rb"[\r\n]+")
-TIME: Final = "t_s"
-PLAIN: Final = ("mag_x", "mag_y", "mag_z")  # Names of three columns without a header
-SEVERAL: Final = 3
-"""Lines with numbers in the same places that are a table where words stand before them; a message comes once."""
+"""Longest wait until the format of the first lines is recognised; less than 1 s, the largest loss in a crash."""
+ENOUGH: Final = 20  # Count of lines by which the format is recognised at once
+LONGEST: Final = 4096  # Longest line
+SILENT_S: Final = 3.0  # Time without a reading after which advice is given
+UNLIKE: Final = 50  # Count of consecutive lines unlike the first ones after which advice is given
+UNANSWERED: Final = 10  # Count of readings without an answer of the sensor after which advice is given
+STEP_S: Final = 1e-4  # Time difference of lines that arrive together, the last digit of a time
+LINE_ENDS: Final = re.compile(rb"[\r\n]+")
+TIME_NAME: Final = "t_s"
+PLAIN_NAMES: Final = ("mag_x", "mag_y", "mag_z")  # Names for three columns without a header
+MIN_TABLE_LINES: Final = 3
+"""Count of lines with words before numbers in the same positions that form a table; fewer are messages."""
 
 
 @dataclass(frozen=True, slots=True)
 class Form:
-    """How a source writes its lines, and the table that is made of them."""
+    """Format of a source's lines, and of the recorded table."""
 
     dialect: Dialect
-    layout: TextLayout  # of the lines, or of those that the dialect makes of them
-    names: tuple[str, ...]  # of the columns; none where the source names nothing and has a time
-    is_timed: bool  # the lines have a time of their own
+    layout: TextLayout  # layout of the lines, or of the lines that the dialect converts them to
+    names: tuple[str, ...]  # names of the columns; empty if the source has a time but no names
+    is_timed: bool  # whether the lines have a time
 
     @property
     def header(self) -> str:
-        """The line above the rows; empty where that is none."""
+        """The line above the rows; empty without one."""
         return ",".join(map(quoted, self.names))
 
     def is_heading(self, line: str) -> bool:
-        """Tell whether a line is the header come again, or a row of units below it."""
+        """Whether a line repeats the header, or is a row of units below it."""
         cells = split(line.strip(), self.layout.grid.delimiter)
         is_header = line.strip() in (self.layout.header_text.strip(), self.header)
         return is_header or all(is_unit(cell.strip(" []()")) for cell in cells)
 
     def row(self, line: str, arrived: float) -> str | None:
-        """Make a row of a line that arrived so many seconds after the start; None where it is not understood."""
+        """Row from a line that arrived `arrived` seconds after the start; None if it cannot be parsed."""
         cells = self.dialect.row(line)
         if cells and not self.is_timed:
             cells = (f"{arrived:.4f}", *cells)
         return None if cells is None else ",".join(cells)
 
     def rows(self, lines: Sequence[str]) -> list[str]:
-        """Make the rows of some lines, which are not taken yet."""
-        trial = replace(self, dialect=deepcopy(self.dialect))  # it remembers parts of a reading
+        """Rows from some lines, without a change of the state."""
+        trial = replace(self, dialect=deepcopy(self.dialect))  # the dialect stores parts of a reading
         return [row for line in lines if (row := trial.row(line, 0.0))]
 
     def __str__(self) -> str:
@@ -111,7 +110,7 @@ class Form:
 
 
 def settle(lines: list[str], pattern: str | None = None) -> Form | None:
-    """Recognise from the first lines how they are written; None where none of them holds three numbers.
+    """Recognise the format of the first lines; None if none of them has three numbers.
 
     >>> form = settle(["starting up", "X: 21.7 Y: 0.4 Z: -58.6 uT", "X: 21.7 Y: 0.2 Z: -58.7 uT"])
     >>> print(form, "as", form.header)
@@ -119,44 +118,47 @@ def settle(lines: list[str], pattern: str | None = None) -> Form | None:
     >>> form.row("X: 21.5 Y: 0.3 Z: -58.5 uT", 0.25), form.row("low battery", 0.26)
     ('0.2500,21.5,0.3,-58.5', None)
     """
-    for lay_out in (partial(sniff, ""), _unclear):
-        with contextlib.suppress(Exception):  # whatever a board prints, a recording goes on
+    for lay_out in (partial(sniff, ""), _layout_without_columns):
+        with contextlib.suppress(Exception):  # a recording continues whatever a board prints
             dialect, layout = recognise_layout("", lines, lay_out, pattern)
             words = f"lines of numbers, {SPOKEN[layout.grid.delimiter]}-separated"
-            return _form(dialect or Cells.of(layout, words), layout, lines, is_clear=lay_out is not _unclear)
+            return _make_form(
+                dialect or Cells.of(layout, words), layout, lines, is_clear=lay_out is not _layout_without_columns
+            )
     return None
 
 
-def _form(dialect: Dialect, layout: TextLayout, lines: list[str], *, is_clear: bool) -> Form:
-    """Put together how lines are recorded; columns without names and a time get some."""
+def _make_form(dialect: Dialect, layout: TextLayout, lines: list[str], *, is_clear: bool) -> Form:
+    """Form from a dialect and a layout; columns without names and without a time get names."""
     form = Form(dialect, layout, dialect.names, is_timed=True)
     rows = [split(row, ",") for row in form.rows(lines)]
     width = layout.grid.width or max(map(len, rows), default=0)
     is_told = is_clear and layout.columns.device is not None and not dialect.names
-    nameless = PLAIN if is_clear and width == len(PLAIN) else _nameless(layout, width, is_told=is_told)
-    if (time := layout.columns.time) and _runs([row[time.cells[0]] for row in rows if len(row) > time.cells[0]]):
+    nameless = PLAIN_NAMES if is_clear and width == len(PLAIN_NAMES) else _default_names(layout, width, is_told=is_told)
+    if (time := layout.columns.time) and _is_time([row[time.cells[0]] for row in rows if len(row) > time.cells[0]]):
         return replace(form, names=nameless) if is_told else form
-    return replace(form, names=(TIME, *(dialect.names or nameless)), is_timed=False)
+    return replace(form, names=(TIME_NAME, *(dialect.names or nameless)), is_timed=False)
 
 
-def _nameless(layout: TextLayout, width: int, *, is_told: bool) -> tuple[str, ...]:
-    """Names for columns that have none; those of the magnetometer and the time where a word in each row `is_told`."""
+def _default_names(layout: TextLayout, width: int, *, is_told: bool) -> tuple[str, ...]:
+    """Names for unnamed columns; those of magnetometer and time if words in each row state them (`is_told`)."""
     columns = layout.columns
-    known = dict(zip(columns.field.cells, PLAIN, strict=True)) if is_told else {}
+    known = dict(zip(columns.field.cells, PLAIN_NAMES, strict=True)) if is_told else {}
     known |= {columns.time.cells[0]: "time"} if is_told and columns.time else {}
     return tuple(known.get(place, f"c{place + 1}") for place in range(width))
 
 
-def _runs(column: Sequence[str]) -> bool:
-    """Tell whether a column does what time does; ``T_C`` may be a temperature."""
+def _is_time(column: Sequence[str]) -> bool:
+    """Whether a column increases like a time; ``T_C`` may be a temperature."""
     times = [time for cell in column if (time := number(cell, ".")) is not None]
     return all(b >= a for a, b in pairwise(times)) and (len(times) < 2 or times[-1] > times[0])
 
 
-def _unclear(lines: list[str], header: Sequence[str] = (), **_: object) -> TextLayout:
-    """Lay out a table of which all is recorded, as it is not clear what is the magnetometer: by three numbers."""
+def _layout_without_columns(lines: list[str], header: Sequence[str] = (), **_: object) -> TextLayout:
+    """Layout of a table whose columns of the magnetometer are unknown, of which all columns are recorded."""
     layout = sniff("", lines, "1,2,3", header)
-    layout = layout if layout.header else replace(layout, columns=layout.columns.only())  # what rises may be an axis
+    layout = layout if layout.header else replace(layout, columns=layout.columns.only())  # an increasing column may be
+    # an axis
     sign, decimal = layout.grid.delimiter, layout.grid.decimal
     rows = [split(line, sign) for line in lines]
     numeric = Counter(
@@ -164,36 +166,36 @@ def _unclear(lines: list[str], header: Sequence[str] = (), **_: object) -> TextL
         for row in rows
     )
     places, count = numeric.most_common(1)[0]
-    if len(places) < len(PLAIN) or count < max(SEVERAL, len(rows) / 2):
+    if len(places) < len(PLAIN_NAMES) or count < max(MIN_TABLE_LINES, len(rows) / 2):
         return layout
-    cells = places[: len(PLAIN)]
+    cells = places[: len(PLAIN_NAMES)]
     return replace(layout, grid=replace(layout.grid, cells=cells, needed=frozenset(cells)))
 
 
 def is_marked(line: str) -> bool:
-    """Tell whether a line shows by its words that its start is not missing; ``17,4,-586`` may have been 217."""
+    """Whether the words of a line show that its start is complete; ``17,4,-586`` may be a part of ``217,4,-586``."""
     return not all(number(cell, ".") is not None for cell in re.split(r"[\s,;]+", line.strip()))
 
 
 @dataclass(slots=True)
 class RecordingStatistics:
-    """What has been recorded so far."""
+    """Statistics of a recording so far."""
 
-    form: Form | None = None  # how the lines are written; None where that is not known
-    unit: str = ""  # µT or counts; nothing where it is not clear which numbers are the magnetometer's
-    readings: int = 0  # rows
-    unknown: int = 0  # lines that were not understood
-    accompanying: int = 0  # of them, those that a program prints with its readings; counted at the end
+    form: Form | None = None  # format of the lines; None if unknown
+    unit: str = ""  # µT or counts; empty if the columns of the magnetometer are unknown
+    readings: int = 0  # count of rows
+    unknown: int = 0  # count of lines that could not be parsed
+    accompanying: int = 0  # count of those lines that a program prints with its readings; known at the end
     lines: int = 0
-    received: int = 0  # bytes
-    seconds: float = 0.0  # since the start
+    received: int = 0  # count of bytes
+    seconds: float = 0.0  # time since the start
     strengths: int = 0
-    strength_sum: float = 0.0  # of the length of the field, in `unit`
+    strength_sum: float = 0.0  # sum of the lengths of the field, in `unit`
     weakest: float = math.inf
     strongest: float = 0.0
-    disconnections: int = 0  # how often the other end went away
-    datagrams_lost: int = 0  # what arrived and was thrown away by this machine, as far as it counts that
-    first_unknown: str = ""  # the first line that was not understood
+    disconnections: int = 0  # count of disconnections of the source
+    datagrams_lost: int = 0  # count of datagrams that this machine dropped, if it counts them
+    first_unknown: str = ""  # the first line that could not be parsed
     first_at: float = 0.0
     last_at: float = 0.0
 
@@ -203,7 +205,7 @@ class RecordingStatistics:
         self.readings, self.last_at = self.readings + 1, at
 
     def measure(self, field: Floats) -> None:
-        """Note how strong the field of (N, 3) readings is."""
+        """Add the field strengths of (N, 3) readings."""
         with np.errstate(over="ignore"):
             strengths = np.linalg.norm(field, axis=1)
         self.strengths += len(field)
@@ -213,7 +215,7 @@ class RecordingStatistics:
 
     @property
     def rate_hz(self) -> float:
-        """Readings a second, gaps included; 0 before there are two."""
+        """Readings per second, gaps included; 0 with fewer than two readings."""
         span = self.last_at - self.first_at
         return (self.readings - 1) / span if self.readings > 1 and span > 0 else 0.0
 
@@ -221,7 +223,7 @@ class RecordingStatistics:
         """JSON-ready."""
         known = self.strengths > 0
         return {
-            "format": str(self.form) if self.form else None,  # how the lines are written; None where that is not known
+            "format": str(self.form) if self.form else None,  # format of the lines; null if unknown
             "readings": self.readings,
             "seconds": self.seconds,
             "rate_hz": self.rate_hz or None,
@@ -232,10 +234,10 @@ class RecordingStatistics:
                 "min": self.weakest if known else None,
                 "max": self.strongest if known else None,
             },
-            "not_understood": self.unknown - self.accompanying,  # lines that were not understood
+            "not_understood": self.unknown - self.accompanying,  # count of lines that could not be parsed
             "accompanying": self.accompanying,
-            "first_not_understood": self.first_unknown or None,  # the first of those
-            "bytes": self.received,  # received
+            "first_not_understood": self.first_unknown or None,  # the first of these lines
+            "bytes": self.received,  # count of received bytes
             "disconnections": self.disconnections,
             "datagrams_lost": self.datagrams_lost,
         }
@@ -253,7 +255,7 @@ class RecordingStatistics:
 
     @property
     def brief(self) -> str:
-        """Readings, rate, strength and seconds on a line that fits any terminal."""
+        """Readings, rate, strength and duration on a line that fits any terminal."""
         rate = f"{figures(self.rate_hz, 3)} Hz" if self.rate_hz else "- Hz"
         parts = [counted(self.readings, "reading"), rate]
         if self.strengths:
@@ -263,27 +265,27 @@ class RecordingStatistics:
 
 @dataclass(frozen=True, slots=True)
 class Taken:
-    """What was made of some bytes."""
+    """Results from some received bytes."""
 
-    text: str = ""  # whole lines for the recording
-    readings: Samples | None = None  # of its rows whose field is finite
+    text: str = ""  # complete lines for the recording
+    readings: Samples | None = None  # readings of its rows with a finite field
     events: list[FeedEvent] = field(default_factory=list)
 
 
 class _WaitingLine(NamedTuple):
     """A line that waits to be written."""
 
-    at: float  # when it came
+    at: float  # time of arrival
     content: bytes
-    piece: int = 0  # of one that is too long, counted from 1
+    piece: int = 0  # number of the piece of a line that is too long, from 1
 
 
 class Transcript:
-    """Makes lines of bytes, and rows and readings of lines.
+    """Converter of bytes to lines, and of lines to rows and readings.
 
-    Bytes that come together begin and end with a line if `is_framed`; else the first line may be cut. Columns, unit,
-    scale and pattern are as `flinders.open_recording` takes them, and after `most` rows nothing more is taken. A
-    recording that is continued has a `header` and first `rows`.
+    If `is_framed`, bytes that arrive together begin and end with a line; else the first line may be incomplete.
+    Columns, unit, scale and pattern are as for `flinders.open_recording`; `most` is the largest count of rows. A
+    continued recording has a `header` and first `rows`.
     """
 
     def __init__(
@@ -305,11 +307,11 @@ class Transcript:
         self._header, self._rows = header, rows
         self._read: tuple[TextLayout, Unit] | None = None
         self._midnights = Midnights(None)
-        self._rest, self._pieces = b"", 0  # of a line whose end has not come
+        self._rest, self._pieces = b"", 0  # incomplete line
         self._waiting: list[_WaitingLine] = []
         self._shapes = LineShapes()
-        self._unknown: list[str] = []  # the first lines that were not understood
-        self._before: deque[str] = deque(maxlen=ENOUGH)  # lines before it was recognised how they are written
+        self._unknown: list[str] = []  # the first lines that could not be parsed
+        self._before: deque[str] = deque(maxlen=ENOUGH)  # lines before the format was recognised
         self._last: float | None = None
         self._is_cut = not is_framed
         self._heard_at: float | None = None
@@ -320,14 +322,14 @@ class Transcript:
 
     @property
     def is_full(self) -> bool:
-        """It has as many rows as were asked for."""
+        """Whether it has the requested count of rows."""
         return self._most is not None and self.statistics.readings >= self._most
 
     @property
     def clock_start(self) -> float | None:
-        """Seconds from 1970 at which the times of readings start to count, 0 where they count from something else.
+        """Start of the times of readings in seconds from 1970; 0 if they have another start.
 
-        None where they are times of arrival, or nothing was recognised yet.
+        It is None for times of arrival, and before the format is recognised.
         """
         form = self.statistics.form
         if form is None or self._read is None or not form.is_timed:
@@ -336,18 +338,18 @@ class Transcript:
         return None if time is None else float(time.start * time.factor)
 
     def take(self, content: bytes, at: float) -> Taken:
-        """Take what came at this second; call it with nothing, too, so that waiting lines are written in time."""
+        """Process bytes that arrived at a time; call it without bytes too, so that waiting lines are written."""
         self.statistics.seconds = at
         self.statistics.received += len(content)
         if content:
             self._heard_at = at if self._heard_at is None else self._heard_at
-            self._cut(content, at)
+            self._split_lines(content, at)
         taken = self._flush() if self._waiting and (self.statistics.form or self._is_enough(at)) else Taken()
         taken.events.extend(self._advice(at))
         return taken
 
     def _advice(self, at: float) -> list[FeedEvent]:
-        """Say once that nothing has come, and once that nothing usable has."""
+        """Events with advice, once if no bytes and once if no usable line has arrived."""
         kind: Kind = "silent" if self._heard_at is None else "nothing"
         is_due = at - (self._heard_at or 0.0) >= SILENT_S
         if self.statistics.readings or kind in self._advised or not is_due:
@@ -356,19 +358,19 @@ class Transcript:
         return [FeedEvent(kind, at, self.nothing())]
 
     def lost(self, at: float) -> Taken:
-        """Note that the other end went away; what came before is let go."""
+        """Record a disconnection of the source, after the waiting lines."""
         ended = self.end(at)
         self.statistics.disconnections += 1
         self._is_cut = not self._is_framed
         return replace(ended, text=f"{ended.text}# lost at {at:.4f} s\n")
 
     def back(self, at: float) -> Taken:
-        """Note that it is there again."""
+        """Record that the source is connected again."""
         self.statistics.seconds = at
         return Taken(f"# back at {at:.4f} s\n")
 
     def end(self, at: float) -> Taken:
-        """Let go of what waits, and of the start of a line that will have no end."""
+        """Write the waiting lines, and the incomplete last line as a comment."""
         self.statistics.seconds = at
         taken = self._flush()
         if self._rest.strip() and not self.is_full:
@@ -381,10 +383,10 @@ class Transcript:
         return taken
 
     def nothing(self) -> str:
-        """Say why there is no reading, and what to do."""
+        """Sentence on why there are no readings, with a remedy."""
         if not self.statistics.received:
             return (
-                f"nothing arrives from {self._name}: see that the sensor is on and prints its readings, and "
+                f"nothing arrives from {self._name}: check that the sensor is on and prints its readings, and "
                 "that port, cable and baud rate are right"
             )
         arrived = f"{counted(self.statistics.received, 'byte')} arrived from {self._name} and no line"
@@ -393,17 +395,17 @@ class Transcript:
         example = self.statistics.first_unknown or shown(_text(self._rest))
         if not example:
             return (
-                f"{arrived} but comments, which begin with {' or '.join(COMMENTS)}: where they are readings, say with "
-                "--pattern how they are printed"
+                f"{arrived} except comments, which begin with {' or '.join(COMMENTS)}: if they are readings, state "
+                "their format with --pattern"
             )
         return (
-            f"{arrived} of three numbers ({example!r}): where that is garbled, check --baud; else see that the sketch "
-            "prints x, y and z on a line, or say with --pattern how it prints them"
+            f"{arrived} of three numbers ({example!r}): if that is garbled, check --baud; else check that the sketch "
+            "prints x, y and z on a line, or state its format with --pattern"
         )
 
-    def _cut(self, content: bytes, at: float) -> None:
-        """Cut what came in into lines; one that is too long into pieces, none of which counts as a line."""
-        *whole, self._rest = ENDS.split(self._rest + content + b"\n" * self._is_framed)
+    def _split_lines(self, content: bytes, at: float) -> None:
+        """Split received bytes into lines, and too long lines into pieces, which do not count as lines."""
+        *whole, self._rest = LINE_ENDS.split(self._rest + content + b"\n" * self._is_framed)
         for line in whole:
             if self._pieces or len(line) > LONGEST:
                 self._waiting.append(_WaitingLine(at, line, self._pieces + 1))
@@ -416,7 +418,7 @@ class Transcript:
             self._rest = b""
 
     def _is_enough(self, at: float) -> bool:
-        """Tell whether it can be recognised how lines are written: by many, or old ones, or all that are asked for."""
+        """Whether the format can be recognised: from many lines, from old ones, or from all requested ones."""
         is_late = len(self._waiting) >= ENOUGH or at - self._waiting[0].at >= SETTLE_S
         if is_late or self._most is None:
             return is_late
@@ -424,59 +426,59 @@ class Transcript:
         return form is not None and len(form.rows(self._texts())) >= self._most
 
     def _texts(self) -> list[str]:
-        """What is line, without a first line that may be cut."""
+        """Complete lines, without a first line that may be incomplete."""
         texts = [_text(line.content) for line in self._waiting if not line.piece]
         return texts[1:] if self._is_cut and texts and not is_marked(texts[0]) else texts
 
     def _settle(self) -> None:
-        """Recognise how the lines are written; a header may have come long before, OutputError where it is another."""
+        """Recognise the format of the lines, also by an earlier header; OutputError if a continued one differs."""
         form = settle([*self._before, *self._texts()], self._pattern)
         rows = form.rows(self._texts()) if form else []
         if form is None or not rows:
             return
         if self._header not in (None, form.header):
             raise OutputError(
-                f"{self._name} sends {form} ({form.header or 'no header'}), and the recording that is continued has "
-                f"{self._header or 'no header'}: begin another recording"
+                f"{self._name} sends {form} ({form.header or 'no header'}), the continued recording has "
+                f"{self._header or 'no header'}: start another recording"
             )
         self.statistics.form = form
         columns = ""
-        with contextlib.suppress(FlindersError):  # of what needs options to be read
-            layout = sniff(self._name, [form.header, *self._rows, *rows], self._named(form))
+        with contextlib.suppress(FlindersError):  # for lines that need options
+            layout = sniff(self._name, [form.header, *self._rows, *rows], self._requested_columns(form))
             self._read = layout, unit_of(layout.columns, self._name, self._unit, self._scale)
             self._midnights = Midnights(layout.columns.clock)
             self.statistics.unit = label(self._read[1].inside)
             columns = f": {layout.columns.describe(self.statistics.unit)}"
         self._tell("settled", f"{form}{columns}")
         if self._read and self._read[0].columns.others:
-            self._tell("several", _alone(self._read[0].columns))
+            self._tell("several", _selected_device_words(self._read[0].columns))
 
-    def _named(self, form: Form) -> str | None:
-        """The columns that were asked for: numbers count what is printed, before which the recording has a time."""
+    def _requested_columns(self, form: Form) -> str | None:
+        """Requested columns in the recording; numbers are those of printed columns, before the added time."""
         asked = (self._columns or "").split(",")
         places = [] if form.is_timed or not all(one.strip().isdigit() for one in asked) else list(map(int, asked))
         is_there = bool(places) and max(places) < len(form.names)
         return ",".join(form.names[place] for place in places) if is_there else self._columns
 
     def _flush(self) -> Taken:
-        """Turn the waiting lines into text and readings."""
+        """Convert the waiting lines into text and readings."""
         rows: list[str] = []
         text = ""
         if self._waiting and self.statistics.form is None and not self.is_full:
             self._settle()
         while self._waiting and not self.is_full:
-            text += self._written(self._waiting.pop(0), rows)
+            text += self._line_text(self._waiting.pop(0), rows)
         readings = self._readings(rows)
         events, self._events = self._events, []
         return Taken(text, readings, events)
 
-    def _written(self, line: _WaitingLine, rows: list[str]) -> str:
-        """One line as it goes into the recording."""
+    def _line_text(self, line: _WaitingLine, rows: list[str]) -> str:
+        """Text of one line in the recording."""
         form, text = self.statistics.form, _text(line.content)
         self.statistics.lines += line.piece < 2
         if line.piece:
             self._is_cut = False
-            if line.piece == 1:  # it counts for all
+            if line.piece == 1:  # counts for all pieces
                 self._count_unknown(text)
             return f"# too long: {escaped(line.content)}\n"
         cut, self._is_cut = self._is_cut and not is_marked(text), False
@@ -496,7 +498,7 @@ class Transcript:
         return f"{form.header}\n{row}\n" if form.header else f"{row}\n"
 
     def _note(self, text: str) -> None:
-        """Count what is not understood, but no comment of the sensor's own, header, or line without a reading."""
+        """Count a line that cannot be parsed, unless it is a comment, header, or line without a reading."""
         form = self.statistics.form
         if form is None:
             self._before.append(text)
@@ -513,12 +515,12 @@ class Transcript:
         if self._unlike == UNLIKE:
             self._tell(
                 "garbage",
-                f"the last {UNLIKE} lines are not like the first ones ({self.statistics.form}) and are kept as "
+                f"the last {UNLIKE} lines are unlike the first ones ({self.statistics.form}), stored as "
                 f"comments: the latest is {shown(text)!r}; stop, and record again",
             )
 
     def _count_silent(self, readings: Samples) -> None:
-        """Count readings at which the sensor did not answer, and say so once there are some."""
+        """Count readings without an answer of the sensor, and report them after some."""
         before = sum(entry.rows for entry in self._silent)
         new = (replace(entry, lines=()) for entry in readings.skipped if entry.is_silent)
         self._silent = added(self._silent, tuple(new))
@@ -541,14 +543,14 @@ class Transcript:
         return readings if len(readings) else None
 
 
-def _alone(columns: Columns) -> str:
-    """Say that lines of one of several devices are shown."""
+def _selected_device_words(columns: Columns) -> str:
+    """Sentence that only lines of one of several devices are shown."""
     others = numbered([other.partition(" ")[2] for other in columns.others])
-    return f"lines of several devices come, and {columns.name} is shown alone: {others} not"
+    return f"lines of several devices arrive: only {columns.name} is shown, {others} not"
 
 
 def escaped(line: bytes) -> str:
-    """Write bytes as printable ASCII from which ``unicode_escape`` restores them."""
+    """Bytes as printable ASCII text, from which ``unicode_escape`` restores them."""
     return line.decode("latin-1").encode("unicode_escape").decode("ascii")
 
 

@@ -1,4 +1,4 @@
-r"""Where bytes come from: a serial port, UDP, TCP, standard input, or a list of them for tests.
+r"""Sources of bytes: a serial port, UDP, TCP, standard input, or a list for tests.
 
 >>> board = Scripted([b"Raw:0,0,8192,0,0,0,217,4,-586\r\n", Gone(), b"Raw:"])
 >>> board.read(0.1)
@@ -10,8 +10,7 @@ flinders.errors.LinkError: the script is gone: check the cable
 >>> board.read(0.1)
 b'Raw:'
 
-Every source waits in `read` and nowhere else, and an end that goes away is one error, `LinkError`, whatever the
-operating system calls it.
+Every source waits only in `read`. A disconnection is always a `LinkError`, whatever the error of the operating system.
 """
 
 from __future__ import annotations
@@ -35,39 +34,40 @@ from flinders.links.serial_ports import ANY_PORT, board_port, ports_in_words
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator
 
-CHUNK: Final = 1 << 16  # Bytes taken at a time; no datagram is longer
-BAUD: Final = 115200  # What MotionCal and most sketches use
-WRITE_S: Final = 2.0  # Seconds that the other end has to take what is written
-CONNECT_S: Final = 5.0  # Seconds that a host has to answer
-WAITING_BYTES: Final = 8 << 20
-"""Room that is asked for what arrives while this program is busy; the system may grant less."""
+CHUNK_BYTES: Final = 1 << 16  # Largest count of bytes that are read together; no datagram is longer
+BAUD: Final = 115200  # Default of MotionCal and most sketches
+WRITE_S: Final = 2.0  # Longest wait for a write
+CONNECT_S: Final = 5.0  # Longest wait for an answer of a host
+RECEIVE_BUFFER_BYTES: Final = 8 << 20
+"""Requested size of the receive buffer while this program is busy; the system may grant less."""
 SO_RCVBUFFORCE: Final = 33
 SO_RXQ_OVFL: Final = 40
-"""Linux: more room, for the administrator; and a count of what found none, with each datagram (socket(7))."""
-AT_ONCE: Final = getattr(socket, "MSG_DONTWAIT", 0)
-"""Where there is one, a datagram is taken without asking first whether there is one."""
-COUNT: Final = struct.Struct("=I")
-MOST_PEERS: Final = 16  # Senders that are answered over UDP; further ones are heard and not answered
+"""Linux: larger buffer for the administrator, and a count of dropped datagrams with each datagram (socket(7))."""
+NO_WAIT_FLAG: Final = getattr(socket, "MSG_DONTWAIT", 0)
+"""Flag to receive a datagram without waiting; 0 on systems without it."""
+COUNT_FORMAT: Final = struct.Struct("=I")
+MAX_PEERS: Final = 16  # Largest count of senders that are answered over UDP; further ones are read and not answered
 
 
 class ByteSource(Protocol):
-    """One end of a wire; each method but `close` raises `LinkError` where the other end is gone."""
+    """One end of a wire; each method except `close` raises `LinkError` if the other end is disconnected."""
 
-    name: str  #: for messages: ``/dev/ttyACM0``, ``UDP port 50100``
-    #: what `read` gives begins and ends with a line, as datagrams do; a port may be opened in the middle of one
+    name: str  #: name for messages: ``/dev/ttyACM0``, ``UDP port 50100``
+    #: whether results of `read` begin and end with a line, as datagrams do; a port may be opened in the middle of a
+    #: line
     is_framed: bool
 
     def read(self, timeout: float) -> bytes:
-        """Return what has come in, waiting at most `timeout` seconds for it; nothing where nothing came."""
+        """Return received bytes, waiting at most `timeout` seconds; empty if none arrived."""
 
     def write(self, content: bytes) -> None:
-        """Send bytes, all of them."""
+        """Send all bytes."""
 
     def reopen(self) -> None:
-        """Open again after a loss."""
+        """Open the source again after a disconnection."""
 
     def close(self) -> None:
-        """Let go of it; closing twice does no harm."""
+        """Close the source; may be called twice."""
 
 
 class Serial:
@@ -78,16 +78,16 @@ class Serial:
     port : str
         ``/dev/ttyACM0``, ``COM3``.
     baud : int
-        Bits per second; boards with USB of their own ignore it.
+        Bits per second; boards with native USB ignore it.
 
     Raises
     ------
     MissingExtra
         Without serialx.
     LinkError
-        Where it cannot be opened; names the ports there are.
+        If it cannot be opened; lists the existing ports.
     UsageError
-        For a baud rate that the port does not have.
+        For a baud rate that the port does not support.
     """
 
     is_framed = False
@@ -100,15 +100,15 @@ class Serial:
 
     def read(self, timeout: float) -> bytes:
         """As `ByteSource.read`."""
-        buffer = bytearray(CHUNK)
+        buffer = bytearray(CHUNK_BYTES)
         with self._failures("is gone: check the cable"):
-            got = self._opened().readinto(buffer, timeout=timeout)
+            got = self._open_port().readinto(buffer, timeout=timeout)
         return bytes(buffer[:got])
 
     def write(self, content: bytes) -> None:
         """As `ByteSource.write`."""
-        with self._failures("does not take what is sent: check the cable, and that the board listens"):
-            self._opened().write(content, timeout=WRITE_S)
+        with self._failures("does not accept sent bytes: check the cable, and that the board reads its port"):
+            self._open_port().write(content, timeout=WRITE_S)
 
     def reopen(self) -> None:
         """As `ByteSource.reopen`."""
@@ -117,9 +117,10 @@ class Serial:
             port = self._serialx.serial_for_url(self.name, baudrate=self.baud, exclusive=True)
             port.open()
         except self._serialx.UnsupportedSetting:
-            raise UsageError(f"{self.name} cannot do {self.baud} baud: give another --baud, such as {BAUD}") from None
+            refused = f"{self.name} does not support {self.baud} baud: give another --baud, such as {BAUD}"
+            raise UsageError(refused) from None
         except (OSError, ValueError, self._serialx.SerialException) as error:
-            raise LinkError(f"{self.name} cannot be opened: {_opening(error)}") from None
+            raise LinkError(f"{self.name} cannot be opened: {_opening_error(error)}") from None
         self._port = port
 
     def close(self) -> None:
@@ -129,7 +130,7 @@ class Serial:
                 self._port.close()
         self._port = None
 
-    def _opened(self) -> Any:  # noqa: ANN401 - serialx's, known only once it is imported
+    def _open_port(self) -> Any:  # noqa: ANN401 - serialx's, known only once it is imported
         if self._port is None:
             raise LinkError(f"{self.name} is closed")
         return self._port
@@ -144,25 +145,25 @@ class Serial:
 
 
 class Udp:
-    """Datagrams: listens on a port and answers whoever sends, or speaks to an address.
+    """UDP datagrams: listens on a port and answers all senders, or sends to an address first.
 
     Parameters
     ----------
     port : int
     host : str
-        Address to listen on, or to speak to.
+        Address to listen on, or to send to.
     speaks_first : bool
-        Speak to that address; otherwise listen.
+        Send to that address first; otherwise listen.
 
     Attributes
     ----------
     lost : int
-        Datagrams that this machine has thrown away because nobody took them in time, where it counts them (Linux).
+        Count of datagrams that this machine dropped because they were not read in time, if it counts them (Linux).
 
     Raises
     ------
     LinkError
-        For a port that is taken, or a host that is not known.
+        For a port in use, or an unknown host.
     """
 
     is_framed = True
@@ -173,7 +174,7 @@ class Udp:
         self._peers: list[tuple[str, int]] = []
         self.lost = 0
         self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
-        self._make_room()
+        self._enlarge_buffer()
         try:
             if speaks_first:
                 self._peers = [(socket.gethostbyname(host), port)]
@@ -181,29 +182,30 @@ class Udp:
                 self._socket.bind(self._address)
         except OSError as error:
             self._socket.close()
-            raise LinkError(f"{self.name} cannot be opened: {_opening(error)}") from None
+            raise LinkError(f"{self.name} cannot be opened: {_opening_error(error)}") from None
 
     @property
     def port(self) -> int:
-        """The port it is on, also where 0 was asked for."""
+        """The port in use, also if 0 was requested."""
         return int(self._socket.getsockname()[1])
 
     def read(self, timeout: float) -> bytes:
-        """As `ByteSource.read`: one datagram. With a timeout of 0 it only looks, which takes no time."""
+        """As `ByteSource.read`: one datagram. With a timeout of 0 it does not wait."""
         try:
-            if (timeout > 0 or not AT_ONCE) and not select.select([self._socket], [], [], timeout)[0]:
+            if (timeout > 0 or not NO_WAIT_FLAG) and not select.select([self._socket], [], [], timeout)[0]:
                 return b""
-            content, peer = self._received()
-        except (BlockingIOError, ConnectionError):  # nothing is there, or what was sent reached nobody, not yet
+            content, peer = self._receive()
+        except (BlockingIOError, ConnectionError):  # nothing has arrived, or a sent datagram has not reached a listener
+            # yet
             return b""
         except (OSError, ValueError):
             raise LinkError(f"{self.name} is gone: check the network") from None
-        if peer not in self._peers and not self._speaks_first and len(self._peers) < MOST_PEERS:
+        if peer not in self._peers and not self._speaks_first and len(self._peers) < MAX_PEERS:
             self._peers.append(peer)
         return content
 
     def write(self, content: bytes) -> None:
-        """As `ByteSource.write`: to all who were heard; to nobody where nobody was."""
+        """As `ByteSource.write`: to all senders so far, possibly none."""
         for peer in self._peers:
             try:
                 self._socket.sendto(content, peer)
@@ -212,29 +214,30 @@ class Udp:
             except OSError as error:
                 raise LinkError(f"{self.name} does not take what is sent: {reason(error)}") from None
 
-    def _make_room(self) -> None:
-        """Have the system keep more of what arrives than it usually does, and count what it cannot keep."""
+    def _enlarge_buffer(self) -> None:
+        """Request a larger receive buffer, and a count of dropped datagrams."""
         self._is_counting = sys.platform == "linux"
-        wishes = {socket.SO_RCVBUF: WAITING_BYTES}
+        wishes = {socket.SO_RCVBUF: RECEIVE_BUFFER_BYTES}
         if self._is_counting:
-            wishes |= {SO_RXQ_OVFL: 1, SO_RCVBUFFORCE: WAITING_BYTES}
+            wishes |= {SO_RXQ_OVFL: 1, SO_RCVBUFFORCE: RECEIVE_BUFFER_BYTES}
         for option, value in wishes.items():
             with contextlib.suppress(OSError):
                 self._socket.setsockopt(socket.SOL_SOCKET, option, value)
 
-    def _received(self) -> tuple[bytes, tuple[str, int]]:
-        """Take one datagram that is there, and what is counted with it."""
+    def _receive(self) -> tuple[bytes, tuple[str, int]]:
+        """Receive one waiting datagram, and the count of dropped ones."""
         if not self._is_counting:
-            content, peer = self._socket.recvfrom(CHUNK, AT_ONCE)
+            content, peer = self._socket.recvfrom(CHUNK_BYTES, NO_WAIT_FLAG)
             return content, peer
-        content, ancillary, _, peer = self._socket.recvmsg(CHUNK, socket.CMSG_SPACE(COUNT.size), AT_ONCE)
+        room = socket.CMSG_SPACE(COUNT_FORMAT.size)
+        content, ancillary, _, peer = self._socket.recvmsg(CHUNK_BYTES, room, NO_WAIT_FLAG)
         for level, kind, data in ancillary:
-            if (level, kind) == (socket.SOL_SOCKET, SO_RXQ_OVFL) and len(data) >= COUNT.size:
-                self.lost = int(COUNT.unpack_from(data)[0])
+            if (level, kind) == (socket.SOL_SOCKET, SO_RXQ_OVFL) and len(data) >= COUNT_FORMAT.size:
+                self.lost = int(COUNT_FORMAT.unpack_from(data)[0])
         return content, peer
 
     def reopen(self) -> None:
-        """Nothing to do: there is no connection to lose."""
+        """Do nothing, as UDP has no connection."""
 
     def close(self) -> None:
         """As `ByteSource.close`."""
@@ -242,7 +245,7 @@ class Udp:
 
 
 class Tcp:
-    """A connection to a host; `LinkError` where that is not known or does not answer."""
+    """A TCP connection to a host; `LinkError` if the host is unknown or does not answer."""
 
     is_framed = False
 
@@ -257,12 +260,12 @@ class Tcp:
         try:
             if not select.select([self._socket], [], [], timeout)[0]:
                 return b""
-            content = self._socket.recv(CHUNK)
+            content = self._socket.recv(CHUNK_BYTES)
         except (OSError, ValueError):
             content = b""
         if not content:
             self.close()
-            raise LinkError(f"{self.name} has closed the connection: see that the program there still runs")
+            raise LinkError(f"{self.name} has closed the connection: check that the program there still runs")
         return content
 
     def write(self, content: bytes) -> None:
@@ -279,7 +282,7 @@ class Tcp:
         try:
             self._socket = socket.create_connection(self._address, timeout=CONNECT_S)
         except OSError as error:
-            raise LinkError(f"{self.name} cannot be reached: {_opening(error)}") from None
+            raise LinkError(f"{self.name} cannot be reached: {_opening_error(error)}") from None
         self._socket.settimeout(WRITE_S)
 
     def close(self) -> None:
@@ -288,12 +291,12 @@ class Tcp:
 
 
 class StandardInput:
-    """What another program writes into a pipe, or what a file holds.
+    """Standard input, from a pipe or a file.
 
     Attributes
     ----------
     is_done : bool
-        The other program has ended, or the end of the file is reached: nothing more will come.
+        Whether the end of the pipe or file is reached.
     """
 
     name = "standard input"
@@ -306,14 +309,14 @@ class StandardInput:
         self.is_done = False
 
     def read(self, timeout: float) -> bytes:
-        """As `ByteSource.read`; on Windows it waits for as long as it takes."""
+        """As `ByteSource.read`; on Windows it waits without a limit."""
         if self.is_done:
             time.sleep(timeout)
             return b""
         try:
             if sys.platform != "win32" and not select.select([self._file], [], [], timeout)[0]:
                 return b""
-            content = os.read(self._file, CHUNK)
+            content = os.read(self._file, CHUNK_BYTES)
         except OSError as error:
             self.is_done = True
             raise LinkError(f"{self.name} cannot be read: {reason(error)}") from None
@@ -321,29 +324,29 @@ class StandardInput:
         return content
 
     def write(self, content: bytes) -> None:
-        """Nothing: nobody listens at the other end."""
+        """Do nothing, as there is no reader."""
 
     def reopen(self) -> None:
-        """Nothing to do: what has ended has ended."""
+        """Do nothing, as an ended pipe cannot be reopened."""
 
     def close(self) -> None:
-        """Nothing to do: it belongs to the program."""
+        """Do nothing, as standard input belongs to the program."""
 
 
 @dataclass(frozen=True, slots=True)
 class Gone:
-    """A step of `Scripted`: the other end goes away."""
+    """A step of `Scripted`: the other end is disconnected."""
 
 
 @dataclass(frozen=True, slots=True)
 class Quiet:
-    """A step of `Scripted`: for so many seconds nothing comes."""
+    """A step of `Scripted`: nothing arrives for a time."""
 
     seconds: float
 
 
 class Scripted:
-    """Bytes from a list, for tests and for playing a recording back; what is written to it is kept.
+    """Bytes from a list, for tests and for playback; written bytes are stored.
 
     Parameters
     ----------
@@ -390,9 +393,9 @@ class Scripted:
 def opened_lines(
     *, port: str | None = None, baud: int = BAUD, udp: int | None = None, tcp: str | None = None
 ) -> Serial | Udp | Tcp:
-    """Open what sends lines: one of a serial port, a port for datagrams, and ``HOST:PORT``.
+    """Open a source of lines: one of a serial port, a UDP port, and ``HOST:PORT`` of TCP.
 
-    `ANY_PORT` is the port of the one board that is plugged in, as `board_port` finds it.
+    `ANY_PORT` is the port of the only connected board, by `board_port`.
     """
     if udp is not None:
         return Udp(udp)
@@ -404,7 +407,7 @@ def opened_lines(
 def opened_link(address: str, baud: int = BAUD, *, what: str) -> Serial | Udp | Tcp:
     """Open a link: ``udp:HOST:PORT``, ``udpout:HOST:PORT``, ``tcp:HOST:PORT`` or a serial port.
 
-    `what` names the option in a refusal.
+    `what` is the name of the option in an error.
     """
     kind, colon, rest = address.partition(":")
     match kind.casefold() if colon else "":
@@ -427,7 +430,7 @@ def opened_link(address: str, baud: int = BAUD, *, what: str) -> Serial | Udp | 
 
 
 def host_and_port(text: str, what: str) -> tuple[str, int]:
-    """Take ``HOST:PORT`` apart; without a host it is this machine. `what` names the option in a refusal.
+    """Split ``HOST:PORT``; the default host is this machine. `what` is the name of the option in an error.
 
     >>> host_and_port("logger.local:5760", "--tcp"), host_and_port(":5760", "--tcp")
     (('logger.local', 5760), ('127.0.0.1', 5760))
@@ -454,11 +457,11 @@ ADVICE: Final = {
     errno.EADDRNOTAVAIL: "no network card of this machine has that address; 0.0.0.0 listens on all",
     errno.ECONNREFUSED: "nobody listens there: start the program that sends, and check the port",
 }
-"""What to do where something cannot be opened."""
+"""Advice for errors at opening."""
 
 
-def _opening(error: Exception) -> str:
-    """Say why something cannot be opened, and what to do."""
+def _opening_error(error: Exception) -> str:
+    """Reason why a source cannot be opened, with advice."""
     if isinstance(error, socket.gaierror):
         return "no such host: check the name, or give its number"
     if isinstance(error, TimeoutError):

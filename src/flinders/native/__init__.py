@@ -1,1 +1,1 @@
-"""The engine: fits and statistics of recordings in one small C library, and the module that calls it."""
+"""The engine: a small C library for fits and statistics of recordings, and the modules that call it."""

@@ -1,28 +1,29 @@
 /* Headings of vehicles that are level, tilted or upside down, from the covariance of a calibration.
  *
- * A level vehicle meets the field u(ψ) = (cos I cos ψ, −cos I sin ψ, sin I), z down. Corrected readings err by
- * δu = −S⁻¹(δb + δS u), and its heading by δψ = −(sin ψ δu₁ + cos ψ δu₂)/cos I. A constant part is a matter of mounting,
- * which a magnetometer cannot see, and is removed. A tilted vehicle knows its tilt T, meets Tᵀu, and turns readings back.
+ * In a level vehicle, the field is u(ψ) = (cos I cos ψ, −cos I sin ψ, sin I), z down. Corrected readings err by
+ * δu = −S⁻¹(δb + δS u), and its heading by δψ = −(sin ψ δu₁ + cos ψ δu₂)/cos I. A constant part depends on the mounting,
+ * which a magnetometer does not observe, and is removed. For a tilted vehicle with a known tilt T, the field is Tᵀu, and
+ * readings are rotated back.
  */
 #include "judge.h"
 
 enum { AZIMUTHS = 24, TILT_STEPS = 36, BISECTIONS = 9 };
 
-#define MARGIN ((real)1.1) /* by how much an error may be larger between the directions that are looked at */
+#define MARGIN ((real)1.1) /* factor by which an error may be larger between the evaluated directions */
 
 /* Vectors of a turn, one heading a column: across the field in the horizontal plane, over its level part; and the field. */
 typedef struct {
     real across[3][FL_HEADINGS], field[3][FL_HEADINGS];
 } turn_fields;
 
-/* The rotation that brings +z onto what points down when the vehicle is level; NULL for z. */
+/* Rotation of +z to the down direction of a level vehicle; NULL for z. */
 static void upright(const real *down, real turn[9])
 {
     static const real Z[3] = {0, 0, 1};
     fl_upright(down ? down : Z, turn);
 }
 
-/* Which way is down when a sensor turns in a plane; NULL for z. */
+/* Down direction of a sensor that turns in a plane; NULL for z. */
 const real *fl_down(int plane)
 {
     static const real DOWN[2][3] = {{1, 0, 0}, {0, 1, 0}};
@@ -48,7 +49,7 @@ static void turn_of(real dip_deg, const real *down, turn_fields *out)
     }
 }
 
-/* Rows (9, FL_HEADINGS) of what each parameter does to the heading at vectors of a turn. */
+/* Derivatives (9, FL_HEADINGS) of the heading by the parameters, for the vectors of a turn. */
 static void rows_of(const fl_surface *surface, const turn_fields *at, real rows[9][FL_HEADINGS])
 {
     const real *const s = surface->inverse;
@@ -107,7 +108,7 @@ static void tilt(const turn_fields *level, const real turn[9], real azimuth, rea
         }
 }
 
-/* Heading error of a vehicle that knows its tilt; of a level one for none. */
+/* Heading error of a vehicle with a known tilt, or of a level one. */
 void fl_tilted_error(const fl_surface *surface, const real covariance[81], real dip_deg, real tilt_deg, const real *down,
                      real *rms_deg, real *worst_deg)
 {
@@ -129,7 +130,7 @@ void fl_tilted_error(const fl_surface *surface, const real covariance[81], real 
     *worst_deg = FL_TO_DEG * fl_sqrt(largest);
 }
 
-/* What the heading of a level vehicle is off by, rad, if readings b + S u are used as they come, its mean removed. */
+/* Heading error of a level vehicle with uncorrected readings b + S u, rad, without its mean. */
 static void deviations_of(const fl_surface *surface, real dip_deg, const real *down, real deviations[FL_HEADINGS])
 {
     turn_fields at;
@@ -164,8 +165,8 @@ void fl_uncorrected_error(const fl_surface *surface, real dip_deg, const real *d
     *worst_deg = FL_TO_DEG * worst;
 }
 
-/* No less than the heading error at any tilt: wherever the field points, an error across it turns the heading by at most
- * its own size over cos I, and what is taken off for the mounting comes on top. */
+/* Upper bound of the heading error at any tilt: for any direction of the field, an error across it changes the heading by at
+ * most its size over cos I, plus the part that is removed for the mounting. */
 static real worst_anywhere(const fl_surface *surface, const real covariance[81], real dip_deg, const real *down)
 {
     turn_fields level;
@@ -188,7 +189,7 @@ static int is_within(const fl_surface *surface, const real covariance[81], real 
     return worst <= limit_deg;
 }
 
-/* The largest tilt up to which the heading error is within a limit. */
+/* Largest tilt with a heading error within a limit. */
 real fl_attitude_limit(const fl_surface *surface, const real covariance[81], real dip_deg, real limit_deg, const real *down)
 {
     const real step = (real)180 / TILT_STEPS;
@@ -205,7 +206,7 @@ real fl_attitude_limit(const fl_surface *surface, const real covariance[81], rea
     return inside;
 }
 
-/* Whether headings exist there, and a surface; its offset is a matter of readings that are used as they come. */
+/* Whether the dip allows headings, and the shape is valid; the offset is only relevant for uncorrected readings. */
 static int surface_of(const real *centre, const real shape[6], real dip_deg, fl_surface *surface)
 {
     const real none[3] = {0, 0, 0};
@@ -233,7 +234,7 @@ int flinders_uncorrected_error(const real centre[3], const real shape[6], real d
     return status;
 }
 
-/* Tilt up to which an error is within a limit. */
+/* Largest tilt with an error within a limit. */
 int flinders_attitude_limit(const real shape[6], const real covariance[81], real dip_deg, real limit_deg,
                             const real *down, real *tilt_deg)
 {
@@ -264,9 +265,9 @@ int flinders_level_turn(const real centre[3], const real shape[6], const real co
     return status;
 }
 
-/* Heading errors at the worst attitudes that bring the field along directions: that leaves a heading open to where the
- * vehicle's vertical is, which makes 90° − I with the field, in any direction around it. So the variance is the largest
- * eigenvalue of the covariance across the direction, over cos² I. */
+/* Heading errors at the worst attitude for each direction of the field: the vehicle's vertical is at an angle of 90° − I to the
+ * field, in any direction around it, so the variance is the largest eigenvalue of the covariance across the direction, over
+ * cos² I. */
 int flinders_attitude_errors(const real shape[6], const real covariance[81], real dip_deg, const real *directions,
                              size_t count, real *errors_deg)
 {

@@ -1,12 +1,12 @@
-"""Compiles the engine: with the system's C compiler, else with the Python package ``ziglang``, which is one.
+"""Compilation of the engine by the system's C compiler, or else by the Python package ``ziglang``.
 
-The library lies in ``compiled`` in this package. Its name holds a digest of the sources, the options and the platform,
-so that a change makes a new library and nothing is compiled twice. A wheel's build hook (``hatch_build.py``) loads this
-file by its path, before anything is installed: it imports the standard library only, and what compiling needs when it
-compiles, since every start of the program passes here.
+The library is in the folder ``compiled`` of this package. Its name contains a digest of the sources, the options and
+the platform: a change gives a new library, and nothing is compiled twice. A wheel's build hook (``hatch_build.py``)
+loads this file by its path before anything is installed, so it imports only the standard library. Modules that only a
+compilation needs are imported there, because every start of the program imports this file.
 
-``python -m flinders.native.build`` compiles it for this machine; with ``--web`` as the WebAssembly module of the page
-that needs no program (`flinders.apps.live.standalone`), which imports nothing and exports what flinders.h declares.
+``python -m flinders.native.build`` compiles for this machine; with ``--web`` it makes the WebAssembly module of the
+standalone page (`flinders.apps.live.standalone`), which has no imports and exports the functions of flinders.h.
 
 >>> [source.name for source in sources()][:3]
 ['about.c', 'attitude.c', 'axes.c']
@@ -29,29 +29,29 @@ if TYPE_CHECKING:
 HERE: Final = Path(__file__).parent
 
 COMPILED: Final = HERE / "compiled"
-"""Where the library is, in a wheel as in a checkout."""
+"""Folder of the library, in a wheel and in a checkout."""
 
 STRICT: Final = ("-std=c99", "-Wall", "-Wextra", "-Wpedantic", "-Wshadow", "-Wstrict-prototypes")
-"""The language, and what a compiler warns of. Tests add ``-Werror``: a new compiler's warning stops no installation."""
+"""Language and warnings. Only tests add ``-Werror``, so that a warning of a new compiler stops no installation."""
 
 EXACT: Final = ("-ffp-contract=off", "-fno-math-errno", "-fno-trapping-math")
-"""No product is fused with a sum, so digits are the same everywhere; roots vectorise. Never ``-ffast-math``."""
+"""Options for identical digits on all platforms: no fused multiply-add, vectorised roots. Never ``-ffast-math``."""
 
-FAST: Final = ("-O3", "-fvisibility=hidden")
+FAST_OPTIONS: Final = ("-O3", "-fvisibility=hidden")
 
-SMALL: Final = ("-Os", "-fno-vectorize", "-fno-slp-vectorize")
-"""For what browsers load and does not go over all readings: a third of the module's bytes."""
+SMALL_OPTIONS: Final = ("-Os", "-fno-vectorize", "-fno-slp-vectorize")
+"""Options for browsers, for sources without loops over all readings; they save a third of the module's size."""
 
-SMALL_SUMS: Final = ("-fno-unroll-loops",)
-"""For the sums over all readings: 5 kB less on the wire, and a tenth more of the 1.1 ms of a fit."""
+SMALL_LOOP_OPTIONS: Final = ("-fno-unroll-loops",)
+"""Options for browsers, for loops over all readings: 5 kB less to transfer; a fit takes a tenth longer than 1.1 ms."""
 
 PAGE: Final = HERE.parent / "apps/live/static/standalone/engine.js"
-"""What calls the engine in browsers."""
+"""Module of the page that calls the engine in browsers."""
 
-COMPARED: Final = ("flinders_is_checked",)
-"""What else its module has, for the test that compares the bindings."""
+TEST_FUNCTIONS: Final = ("flinders_is_checked",)
+"""Functions that the module for browsers exports only for the test that compares the bindings."""
 
-AVX2: Final = ("-mavx2", "-mfma", "-DFL_VARIANT=avx2")
+AVX2_OPTIONS: Final = ("-mavx2", "-mfma", "-DFL_VARIANT=avx2")
 
 ZIG_PACKAGE: Final = "ziglang"
 
@@ -60,18 +60,18 @@ WAYS_OUT: Final = (
 )
 
 SUFFIXES: Final = {"win32": ".dll", "darwin": ".dylib", "wasi": ".wasm"}
-"""Endings of a shared library, by system."""
+"""Suffixes of a shared library, by system."""
 
-WEB_STACK: Final = 1 << 20
-"""Bytes of stack of the WebAssembly module."""
+WEB_STACK_BYTES: Final = 1 << 20
+"""Size of the stack of the WebAssembly module in bytes."""
 
 
 class NoCompiler(Exception):
-    """No C compiler could be called, or it refused the engine's sources; the message says which."""
+    """No C compiler was found, or it failed; the message says which."""
 
 
 class Platform(NamedTuple):
-    """What a library is compiled for: system and machine as Python names them, and the name of both for zig.
+    """Target of a compilation: system and machine by their names in Python, and the target by its name in zig.
 
     Attributes
     ----------
@@ -89,27 +89,27 @@ class Platform(NamedTuple):
 
     @property
     def suffix(self) -> str:
-        """Ending of a shared library."""
+        """Suffix of a shared library."""
         return SUFFIXES.get(self.system, ".so")
 
     @property
     def options(self) -> list[str]:
-        """Options of the compiler that belong to the platform."""
+        """Options of the compiler for this platform."""
         position = [] if self.system in ("win32", "wasi") else ["-fPIC"]
         wide = {"x86_64": ["-DFL_WITH_AVX2"], "wasm32": ["-msimd128"]}
         return [*position, *wide.get(self.machine, [])]
 
     def smaller(self, name: str) -> tuple[str, ...]:
-        """What makes the code of a source smaller in browsers; sums over all readings stay fast."""
+        """Options that reduce the size of a source's code in browsers; loops over all readings stay fast."""
         if self.system != "wasi":
             return ()
-        return SMALL_SUMS if name == "kernels.c" else SMALL
+        return SMALL_LOOP_OPTIONS if name == "kernels.c" else SMALL_OPTIONS
 
     def link_options(self, name: str) -> list[str]:
-        """Options of the linker that belong to the platform, for a library of this name."""
+        """Options of the linker for this platform and a library of this name."""
         if self.system == "wasi":
             exports = (f"-Wl,--export={symbol}" for symbol in ("__heap_base", *called_by_page()))
-            return ["-mexec-model=reactor", f"-Wl,-z,stack-size={WEB_STACK}", *exports]
+            return ["-mexec-model=reactor", f"-Wl,-z,stack-size={WEB_STACK_BYTES}", *exports]
         own = [f"-Wl,-install_name,@rpath/{name}"] if self.system == "darwin" else ["-lm"]
         return ["-shared", *([] if self.system == "win32" else own)]
 
@@ -124,10 +124,10 @@ PLATFORMS: Final = {
     "macosx_11_0_arm64": Platform("darwin", "arm64", "aarch64-macos.11.0"),
     "win_amd64": Platform("win32", "x86_64", "x86_64-windows-gnu"),
 }
-"""Platforms that wheels are released for, by the tag of the wheel."""
+"""Platforms of released wheels, by the tag of the wheel."""
 
 WEB: Final = Platform("wasi", "wasm32", "wasm32-wasi")
-"""Browsers, for which the engine is a WebAssembly module."""
+"""Platform of browsers, for which the engine is a WebAssembly module."""
 
 
 def sources() -> list[Path]:
@@ -144,28 +144,29 @@ def functions() -> list[str]:
 
 
 def called_by_page() -> list[str]:
-    """Functions of the module for browsers: those that the page calls, and `COMPARED`."""
+    """Functions of the module for browsers: those that the page calls, and `TEST_FUNCTIONS`."""
     called = set(PAGE.read_text(encoding="utf-8").replace("(", ".").split("."))
-    return [name for name in functions() if name in called or name in COMPARED]
+    return [name for name in functions() if name in called or name in TEST_FUNCTIONS]
 
 
 def path(directory: Path | None = None, *, options: Sequence[str] = (), target: Platform = THIS) -> Path:
-    """Where the library of these sources is, or has to be; parameters as for `library`."""
+    """Path of the library of these sources, whether or not it exists; parameters as in `library`."""
     directory = directory or Path(os.environ.get("FLINDERS_NATIVE_BUILD") or COMPILED)
-    return directory / f"flinders-{_digest(options, target)}{target.suffix}"
+    return directory / f"flinders-{_source_digest(options, target)}{target.suffix}"
 
 
 def library(directory: Path | None = None, *, options: Sequence[str] = (), target: Platform = THIS) -> Path:
-    """Compile the engine unless it is there already.
+    """Compile the engine unless the library exists.
 
     Parameters
     ----------
     directory : Path, optional
-        Where it is put; by default ``compiled`` in this package, or what ``FLINDERS_NATIVE_BUILD`` names.
+        Folder of the library; by default that in the variable ``FLINDERS_NATIVE_BUILD``, or ``compiled`` in this
+        package.
     options : sequence of str
-        Further options of the compiler, such as ``-DFLINDERS_FLOAT``.
+        Additional options of the compiler, such as ``-DFLINDERS_FLOAT``.
     target : Platform
-        What it is compiled for; by default this machine.
+        Target platform; by default this machine.
 
     Returns
     -------
@@ -175,7 +176,7 @@ def library(directory: Path | None = None, *, options: Sequence[str] = (), targe
     Raises
     ------
     NoCompiler
-        Where there is no C compiler, or it fails, or the directory cannot be written.
+        If there is no C compiler, if it fails, or if the folder cannot be written.
     """
     made = path(directory, options=options, target=target)
     if not made.exists():
@@ -190,7 +191,7 @@ def library(directory: Path | None = None, *, options: Sequence[str] = (), targe
         except OSError as error:
             raise NoCompiler(
                 f"the engine cannot be compiled into {made.parent} ({error.strerror}): name a folder that can be "
-                "written in the variable FLINDERS_NATIVE_BUILD"
+                "written to, in the variable FLINDERS_NATIVE_BUILD"
             ) from error
     return made
 
@@ -201,7 +202,7 @@ def compiler(target: Platform = THIS) -> list[str]:
     Raises
     ------
     NoCompiler
-        Where there is none.
+        If there is none.
     """
     import importlib.util
 
@@ -218,7 +219,7 @@ def compiler(target: Platform = THIS) -> list[str]:
 
 
 def system_compiler() -> list[str] | None:
-    """Command of the system's C compiler, which finds the headers of C; None where there is none."""
+    """Command of the system's C compiler, if it finds the C headers; None if there is none."""
     import shlex
     import shutil
 
@@ -228,7 +229,7 @@ def system_compiler() -> list[str] | None:
 
 
 def _has_headers(name: str) -> bool:
-    """Whether a compiler finds math.h: the `cc` of macOS may only ask for one, and gcc may be without headers."""
+    """Whether a compiler finds math.h: gcc may lack headers, and `cc` of macOS may only offer to install a compiler."""
     import subprocess
 
     command = [name, "-E", "-x", "c", "-"]
@@ -238,33 +239,33 @@ def _has_headers(name: str) -> bool:
 def compile_library(
     made: Path, *, compiler: Sequence[str], options: Sequence[str] = (), target: Platform = THIS
 ) -> None:
-    """Compile and link the engine: kernels for the baseline and, on x86-64, for AVX2 as well.
+    """Compile and link the engine, with kernels for the baseline processor and on x86-64 also for AVX2_OPTIONS.
 
     Parameters
     ----------
     made : Path
-        The shared library; it appears as a whole or not at all.
+        Path of the shared library, which is written atomically.
     compiler : sequence of str
-        Command of a C compiler that takes the options of GCC, such as ``["zig", "cc", "-target", ...]``.
+        Command of a C compiler with options as those of GCC, such as ``["zig", "cc", "-target", ...]``.
     options : sequence of str
-        Further options.
+        Additional options.
     target : Platform
-        What the compiler compiles for.
+        Target platform of the compiler.
 
     Raises
     ------
     NoCompiler
-        Where it fails, with what it says.
+        If the compiler fails, with its output.
     """
     import tempfile
     from concurrent.futures import ThreadPoolExecutor
 
-    flags = [*STRICT, *FAST, *EXACT, *target.options, *options]
+    flags = [*STRICT, *FAST_OPTIONS, *EXACT, *target.options, *options]
     with tempfile.TemporaryDirectory(dir=made.parent) as folder:
         room = Path(folder)
         jobs = [(source, room / f"{source.stem}.o", [*flags, *target.smaller(source.name)]) for source in sources()]
         if target.machine == "x86_64":
-            jobs.append((HERE / "kernels.c", room / "kernels_avx2.o", [*flags, *AVX2]))
+            jobs.append((HERE / "kernels.c", room / "kernels_avx2.o", [*flags, *AVX2_OPTIONS]))
         with ThreadPoolExecutor(os.cpu_count()) as pool:
             list(pool.map(lambda job: _run([*compiler, *job[2], "-c", str(job[0]), "-o", str(job[1])]), jobs))
         objects, linked = [str(compiled) for _, compiled, _ in jobs], room / made.name
@@ -274,7 +275,7 @@ def compile_library(
 
 
 def _licences(compiler: Sequence[str], target: Platform) -> dict[str, Path]:
-    """Licences of what zig links into a library, by the name that they get beside it."""
+    """Licences of the code that zig links into a library, by the name of their copy next to the library."""
     import importlib.util
 
     spec = importlib.util.find_spec(ZIG_PACKAGE)
@@ -293,24 +294,31 @@ def _licences(compiler: Sequence[str], target: Platform) -> dict[str, Path]:
 
 
 def _run(command: Sequence[str]) -> None:
-    """Call the compiler."""
+    """Run a command of the compiler; raises `NoCompiler` if it fails."""
     import shlex
     import subprocess
 
     try:
         done = subprocess.run(command, capture_output=True, text=True, check=False)
     except OSError as error:
-        raise NoCompiler(
-            f"{command[0]} cannot be called ({error}): name another C compiler in the variable CC"
-        ) from error
+        raise NoCompiler(f"{command[0]} cannot be run ({error}): set the variable CC to another C compiler") from error
     if done.returncode:
         raise NoCompiler(f"{shlex.join(command)} failed:\n{done.stderr.strip()}")
 
 
-def _digest(options: Sequence[str], target: Platform) -> str:
-    """Sixteen digits that change with sources, options and platform, not with line endings."""
+def _source_digest(options: Sequence[str], target: Platform) -> str:
+    """Digest of sources, options and platform, 16 hexadecimal digits, independent of line endings."""
     exported = called_by_page() if target.system == "wasi" else ()
-    every = (STRICT, FAST, SMALL, SMALL_SUMS, EXACT, AVX2, target.options, tuple(options))
+    every = (
+        STRICT,
+        FAST_OPTIONS,
+        SMALL_OPTIONS,
+        SMALL_LOOP_OPTIONS,
+        EXACT,
+        AVX2_OPTIONS,
+        target.options,
+        tuple(options),
+    )
     parts = (*every, target.system, target.machine, *exported)
     digest = hashlib.sha256(repr(parts).encode())
     for file in [*sources(), *sorted(HERE.glob("*.h"))]:

@@ -1,5 +1,5 @@
-/* What a fit may claim: its covariance, widened by repeated readings, which are no new evidence, and by few readings, whose
- * noise is known from few residuals. And a fit of readings that were corrected before, shrunk towards leaving them.
+/* Claim of a fit: its covariance, widened for repeated readings, which add no information, and for few readings, whose noise
+ * is estimated from few residuals. A fit to readings that were corrected before is shrunk towards no correction.
  *
  * Departures d of such a fit, its offset and the deviator of its shape over the mean semi-axis, have a covariance P, and are
  * normal with P + Q where Q is
@@ -16,15 +16,15 @@
 
 enum { PARAMETERS = 9, OF_ELLIPSE = 5 };
 
-/* The variance of Student's t, ν/(ν − 2), for the ν readings beyond those that the parameters take up. Below three there is
- * no such variance, and the factor grows by four for each reading that is missing. */
+/* Variance of Student's t, ν/(ν − 2), for ν degrees of freedom. Below three it does not exist, and the factor increases by four
+ * for each missing reading. */
 real flinders_widening_by_few(real freedom)
 {
     return freedom >= 3 ? freedom / (freedom - 2) : 3 * fl_pow(4, 3 - (freedom > 0 ? freedom : 0));
 }
 
-/* Factor by which repeated and few readings widen a covariance. Its noise was taken over the residuals of all rows less the
- * parameters; only the different ones are independent. 1 where the number of rows is not known. */
+/* Factor that widens a covariance for repeated and few readings. Its noise was estimated from the residuals of all rows minus
+ * the parameters, but only distinct ones are independent. 1 if the number of rows is unknown. */
 static real widening(real rows, real repetition, int parameters)
 {
     if (!(rows > 0)) return 1;
@@ -32,10 +32,10 @@ static real widening(real rows, real repetition, int parameters)
     return (freedom >= 1 ? (rows - (real)parameters) / freedom : repetition) * flinders_widening_by_few(freedom);
 }
 
-/* Parameters that a method finds: of an ellipse no more than five. */
+/* Number of free parameters: at most five for an ellipse. */
 static int parameters_of(const flinders_record *record, const flinders_request *request)
 {
-#ifdef FLINDERS_SMALL /* a board knows no level turns */
+#ifdef FLINDERS_SMALL /* no level turns on a board */
     (void)record;
 #else
     if (record->plane && request->parameters > OF_ELLIPSE) return OF_ELLIPSE;
@@ -43,7 +43,7 @@ static int parameters_of(const flinders_record *record, const flinders_request *
     return request->parameters;
 }
 
-/* Mean ratio of variances to those that would hold for independent residuals; 1 where these are not known. */
+/* Mean ratio of variances to those for independent residuals; 1 if these are unknown. */
 static real variance_inflation(const flinders_record *record)
 {
     real sum = 0;
@@ -53,7 +53,7 @@ static real variance_inflation(const flinders_record *record)
     return count ? sum / (real)count : 1;
 }
 
-/* Readings for each different one, beyond those that the covariance knows of. */
+/* Number of readings per distinct one, as far as the covariance does not account for it. */
 static real repetition_of(const flinders_record *record)
 {
     const real distinct = record->fitted_distinct > 1 ? (real)record->fitted_distinct : 1;
@@ -102,7 +102,7 @@ static void carry(const real *map, const real *covariance, int n, int m, real *o
         }
 }
 
-/* Whether an estimate is so certain, and its offset so small, that a look at the other departures is due. */
+/* Whether an estimate is so accurate, and its offset so small, that the other departures must be tested. */
 static int is_near(const flinders_record *record, real size)
 {
     real sum = 0;
@@ -122,7 +122,7 @@ static void departure_of(const flinders_record *record, const real covariance[81
     real map[72], values[DEPARTURES], vectors[64], parameters[PARAMETERS];
     memcpy(parameters, record->centre, sizeof record->centre);
     memcpy(parameters + 3, record->shape, sizeof record->shape);
-    for (int i = 0; i < DEPARTURES; i++) /* an off-diagonal entry stands twice in the matrix */
+    for (int i = 0; i < DEPARTURES; i++) /* an off-diagonal entry occurs twice in the matrix */
         for (int j = 0; j < PARAMETERS; j++) map[PARAMETERS * i + j] = basis[DEPARTURES * j + i] * (j < 6 ? 1 : 2) / size;
     out->size = size;
     fl_multiply(map, parameters, DEPARTURES, PARAMETERS, 1, out->departures);
@@ -145,7 +145,7 @@ static real prior_variance(int prior, int i)
     return width * width;
 }
 
-/* Cholesky factor of P + Q; nonzero where there is none. */
+/* Cholesky factor of P + Q; nonzero if it does not exist. */
 static int factor_of(const departure *d, int prior, real factor[64])
 {
     memcpy(factor, d->covariance, sizeof d->covariance);
@@ -153,7 +153,7 @@ static int factor_of(const departure *d, int prior, real factor[64])
     return fl_cholesky(factor, DEPARTURES);
 }
 
-/* Logarithm of the density of departures under a prior, but for a constant. */
+/* Logarithm of the density of departures under a prior, up to a constant. */
 static int log_density(const departure *d, int prior, real *density)
 {
     real factor[64], x[DEPARTURES];
@@ -165,7 +165,7 @@ static int log_density(const departure *d, int prior, real *density)
     return 0;
 }
 
-/* Weights of the priors of a correction; 0 where these are not probable. */
+/* Weights of the priors of a correction; 0 if these are not probable. */
 static int weigh(const departure *d, real weights[PRIORS])
 {
     real without, sum = 0;
@@ -213,7 +213,7 @@ static void posterior(const departure *d, const real weights[PRIORS], real mean[
         }
 }
 
-/* Put departures into a record as an ellipsoid; how large it is stays as uncertain as it was. */
+/* Write departures to a record as an ellipsoid; the uncertainty of its size is unchanged. */
 static void restore(const departure *d, const real basis[72], const real mean[DEPARTURES], const real covariance[64],
                     flinders_record *record)
 {
@@ -232,7 +232,7 @@ static void restore(const departure *d, const real basis[72], const real mean[DE
     for (int i = 0; i < 81; i++) record->textbook[i] = FL_NOT_A_NUMBER;
 }
 
-/* Shrink a fit of readings that were corrected before towards leaving them as they are. */
+/* Shrink a fit to readings that were corrected before towards no correction. */
 static void shrink(flinders_record *record)
 {
     const real size = (record->shape[0] + record->shape[1] + record->shape[2]) / 3;
@@ -261,7 +261,7 @@ static void shrink(flinders_record *record)
 /* Level errors of a record that has none. */
 static void complete(const fl_surface *surface, flinders_record *record)
 {
-#ifndef FLINDERS_SMALL /* a board knows no level turns, and shrinks nothing */
+#ifndef FLINDERS_SMALL /* no level turns and no shrinking on a board */
     const real *const down = fl_down(record->plane);
     if (record->plane || record->is_shrunk > 0)
         fl_tilted_error(surface, record->covariance, record->dip_deg, 0, down, &record->level_rms_deg, &record->level_worst_deg);
@@ -270,8 +270,8 @@ static void complete(const fl_surface *surface, flinders_record *record)
         fl_heading_errors(surface, record, record->dip_deg);
 }
 
-/* Whether the shape is known by an earlier calibration: such a fit is shrunk to nothing else, and takes its noise from nine
- * residuals less than there are, which allows for few of them. */
+/* Whether the shape has a prior from an earlier calibration: such a fit is not shrunk further, and its noise is estimated with
+ * nine degrees of freedom less, which allows for few readings. */
 static int is_refreshed(const flinders_record *record)
 {
 #ifdef FLINDERS_SMALL

@@ -1,19 +1,19 @@
-/* How far two calibrations of one sensor are apart, whether chance explains it, and whether it is within a target:
- * `flinders.comparison` for one pair.
+/* Difference of two calibrations of one sensor, its significance, and whether it is within a target: `flinders.comparison`
+ * for one pair.
  *
- * Readings of one sensor are longer in a stronger field, which says nothing of the sensor. Both ellipsoids are therefore
- * brought to one size; if that is their radius, their common scale is taken out of both covariances.
+ * Readings of one sensor are longer in a stronger field, which is not a property of the sensor. Therefore both ellipsoids
+ * are scaled to one size; if that is their radius, their common scale is removed from both covariances.
  */
 #include "judge.h"
 #include "residuals.h"
 
-/* A calibration brought to the size of another. */
+/* A calibration that is scaled to the size of another. */
 typedef struct {
     fl_surface surface;
     real covariance[81];
 } sized;
 
-/* Bring a calibration from one size to another; nonzero if it has no surface. */
+/* Scale a calibration from one size to another; nonzero if it has no surface. */
 static int bring(const flinders_calibrated *from, real factor, sized *out)
 {
     real shape[6];
@@ -23,7 +23,7 @@ static int bring(const flinders_calibrated *from, real factor, sized *out)
     return fl_surface_of(from->centre, shape, &out->surface);
 }
 
-/* Take the common scale of shapes about their middle out of a covariance: S/s, s = tr(R⁻¹S)/3, changes by
+/* Remove the common scale of shapes about their mean R from a covariance: S/s, s = tr(R⁻¹S)/3, changes by
  * δS − S tr(R⁻¹δS)/3. */
 static void take_scale_out(const fl_surface *middle, real covariance[81])
 {
@@ -40,8 +40,8 @@ static void take_scale_out(const fl_surface *middle, real covariance[81])
             covariance[9 * i + j] = covariance[9 * j + i] = (covariance[9 * i + j] + covariance[9 * j + i]) / 2;
 }
 
-/* Add squares of the differences in heading over a level turn where one corrects readings of the other, their mean removed;
- * returns the largest. */
+/* Add squares of differences in heading over a level turn, without their mean, if one calibration corrects readings of the
+ * other; returns the largest difference. */
 static real turned(const fl_surface *from, const fl_surface *to, real dip_deg, real *squares)
 {
     const real level = fl_cos(dip_deg / FL_TO_DEG), down = fl_sin(dip_deg / FL_TO_DEG);
@@ -65,7 +65,7 @@ static real turned(const fl_surface *from, const fl_surface *to, real dip_deg, r
     return worst;
 }
 
-/* Compare offsets and shapes with the sum of their covariances; sigma and bound of the heading follow of the same sum. */
+/* Compare offsets and shapes with the sum of their covariances, from which sigma and bound of the heading are computed. */
 static void by_chance(const sized *first, const sized *second, const fl_surface *middle, real dip_deg, flinders_difference *out)
 {
     real apart[9], sum[81], rms_deg;
@@ -80,7 +80,7 @@ static void by_chance(const sized *first, const sized *second, const fl_surface 
     out->bound_deg = out->freedom ? fl_heading_bound(middle, sum, dip_deg, NULL, &shared) : 0;
 }
 
-/* How far two calibrations of one sensor are apart. */
+/* Compare two calibrations of one sensor. */
 int flinders_compare(const flinders_calibrated *first, const flinders_calibrated *second, real dip_deg,
                      flinders_difference *out)
 {

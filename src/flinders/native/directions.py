@@ -1,4 +1,4 @@
-"""Calls of the engine about directions: those that readings cover, and where to turn next.
+"""Calls of the engine about directions: coverage of the sphere, and guidance where to turn next.
 
 >>> Directions().cells_of(np.eye(3)).tolist()
 [16, 24, 0]
@@ -25,7 +25,7 @@ class Directions(Library):
     """Coverage of the sphere, guidance and paths over it."""
 
     def believe(self, centre: Floats, shape: Floats, covariance: Floats, noise: float, counts: Floats) -> Records:
-        """What a fit claims: a row of `BELIEF`; counts (100,) of its readings are by cell of the sphere."""
+        """Make a row of `BELIEF`, the claim of a fit, with (100,) counts of its readings by cell of the sphere."""
         belief = blank(BELIEF)
         self._library.flinders_believe(
             row_of(centre), entries_of(shape), row_of(covariance), noise, row_of(counts), belief
@@ -33,28 +33,31 @@ class Directions(Library):
         return belief
 
     def rough(self, field: Floats) -> Records | None:
-        """A sphere through (N, 3) readings: a row of `BELIEF`; None where they do not tell its centre."""
+        """Make a row of `BELIEF` from a sphere through (N, 3) readings; None if they do not determine its centre."""
         belief = blank(BELIEF)
         return None if self._library.flinders_rough(row_of(field), len(field), belief) else belief
 
     def guidance(self, belief: Records, goal: Records, batch: float = 0.0) -> Records:
-        """Where a batch of readings would tell most: a row of `ADVICE`; a batch of 0 is a hundredth of those so far."""
+        """Make a row of `ADVICE`: the direction in which a batch of readings adds the most information.
+
+        `batch` is the number of readings in the batch; 0 stands for a hundredth of those so far.
+        """
         advice = blank(ADVICE)
         self._library.flinders_guidance(belief, goal, batch, advice)
         return advice
 
     def path(self, belief: Records, goal: Records, at: Floats, readings_per_deg: float) -> Records:
-        """The path of the field from a direction (3,) on: a row of `ROUTE`."""
+        """Make a row of `ROUTE`: the path of the field's direction from a (3,) direction on."""
         route = blank(ROUTE)
         self._library.flinders_path(belief, goal, row_of(at), readings_per_deg, route)
         return route
 
     def pose_towards(self, frame: int, goal: Records, direction: Floats) -> int:
-        """The simplest attitude of a frame, by its number, that meets the field near a direction (3,)."""
+        """Number of the simplest attitude of a frame, given by number, that puts the field near a (3,) direction."""
         return int(self._library.flinders_pose_towards(frame, goal, row_of(direction)))
 
     def pose(self, frame: int, pose: int) -> tuple[Floats, int]:
-        """(3,) what points down in an attitude of a frame, and how many angles have to be judged by eye."""
+        """(3,) down direction in an attitude of a frame, and the number of angles that are set by eye."""
         down = np.empty(3)
         return down, int(self._library.flinders_pose(frame, pose, down))
 
@@ -68,17 +71,18 @@ class Directions(Library):
         side: float = 0.0,
         within: float = math.inf,
     ) -> Records:
-        """Directions from the centre of an ellipsoid, in cells of the sphere: a row of `COVERAGE`.
+        """Make a row of `COVERAGE`: directions from the centre of an ellipsoid, counted in cells of the sphere.
 
         Parameters
         ----------
         means, readings : (K, 3), (K,) float
-            Mean of the readings of each cell of space, and how many there are.
+            Mean and number of the readings in each cell of raw space.
         centre, shape : (3,), (3, 3) array-like
+            Of the ellipsoid.
         side : float
-            Of these cells.
+            Side of the cells of raw space.
         within : float
-            Distance beyond which cells, less their side, hold outliers and are left out.
+            Distance from the ellipsoid, less the side, beyond which a cell holds outliers and is left out.
         """
         coverage, scratch = blank(COVERAGE), np.empty(6 * len(means))
         self._library.flinders_coverage_of_cells(
@@ -95,13 +99,13 @@ class Directions(Library):
         return coverage
 
     def cells_of(self, directions: Floats) -> NDArray[np.uint32]:
-        """(K,) which of the hundred cells of the sphere (K, 3) unit vectors fall into."""
+        """(K,) index of the cell of the sphere, 0 to 99, of each of (K, 3) unit vectors."""
         cells = np.empty(len(directions), np.uint32)
         self._library.flinders_cells_of(np.ascontiguousarray(directions, np.float64), len(directions), cells)
         return cells
 
     def facing(self, readings: Floats, dip_deg: float) -> tuple[float, bool]:
-        """The dip with the sign that (100,) readings in each cell show, and whether they leave both signs open."""
+        """Dip with its sign by (100,) counts of readings in each cell, and whether both signs are possible."""
         is_open = np.zeros(1, np.int32)
         facing = self._library.flinders_facing(np.ascontiguousarray(readings, np.float64), dip_deg, is_open)
         return float(facing), bool(is_open[0])

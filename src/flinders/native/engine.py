@@ -1,4 +1,4 @@
-"""Calls the engine: recordings in, one table of records out. Its methods are in a module for each purpose.
+"""The engine as one class: takes recordings and returns records. Its methods are in one module for each purpose.
 
 >>> import numpy as np
 >>> rng = np.random.default_rng(1)
@@ -20,7 +20,7 @@ from flinders.native.online import Online
 
 
 class Engine(Fits, Judgements, Faults, Directions, Online):
-    """A compiled engine.
+    """The compiled engine.
 
     Parameters
     ----------
@@ -30,9 +30,9 @@ class Engine(Fits, Judgements, Faults, Directions, Online):
     Raises
     ------
     NoEngine
-        Where it has to be compiled and cannot be.
+        If the engine must be compiled and cannot be.
     RuntimeError
-        Where a library is of another version.
+        If the library is of another version.
 
     Examples
     --------
@@ -49,5 +49,5 @@ class Engine(Fits, Judgements, Faults, Directions, Online):
 
 @cache
 def engine() -> Engine:
-    """The engine of this process, compiled where it has to be."""
+    """The engine of this process, which is compiled if needed."""
     return Engine()

@@ -1,4 +1,4 @@
-"""Calls of the engine that look for faults of a recording: outliers, drift, disturbances, exchanged axes, no turn.
+"""Calls of the engine that find faults of a recording: outliers, drift, disturbances, exchanged axes, no motion.
 
 >>> far = np.repeat([False, True, False], [50, 20, 50])
 >>> int(Faults().left_out(far, 5).sum())
@@ -25,11 +25,11 @@ if TYPE_CHECKING:
 Answer = Literal["holds", "fails", "cannot-tell"]
 
 ANSWERS: Final[tuple[Answer, ...]] = ("holds", "fails", "cannot-tell")
-"""Whether a calibration holds, in the order of flinders.h."""
+"""Answers to the question whether a calibration still holds, in the order of flinders.h."""
 
 
 class Faults(Library):
-    """Faults of recordings, and how far calibrations are apart."""
+    """Faults of recordings, and differences of calibrations."""
 
     def compare(
         self,
@@ -38,12 +38,12 @@ class Faults(Library):
         *,
         dip_deg: float,
     ) -> Records:
-        """How far two calibrations of one sensor are apart: a row of `DIFFERENCE`.
+        """Compare two calibrations of one sensor: a row of `DIFFERENCE`.
 
         Parameters
         ----------
         first, second : ((3,) float, (3, 3) float, (9, 9) float, float)
-            Centre, shape, claimed covariance, and the strength of its field, 0 where that is not known.
+            Centre, shape, claimed covariance, and the strength of the field, 0 if not known.
         dip_deg : float
             Inclination of the field.
         """
@@ -57,7 +57,7 @@ class Faults(Library):
     def answer(
         self, worst_deg: float, *, sigma_deg: float, bound_deg: float, p_value: float, target_deg: float
     ) -> Answer:
-        """Whether a heading difference is within a target, by what it may err by: 1 σ and, at all headings, 95 %.
+        """Whether a heading difference is within a target, given its 1 σ and the 95 % bound at all headings.
 
         >>> claim = {"sigma_deg": 0.2, "bound_deg": 0.4, "p_value": 1e-6, "target_deg": 1.0}
         >>> [Faults().answer(worst_deg, **claim) for worst_deg in (0.5, 0.8, 1.2, 1.4)]
@@ -67,13 +67,14 @@ class Faults(Library):
         return ANSWERS[place]
 
     def drift(self, field: ArrayLike, centre: ArrayLike, shape: ArrayLike, *, dip_deg: float = 60.0) -> Records:
-        """A record with the fields ``drift_…``: a steady change of readings about a known ellipsoid.
+        """Make a record with the fields ``drift_…``: a steady change of the offset, for a known ellipsoid.
 
         Parameters
         ----------
         field : (N, 3) array-like
-            In the order of recording.
+            Readings in the order of recording.
         centre, shape : (3,), (3, 3) array-like
+            Of the ellipsoid.
         dip_deg : float
             Inclination of the field, -89 to 89.
         """
@@ -99,11 +100,13 @@ class Faults(Library):
         Parameters
         ----------
         field : (N, 3) array-like
+            Readings.
         values : (N,) array-like
-            Of the disturbance, NaN where it is not known.
+            Values of the disturbance, NaN if not known.
         centre, shape : (3,), (3, 3) array-like
+            Of the ellipsoid.
         limit : float
-            Distance beyond which readings are left out.
+            Distance from the ellipsoid beyond which readings are left out.
         """
         readings = np.ascontiguousarray(field, dtype=np.float64).reshape(-1, 3)
         regression, (workspace, size) = blank(DISTURBANCE), self._workspace(len(readings))
@@ -121,18 +124,21 @@ class Faults(Library):
         return regression
 
     def distances(self, field: ArrayLike, record: Records) -> Floats:
-        """(N,) Sampson distances of readings from the surface of a record."""
+        """(N,) Sampson distances of (N, 3) readings from the ellipsoid of a record."""
         readings = np.ascontiguousarray(field, dtype=np.float64).reshape(-1, 3)
         out, row = np.full(len(readings), math.nan), np.array(record, dtype=RECORD)
         self._library.flinders_distances(readings, len(readings), row, out)
         return out
 
     def dense(self, far: NDArray[np.bool_], rows: int) -> int:
-        """Fewest far readings of a window that make a run in a recording of so many rows, given (N,) which are far."""
+        """Smallest number of far readings in a window that make a run of outliers.
+
+        `far` tells which of N readings are far from the ellipsoid, `rows` is the length of the recording.
+        """
         return int(self._library.flinders_dense(np.ascontiguousarray(far), len(far), rows, np.empty(len(far), bool)))
 
     def left_out(self, far: NDArray[np.bool_], dense: int) -> NDArray[np.bool_]:
-        """(N,) readings that are far, in a run of `dense` far ones or within a margin of it; from (N,) far ones."""
+        """(N,) outliers from (N,) `far`: far readings, and all readings in or near a run of `dense` far ones."""
         left_out = np.empty(len(far), dtype=bool)
         self._library.flinders_left_out(np.ascontiguousarray(far), len(far), dense, left_out)
         return left_out
@@ -145,17 +151,20 @@ class Faults(Library):
         rows: tuple[NDArray[np.int64], NDArray[np.int64]],
         times: tuple[Floats, Floats] | None,
     ) -> Records:
-        """Runs of readings that are left out, behind those that there are.
+        """Append runs of outliers to a list of runs.
 
         Parameters
         ----------
         runs : (R,) of `OUTLIER`
-            Those before.
+            Earlier runs.
         distances : (N,) float
-            From the surface.
+            Distances of the readings from the surface.
         left_out : (N,) bool
-        rows, times : ((N,), (N,))
-            First and last row of each reading among those that were read, and the times of these.
+            Whether each reading is an outlier.
+        rows : ((N,), (N,)) int
+            First and last row of each reading in the recording; a rest has several rows.
+        times : ((N,), (N,)) float, s, or None
+            Times of these rows.
         """
         room = np.empty(constant("OUTLIERS"), OUTLIER)
         room[: len(runs)] = runs
@@ -168,16 +177,16 @@ class Faults(Library):
         return room[:count].copy()
 
     def axis_swap(self, field: ArrayLike, noise: float, noise_limit: float) -> tuple[Records, NDArray[np.int64]]:
-        """Axes that changed, a row of `AXIS_CHANGE`, and the rows behind the moments at which they did.
+        """Find exchanges of axes during a recording: a row of `AXIS_CHANGE`, and the first row after each exchange.
 
         Parameters
         ----------
         field : (N, 3) array-like
-            In the order of recording.
+            Readings in the order of recording.
         noise : float
-            Of the readings that a fit keeps; infinite where it is not known.
+            Noise of the readings without outliers; infinite if not known.
         noise_limit : float
-            Largest noise of readings whose axes did not change, as a share of the radius.
+            Largest noise of readings without an exchange, relative to the radius.
         """
         readings = np.ascontiguousarray(field, dtype=np.float64).reshape(-1, 3)
         size = int(self._library.flinders_swap_workspace_size(len(readings)))
@@ -186,16 +195,16 @@ class Faults(Library):
         return change, moments[: int(change["moments"])].copy()
 
     def unmoved_deg(self, means: Floats, readings: float, strengths: tuple[float, float]) -> float:
-        """Angle within which all readings of a sensor lie that was hardly turned; NaN of one that was.
+        """Angle in degrees that contains all readings of a sensor that was hardly turned; NaN if it was turned.
 
         Parameters
         ----------
         means : (K, 3) float
-            Of the readings of each cell.
+            Mean of the readings in each cell of raw space.
         readings : float
-            In all cells.
+            Number of readings in all cells.
         strengths : (float, float)
-            Weakest and strongest field, in the unit of the readings; 0 and infinity where nothing is known of it.
+            Weakest and strongest possible field, in the unit of the readings; 0 and infinity if not known.
         """
         angle = np.empty(1)
         self._library.flinders_unmoved_cells(
@@ -204,16 +213,19 @@ class Faults(Library):
         return float(angle[0])
 
     def turned(self, records: Records, strengths: tuple[float, float]) -> NDArray[np.bool_]:
-        """Whether each record shows a turn out of one plane, at no rail; strengths are as of `unmoved_deg`."""
+        """Whether each record is of a sensor that was turned, out of one plane and without rails.
+
+        `strengths` are as in `unmoved_deg`.
+        """
         turned = np.empty(records.shape, dtype=bool)
         self._library.flinders_turned(np.ascontiguousarray(records), records.size, *strengths, turned)
         return turned
 
     def levelness(self, acceleration: Floats) -> int:
-        """What (N, 3) accelerations show of a level turn about z, for the option ``level`` of a fit: 0, 1 or 2."""
+        """Value 0, 1 or 2 of the option ``level`` of a fit, by (N, 3) accelerations during a turn about z."""
         felt = np.ascontiguousarray(acceleration, np.float64)
         return int(self._library.flinders_levelness(felt, len(felt)))
 
     def is_level(self, covariance: ArrayLike, noise: float, within: float) -> bool:
-        """Whether readings of a (3, 3) covariance lie in a plane across z, within a multiple of their noise."""
+        """Whether readings with a (3, 3) covariance are in a plane perpendicular to z, within a multiple of `noise`."""
         return bool(self._library.flinders_is_level(entries_of(covariance), noise, within))

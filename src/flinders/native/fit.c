@@ -1,12 +1,12 @@
-/* From readings to a fit: what is refused, sums and start, the likelihood, and a majority where residuals ask for it. */
+/* Steps of a fit: checks of readings, sums and start, likelihood, and a majority if residuals have outliers. */
 #include "record.h"
 #include "sums.h"
 
-enum { FEW_STEPS = 2, MORE_STEPS = 8 }; /* after which outliers are looked for, as they make for many; more of flat readings */
-#define THICK ((real)0.1) /* least variance of readings, over the largest, that is none of flat ones */
+enum { FEW_STEPS = 2, MORE_STEPS = 8 }; /* steps before a search for outliers, which cause many; for flat readings */
+#define THICK ((real)0.1) /* smallest ratio of variances of readings that are not flat */
 
-/* Of the noise of all readings, that of a majority which a load left alone. Of 1,200 simulated recordings of a minute or
- * of 12 s with slow noise and no load, 14 are below it (tests/estimators/test_switched_load.py). */
+/* Largest ratio of the noise of a majority without a load to that of all readings. Of 1,200 simulated recordings of a minute
+ * or of 12 s with slow noise and no load, 14 are below it (tests/estimators/test_switched_load.py). */
 #define QUIETER ((real)0.75)
 
 /* Fill options with their defaults. */
@@ -29,7 +29,7 @@ void flinders_default_options(flinders_options *options)
     options->level = 1;
 }
 
-/* A status in words. */
+/* Message of a status. */
 const char *flinders_message(int status)
 {
     static const char *const MESSAGES[] = {
@@ -47,7 +47,7 @@ const char *flinders_message(int status)
     return status >= 0 && status < (int)(sizeof MESSAGES / sizeof *MESSAGES) ? MESSAGES[status] : "unknown status";
 }
 
-/* Nothing is known yet. */
+/* Fill a record with unknown numbers. */
 void fl_clear_record(flinders_record *record)
 {
     real *numbers = record->centre;
@@ -61,7 +61,7 @@ void fl_clear_record(flinders_record *record)
     for (int i = 0; i < 6; i++) record->first_swap[i] = -1;
 }
 
-/* The smallest power of two that is at least a number. */
+/* Smallest power of two that is not below a number. */
 static real power_of_two_above(real value)
 {
     int exponent;
@@ -69,10 +69,10 @@ static real power_of_two_above(real value)
     return fl_ldexp(1, exponent - (mantissa == (real)0.5));
 }
 
-/* A record in which nothing is known, for callers. */
+/* The same for callers. */
 void flinders_clear_record(flinders_record *record) { fl_clear_record(record); }
 
-/* Put a surface into a record. */
+/* Write a surface to a record. */
 void fl_place(const fl_surface *surface, flinders_record *record)
 {
     memcpy(record->centre, surface->centre, sizeof record->centre);
@@ -80,7 +80,7 @@ void fl_place(const fl_surface *surface, flinders_record *record)
     record->radius = surface->radius;
 }
 
-/* What sums alone say: mean, spread and principal variances. */
+/* Write statistics of the sums: mean, spread and principal variances. */
 void fl_place_sums(const flinders_sums *sums, flinders_record *record)
 {
     real covariance[6];
@@ -95,7 +95,7 @@ void fl_place_sums(const flinders_sums *sums, flinders_record *record)
         if (record->principal_variances[i] < 0) record->principal_variances[i] = 0;
 }
 
-/* Why a method refuses readings; it needs at least `fewest` of them, and the first `axes` axes have to change. */
+/* Error of readings for a method that requires at least `fewest` of them, and variation of the first `axes` axes. */
 static int refused(const flinders_record *record, const flinders_options *options, int fewest, int axes)
 {
     real largest = 0, size = 0;
@@ -115,7 +115,7 @@ static int refused(const flinders_record *record, const flinders_options *option
     return fl_sqrt(size) > 1000 * record->spread ? FLINDERS_UNMOVED : FLINDERS_OK;
 }
 
-/* Sums about a round number near the middle: no digit is lost to an offset, and they still add. */
+/* Sums about a rounded number near the mean: without loss of precision by an offset, and additive. */
 static void sum_up(const fl_kernels *kernels, const real *field, size_t rows, flinders_record *record)
 {
     const fl_view view = {field, rows, NULL, 1};
@@ -133,7 +133,7 @@ static void sum_up(const fl_kernels *kernels, const real *field, size_t rows, fl
     fl_place_sums(&sums, record);
 }
 
-/* Put a fit into a record, but for what correlated residuals add to its covariance. */
+/* Write a fit to a record, without the effect of correlated residuals on its covariance. */
 void fl_place_fit(const fl_fit *fit, flinders_record *record)
 {
     fl_place(&fit->surface, record);
@@ -145,14 +145,14 @@ void fl_place_fit(const fl_fit *fit, flinders_record *record)
     memcpy(record->textbook, fit->covariance, sizeof record->textbook);
 }
 
-/* Fit the majority alone, from a start of its own or NULL. Nonzero where none is found or, if it has to prove itself, it is
- * not clearly quieter than all readings: none is rejected then. */
+/* Fit the majority alone, from its own start or NULL. Nonzero if there is none, or, if a test is required, its noise is not
+ * much smaller than that of all readings: then none is rejected. */
 static int fit_majority(const fl_kernels *kernels, fl_view *view, const flinders_options *options, const fl_surface *start,
                         int asks, const fl_room *room, fl_fit *fit, fl_majority *majority)
 {
     const fl_surface of_all = fit->surface;
     const real noise = fit->noise;
-#ifdef FLINDERS_SMALL /* no room for two: that of all readings is made again */
+#ifdef FLINDERS_SMALL /* no memory for two: the fit to all readings is repeated */
     fl_fit *const most = fit;
 #else
     fl_fit other, *const most = &other;
@@ -168,8 +168,8 @@ static int fit_majority(const fl_kernels *kernels, fl_view *view, const flinders
     return status == FLINDERS_OK ? FLINDERS_NOT_AN_ELLIPSOID : status;
 }
 
-/* Fit all readings from a start, then the majority alone where that is asked for, or residuals ask and there is one. The
- * majority has a start of its own, or NULL for that through a few readings. */
+/* Fit all readings from a start, then the majority alone if requested, or if residuals have outliers and there is one. The
+ * majority has its own start, or NULL for one through a few readings. */
 int fl_fit_majority(const fl_kernels *kernels, fl_view *view, const flinders_options *options, const fl_surface *start,
                     const fl_surface *start_of_majority, const fl_room *room, fl_fit *fit, fl_majority *majority)
 {
@@ -179,7 +179,7 @@ int fl_fit_majority(const fl_kernels *kernels, fl_view *view, const flinders_opt
     int status = fl_polish(kernels, view, options, start, looks_early ? few : FL_STEPS, room->some, fit);
     fit->has_distances = 0;
     int asks = may_ask && status == FLINDERS_OK ? fl_asks_for_robust(kernels, view, fit, room) : 0;
-    if (looks_early && status == FLINDERS_OK && fit->steps == few) { /* it goes on from where it stands */
+    if (looks_early && status == FLINDERS_OK && fit->steps == few) { /* continues from its last step */
         if (asks == 1 && !fit_majority(kernels, view, options, NULL, asks, room, fit, majority)) return FLINDERS_OK;
         const fl_surface so_far = fit->surface;
         status = fl_polish(kernels, view, options, &so_far, FL_STEPS - few, room->some, fit);
@@ -192,7 +192,7 @@ int fl_fit_majority(const fl_kernels *kernels, fl_view *view, const flinders_opt
     return options->robust == 2 ? found : status;
 }
 
-/* The same, of a record whose sums there are. */
+/* The same for a record with sums. */
 int fl_fit_from(const fl_kernels *kernels, fl_view *view, const flinders_options *options, const fl_surface *start,
                 const fl_surface *start_of_majority, const fl_room *room, fl_fit *fit, flinders_record *record)
 {
@@ -209,7 +209,7 @@ int fl_fit_from(const fl_kernels *kernels, fl_view *view, const flinders_options
     return status;
 }
 
-/* Make one reading of each rest: the view, and times and ends of a room, are those of the readings then. */
+/* Average each rest: changes the view, and times and ends of the workspace. */
 static void leave_rests(fl_view *view, fl_room *room, flinders_record *record)
 {
     fl_rests rests;
@@ -227,7 +227,7 @@ static void leave_rests(fl_view *view, fl_room *room, flinders_record *record)
     record->fitted_distinct = record->distinct ? fl_distinct(view->field, view->rows, room) : 0;
 }
 
-/* Where a fit begins: about what is known beforehand, else where sums say. */
+/* Start of a fit: about the prior, or else from sums. */
 static int start_of(const fl_view *view, const flinders_options *options, const flinders_record *record, fl_surface *start)
 {
     flinders_sums sums;
@@ -241,8 +241,8 @@ static int start_of(const fl_view *view, const flinders_options *options, const 
     return fl_start(&sums, start, &noise);
 }
 
-/* Look at the readings of a view in borrowed memory: what they say of themselves, each rest made one or none, and sums. A
- * method needs at least `fewest` different ones, and the first `axes` axes have to change. */
+/* Prepare the readings of a view in the workspace: statistics, averaging of rests, and sums. A method requires at least
+ * `fewest` different ones, and variation of the first `axes` axes. */
 int fl_look(const fl_kernels *kernels, fl_view *view, const flinders_options *options, int fewest, int axes, fl_room *room,
             flinders_record *record)
 {
@@ -259,7 +259,7 @@ int fl_look(const fl_kernels *kernels, fl_view *view, const flinders_options *op
     return refused(record, options, fewest, axes);
 }
 
-/* Fit all readings that were looked at, or what remains of them without outliers. */
+/* Fit all prepared readings, or those without outliers. */
 int fl_fit_looked(const fl_kernels *kernels, fl_view *view, const flinders_options *options, fl_room *room, fl_fit *fit,
                   flinders_record *record)
 {
@@ -273,7 +273,7 @@ int fl_fit_looked(const fl_kernels *kernels, fl_view *view, const flinders_optio
     return status;
 }
 
-/* Look at the readings of a view, then fit an ellipsoid to them. */
+/* Prepare the readings of a view, then fit an ellipsoid to them. */
 int fl_fit_view(const fl_kernels *kernels, fl_view *view, const flinders_options *options, fl_room *room, fl_fit *fit,
                 flinders_record *record)
 {

@@ -1,4 +1,4 @@
-"""Calls of the engine that fit: one recording, many, sums that add, an earlier calibration, the field of a site.
+"""Calls of the engine that fit: one recording, many recordings, sums, an earlier calibration, the field of a site.
 
 >>> float(Fits().sums(np.eye(3))["sums"][0])
 3.0
@@ -29,14 +29,16 @@ class Fits(Library):
     def fit(
         self, field: ArrayLike, *, time: ArrayLike | None = None, ends: ArrayLike | None = None, **options: float
     ) -> Records:
-        """Fit one recording: the record, a row of `RECORD`; its ``status`` says whether there is a fit.
+        """Fit one recording: a row of `RECORD`; its ``status`` is 0 if the fit succeeded.
 
         Parameters
         ----------
         field : (N, 3) array-like
+            Readings in the order of recording.
         time : (N,) array-like, s, optional
+            Time of each reading.
         ends : (P,) array-like of int, optional
-            Where each of several recordings ends that the readings are: nothing that follows their order goes across.
+            Row after the end of each of P joined recordings; statistics of the order do not cross these ends.
         **options
             Fields of ``flinders_options``: prior, dip_deg, robust, kernels, statistics, rests, level, bias_correction.
         """
@@ -45,7 +47,7 @@ class Fits(Library):
     def fit_level(
         self, field: ArrayLike, *, time: ArrayLike | None = None, ends: ArrayLike | None = None, **options: float
     ) -> Records:
-        """Fit the ellipse of a level turn to x and y of one recording; parameters and record are as of `fit`."""
+        """Fit the ellipse of a level turn to x and y of one recording; parameters and record are as in `fit`."""
         return self._fitted(self._library.flinders_fit_level, field, time, ends, options)
 
     def _fitted(
@@ -56,7 +58,7 @@ class Fits(Library):
         ends: ArrayLike | None,
         options: dict[str, float],
     ) -> Records:
-        """The record that a function of the library makes of one recording."""
+        """Call a function of the library that fits one recording, and return its record."""
         readings = np.ascontiguousarray(field, dtype=np.float64).reshape(-1, 3)
         times = None if time is None else np.ascontiguousarray(time, dtype=np.float64)
         parts = None if ends is None else np.ascontiguousarray(ends, dtype=np.int64)
@@ -77,15 +79,15 @@ class Fits(Library):
     def fit_many(
         self, field: ArrayLike, offsets: ArrayLike, *, time: ArrayLike | None = None, **options: float
     ) -> Records:
-        """Fit recordings that stand one behind the other: (R,) records for (R + 1,) offsets of their rows."""
+        """Fit R concatenated recordings: (R,) records; (R + 1,) `offsets` are their first rows and the last end."""
         readings = np.ascontiguousarray(field, dtype=np.float64).reshape(-1, 3)
         bounds = np.ascontiguousarray(offsets, dtype=np.int64)
         lengths = np.diff(bounds)
         if len(bounds) < 1 or bounds[0] < 0 or bounds[-1] > len(readings) or (lengths < 0).any():
-            raise ValueError(f"offsets have to ascend from 0 to {len(readings)}, the number of readings")
+            raise ValueError(f"offsets must ascend from 0 to {len(readings)}, the number of readings")
         times = None if time is None else np.ascontiguousarray(time, dtype=np.float64)
         if times is not None and times.shape != (len(readings),):
-            raise ValueError(f"{len(readings)} readings have times of shape {times.shape}: give one each")
+            raise ValueError(f"times of {len(readings)} readings have shape {times.shape}: give one time for each")
         records = np.zeros(len(lengths), dtype=RECORD)
         workspace, size = self._workspace(int(lengths.max(initial=0)))
         self._library.flinders_fit_many(
@@ -101,15 +103,16 @@ class Fits(Library):
         return records
 
     def rests(self, field: ArrayLike, *, ends: ArrayLike | None = None) -> tuple[NDArray[np.int64], bool]:
-        """(R, 2) first row, and row behind the last, of each interval in which the direction stands still.
+        """(R, 2) first row and row after the last of each rest, an interval of constant direction.
 
-        And whether a fit leaves them out: else each is one reading of it.
+        And whether a fit leaves rests out; otherwise each rest is one reading in the fit.
 
         Parameters
         ----------
         field : (N, 3) array-like
+            Readings in the order of recording.
         ends : (P,) array-like of int, optional
-            As of `fit`.
+            As in `fit`.
         """
         readings = np.ascontiguousarray(field, dtype=np.float64).reshape(-1, 3)
         parts = None if ends is None else np.ascontiguousarray(ends, dtype=np.int64)
@@ -121,17 +124,18 @@ class Fits(Library):
     def polish(
         self, field: ArrayLike, centre: ArrayLike, shape: ArrayLike, *, ends: ArrayLike | None = None, **options: float
     ) -> Records:
-        """Fit from a known start, without a look for outliers; its ``status`` says whether there is a fit.
+        """Fit from a given start, without removal of outliers; the record's ``status`` is 0 if the fit succeeded.
 
         Parameters
         ----------
         field : (N, 3) array-like
+            Readings in the order of recording.
         centre, shape : (3,), (3, 3) array-like
-            The start.
+            The ellipsoid to start from.
         ends : (P,) array-like of int, optional
-            Where each of several recordings ends that the readings are: nothing that follows their order goes across.
+            As in `fit`.
         **options
-            As of `fit`.
+            As in `fit`.
         """
         readings = np.ascontiguousarray(field, dtype=np.float64)
         parts = None if ends is None else np.ascontiguousarray(ends, dtype=np.int64)
@@ -161,20 +165,20 @@ class Fits(Library):
         strength_ratio: float = 1.0,
         soft_iron_sigma: float = 0.0,
     ) -> Records:
-        """A row of `EARLIER`: what an earlier calibration tells of a sensor whose hard iron has changed.
+        """Make a row of `EARLIER`: an earlier calibration as prior knowledge of a sensor whose hard iron has changed.
 
         Parameters
         ----------
         centre, shape : (3,), (3, 3) array-like
-            As they were.
+            Of the earlier calibration.
         covariance : (9, 9) float, optional
-            Of its offset and shape; None where it states none.
+            Of the earlier centre and shape; None if not stated.
         distortion : float
-            Of its record.
+            Field ``distortion`` of the earlier record.
         strength_ratio : float
-            Of the field, over that of then.
+            Strength of the field relative to that of the earlier recording.
         soft_iron_sigma : float
-            Share by which the soft iron may have changed, 1 σ.
+            Relative change of the soft iron since then, 1 σ.
         """
         earlier, known = blank(EARLIER), None if covariance is None else row_of(covariance)
         options = distortion, strength_ratio, soft_iron_sigma
@@ -182,21 +186,22 @@ class Fits(Library):
         return earlier
 
     def allow_change(self, earlier: Records) -> Records:
-        """A copy of a row of `EARLIER` that allows the soft iron to have changed by 5 %, 1 σ."""
+        """Copy of a row of `EARLIER` that allows a change of the soft iron by 5 %, 1 σ."""
         freer = earlier.copy()
         self._library.flinders_allow_change(freer)
         return freer
 
     def soft_iron_p_value(self, earlier: Records, shape: ArrayLike, textbook: Floats, covariance: Floats) -> float:
-        """How often chance alone makes a fit contradict the earlier soft iron as much.
+        """Probability that a fit contradicts the earlier soft iron as much by chance.
 
         Parameters
         ----------
         earlier : row of `EARLIER`
+            The earlier calibration.
         shape : (3, 3) array-like
-            That a fit has found with `allow_change`.
+            Result of a fit with `allow_change`.
         textbook, covariance : (9, 9) float
-            Of it, for independent residuals and as they are.
+            Covariance of that fit for independent residuals, and for the residuals as they are.
         """
         return float(
             self._library.flinders_soft_iron_p_value(earlier, entries_of(shape), row_of(textbook), row_of(covariance))
@@ -205,15 +210,18 @@ class Fits(Library):
     def refresh(
         self, field: ArrayLike, earlier: Records, *, time: ArrayLike | None = None, **options: float
     ) -> Records:
-        """Renew an earlier calibration: the record of a fit whose shape is known, as it was or as it has changed.
+        """Renew an earlier calibration: the record of a fit with the earlier shape, which may have changed.
 
         Parameters
         ----------
         field : (N, 3) array-like
+            Readings in the order of recording.
         earlier : row of `EARLIER`
+            The earlier calibration.
         time : (N,) array-like, s, optional
+            Time of each reading.
         **options
-            As of `fit`.
+            As in `fit`.
         """
         readings = np.ascontiguousarray(field, dtype=np.float64).reshape(-1, 3)
         times = None if time is None else np.ascontiguousarray(time, dtype=np.float64)
@@ -223,18 +231,18 @@ class Fits(Library):
         return record
 
     def turn_deg(self, field: ArrayLike, shape: ArrayLike) -> float:
-        """Largest angle of (N, 3) readings from their mean, degrees, by a known (3, 3) shape."""
+        """Largest angle in degrees between (N, 3) readings and their mean direction, by a known (3, 3) shape."""
         readings = np.ascontiguousarray(field, dtype=np.float64).reshape(-1, 3)
         return float(self._library.flinders_turn_deg(readings, len(readings), entries_of(shape)))
 
     def sums(self, field: ArrayLike = (), *, origin: ArrayLike = (0.0, 0.0, 0.0), scale: float = 1.0) -> Records:
-        """Sums of powers of readings about an origin, to which `add` adds."""
+        """Make a row of `SUMS`: sums of monomials of (N, 3) readings about an origin, divided by `scale`."""
         sums = blank(SUMS)
         self._library.flinders_sums_begin(sums, np.array(origin, dtype=np.float64), scale)
         return self.add(sums, field)
 
     def add(self, sums: Records, field: ArrayLike) -> Records:
-        """Add readings to sums, in place; raises ValueError for values that are not finite."""
+        """Add (N, 3) readings to a row of `SUMS` in place; raises ValueError for values that are not finite."""
         readings = np.ascontiguousarray(field, dtype=np.float64).reshape(-1, 3)
         status = self._library.flinders_sums_add(sums, readings, len(readings))
         if status:
@@ -242,19 +250,22 @@ class Fits(Library):
         return sums
 
     def merge(self, sums: Records, other: Records) -> Records:
-        """Add other sums to sums, in place."""
+        """Add `other` to `sums` in place; both are rows of `SUMS`."""
         self._library.flinders_sums_merge(sums, other)
         return sums
 
     def solve(self, sums: ArrayLike, *, origin: ArrayLike = (0.0, 0.0, 0.0), unit: float = 1.0) -> Records:
-        """The consistent fit of (35,) sums about an origin, of readings over a unit: the record."""
+        """Fit an ellipsoid to (35,) sums by the consistent method: the record.
+
+        The sums are those of readings about `origin`, divided by `unit`.
+        """
         record, row = blank(RECORD), blank(SUMS)
         row["sums"], row["origin"], row["scale"] = sums, origin, unit
         self._library.flinders_sums_solve(row, record)
         return record
 
     def site(self, **known: float | None) -> Records:
-        """What is known of the field of a place: a row of `SITE`; None is not known."""
+        """Make a row of `SITE`, the known field of a place; None stands for an unknown value."""
         site = blank(SITE)
         self._library.flinders_default_site(site)
         for name, number in known.items():
@@ -267,22 +278,23 @@ class Fits(Library):
         self._library.flinders_vertical_add(readings, felt, len(readings), record, vertical)
 
     def plane_of(self, field: Floats, centre: Floats, noise: float) -> Records:
-        """The plane of (N, 3) readings of a level turn about a centre (2,): a row of `HEIGHTS`."""
+        """Make a row of `HEIGHTS`: the plane of (N, 3) readings of a level turn about a (2,) centre."""
         readings, heights, (workspace, size) = row_of(field), blank(HEIGHTS), self._workspace(len(field))
         middle = row_of(centre)
         self._require(self._library.flinders_plane_of(readings, len(field), middle, noise, workspace, size, heights))
         return heights
 
     def at_site(self, record: Records, site: Records, field: Floats, vertical: Records | None = None) -> bool:
-        """Let the field of a site count in a record, in place, and say whether its strength was used.
+        """Update a record in place by the known field of a site; returns whether its strength was used.
 
         Parameters
         ----------
         record, site : row of `RECORD`, row of `SITE`
+            The fit, and the field of the site.
         field : (N, 3) float
-            Readings that the fit goes by; of a level turn alone.
+            Readings in the fit; needed for a level turn only.
         vertical : row of `VERTICAL`, optional
-            What an accelerometer shows.
+            Sums of accelerometer readings of a level turn.
         """
         readings, (workspace, size) = row_of(field), self._workspace(len(field))
         self._require(self._library.flinders_at_site(readings, len(field), vertical, site, workspace, size, record))

@@ -1,4 +1,4 @@
-/* From an uncertain calibration to degrees: heading of a level vehicle, and direction of the field. */
+/* Errors in degrees from the covariance of a calibration: heading of a level vehicle, and direction of the field. */
 #include "internal.h"
 
 enum { DIRECTIONS = 400 };
@@ -15,7 +15,7 @@ static void gathered(const real v[3], const real u[3], real row[9])
     row[8] = v[1] * u[2] + v[2] * u[1];
 }
 
-/* The rotation that brings +z onto `down`, and turns as little as it can; over the x axis where down points up. */
+/* Smallest rotation of +z to `down`; about the x axis if down is -z. */
 void fl_upright(const real down[3], real turn[9])
 {
     const real length = fl_sqrt(down[0] * down[0] + down[1] * down[1] + down[2] * down[2]);
@@ -27,8 +27,8 @@ void fl_upright(const real down[3], real turn[9])
     memcpy(turn, rotation, sizeof rotation);
 }
 
-/* Rows (9, FL_HEADINGS) of what each parameter does to the heading of a level vehicle, without its mean; `turn` brings +z
- * onto what is down, NULL where that is +z. A row begins `stride` numbers after the one before it. */
+/* Derivatives (9, FL_HEADINGS) of the heading of a level vehicle by the parameters, without their mean; `turn` rotates +z to
+ * the down direction, NULL for +z. Rows are `stride` numbers apart. */
 void fl_level_rows_about(const fl_surface *surface, real dip_deg, const real *turn, real *rows, int stride)
 {
     const real dip = dip_deg / FL_TO_DEG, flat = fl_cos(dip), height = fl_sin(dip);
@@ -62,7 +62,7 @@ void fl_level_rows(const fl_surface *surface, real dip_deg, real rows[9][FL_HEAD
     fl_level_rows_about(surface, dip_deg, NULL, rows[0], FL_HEADINGS);
 }
 
-/* Three rows of what each parameter does to the corrected field at a direction u: those of (1 − uuᵀ) S⁻¹. */
+/* Derivatives of the corrected field in a direction u by the parameters: rows of (1 − uuᵀ) S⁻¹. */
 void fl_direction_rows(const fl_surface *surface, const real direction[3], real rows[3][9])
 {
     for (int axis = 0; axis < 3; axis++) {
@@ -73,12 +73,13 @@ void fl_direction_rows(const fl_surface *surface, const real direction[3], real 
     }
 }
 
-/* Heading error of a level vehicle, 1 sigma: over all headings and at the worst; its mean is a matter of mounting. */
+/* Heading error of a level vehicle, 1 sigma: rms over all headings, and at the worst; without its mean, which depends on the
+ * mounting. */
 void fl_level_errors(const fl_surface *surface, const real covariance[81], real dip_deg, real *rms, real *worst)
 {
     real rows[9][FL_HEADINGS], variances[FL_HEADINGS] = {0}, part[FL_HEADINGS], sum = 0, largest = 0;
     fl_level_rows(surface, dip_deg, rows);
-    for (int i = 0; i < 9; i++) { /* rᵀ C r of all headings side by side */
+    for (int i = 0; i < 9; i++) { /* rᵀ C r for all headings */
         for (int k = 0; k < FL_HEADINGS; k++) part[k] = covariance[10 * i] * rows[i][k] / 2;
         for (int j = 0; j < i; j++)
             for (int k = 0; k < FL_HEADINGS; k++) part[k] += covariance[9 * i + j] * rows[j][k];
@@ -93,7 +94,7 @@ void fl_level_errors(const fl_surface *surface, const real covariance[81], real 
     *worst = FL_TO_DEG * fl_sqrt(largest);
 }
 
-/* Error of a level vehicle at the worst heading, without its mean, that a change of the parameters makes. */
+/* Heading error of a level vehicle by a change of the parameters, at the worst heading, without its mean. */
 real fl_level_change(const fl_surface *surface, const real change[9], real dip_deg)
 {
     real rows[9][FL_HEADINGS], errors[FL_HEADINGS] = {0}, worst = 0;
@@ -146,7 +147,7 @@ static inline real variance_across(const real c[144], const real u[3])
     return variance > 0 ? variance : 0;
 }
 
-/* Error of the direction of the corrected field, 1 sigma: over the whole sphere and in the worst of 400 directions. */
+/* Error of the direction of the corrected field, 1 sigma: rms over the sphere, and in the worst of 400 directions. */
 void fl_direction_errors(const fl_surface *surface, const real covariance[81], real *rms, real *worst)
 {
     real c[144], sum = 0, largest = 0;
@@ -167,7 +168,7 @@ void fl_direction_errors(const fl_surface *surface, const real covariance[81], r
     *worst = FL_TO_DEG * fl_sqrt(largest);
 }
 
-/* Errors of the corrected field where it points along directions (count, 3). */
+/* Errors of the corrected field in directions (count, 3). */
 int flinders_direction_errors(const real shape[6], const real covariance[81], const real *directions, size_t count,
                               real *errors_deg)
 {
@@ -181,7 +182,7 @@ int flinders_direction_errors(const real shape[6], const real covariance[81], co
     return status;
 }
 
-/* The dip with the sign that directions show by their mean height. */
+/* Dip with its sign by the mean z component of directions. */
 static real shown(real upright, real coverage, real dip_deg)
 {
     const real cells = fl_floor(100 * coverage + (real)0.5), by_chance = fl_sqrt(3 / (cells > 1 ? cells : 1));

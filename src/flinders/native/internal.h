@@ -1,4 +1,4 @@
-/* What the files of the engine share: numbers, small matrices, selections of readings, and the kernels. */
+/* Shared declarations of the engine: numbers, small matrices, selections of readings, and kernels. */
 #ifndef FLINDERS_INTERNAL_H
 #define FLINDERS_INTERNAL_H
 
@@ -28,7 +28,7 @@ typedef flinders_real real;
 #define fl_ldexp ldexpf
 #define FL_TINY FLT_MIN
 #define FL_HUGE FLT_MAX
-#define FL_SHORT 1e-18F /* its square is a number */
+#define FL_SHORT 1e-18F /* its square does not underflow */
 #define FL_ROUNDING 1e-7F
 #define FL_NOT_A_NUMBER nanf("")
 #else
@@ -61,33 +61,33 @@ typedef flinders_real real;
 #endif
 
 #if defined(FLINDERS_SMALL) && defined(__GNUC__)
-#define FL_APART __attribute__((noinline)) /* its locals are not on the stack of its caller */
+#define FL_APART __attribute__((noinline)) /* keeps its local variables out of the caller's stack frame */
 #else
 #define FL_APART
 #endif
 
 #define FL_PI ((real)3.14159265358979323846)
 #define FL_TO_DEG ((real)180 / FL_PI)
-#define FL_UNOBSERVED ((real)1 / 3)  /* share of the information that noise alone may add to a direction */
-#define FL_DEPENDENT (100 * FL_ROUNDING) /* of the largest eigenvalue: smaller ones are rounding */
-#define FL_FLAT ((real)0.01)    /* thickness of readings over their width: those are flat, ... */
-#define FL_FLATTEST ((real)0.2) /* ... and those never are */
-#define FL_FLAT_NOISE ((real)1.5) /* thickness of readings over their noise: below it they are flat */
-#define FL_FINEST ((real)1e-6) /* of the field: no sensor resolves less */
+#define FL_UNOBSERVED ((real)1 / 3)  /* largest fraction of information by noise for a direction to be observed */
+#define FL_DEPENDENT (100 * FL_ROUNDING) /* relative to the largest eigenvalue: smaller ones are rounding errors */
+#define FL_FLAT ((real)0.01)    /* ratio of thickness to width of readings that are always flat */
+#define FL_FLATTEST ((real)0.2) /* the same ratio of readings that are never flat */
+#define FL_FLAT_NOISE ((real)1.5) /* ratio of thickness to noise below which readings are flat */
+#define FL_FINEST ((real)1e-6) /* fraction of the field: smallest resolution of a sensor */
 
 enum { FL_LOOKED = 12 * 1024, FL_COLUMNS = 18, FL_STEPS = 50,
-       FL_REACH = 1 << 20, /* cells on either side of zero */
+       FL_REACH = 1 << 20, /* number of cells on each side of zero */
        FL_AMPLITUDES = 128 };
 
-#ifdef FLINDERS_SMALL /* for a stack of few kilobytes: up to 512 readings, and the nine parameters alone */
+#ifdef FLINDERS_SMALL /* for a stack of few kilobytes: up to 512 readings, and only the nine parameters */
 enum { FL_BLOCK = 4, FL_LANES = 1, FL_WIDEST = 9, FL_SOME = 512, FL_ENOUGH = 512 };
 #else
 enum { FL_BLOCK = 64, FL_LANES = 8, FL_WIDEST = 15,
-       FL_SOME = 5000,     /* readings of a longer recording that it is looked at by */
-       FL_ENOUGH = 20000 }; /* those of a longer one that a majority is found among; beyond these a fit is iterated on some */
+       FL_SOME = 5000,     /* number of readings from a longer recording, for statistics */
+       FL_ENOUGH = 20000 }; /* the same for a majority; above it, a fit is iterated on a part */
 #endif
 
-/* Readings of a recording: every `stride`-th of those that are not rejected. */
+/* View of the readings of a recording: every `stride`-th of those that are not rejected. */
 typedef struct {
     const real *field;             /* (rows, 3) */
     size_t rows;
@@ -107,21 +107,21 @@ typedef struct {
 typedef struct {
     size_t n;
     real *rows;   /* (n, 10) Jacobian and distance */
-    real *counts; /* (n,) readings of each */
-    real *steps;  /* (n,) time from the one before; FL_HUGE where it has nothing in common with it */
+    real *counts; /* (n,) number of readings in each */
+    real *steps;  /* (n,) time since the previous one; FL_HUGE if they are uncorrelated */
 } fl_series;
 
 #ifdef FLINDERS_SMALL
-/* The nine parameters are normally distributed beforehand. What adds that to a fit comes along, so that a program whose
- * calibration does not go on is linked without it. */
+/* Normal prior of the nine parameters, with the function that adds it to a fit, so that a program without an online
+ * calibration is linked without that function. */
 struct fl_known {
-    const real *expected, *information; /* (9,) and (9, 9), as in flinders_options of a host */
+    const real *expected, *information; /* (9,) and (9, 9), as in flinders_options on a host */
     void (*add)(const real expected[9], const real information[81], const fl_surface *surface, real matrix[81],
                 real gradient[9], real *cost);
 };
 #endif
 
-/* Sums over all readings of a view; each exists once for the baseline and once for AVX2, with equal digits. */
+/* Kernels over all readings of a view; each has a baseline and an AVX2 version, with identical results. */
 typedef struct {
     size_t (*powers)(const fl_view *view, const real origin[3], real unit, real sums[35]);
     size_t (*products)(const fl_view *view, const fl_surface *surface, int exact, real sums[55]);
@@ -152,7 +152,7 @@ typedef struct {
 const fl_kernels *fl_kernels_chosen(int which);
 size_t fl_view_count(const fl_view *view);
 
-/* cloud.c: a hundred cells of the sphere, equal in area, in bands of so many sectors */
+/* cloud.c: a hundred cells of the sphere, of equal area, and the number of sectors of each band */
 extern const int fl_bands[6], fl_band_starts[6];
 extern const real fl_band_edges[5], fl_sectors_15[7], fl_sectors_34[17];
 
@@ -189,10 +189,10 @@ int fl_start_about(const fl_view *view, const real expected[9], fl_surface *surf
 
 /* covariance.c */
 typedef struct {
-    int n, is_whole; /* every direction is observed beyond doubt: what follows is not filled in */
+    int n, is_whole; /* is_whole: every direction is observed, and the fields below are not set */
     real scale[FL_WIDEST];
     real values[FL_WIDEST];
-    real vectors[FL_WIDEST * FL_WIDEST]; /* in columns */
+    real vectors[FL_WIDEST * FL_WIDEST]; /* eigenvectors in columns */
     real share[FL_WIDEST];
 } fl_support;
 
@@ -217,7 +217,7 @@ void fl_direction_errors(const fl_surface *surface, const real covariance[81], r
 /* likelihood.c */
 typedef struct {
     fl_surface surface;
-    real matrix[81], gradient[9], cost; /* of the readings, in their unit */
+    real matrix[81], gradient[9], cost; /* without the prior, in the unit of readings */
     size_t count;
 #ifndef FLINDERS_SMALL
     real prior_matrix[81], prior_gradient[9];
@@ -228,28 +228,28 @@ typedef struct {
     int has_support, sound;
 } fl_posterior;
 
-/* White noise beside a disturbance with a memory. */
+/* Model of residuals: white noise plus an autocorrelated disturbance. */
 typedef struct {
-    int is_vector; /* 1 of the vector, 0 of the strength of the field */
+    int is_vector; /* 1 for a disturbance of the vector, 0 of the strength of the field */
     real ratio;    /* variance of the disturbance over that of the noise of a reading; 0: none */
-    real memory;   /* of the recording */
-    real gain;     /* bits of likelihood beyond that of white noise */
-    real lasts;    /* probability that its memory is longer than a third of the recording */
-    real strength; /* variance of the residuals that the field's strength at the place makes, unit² */
+    real memory;   /* correlation time as a fraction of the recording */
+    real gain;     /* log2 likelihood ratio to white noise, bits */
+    real lasts;    /* probability of a correlation time above a third of the recording */
+    real strength; /* variance of residuals by variation of the field strength, unit² */
 } fl_slow;
 
 typedef struct {
     fl_surface surface;
-    real covariance[81]; /* for independent residuals, without directions that are not observed */
+    real covariance[81]; /* for independent residuals, without unobserved directions */
     real noise;
     real held;
     size_t used;
     int unseen, steps;
-    int has_distances; /* 1 if those of a room are the distances of all readings from the surface */
-    real median_distance; /* of them, without regard to their sign, where there are no more than FL_SOME; else 0 */
-    int is_doubtful; /* of a robust fit: 1 if some of the readings that it rejects may be noise; fl_room.far has the others */
+    int has_distances; /* 1 if `distances` of the workspace are those of all readings from the surface */
+    real median_distance; /* of absolute distances if there are at most FL_SOME; else 0 */
+    int is_doubtful; /* of a robust fit: 1 if some rejected readings may be noise; fl_room.far marks the others */
 #ifndef FLINDERS_SMALL
-    real others[81]; /* of a robust fit: scatter of other majorities about it; 0 where the majority is beyond doubt */
+    real others[81]; /* of a robust fit: covariance by the choice of the majority; 0 if that is unique */
     fl_slow slow;
 #endif
     fl_posterior posterior;
@@ -266,16 +266,16 @@ void fl_level_rows_about(const fl_surface *surface, real dip_deg, const real *tu
 void fl_direction_rows(const fl_surface *surface, const real direction[3], real rows[3][9]);
 
 /* guidance.c */
-#ifdef FLINDERS_SMALL /* level headings alone */
+#ifdef FLINDERS_SMALL /* only level headings */
 enum { FL_PARTS = 1, FL_WANTED = FL_HEADINGS };
 #else
 enum { FL_PARTS = 3, FL_WANTED = 100 };
 #endif
 
-/* What is wanted known: `count` numbers, the variance of each the sum of those of its parts. */
+/* Quantities of a goal: `count` numbers, each with a variance that is the sum over its parts. */
 typedef struct {
     int count, parts;
-    real rows[FL_PARTS][9][FL_WANTED]; /* what each of the nine parameters does to a part of each number, rad/unit */
+    real rows[FL_PARTS][9][FL_WANTED]; /* derivatives of the parts by the nine parameters, rad/unit */
 } fl_wanted;
 
 int fl_wanted_of(const fl_surface *surface, const flinders_goal *goal, const real (*directions)[3], int count,
@@ -285,6 +285,6 @@ real fl_lever(const real covariance[81], const real jacobian[9], real variance, 
 int fl_are_finite(const real *numbers, int count);
 real fl_sharp(real variance, real largest);
 
-#define FL_ALIKE ((real)1e-9) /* scores that differ by a smaller share are alike, and the first of them is taken */
+#define FL_ALIKE ((real)1e-9) /* relative difference below which scores are equal, and the first one is used */
 
 #endif

@@ -1,5 +1,5 @@
-/* What a fit is worth: quantities of its record, the rules of the catalogue of findings that they break, what follows from
- * what, and what a verdict rests on. */
+/* Judgement of a fit: quantities of its record, rules of the catalogue of findings, causes and consequences, and the
+ * assumptions of a verdict. */
 #include "judge.h"
 
 enum { NONE = FLINDERS_NOTHING };
@@ -25,13 +25,13 @@ static real larger(real a, real b) { return a > b ? a : b; }
 static real smaller(real a, real b) { return a < b ? a : b; }
 static real or_zero(real number) { return isnan(number) ? 0 : number; }
 
-/* A number where something applies. */
+/* A number if a condition is true, else absent. */
 static real where(int applies, real number) { return applies ? number : FL_NOT_A_NUMBER; }
 
-/* What was looked for and is not there: beyond no limit, and no number that is missing. */
+/* Value of a quantity that was checked and is absent: beyond no limit, but not unknown. */
 static real absent(void) { return -(real)INFINITY; }
 
-/* A count, which is negative where nobody counted. */
+/* A count, which is negative if unknown. */
 static real count_of(int64_t count) { return where(count >= 0, (real)count); }
 
 /* A fault of axes that is proven. */
@@ -40,7 +40,7 @@ static int is_proven(real deg, real by_chance) { return by_chance < BY_CHANCE &&
 /* Strength of the level field, unit. */
 static real level_of(const flinders_record *record) { return record->radius * fl_cos(record->dip_deg / FL_TO_DEG); }
 
-/* What belongs to the direction; a ring of directions takes nearly all of it off, and the rest tells little. */
+/* Direction-dependent error; for a ring of directions, the fit absorbs nearly all of it. */
 static real distortion_of(const flinders_record *record) { return record->plane ? 0 : or_zero(record->distortion); }
 
 /* Heading error from what belongs to the direction: as much across the field as the distortion is along it, or a proven
@@ -53,7 +53,7 @@ static real structure_of(const flinders_record *record)
     return fl_sqrt(whole * whole + or_zero(record->linearized_deg) * or_zero(record->linearized_deg));
 }
 
-/* A covariance with what belongs to the direction. */
+/* A covariance with direction-dependent errors. */
 void flinders_with_structure(const real shape[6], const real covariance[81], real structure_deg, real dip_deg, real out[81])
 {
     const real sigma = structure_deg / FL_TO_DEG * fl_cos(dip_deg / FL_TO_DEG);
@@ -64,7 +64,7 @@ void flinders_with_structure(const real shape[6], const real covariance[81], rea
             for (int k = 0; k < 3; k++) out[9 * i + j] += sigma * sigma * s[3 * i + k] * s[3 * k + j];
 }
 
-/* What is expected of headings, and the covariance that says so at any dip and attitude. */
+/* Expected heading errors, and the covariance for them at any dip and attitude. */
 static void expect(const flinders_record *record, flinders_judgement *out)
 {
     const real structure = structure_of(record);
@@ -86,7 +86,7 @@ static int is_determined(const flinders_record *record)
 #endif
 }
 
-/* How readings lie, and how far the surface goes beyond them. */
+/* Coverage by readings, and extrapolation of the surface. */
 static void of_shape(const flinders_record *record, real *q)
 {
     real axes[3], extent = 0;
@@ -102,7 +102,7 @@ static void of_shape(const flinders_record *record, real *q)
     q[FLINDERS_Q_AXIS_RATIO] = axes[2] / axes[0];
 }
 
-/* What the covariance says about heading; an error that is not known is beyond any target. */
+/* Heading errors by the covariance; an unknown error is above any target. */
 static void of_accuracy(const flinders_record *record, const flinders_request *request, const flinders_judgement *out, real *q)
 {
     q[FLINDERS_Q_TARGET_DEG] = request->target_deg;
@@ -130,7 +130,7 @@ static void of_attitude(const fl_surface *surface, const flinders_record *record
 }
 #endif
 
-/* How much there was to go by; what a level turn leaves open is said once. */
+/* Amount of data; the limits of a level turn are reported once. */
 static void of_evidence(const flinders_record *record, real *q)
 {
     const real all = (real)record->used, per_reading = record->correlation_time * record->excess_variance;
@@ -153,7 +153,7 @@ static void of_evidence(const flinders_record *record, real *q)
 }
 
 #ifndef FLINDERS_SMALL /* a board keeps some readings, and no statistics of their residuals */
-/* What lasts from one reading to the next different one, and what takes turns. */
+/* Correlation of residuals of successive distinct readings, and alternation. */
 static void of_residuals(const flinders_record *record, const flinders_request *request, real *q)
 {
     const real next = record->lag_one, level = level_of(record);
@@ -205,7 +205,7 @@ static void of_structure(const flinders_record *record, const flinders_judgement
     q[FLINDERS_Q_LINEARIZED_SHARE] = record->linearized_share;
 }
 
-/* What changed: within a recording, from one recording to the next, with what was recorded beside. */
+/* Changes: within a recording, between recordings, and with other recorded quantities. */
 static void of_changes(const flinders_record *record, const flinders_request *request, real *q)
 {
     const real *const moved = record->drift_offset;
@@ -226,7 +226,7 @@ static void of_changes(const flinders_record *record, const flinders_request *re
     q[FLINDERS_Q_POSES_BY_CHANCE] = record->poses_by_chance;
 }
 
-/* What a closer look may tell. */
+/* Results of further checks. */
 static int asks_of(const flinders_record *record, const flinders_request *request)
 {
     int swaps = 0;
@@ -242,7 +242,7 @@ static int asks_of(const flinders_record *record, const flinders_request *reques
 #endif
 
 #ifndef FLINDERS_SMALL
-/* How far the strength of the site is off that of the readings, where that is known. */
+/* Difference of the strength by readings from that of the site, if known. */
 static void of_site(const flinders_record *record, real *q)
 {
     q[FLINDERS_Q_STRENGTH_SIGMAS] = where(!isnan(record->site_strength), record->strength_sigmas);
@@ -251,7 +251,7 @@ static void of_site(const flinders_record *record, real *q)
 }
 #endif
 
-/* What the calibration alone tells. */
+/* Quantities of the calibration alone. */
 static void of_calibration(const flinders_record *record, const flinders_request *request, real *q)
 {
     const real radius = record->radius, nearest = smaller(larger(radius, EARTH_WEAKEST), EARTH_STRONGEST);
@@ -269,7 +269,7 @@ static void of_calibration(const flinders_record *record, const flinders_request
     q[FLINDERS_Q_NOTHING] = 0;
 }
 
-/* What a recording says about itself. */
+/* Quantities of the recording. */
 static void of_recording(const flinders_record *record, real *q)
 {
     const real rows = larger((real)record->rows, 1), seconds = record->end - record->start;
@@ -293,20 +293,20 @@ static void of_recording(const flinders_record *record, real *q)
     q[FLINDERS_Q_IS_DOUBTFUL] = count_of(record->is_doubtful);
 }
 
-/* What a quantity is compared with. */
+/* Limit of a comparison. */
 static real limit_of(const flinders_comparison *it, const real *q)
 {
     return it->factor * (it->of < FLINDERS_QUANTITIES ? q[it->of] : 1);
 }
 
-/* Whether a comparison holds. */
+/* Whether a comparison is true. */
 static int holds(const flinders_comparison *it, const real *q)
 {
     const real number = q[it->quantity], limit = limit_of(it, q);
     return it->comparison == '<' ? number < limit : it->comparison == '>' ? number > limit : number >= limit;
 }
 
-/* Apply a rule: the last grade that holds is how severe it is. */
+/* Apply a rule: the severity is that of the last comparison that is true. */
 static uint8_t severity_of(const flinders_rule *rule, const real *q)
 {
     const flinders_comparison *const grades = fl_comparisons + rule->first, *const needs = grades + rule->grades;
@@ -338,7 +338,7 @@ int flinders_severity(int rule, const real *quantities)
     return rule >= 0 && rule < FL_RULES ? severity_of(fl_rules + rule, quantities) : NONE;
 }
 
-/* Apply the rules of a fit. What follows from a surface that nothing supports is no finding. */
+/* Apply the rules of a fit. Consequences of an undetermined surface are not findings. */
 static void apply(flinders_judgement *out)
 {
     const int own = FLINDERS_RULES_OF_A_FIT - FLINDERS_RULES_OF_A_RECORDING;
@@ -362,7 +362,7 @@ static void follow(const fl_cause *cause, const uint8_t *is_first, flinders_judg
     out->shown[cause->code] = worst;
 }
 
-/* What is shown of findings: causes first, in their order, and of each severity before the next. */
+/* Select the findings to show: by severity, then causes in their order. */
 void flinders_causes(flinders_judgement *out)
 {
     uint8_t first[FLINDERS_CAUSES], is_first[FLINDERS_RULES_OF_A_FIT] = {0};
@@ -423,7 +423,7 @@ static void clear(flinders_judgement *out)
     out->verdict = FLINDERS_REFUSES;
 }
 
-/* Judge a fit; `shared` is what all bounds have in common, NULL on a board, which has none. */
+/* Judge a fit; `shared` has shared tables of bounds, NULL on a board. */
 static int judge(flinders_record *record, const flinders_request *request, fl_bound *shared, flinders_judgement *out)
 {
     fl_surface surface;
@@ -491,5 +491,5 @@ void flinders_default_request(flinders_request *request)
     request->is_microtesla = request->shrinks = 1, request->parameters = 9;
 }
 
-/* Bytes of a judgement. */
+/* Size of a judgement in bytes. */
 size_t flinders_judgement_size(void) { return sizeof(flinders_judgement); }

@@ -1,4 +1,4 @@
-"""Calls of the engine that judge: the claim of a record, what it is worth, and the heading errors that follow.
+"""Calls of the engine that judge a fit: its claim, its verdict and its heading errors.
 
 >>> round(Judgements().widening_by_few(10), 3)
 1.25
@@ -24,37 +24,37 @@ class Judgements(Library):
     """Claims, judgements and heading errors of records."""
 
     def claim(self, record: Records, request: Records) -> None:
-        """Widen the covariance of a record by repeated and by few readings, in place, once.
+        """Widen the covariance of a record for repeated and for few readings, in place; a second call does nothing.
 
-        Level errors that are NaN follow of the covariance; so does the sign of the dip that they hold for.
+        Level heading errors that are NaN are computed from the covariance, with the sign of their dip.
         """
         self._library.flinders_claim(record, request)
 
     def widening_by_few(self, freedom: float) -> float:
-        """Factor by which few readings widen a covariance: of so many different readings beyond the parameters."""
+        """Factor of a covariance for few readings; `freedom` is the number of different readings minus parameters."""
         return float(self._library.flinders_widening_by_few(freedom))
 
     def judge(self, record: Records, request: Records) -> Records:
-        """A row of `JUDGEMENT`: what a record is worth. It is claimed, and shrunk where that was asked, in place.
+        """Judge a record: a row of `JUDGEMENT`. The record gets its claim, and shrinkage if requested, in place.
 
-        Raises ValueError for a record without an ellipsoid, a target that is not positive, and a dip beyond ±89°.
+        Raises ValueError for a record without an ellipsoid, a target that is not positive, or a dip beyond ±89°.
         """
         judgement = blank(JUDGEMENT)
         self._require(self._library.flinders_judge(record, request, judgement))
         return judgement
 
     def judge_many(self, records: Records, request: Records) -> Records:
-        """(R,) judgements of (R,) records, which are claimed and shrunk in place."""
+        """(R,) judgements of (R,) records, which get their claim and shrinkage in place."""
         judgements = np.zeros(len(records), dtype=JUDGEMENT)
         self._library.flinders_judge_many(records, len(records), request, judgements)
         return judgements
 
     def severity(self, rule: int, quantities: Floats) -> int:
-        """How severe a finding is by its rule, 0 to 3: its number in the catalogue, and (Q,) quantities."""
+        """Severity of a finding, 0 to 3, by (Q,) quantities; `rule` is the number of its rule in the catalogue."""
         return int(self._library.flinders_severity(rule, quantities))
 
     def causes(self, severities: ArrayLike) -> Records:
-        """A row of `JUDGEMENT` with what is shown of findings, by their severities alone."""
+        """Make a row of `JUDGEMENT` with the findings to show and their causes, from their severities alone."""
         judgement = blank(JUDGEMENT)
         judgement["severities"] = severities
         self._library.flinders_causes(judgement)
@@ -63,7 +63,10 @@ class Judgements(Library):
     def tilted_error(
         self, shape: ArrayLike, covariance: Floats, *, dip_deg: float, tilt_deg: float, down: Floats | None
     ) -> tuple[float, float]:
-        """Heading error of a tilted vehicle, degrees, 1 σ: rms and worst; `down` (3,), by default z, when level."""
+        """Heading error of a tilted vehicle in degrees, 1 σ: rms and worst.
+
+        `down` is the (3,) down direction of the level vehicle, by default z.
+        """
         out = np.empty(2)
         arguments = entries_of(shape), np.ascontiguousarray(covariance), dip_deg, tilt_deg, vector_of(down)
         self._require(self._library.flinders_tilted_error(*arguments, out, out[1:]))
@@ -72,7 +75,7 @@ class Judgements(Library):
     def uncorrected_error(
         self, centre: ArrayLike, shape: ArrayLike, *, dip_deg: float, down: Floats | None
     ) -> tuple[float, float]:
-        """Heading error of a level vehicle by readings as they come, degrees: rms and worst."""
+        """Heading error of a level vehicle by uncorrected readings, in degrees: rms and worst."""
         out = np.empty(2)
         arguments = np.ascontiguousarray(centre, dtype=np.float64), entries_of(shape), dip_deg, vector_of(down)
         self._require(self._library.flinders_uncorrected_error(*arguments, out, out[1:]))
@@ -81,14 +84,14 @@ class Judgements(Library):
     def attitude_limit(
         self, shape: ArrayLike, covariance: Floats, *, dip_deg: float, limit_deg: float, down: Floats | None
     ) -> float:
-        """Tilt, degrees, up to which the worst heading error is within a limit."""
+        """Tilt in degrees up to which the worst heading error is within a limit."""
         out = np.empty(1)
         arguments = entries_of(shape), np.ascontiguousarray(covariance), dip_deg, limit_deg, vector_of(down)
         self._require(self._library.flinders_attitude_limit(*arguments, out))
         return float(out[0])
 
     def heading_bound(self, shape: ArrayLike, covariance: Floats, *, dip_deg: float, down: Floats | None) -> float:
-        """Bound, degrees, that a level heading stays within at all headings with a probability of 95 %."""
+        """95 % bound in degrees of the heading error of a level vehicle at all headings."""
         out = np.empty(1)
         arguments = entries_of(shape), np.ascontiguousarray(covariance), dip_deg, vector_of(down)
         self._require(self._library.flinders_heading_bound(*arguments, out))
@@ -97,14 +100,14 @@ class Judgements(Library):
     def level_turn(
         self, centre: ArrayLike, shape: ArrayLike, covariance: Floats, *, dip_deg: float, down: Floats | None
     ) -> tuple[Floats, Floats, Floats]:
-        """A level turn: (72,) headings, deviations of raw readings and sigmas of corrected ones, degrees."""
+        """Errors over a level turn in degrees: (72,) headings, deviations of raw and 1 σ of corrected readings."""
         turn = np.empty((3, 72))
         arguments = row_of(centre), entries_of(shape), row_of(covariance), dip_deg, vector_of(down)
         self._require(self._library.flinders_level_turn(*arguments, *turn))
         return turn[0], turn[1], turn[2]
 
     def attitude_errors(self, shape: ArrayLike, covariance: Floats, directions: Floats, *, dip_deg: float) -> Floats:
-        """(K,) heading errors, degrees, 1 σ, at the worst attitude that brings the field along (K, 3) directions."""
+        """(K,) heading errors in degrees, 1 σ, at the worst attitude that puts the field along (K, 3) directions."""
         towards, errors = row_of(directions), np.empty(len(directions))
         self._library.flinders_attitude_errors(
             entries_of(shape), row_of(covariance), dip_deg, towards, len(directions), errors
@@ -112,26 +115,29 @@ class Judgements(Library):
         return errors
 
     def matrix_sigmas(self, matrix: ArrayLike, shape: ArrayLike, covariance: Floats, *, is_known: bool) -> Floats:
-        """(3, 3) standard deviations of the entries of the matrix of a calibration, whose field strength `is_known`."""
+        """(3, 3) standard deviations of the entries of a calibration's matrix.
+
+        `is_known` tells whether its field strength is known.
+        """
         sigmas, arguments = np.empty((3, 3)), (row_of(matrix), entries_of(shape), row_of(covariance), is_known)
         self._require(self._library.flinders_matrix_sigmas(*arguments, sigmas))
         return sigmas
 
     def with_structure(self, shape: ArrayLike, covariance: Floats, *, structure_deg: float, dip_deg: float) -> Floats:
-        """(9, 9) covariance with what belongs to the direction and makes so much of a level heading."""
+        """(9, 9) covariance plus that of residuals by direction, whose heading error is `structure_deg`."""
         out, covariance = np.empty((9, 9)), np.ascontiguousarray(covariance)
         self._library.flinders_with_structure(entries_of(shape), covariance, structure_deg, dip_deg, out)
         return out
 
     def heading_errors(self, record: Records, dip_deg: float) -> Records:
-        """The record with the errors of headings and directions at an inclination."""
+        """Copy of a record with the errors of headings and directions at an inclination."""
         row = np.array(record, dtype=RECORD)
         if self._library.flinders_heading_errors(row, dip_deg):
-            raise ValueError(f"dip is {dip_deg:g}°, or the record has no ellipsoid: need one, and a dip of -89° to 89°")
+            raise ValueError(f"dip is {dip_deg:g}°, or the record has no ellipsoid: need both, a dip of -89° to 89°")
         return row
 
     def direction_errors(self, shape: ArrayLike, covariance: Floats, directions: Floats) -> Floats:
-        """(K,) errors of the corrected field, degrees, 1 σ, where it points along (K, 3) directions."""
+        """(K,) direction errors of the corrected field in degrees, 1 σ, for a field along (K, 3) directions."""
         towards, errors = row_of(directions), np.empty(len(directions))
         self._library.flinders_direction_errors(entries_of(shape), row_of(covariance), towards, len(directions), errors)
         return errors

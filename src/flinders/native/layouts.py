@@ -1,7 +1,6 @@
 """Layouts of the structs of `flinders.h`, as rows of NumPy structured arrays.
 
-The header documents them; their fields are read from there, so that there is one list of them. A record is one row,
-the same for one recording and for many.
+The fields are parsed from the header, which documents them. A record is one row, for one recording as for many.
 
 >>> RECORD["covariance"].shape, RECORD["noise"], "level_worst_deg" in RECORD.names
 ((81,), dtype('float64'), True)
@@ -25,7 +24,7 @@ if TYPE_CHECKING:
 
 
 def layout(name: str, real: type[np.floating]) -> np.dtype[np.void]:
-    """Layout of a struct of flinders.h, for a library of this precision."""
+    """Layout of a struct of flinders.h; `real` is the type of ``flinders_real``."""
     text = (HERE / "flinders.h").read_text(encoding="utf-8")
     body = re.sub(r"/\*.*?\*/", "", text.split(f"typedef struct {name} {{")[1].split("}")[0], flags=re.DOTALL)
     kinds = {"uint8_t": np.uint8, "int32_t": np.int32, "int64_t": np.int64, "flinders_real": real}
@@ -34,12 +33,12 @@ def layout(name: str, real: type[np.floating]) -> np.dtype[np.void]:
 
 
 def _size(count: str) -> tuple[int, ...]:
-    """Shape of a member: a product of numbers, or of names that a header gives one; empty of a single number."""
+    """Shape of a member from its count, a product of numbers or of constants; empty for a scalar."""
     return (math.prod(map(_number, count.split(" * "))),) if count else ()
 
 
 def _number(word: str) -> int:
-    """A number, or that of a name; of those that depend on the processor the first, which is a computer's."""
+    """Value of a number or a constant; of constants that depend on the processor, the first, which is for computers."""
     if word.isdecimal():
         return int(word)
     headers = "".join((HERE / name).read_text(encoding="utf-8") for name in ("flinders_rules.h", "flinders.h"))
@@ -55,75 +54,80 @@ SUMS: Final = layout("flinders_sums", np.float64)
 """Layout of sums that add."""
 
 OPTIONS: Final = layout("flinders_options", np.float64)
+"""Layout of the options of a fit."""
 
 REQUEST: Final = layout("flinders_request", np.float64)
+"""Layout of the request of a judgement."""
 
 JUDGEMENT: Final = layout("flinders_judgement", np.float64)
 """Layout of a judgement."""
 
 DISTURBANCE: Final = layout("flinders_disturbance", np.float64)
-"""Layout of what a disturbance explains."""
+"""Layout of a regression on a disturbance."""
 
 EARLIER: Final = layout("flinders_earlier", np.float64)
-"""Layout of what an earlier calibration tells."""
+"""Layout of an earlier calibration as prior knowledge."""
 
 CALIBRATED: Final = layout("flinders_calibrated", np.float64)
-"""Layout of a calibration that is compared with another."""
+"""Layout of a calibration to compare."""
 
 DIFFERENCE: Final = layout("flinders_difference", np.float64)
-"""Layout of how far two calibrations are apart."""
+"""Layout of the difference of two calibrations."""
 
 BELIEF: Final = layout("flinders_belief", np.float64)
-"""Layout of what is known before the next reading."""
+"""Layout of the knowledge before the next reading."""
 
 GOAL: Final = layout("flinders_goal", np.float64)
+"""Layout of the goal of guidance."""
 
 ADVICE: Final = layout("flinders_advice", np.float64)
+"""Layout of the advice where to turn next."""
 
 ROUTE: Final = layout("flinders_route", np.float64)
+"""Layout of a path of directions."""
 
 OUTLIER: Final = layout("flinders_outlier", np.float64)
 """Layout of a run of outliers."""
 
 AXIS_CHANGE: Final = layout("flinders_axis_change", np.float64)
-"""Layout of axes that changed their sign or place."""
+"""Layout of exchanges of axes."""
 
 COVERAGE: Final = layout("flinders_coverage", np.float64)
-"""Layout of directions in cells of the sphere."""
+"""Layout of the coverage of directions."""
 
 SITE: Final = layout("flinders_site", np.float64)
 """Layout of the field of a place."""
 
 VERTICAL: Final = layout("flinders_vertical", np.float64)
-"""Layout of sums of what an accelerometer shows of a level turn."""
+"""Layout of sums of accelerometer readings of a level turn."""
 
 HEIGHTS: Final = layout("flinders_heights", np.float64)
 """Layout of the plane of a level turn."""
 
 ONLINE: Final = layout("flinders_online", np.float64)
-"""Layout of a calibration that keeps itself."""
+"""Layout of an online calibration."""
 
 ONLINE_CLAIM: Final = layout("flinders_online_claim", np.float64)
-"""Layout of what it claims at a time."""
+"""Layout of the claim of an online calibration at a time."""
 
 UNDETERMINED: Final = 7
-"""Status of a record whose readings leave parameters open, and there is no prior."""
+"""Status of a record whose readings do not determine all parameters, without a prior."""
 
 
 @cache
 def constant(name: str) -> int:
-    """A constant of flinders.h."""
+    """Value of an enumeration constant ``FLINDERS_name`` of flinders.h."""
     return int(re.findall(rf"FLINDERS_{name} = (\d+)", (HERE / "flinders.h").read_text(encoding="utf-8"))[0])
 
 
 @cache
 def limit(name: str) -> float:
-    """A limit of flinders.h."""
+    """Value of a defined constant ``FLINDERS_name`` of flinders.h."""
     return float(
         re.findall(rf"#define FLINDERS_{name} ([\d.e-]+)", (HERE / "flinders.h").read_text(encoding="utf-8"))[0]
     )
 
 
 def blank(fields: np.dtype[np.void]) -> Records:
-    """One row of a layout, all of it zero; `numpy.zeros` would go through its fields one by one."""
+    """One row of a layout filled with zeros; `numpy.zeros` is slower, as it sets each field separately."""
     return np.ndarray((), fields, bytearray(fields.itemsize))

@@ -1,16 +1,16 @@
 /* Level turns: the ellipse of readings in one plane across z, and whether readings are those of such a turn.
  *
- * A level vehicle that turns in a field of dip I meets u = (cos I cos ψ, −cos I sin ψ, sin I), and in x and y reads
+ * In a level turn, the field of dip I is u = (cos I cos ψ, −cos I sin ψ, sin I), and readings in x and y are
  *
  *     c + S₂ (cos ψ, −sin ψ),     c = b + sin I (S₁₃, S₂₃),     S₂ = cos I (S₁₁, S₁₂; S₁₂, S₂₂)
  *
- * an ellipse, whatever the iron. It is found as the equator of an ellipsoid through the readings laid at one height, and
- * lifted to the dip. Across the plane the prior speaks alone, and the offset is known to the strength of the field.
+ * an ellipse for any iron. It is fitted as the equator of an ellipsoid through the readings projected to one height, and
+ * transformed to the dip. Across the plane there is only the prior, and 1 sigma of the offset is the field's strength.
  */
 #include "judge.h"
 #include "residuals.h"
 
-#define NEARLY_FLAT ((real)3)      /* thickness over noise, below which readings hardly leave their plane */
+#define NEARLY_FLAT ((real)3)      /* ratio of thickness to noise below which readings are in a plane */
 #define MUCH_BETTER ((real)5)      /* times smaller a claim that takes readings for a turn which leave their plane by more */
 #define TILTED ((real)0.2)         /* share of the readings: where more leave the plane of a turn, the body was tilted */
 #define VERTICAL ((real)0.8660254037844387) /* of z along the vertical, 30 degrees; as of an accelerometer beside a site */
@@ -18,7 +18,7 @@
 #define STEADY ((real)0.985)       /* mean of the vertical in a body that was level: within 10 degrees */
 #define THINNEST ((real)1e-12)     /* semi-axis of a start over the range of the readings */
 
-/* Copy readings, all at one height. */
+/* Copy readings, projected to one height. */
 static void lay_flat(const fl_view *view, real height, real *out)
 {
     for (size_t row = 0; row < view->rows; row++) {
@@ -27,7 +27,7 @@ static void lay_flat(const fl_view *view, real height, real *out)
     }
 }
 
-/* Take an equator to the ellipsoid that has it at a dip, rad. */
+/* Transform an equator to the ellipsoid with this section at a dip, rad. */
 static int lift_surface(const fl_surface *flat, real dip, fl_surface *out)
 {
     static const int THIRD[3] = {4, 5, 2}; /* column of the shape */
@@ -37,7 +37,7 @@ static int lift_surface(const fl_surface *flat, real dip, fl_surface *out)
     return fl_surface_of(centre, shape, out);
 }
 
-/* Its covariance; the offset across is known to `unclaimed`, whatever it was before. */
+/* Its covariance; `unclaimed` is 1 sigma of the offset across the plane. */
 static void lift_covariance(real covariance[81], real dip, real unclaimed)
 {
     static const int THIRD[3] = {7, 8, 5}; /* of the parameters */
@@ -56,7 +56,7 @@ static void lift_covariance(real covariance[81], real dip, real unclaimed)
     covariance[20] += unclaimed * unclaimed;
 }
 
-/* Take a record of an ellipse to the dip. */
+/* Transform the record of an ellipse to the dip. */
 static int lift(const fl_fit *fit, real dip_deg, fl_surface *surface, flinders_record *record)
 {
     const real dip = dip_deg / FL_TO_DEG;
@@ -69,7 +69,7 @@ static int lift(const fl_fit *fit, real dip_deg, fl_surface *surface, flinders_r
     return FLINDERS_OK;
 }
 
-/* Whether a start is next to nothing beside the readings. */
+/* Whether a start is negligibly small compared with the readings. */
 static int is_thin(const fl_surface *start, const flinders_record *record)
 {
     real axes[3], range = 0;
@@ -81,7 +81,7 @@ static int is_thin(const fl_surface *start, const flinders_record *record)
     return !(axes[0] > (real)FL_SMALLEST && axes[0] > THINNEST * range);
 }
 
-/* Fit the ellipse of readings that were looked at, robustly where residuals ask for it. */
+/* Fit the ellipse of prepared readings, robustly if residuals have outliers. */
 int fl_fit_turn(fl_task *of, flinders_record *record)
 {
     flinders_options own = *of->options;
@@ -106,13 +106,13 @@ int fl_fit_turn(fl_task *of, flinders_record *record)
     return FLINDERS_OK;
 }
 
-/* Whether readings lie in a plane across z, but for so many times their noise: all, or those that are no outliers. */
+/* Whether all readings, or the inliers, lie in a plane across z to within a multiple of their noise. */
 int fl_are_flat(const fl_scatter *readings, real noise, real within)
 {
     return flinders_is_level(readings->all, noise, within) || flinders_is_level(readings->inliers, noise, within);
 }
 
-/* Whether readings are a level turn rather than an ellipsoid: they leave their plane by noise alone, or the turn claims less. */
+/* Whether readings are of a level turn: their distances from a plane are noise, or the turn's claim is smaller. */
 int fl_is_turn(const flinders_record *ellipsoid, const flinders_record *turn, const fl_scatter *readings,
                const flinders_options *options)
 {
@@ -123,8 +123,8 @@ int fl_is_turn(const flinders_record *ellipsoid, const flinders_record *turn, co
     return (is_nearly ? 1 : MUCH_BETTER) * turn->level_worst_deg < ellipsoid->level_worst_deg;
 }
 
-/* Whether a level turn is looked for: there is a prior across its plane, and each axis changes; one that does not may be a
- * broken one. */
+/* Whether to check for a level turn: there is a prior across its plane, and each axis varies; a constant one may be
+ * defective. */
 int fl_may_be_turn(const flinders_record *record, const flinders_options *options)
 {
     for (int axis = 0; axis < 3; axis++)
@@ -132,8 +132,8 @@ int fl_may_be_turn(const flinders_record *record, const flinders_options *option
     return options->level && options->prior > 0 && !fl_is_informed(options);
 }
 
-/* What accelerations show of a level turn about z: 0 where z is not within 30 degrees of the vertical on average or the body
- * was turned over, 2 where it was level, 1 where there are none or it was tilted. */
+/* Whether accelerations are of a level turn about z: 0 if the mean of z is not within 30 degrees of the vertical, or the body
+ * was turned over, 2 if it was level, 1 if there are none or it was tilted. */
 int flinders_levelness(const real *acceleration, size_t rows)
 {
     real sum[3] = {0}, count = 0;

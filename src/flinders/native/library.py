@@ -1,4 +1,4 @@
-"""The engine's shared library, with what its functions take and give.
+"""The engine's shared library, with the types of its functions' arguments and results.
 
 >>> library = Library()
 >>> float(library.options(dip_deg=60)["dip_deg"]), int(library.record()["status"])
@@ -26,11 +26,11 @@ if TYPE_CHECKING:
 
 
 class _Array:
-    """Parameter that takes an array, which has to be contiguous, or None for null."""
+    """Type of an array argument, which must be contiguous, or None for a null pointer."""
 
     @classmethod
     def from_param(cls, array: NDArray[np.generic] | None) -> ctypes.c_void_p | None:
-        """Its address."""
+        """Address of an array."""
         return None if array is None else ctypes.c_void_p(array.ctypes.data)
 
 
@@ -114,18 +114,18 @@ _ARGUMENTS: Final[dict[str, tuple[type, ...]]] = {
     "at_site": (_A, _N, _A, _A, _A, _N, _A),
     "uses_strength": (_A,),
 }
-"""What functions of the library take."""
+"""Types of the arguments of the library's functions, by name without the prefix."""
 
 _RESULTS: Final[dict[str, type]] = {
     "workspace_size": _N, "rests": _N, "record_size": _N, "real_size": _N, "message": ctypes.c_char_p,
     "judgement_size": _N, "widening_by_few": _D, "online_size": _N, "online_add": _N, "online_good_s": _D,
     "list_outliers": _N, "swap_workspace_size": _N, "facing": _D, "soft_iron_p_value": _D, "turn_deg": _D,
 }  # fmt: skip
-"""What functions give that give no status."""
+"""Types of the results of functions that return something other than a status."""
 
 
 class Library:
-    """A compiled engine: its defaults, statuses and memory."""
+    """The compiled library: default options and records, statuses and workspaces."""
 
     def __init__(self, path: Path | None = None) -> None:
         self._library = ctypes.CDLL(str(path or _library()))
@@ -135,7 +135,7 @@ class Library:
         sizes = tuple(int(getattr(self._library, f"flinders_{of}_size")()) for of in ("record", "judgement", "real"))
         if sizes != (RECORD.itemsize, JUDGEMENT.itemsize, 8):
             raise RuntimeError(
-                f"the engine's record, judgement and number have {sizes} bytes, this module expects "
+                f"the engine's record, judgement and number have {sizes} bytes, need "
                 f"{RECORD.itemsize}, {JUDGEMENT.itemsize} and 8: run python -m flinders.native.build"
             )
         defaults, asked, record = blank(OPTIONS), blank(REQUEST), blank(RECORD)
@@ -145,7 +145,7 @@ class Library:
         self._defaults, self._asked, self._record = defaults.tobytes(), asked.tobytes(), record.tobytes()
 
     def options(self, **changes: float) -> Records:
-        """The default options, some of them changed; raises KeyError for one that there is not."""
+        """Make a row of `OPTIONS` with defaults and changes; raises KeyError for an unknown option."""
         options: Records = np.ndarray((), OPTIONS, bytearray(self._defaults))
         for name, value in changes.items():
             if name not in (OPTIONS.names or ()):
@@ -154,37 +154,37 @@ class Library:
         return options
 
     def record(self) -> Records:
-        """A record in which nothing is known yet."""
+        """Make an empty record, in which all results are unknown."""
         return np.ndarray((), RECORD, bytearray(self._record))
 
     def request(self, **changes: float) -> Records:
-        """The default request of a judgement, with changes of fields of ``flinders_request``."""
+        """Make a row of `REQUEST`, the request of a judgement, with defaults and changes."""
         request: Records = np.ndarray((), REQUEST, bytearray(self._asked))
         for name, value in changes.items():
             request[name] = value
         return request
 
     def message(self, status: int) -> str:
-        """A status in words."""
+        """Message of a status."""
         return str(self._library.flinders_message(int(status)).decode())
 
     def kernels(self, wanted: int = 0) -> int:
-        """Kernels that run on this processor: 1 the baseline, 2 AVX2."""
+        """Kernels that are used on this processor: 1 for the baseline, 2 for AVX2; `wanted` selects them."""
         return int(self._library.flinders_kernels(wanted))
 
     def _workspace(self, rows: int) -> tuple[NDArray[np.uint8], int]:
-        """Memory that a recording of so many readings needs, and its size."""
+        """Workspace for a recording of `rows` readings, and its size in bytes."""
         size = int(self._library.flinders_workspace_size(rows))
         return np.empty(size, dtype=np.uint8), size
 
     def _require(self, status: int) -> None:
-        """Raise ValueError unless a call went well."""
+        """Raise ValueError for a status other than 0."""
         if status:
             raise ValueError(self.message(status))
 
 
 def _library() -> Path:
-    """The library of these sources, compiled where it is not there."""
+    """Path of the library, which is compiled if needed; raises `NoEngine` if that fails."""
     try:
         return library()
     except NoCompiler as error:
@@ -192,12 +192,12 @@ def _library() -> Path:
 
 
 def vector_of(down: Floats | None) -> Floats | None:
-    """A vector as C takes it."""
+    """Contiguous float64 vector for C; None stays."""
     return None if down is None else np.ascontiguousarray(down, dtype=np.float64)
 
 
 def row_of(numbers: ArrayLike) -> Floats:
-    """Numbers one behind the other."""
+    """Contiguous float64 array for C."""
     return np.ascontiguousarray(numbers, dtype=np.float64)
 
 

@@ -1,63 +1,63 @@
-/* A calibration that keeps itself while its sensor is used: what it does with each reading.
+/* Online calibration: processing of each reading.
  *
- * Evidence is the means of readings in one direction, in the order of time. Each group of readings is first compared with what is
- * known, by the offset that it shows alone. Where they contradict each other, the difference joins the claim at once. Groups that
- * agree with what was known again show that something passed, and their evidence is dropped; groups that agree with each other
- * show that the offset has moved. An offset that moves from one reading to the next is followed at once, and a body that lies
- * still is judged by the length of its reading. `python -m benchmarks.service` measures what it does.
+ * Evidence is a series of means of readings in one direction. The offset from each group of readings is first compared with the
+ * calibration. If they disagree, the difference is added to the claim at once. If later groups agree with the calibration, the
+ * disturbance was temporary, and the evidence is discarded; if they agree with each other, the offset has changed. A jump of the
+ * offset between two readings is followed at once, and for a body at rest the length of its reading is tested. Benchmark:
+ * `python -m benchmarks.service`.
  */
 #include "online.h"
 
 enum { FEWEST = 48, STEP = 32, GROUP = 16, LARGE_GROUP = 64, IN_A_ROW = 2, MOST_GROUPS = 24, SUSPECTS = 3,
        HALVINGS = 40, FEWEST_COMPARED = 8 };
 
-#define TURNED ((real)0.06)        /* rad from which on a direction is another one */
-#define MOST_TOGETHER_S ((real)2)  /* that readings of one direction are averaged over */
-#define GAP_S ((real)120)          /* without readings, or turning, after which a block has ended */
-#define BLOCK_S ((real)1200)       /* that a block lasts at most */
-#define DENSER ((real)1.37)        /* times as many readings a second, of a part that is thinned alone */
-#define FULL_S ((real)120)         /* that it lasts at least on a board, where few readings have to do for it */
-#define GROUP_TURN_DEG ((real)25)  /* from the mean of a group, that it is compared from */
-#define AS_FAR ((real)2)           /* times as far as a moved offset is seen to have moved, it may have where nothing is seen */
-#define ANYWHERE ((real)0.3)       /* of the radius: where an offset may be that nothing is known of */
-#define PLACE ((real)0.02)         /* of the field's strength, from place to place, beforehand */
-#define LEAST_PLACE ((real)0.003)  /* of it, that places differ at the least */
-#define CONTRADICTS ((real)1e-6)   /* how often chance may make a group that contradicts what is known */
-#define AGREES ((real)0.01)        /* how often chance makes a group that is said to agree again no better */
-#define LARGE ((real)0.004)        /* of the radius: smaller contradictions are none */
-#define LASTS_S ((real)30)         /* s that groups have to agree on another offset before it counts as moved */
-#define BETTER ((real)0.8)         /* of the claim in force, from which on another calibration is adopted */
-#define LEARNT ((real)3)           /* targets that a first calibration claims at most */
-#define SCATTER ((real)4)          /* of groups beforehand: variance over what they claim */
+#define TURNED ((real)0.06)        /* rad: smallest angle between different directions */
+#define MOST_TOGETHER_S ((real)2)  /* s: longest average of readings in one direction */
+#define GAP_S ((real)120)          /* s without readings or turns that end a block */
+#define BLOCK_S ((real)1200)       /* s: longest block */
+#define DENSER ((real)1.37)        /* ratio of reading rates from which only the denser part is thinned */
+#define FULL_S ((real)120)         /* s: shortest block on a board, whose evidence has few readings */
+#define GROUP_TURN_DEG ((real)25)  /* smallest turn from its mean of a group that is compared */
+#define AS_FAR ((real)2)           /* ratio of 1 sigma of the change in unobserved directions to the observed change */
+#define ANYWHERE ((real)0.3)       /* of the radius: 1 sigma of an unknown offset */
+#define PLACE ((real)0.02)         /* prior variation of the field's strength between places, 1 sigma, a fraction */
+#define LEAST_PLACE ((real)0.003)  /* smallest value of that variation */
+#define CONTRADICTS ((real)1e-6)   /* p-value below which a group contradicts the calibration */
+#define AGREES ((real)0.01)        /* p-value above which a group agrees */
+#define LARGE ((real)0.004)        /* of the radius: smallest contradiction */
+#define LASTS_S ((real)30)         /* s for which groups must agree on another offset before it is accepted */
+#define BETTER ((real)0.8)         /* ratio to the claim in use below which a calibration is adopted */
+#define LEARNT ((real)3)           /* largest claim of a first calibration, over the target */
+#define SCATTER ((real)4)          /* prior ratio of the variance of groups to the claimed one */
 #define MOST_SCATTER ((real)9)
-#define LEAST_SCATTER ((real)0.2)  /* few readings claim too little, as noise that lasts is assumed of them */
-#define PASSED ((real)1.5)         /* factor for the scatter after something has passed: such things are usual here */
-#define GROUPS ((real)16)          /* groups that the scatter is averaged over */
-#define FAR ((real)4)              /* times the average: one group counts as no more */
-#define LEVEL_S ((real)60)         /* that the first calibration of a level vehicle takes at least */
-#define UNRESOLVED_S ((real)600)   /* after which what contradicts is learnt from, whatever it is */
-#define SUSPECT ((real)1e-3)       /* how often chance may make one of three groups in a row that contradict it together */
-#define SAME ((real)0.4)           /* of the variance of a block, that is the place's, and not less after many of them */
-#define SAME_TURN ((real)0.3)      /* of what a level vehicle learns of a turn, that is the place's, to which it comes again */
-#define EITHER ((real)0.3)         /* probability that a contradiction has come to stay; the bound of 95 % then holds either way */
-#define BACK ((real)0.3)           /* how probable it is that what has moved moves back */
-#define BACK_S ((real)900)         /* in which it becomes e times less probable that what has moved moves back */
-#define JUMP ((real)6)             /* a jump is larger than so many usual steps from one reading to the next */
-#define AT_ONCE_S ((real)1)        /* s that the four newest readings may take for a jump to be looked for */
-#define AS_SOON ((real)2)          /* times as far apart as their neighbours, that readings before and after a jump are at most */
-#define CALM ((real)0.3)           /* of a jump: most that the readings before it, and those after it, differ by */
-#define STEPS ((real)64)           /* that their mean square is an average over */
-#define FAR_ALONE ((real)6)        /* times as far as places differ, that the strength in one reading is off */
-#define NEAR_AGAIN ((real)3)       /* the same of one that is not */
-#define HEELED ((real)2.5)         /* times the scatter of the height, that readings of a level vehicle are within */
-#define HEIGHTS ((real)128)        /* readings that this height is an average over */
-#define LONGEST_S ((real)(10 * 365.25 * 86400)) /* that a claim is looked ahead for */
-#define LEAN ((real)0.8)           /* of how far a level vehicle tilts, that follows its heading, as heel does, and looks like an offset */
+#define LEAST_SCATTER ((real)0.2)  /* below 1, as autocorrelated noise is assumed for few readings */
+#define PASSED ((real)1.5)         /* factor for the scatter after a temporary disturbance */
+#define GROUPS ((real)16)          /* number of groups in the average of the scatter */
+#define FAR ((real)4)              /* largest weight of one group, over the average */
+#define LEVEL_S ((real)60)         /* s: shortest recording for a first calibration of a level vehicle */
+#define UNRESOLVED_S ((real)600)   /* s after which contradicting readings are used in any case */
+#define SUSPECT ((real)1e-3)       /* p-value of each of three successive groups that are a contradiction together */
+#define SAME ((real)0.4)           /* fraction of a block's variance that depends on the place, and is not averaged out */
+#define SAME_TURN ((real)0.3)      /* the same fraction for a turn of a level vehicle, which returns to the place */
+#define EITHER ((real)0.3)         /* probability of a permanent change after a contradiction; the 95 % bound includes both cases */
+#define BACK ((real)0.3)           /* initial probability that a change is reversed */
+#define BACK_S ((real)900)         /* s: time constant of the decay of that probability */
+#define JUMP ((real)6)             /* smallest jump, over the usual step between readings */
+#define AT_ONCE_S ((real)1)        /* s: longest duration of the four newest readings for a test for a jump */
+#define AS_SOON ((real)2)          /* largest interval at a jump, over the neighbouring intervals */
+#define CALM ((real)0.3)           /* largest difference of two readings before or after a jump, over the jump */
+#define STEPS ((real)64)           /* number of steps in the average of their mean square */
+#define FAR_ALONE ((real)6)        /* error of the strength in one reading that is disturbed, in standard deviations */
+#define NEAR_AGAIN ((real)3)       /* the same for one that is undisturbed again */
+#define HEELED ((real)2.5)         /* largest deviation of z of a level vehicle, in standard deviations */
+#define HEIGHTS ((real)128)        /* number of readings in the average of this height */
+#define LONGEST_S ((real)(10 * 365.25 * 86400)) /* s: longest prediction of a claim */
+#define LEAN ((real)0.8)           /* fraction of a level vehicle's tilt that depends on heading, like an offset */
 
-/* Bytes of the record. */
+/* Size of the record in bytes. */
 size_t flinders_online_size(void) { return sizeof(flinders_online); }
 
-/* Drop evidence before one reading. */
+/* Discard evidence before a reading. */
 static void drop_before(flinders_online *online, int first)
 {
     const size_t left = (size_t)(online->kept - first);
@@ -69,8 +69,8 @@ static void drop_before(flinders_online *online, int first)
 }
 
 #ifdef FLINDERS_SMALL
-/* Drop every other reading of those that were compared, or of their newer half where that is denser in time: few readings then
- * cover as long a time as many. */
+/* Discard every second reading of those that were compared, or of their newer half if that is denser in time, so that few
+ * readings cover a long time. */
 static void thin(flinders_online *online)
 {
     const real *const time = online->time;
@@ -89,7 +89,7 @@ static void thin(flinders_online *online)
 }
 #endif
 
-/* What stays known of a block when it has ended. */
+/* Knowledge after the end of a block. */
 FL_APART void fl_closed(const flinders_online *online, real covariance[81])
 {
     real prior[81];
@@ -99,7 +99,7 @@ FL_APART void fl_closed(const flinders_online *online, real covariance[81])
     if (online->latest_at > online->known_at) fl_keep_open(prior, SAME, covariance);
 }
 
-/* End a block: what is known latest is what is known, and its evidence is gone. */
+/* End a block: keep its latest calibration, and discard its evidence. */
 FL_APART static void close_block(flinders_online *online, const fl_lent *memory)
 {
     real offset[3], covariance[9], d[3];
@@ -120,7 +120,7 @@ FL_APART static void close_block(flinders_online *online, const fl_lent *memory)
     drop_before(online, online->kept);
 }
 
-/* Put what is known latest in force. */
+/* Use the latest calibration. */
 void flinders_online_adopt(flinders_online *online)
 {
     if (online->state == FLINDERS_LEARNING) return;
@@ -129,7 +129,7 @@ void flinders_online_adopt(flinders_online *online)
     online->adopted_at = online->now;
 }
 
-/* Put what was in force before in force again. */
+/* Use the previous calibration again. */
 void flinders_online_take_back(flinders_online *online)
 {
     real current[9];
@@ -140,7 +140,7 @@ void flinders_online_take_back(flinders_online *online)
     online->adopted_at = online->now;
 }
 
-/* Adopt what is known latest where that is clearly better than what is in force. */
+/* Adopt the latest calibration if it is clearly better than that in use. */
 static int32_t adopt_better(flinders_online *online)
 {
     flinders_online_claim claim;
@@ -151,7 +151,7 @@ static int32_t adopt_better(flinders_online *online)
     return FLINDERS_ADOPTED;
 }
 
-/* Nothing contradicts what is known. */
+/* Reset contradictions. */
 static void clear_doubt(flinders_online *online)
 {
     online->doubtful = -1;
@@ -160,7 +160,7 @@ static void clear_doubt(flinders_online *online)
     memset(online->apart_covariance, 0, sizeof online->apart_covariance);
 }
 
-/* The offset is another one: that which doubtful evidence shows, with the shape as it was. */
+/* Accept a changed offset: that from contradicting evidence, with the same shape. */
 static int32_t move(flinders_online *online, const real offset[3], const real covariance[9])
 {
     for (int i = 0; i < 3; i++) online->moved[i] = online->apart[i];
@@ -180,8 +180,8 @@ static int32_t move(flinders_online *online, const real offset[3], const real co
     return FLINDERS_MOVED | adopt_better(online);
 }
 
-/* By how much the offset that evidence shows from one reading on is another one, and the covariance of that. Where the
- * evidence tells nothing of it, it has moved about as far as where it does. */
+/* Change of the offset by evidence from a reading on, and its covariance. In unobserved directions, 1 sigma is about the change
+ * in the others. */
 static void part(flinders_online *online, int first, const fl_lent *memory, real offset[3], real covariance[9])
 {
     real d[3];
@@ -192,7 +192,7 @@ static void part(flinders_online *online, int first, const fl_lent *memory, real
     memcpy(online->apart_covariance, covariance, 9 * sizeof *covariance);
 }
 
-/* Whether it is known by how much the offset has moved, in all directions. */
+/* Whether the change of the offset is observed in all directions. */
 static int is_determined(const flinders_online *online)
 {
     real size = 0, unknown = 0;
@@ -271,7 +271,7 @@ static int32_t look_at_one(flinders_online *online, int is_still)
     return FLINDERS_CONTRADICTED;
 }
 
-/* Let an average over groups follow one of them. */
+/* Update an average over groups. */
 static void follow(real *average, real square, real least)
 {
     const real most = FAR * *average;
@@ -279,7 +279,7 @@ static void follow(real *average, real square, real least)
     *average = *average > least ? *average : least;
 }
 
-/* What passed has passed: its evidence is dropped, and that of this block with it. */
+/* End a temporary disturbance: discard its evidence, and that of its block. */
 static int32_t pass(flinders_online *online)
 {
     online->scatter = online->scatter * PASSED < MOST_SCATTER ? online->scatter * PASSED : MOST_SCATTER;
@@ -327,7 +327,7 @@ static void learn_of_turn(flinders_online *online, const real d[3], const real a
     memcpy(online->known_covariance, known, sizeof online->known_covariance);
 }
 
-/* Take a group for usual here. One that chance hardly ever makes is so where the next one is not. */
+/* Update the statistics with a group. An improbable group is included only if the next one is not improbable. */
 static void get_used_to(flinders_online *online, int first, real ratio)
 {
     real u[3], variance = online->place * online->place;
@@ -343,7 +343,7 @@ static void get_used_to(flinders_online *online, int first, real ratio)
     online->place = fl_sqrt(variance);
 }
 
-/* The offset that a group of readings shows alone, and how it differs from what is known. */
+/* Offset from a group of readings alone, and its difference from the calibration. */
 typedef struct {
     int first;                     /* of its readings */
     real offset[3], covariance[9]; /* of these alone */
@@ -353,7 +353,7 @@ typedef struct {
     real chance;                   /* how often chance makes as much, of groups that scatter as they do */
 } shown;
 
-/* A group while nothing contradicts what is known: it does, or it is usual here. */
+/* Process a group without a contradiction before: it is one, or updates the statistics. */
 static int32_t compare_undisturbed(flinders_online *online, shown *group, const fl_lent *memory)
 {
     const int is_large = group->size > LARGE * fl_mean_radius(online->latest);
@@ -368,7 +368,7 @@ static int32_t compare_undisturbed(flinders_online *online, shown *group, const 
     return FLINDERS_CONTRADICTED;
 }
 
-/* A group while something does: it agrees with what was known, or with the groups before it, or with neither. */
+/* Process a group after a contradiction: it agrees with the calibration, with the previous groups, or with neither. */
 static int32_t compare_disturbed(flinders_online *online, shown *group, const fl_lent *memory)
 {
     const real scatter = online->scatter > 1 ? online->scatter : 1;
@@ -392,7 +392,7 @@ static int32_t compare_disturbed(flinders_online *online, shown *group, const fl
     return move(online, group->offset, group->covariance);
 }
 
-/* Compare readings from one on with what is known. */
+/* Compare readings from one on with the calibration. */
 static int32_t compare(flinders_online *online, int first, const fl_lent *memory)
 {
     const real anywhere = ANYWHERE * fl_mean_radius(online->latest);
@@ -431,7 +431,7 @@ static int32_t look(flinders_online *online, const fl_lent *memory)
 }
 
 #ifndef FLINDERS_SMALL /* a board is given its first calibration */
-/* How far readings scatter along z. */
+/* Standard deviation of readings along z. */
 static real height_sigma_of(const flinders_online *online, real mean)
 {
     real sum = 0;
@@ -457,7 +457,7 @@ static int is_straight(const flinders_online *online)
     return !(flinders_turn_deg(online->field + 3 * (online->kept - LARGE_GROUP), LARGE_GROUP, shape) > GROUP_TURN_DEG);
 }
 
-/* Find a first calibration. */
+/* Compute a first calibration. */
 static int32_t begin_to_know(flinders_online *online, const fl_lent *memory)
 {
     flinders_options options;
@@ -487,7 +487,7 @@ static int32_t begin_to_know(flinders_online *online, const fl_lent *memory)
 }
 #endif
 
-/* Angle between the directions of two readings, by what is known. */
+/* Angle between the directions of two readings, by the calibration. */
 static real turned_by(const flinders_online *online, const real a[3], const real b[3])
 {
     real d[3], square = 0;
@@ -504,8 +504,8 @@ static void forget_direction(flinders_online *online)
     online->sum_time = 0, online->averaged = 0;
 }
 
-/* Whether a level vehicle is not level now, as a boat that heels: its readings are not at the height of the others, which moves
- * with the offset. */
+/* Whether a level vehicle is tilted now, as a boat that heels: z of its readings differs from the mean, which moves with the
+ * offset. */
 static int is_heeled(flinders_online *online)
 {
     const real usual = HEELED * online->height_sigma, least = 2 * LARGE * fl_mean_radius(online->latest);
@@ -514,7 +514,7 @@ static int is_heeled(flinders_online *online)
     return fl_abs(off) > most;
 }
 
-/* Put the mean of the readings of one direction into the evidence. */
+/* Add the mean of the readings in one direction to the evidence. */
 static int32_t keep(flinders_online *online, int is_still, const fl_lent *memory)
 {
     if (!online->averaged) return 0;
@@ -545,7 +545,7 @@ static int32_t keep(flinders_online *online, int is_still, const fl_lent *memory
     return events ? events : look(online, memory);
 }
 
-/* End what has lasted for too long, or has ended. */
+/* End blocks that are complete or too long. */
 static void end_block(flinders_online *online, real time, const fl_lent *memory)
 {
     if (!online->kept || online->state != FLINDERS_UNDISTURBED) return;
@@ -621,7 +621,7 @@ static int32_t add(flinders_online *online, const real x[3], real time, const fl
     return events;
 }
 
-/* Begin without any calibration. */
+/* Begin without a calibration. */
 void flinders_online_begin(flinders_online *online)
 {
     memset(online, 0, sizeof *online);
@@ -639,7 +639,7 @@ void flinders_online_begin(flinders_online *online)
     clear_doubt(online);
 }
 
-/* Put a calibration in force. */
+/* Use a calibration. */
 int flinders_online_know(flinders_online *online, const real parameters[9], const real covariance[81], real noise, real time)
 {
     fl_surface surface;
@@ -661,7 +661,7 @@ int flinders_online_know(flinders_online *online, const real parameters[9], cons
     return FLINDERS_OK;
 }
 
-/* The rate at which the offset walks is known. */
+/* Set the prior rate of the offset's random walk. */
 int flinders_online_expect_walk(flinders_online *online, real walk, real log_sigma)
 {
     if (!(walk > 0 && isfinite(walk) && log_sigma > 0 && isfinite(log_sigma))) return FLINDERS_BAD_OPTION;
@@ -685,7 +685,7 @@ size_t flinders_online_add(flinders_online *online, const real *field, const rea
     return rows;
 }
 
-/* What is claimed at a time. */
+/* Claim at a time. */
 int flinders_online_claim_at(const flinders_online *online, real time, flinders_online_claim *claim)
 {
     fl_surface surface;
@@ -719,7 +719,7 @@ int flinders_online_claim_at(const flinders_online *online, real time, flinders_
     return FLINDERS_OK;
 }
 
-/* How long the claim stays within the target. */
+/* Time for which the claim stays within the target. */
 real flinders_online_good_s(const flinders_online *online)
 {
     flinders_online_claim claim;
@@ -736,7 +736,7 @@ real flinders_online_good_s(const flinders_online *online)
     return low;
 }
 
-/* Count times from a later origin. */
+/* Move the origin of times. */
 void flinders_online_shift(flinders_online *online, real seconds)
 {
     real *const times[] = {&online->began, &online->now, &online->known_at, &online->latest_at, &online->adopted_at,

@@ -1,4 +1,4 @@
-/* What the files of a calibration that keeps itself share. */
+/* Shared declarations of the online calibration. */
 #ifndef FLINDERS_ONLINE_H
 #define FLINDERS_ONLINE_H
 
@@ -7,13 +7,13 @@
 
 enum { FL_PARAMETERS = 9, FL_EVIDENCE = FLINDERS_EVIDENCE, FL_RATES = 7 };
 
-/* Memory that is lent to fits. */
+/* Workspace of fits. */
 typedef struct {
     void *at;
     size_t size;
 } fl_lent;
 
-extern const real fl_probable_rates[FL_RATES]; /* of the offset's walk, beforehand */
+extern const real fl_probable_rates[FL_RATES]; /* prior probabilities of the rates of the offset's random walk */
 
 real fl_mean_radius(const real parameters[9]);
 real fl_walk_variance(const flinders_online *online);

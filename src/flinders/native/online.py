@@ -1,4 +1,4 @@
-"""Calls of the engine for a calibration that keeps itself.
+"""Calls of the engine for an online calibration, which is updated while readings arrive.
 
 >>> online = Online().online()
 >>> int(online["state"]), float(online["target_deg"])
@@ -15,7 +15,7 @@ from flinders.native.layouts import ONLINE, ONLINE_CLAIM, blank
 from flinders.native.library import Library, row_of
 
 EVIDENCE: Final = ONLINE["time"].shape[0]
-"""Readings that are kept."""
+"""Number of readings that an online calibration stores."""
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike
@@ -25,10 +25,10 @@ if TYPE_CHECKING:
 
 
 class Online(Library):
-    """A calibration that keeps itself: a row of `ONLINE`, changed in place."""
+    """Online calibrations: rows of `ONLINE`, which are changed in place."""
 
     def online(self) -> Records:
-        """A row of `ONLINE` that knows nothing yet."""
+        """Make an empty row of `ONLINE`."""
         online = blank(ONLINE)
         self._library.flinders_online_begin(online)
         return online
@@ -36,22 +36,22 @@ class Online(Library):
     def online_know(
         self, online: Records, parameters: ArrayLike, covariance: ArrayLike, *, noise: float, time: float
     ) -> None:
-        """Put offset and shape (9,) with their covariance (9, 9) in force, as they were known at a time, s."""
+        """Activate (9,) offset and shape with their (9, 9) covariance, as known at a time in s."""
         self._require(self._library.flinders_online_know(online, row_of(parameters), row_of(covariance), noise, time))
 
     def online_expect_walk(self, online: Records, walk: float, log_sigma: float) -> None:
-        """Let the rate at which the offset walks be known: unit per root hour, and 1 σ of its natural logarithm."""
+        """Set the rate of the offset's random walk, in its unit per root hour, and 1 σ of its natural logarithm."""
         self._require(self._library.flinders_online_expect_walk(online, walk, log_sigma))
 
     def online_add(self, online: Records, field: Floats, time: Floats) -> tuple[int, int]:
-        """Add readings (N, 3) with times (N,), s, up to the first at which something happened.
+        """Add (N, 3) readings with (N,) times in s, up to the first reading with an event.
 
         Returns
         -------
         added : int
-            How many were added.
+            Number of readings that were added.
         events : int
-            Bits of what happened.
+            Bits of the events.
         """
         readings, times = np.ascontiguousarray(field, np.float64), np.ascontiguousarray(time, np.float64)
         events, (workspace, size) = np.zeros(1, dtype=np.int32), self._workspace(EVIDENCE)
@@ -59,19 +59,19 @@ class Online(Library):
         return int(added), int(events[0])
 
     def online_claim(self, online: Records, time: float) -> Records:
-        """A row of `ONLINE_CLAIM`: what is claimed at a time, NaN where nothing is in force."""
+        """Make a row of `ONLINE_CLAIM`: the claim at a time in s, NaN without an active calibration."""
         claim = blank(ONLINE_CLAIM)
         self._library.flinders_online_claim_at(online, time, claim)
         return claim
 
     def online_good_s(self, online: Records) -> float:
-        """Seconds for which the claim stays within the target; NaN where it is not, infinite beyond ten years."""
+        """Time in s for which the claim stays within the target; NaN if it is above, infinite beyond ten years."""
         return float(self._library.flinders_online_good_s(online))
 
     def online_adopt(self, online: Records) -> None:
-        """Put what is known latest in force."""
+        """Activate the latest estimate."""
         self._library.flinders_online_adopt(online)
 
     def online_take_back(self, online: Records) -> None:
-        """Put what was in force before in force again."""
+        """Activate the previously active calibration again."""
         self._library.flinders_online_take_back(online)

@@ -1,4 +1,4 @@
-/* What a recording says of itself before any fit: repeats, ends of the axes, time stamps, distinct readings. */
+/* Statistics of a recording before a fit: repeats, saturation, time stamps, distinct readings. */
 #include "record.h"
 
 enum { PARTS = 19, BETWEEN = 24, /* numbers between two columns, which then share no lines of a cache */
@@ -6,7 +6,7 @@ enum { PARTS = 19, BETWEEN = 24, /* numbers between two columns, which then shar
 #define RAIL_SHARE ((real)0.01)
 #define RAIL_WIDTH ((real)0.25)
 
-/* The part of the workspace behind what was taken, rounded up to 64 bytes. */
+/* Free part of the workspace, rounded up to 64 bytes. */
 static size_t taken(size_t used, size_t bytes) { return used + (bytes + 63) / 64 * 64; }
 
 /* Sizes of the parts of the workspace, in the order of fl_room. */
@@ -25,7 +25,7 @@ static void sizes_of(size_t rows, size_t sizes[PARTS])
     sizes[18] = 3 * rows * sizeof(real);
 }
 
-/* Bytes of workspace that a recording needs. */
+/* Size of the workspace for a recording in bytes. */
 size_t flinders_workspace_size(size_t rows)
 {
     size_t sizes[PARTS], used = 0;
@@ -34,7 +34,7 @@ size_t flinders_workspace_size(size_t rows)
     return used;
 }
 
-/* Cut the workspace up; nonzero if it is too small. */
+/* Divide the workspace into arrays; nonzero if it is too small. */
 int fl_room_of(void *workspace, size_t size, size_t rows, fl_room *room)
 {
     size_t sizes[PARTS], used = 0;
@@ -74,7 +74,7 @@ static uint64_t hash_of(const real reading[3])
     return hash ^ hash >> 32;
 }
 
-/* Keep of a table of hashes those up to a bound; their number. */
+/* Keep hashes up to a bound in a table; returns their number. */
 static size_t thin(const fl_room *room, size_t slots, uint64_t bound)
 {
     uint64_t *const spare = room->keys + FL_TABLE;
@@ -103,7 +103,7 @@ static size_t small_hashes(const real *field, size_t n, uint64_t bound, uint64_t
     return count;
 }
 
-/* Different readings. Beyond 4096 of them by how often each of a sample occurs: those whose hashes are small. */
+/* Number of distinct readings. Above 4096, an estimate from a sample: the readings with small hashes. */
 int64_t fl_distinct(const real *field, size_t rows, const fl_room *room)
 {
     const size_t slots = fl_slots_for(rows);
@@ -128,7 +128,7 @@ int64_t fl_distinct(const real *field, size_t rows, const fl_room *room)
     return (int64_t)((real)rows * (real)count / sampled + (real)0.5);
 }
 
-/* What time stamps say; those that are NaN are passed over. */
+/* Statistics of time stamps; NaN are ignored. */
 static void clock_of(const real *time, size_t rows, flinders_record *record)
 {
     real last, longest = 0;
@@ -196,7 +196,7 @@ static void compare_with_next(const real *field, size_t rows, int end, flinders_
     else record->step = step > record->step ? step : record->step;
 }
 
-/* Readings equal to the one before. */
+/* Number of readings that are equal to the previous one. */
 int64_t fl_repeats(const real *field, size_t rows)
 {
     int64_t count = 0;
@@ -207,7 +207,7 @@ int64_t fl_repeats(const real *field, size_t rows)
     return count;
 }
 
-/* Look at all readings; nonzero if one is not finite. */
+/* Compute the statistics; nonzero if a reading is not finite. */
 int fl_quality(const fl_kernels *kernels, const real *field, const real *time, size_t rows, flinders_record *record)
 {
     at_ends there;

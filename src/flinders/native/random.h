@@ -1,4 +1,4 @@
-/* Random numbers, the same everywhere. */
+/* Random numbers, identical on all platforms. */
 #ifndef FLINDERS_RANDOM_H
 #define FLINDERS_RANDOM_H
 
@@ -6,9 +6,9 @@
 
 typedef struct {
     uint64_t high, low; /* the state, 128 bits */
-    uint32_t spare;     /* half of the last 64 bits, where only the other was asked for */
+    uint32_t spare;     /* unused half of the last 64 bits */
     int has_spare;
-    uint32_t skipped;   /* length of a permutation that is drawn where what follows it is asked for */
+    uint32_t skipped;   /* length of a permutation that is drawn only before the next number */
 } fl_random;
 
 fl_random fl_random_begin(void);
@@ -16,7 +16,7 @@ void fl_random_catch_up(fl_random *random, uint32_t *scratch);
 void fl_random_permutation(fl_random *random, uint32_t n, uint32_t *out);
 void fl_random_choice(fl_random *random, uint32_t n, uint32_t k, uint32_t *out);
 
-/* High half of the product of two numbers. */
+/* High 64 bits of the product of two numbers. */
 static inline uint64_t fl_high_product(uint64_t a, uint64_t b)
 {
 #ifdef __SIZEOF_INT128__

@@ -1,14 +1,14 @@
-/* One record per recording: the order in which everything is done. */
+/* Record of a recording: sequence of all steps. */
 #include "sums.h"
 #include "residuals.h"
 
-/* Bytes of a record. */
+/* Size of a record in bytes. */
 size_t flinders_record_size(void) { return sizeof(flinders_record); }
 
-/* Bytes of a number. */
+/* Size of a number in bytes. */
 size_t flinders_real_size(void) { return sizeof(real); }
 
-/* Solve from sums alone. */
+/* Fit from sums alone. */
 int flinders_sums_solve(const flinders_sums *sums, flinders_record *record)
 {
     fl_surface surface;
@@ -34,7 +34,7 @@ int flinders_distances(const real *field, size_t rows, const flinders_record *re
     return FLINDERS_OK;
 }
 
-/* The covariance of a record. Rejected readings that may be noise do not sharpen it: it is no smaller than with them. */
+/* Covariance of a record. If rejected readings may be noise, it is not smaller than with them. */
 void fl_covariance_of(const fl_kernels *kernels, const fl_view *view, const flinders_options *options, fl_fit *fit,
                       const fl_room *room, flinders_record *record)
 {
@@ -51,7 +51,7 @@ void fl_covariance_of(const fl_kernels *kernels, const fl_view *view, const flin
     if (is_wider) fl_raise(record->covariance, covariance, 9, 0);
 }
 
-/* Everything that is known after the fit of an ellipsoid: covariance, errors of heading and direction, statistics. */
+/* Results after the fit of an ellipsoid: covariance, errors of heading and direction, statistics. */
 static void describe(const fl_task *of, const fl_view *view, fl_fit *fit, flinders_record *record)
 {
     const fl_room *const room = &of->room;
@@ -71,7 +71,7 @@ static void describe(const fl_task *of, const fl_view *view, fl_fit *fit, flinde
     if (statistics && is_alone) fl_axes(of->kernels, view, fit, record->dip_deg, statistics > 1, room, record);
 }
 
-/* Fit an ellipsoid to readings that were looked at or, where they may be a level turn, whichever of the two they are. */
+/* Fit an ellipsoid to prepared readings, or the ellipse of a level turn if they are one. */
 static int fit_either(fl_task *of, flinders_record *record)
 {
     const int may_be = fl_may_be_turn(record, of->options);
@@ -96,7 +96,7 @@ static int fit_either(fl_task *of, flinders_record *record)
     return FLINDERS_OK;
 }
 
-/* Take readings and the memory that is lent; a status. */
+/* Set readings and workspace; returns a status. */
 static int take(fl_task *of, void *workspace, size_t size, flinders_record *record)
 {
     fl_clear_record(record);
@@ -106,7 +106,7 @@ static int take(fl_task *of, void *workspace, size_t size, flinders_record *reco
     return fl_room_of(workspace, size, of->all.rows, &of->room) ? FLINDERS_NO_WORKSPACE : FLINDERS_OK;
 }
 
-/* Look at readings for a method that needs so many different ones, and so many axes that change. */
+/* Prepare readings for a method with a minimum of different readings, and of axes that vary. */
 static int look(fl_task *of, int fewest, int axes, flinders_record *record)
 {
     of->view = of->all;
@@ -129,7 +129,7 @@ static int fit_few(fl_task *of, flinders_record *record)
     return status;
 }
 
-/* Fit recordings of one sensor as one. */
+/* Fit several recordings of one sensor together. */
 int flinders_fit_parts(const real *field, const real *time, size_t rows, const int64_t *ends, size_t parts,
                        const flinders_options *options, void *workspace, size_t size, flinders_record *record)
 {
@@ -188,7 +188,7 @@ int flinders_polish(const real *field, size_t rows, const int64_t *ends, size_t 
     return record->status;
 }
 
-/* A steady change about a known ellipsoid. */
+/* Linear drift about a known ellipsoid. */
 int flinders_drift(const real *field, size_t rows, const real centre[3], const real shape[6], real dip_deg,
                    void *workspace, size_t size, flinders_record *record)
 {
@@ -205,7 +205,7 @@ int flinders_drift(const real *field, size_t rows, const real centre[3], const r
     return record->status;
 }
 
-/* Fit many recordings, one after the other. */
+/* Fit many recordings. */
 int flinders_fit_many(const real *field, const real *time, const int64_t *offsets, size_t recordings,
                       const flinders_options *options, void *workspace, size_t size, flinders_record *records)
 {

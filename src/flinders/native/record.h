@@ -1,55 +1,55 @@
-/* What the steps of a fit hand to each other, and the memory that they borrow. */
+/* Shared data of the steps of a fit, and their workspace. */
 #ifndef FLINDERS_RECORD_H
 #define FLINDERS_RECORD_H
 
 #include "internal.h"
 
-#define FL_EMPTY UINT64_MAX /* key of a slot that is free */
+#define FL_EMPTY UINT64_MAX /* key of a free slot */
 
 enum { FL_SLOTS = 16384, FL_TABLE = 8192, FL_CELLS = 4096,
-       FL_ELLIPSOID = 10, FL_ELLIPSE = 6, /* unknowns, the noise among them, ... */
-       FL_AXES = 3, FL_AXES_OF_PLANE = 2, /* ... and axes that have to change */
+       FL_ELLIPSOID = 10, FL_ELLIPSE = 6, /* number of unknowns, including the noise */
+       FL_AXES = 3, FL_AXES_OF_PLANE = 2, /* number of axes that must vary */
        FL_STRETCHES = 12, FL_STRETCH = FL_LOOKED / FL_STRETCHES };
 
 #ifdef FLINDERS_FLOAT
-#define FL_SMALLEST 1e-6 /* fourth powers and their inverses are numbers */
+#define FL_SMALLEST 1e-6 /* fourth powers and their inverses neither underflow nor overflow */
 #define FL_LARGEST 1e6
 #else
 #define FL_SMALLEST 1e-12
 #define FL_LARGEST 1e15
 #endif
 
-/* The caller's memory, cut up. */
+/* Arrays in the caller's workspace. */
 typedef struct {
     real *distances;         /* (rows,) */
     real *scratch;           /* (rows,) */
-    real *columns;           /* (FL_COLUMNS, apart) Jacobian and distance of each, and what else may explain it */
-    size_t apart;            /* min(rows, FL_LOOKED) and some more */
-    uint32_t *order;         /* (2 * min(rows, FL_ENOUGH),) places in random order, and rows of a sample; cells of the sphere */
+    real *columns;           /* (FL_COLUMNS, apart) Jacobian and distance of readings, and further regressors */
+    size_t apart;            /* distance between columns: min(rows, FL_LOOKED) and padding */
+    uint32_t *order;         /* (2 * min(rows, FL_ENOUGH),) indices in random order, and rows of a sample; cells of the sphere */
     size_t *begins;          /* (min(rows, 12 * 1024) + 2,) */
     unsigned char *rejected; /* (rows,) */
     unsigned char *far;      /* (rows,) */
-    unsigned char *passed;   /* (rows,) readings that a sample leaves out */
+    unsigned char *passed;   /* (rows,) marks readings outside a sample */
     uint64_t *keys;          /* (FL_SLOTS,) */
     real *cells;             /* (4 * FL_SLOTS,) counts and sums */
     unsigned char *counters; /* (FL_TABLE,) */
-    real *directions;        /* (3, FL_LOOKED) of the readings whose Jacobian there is */
-    real *some;              /* (3 * min(rows, FL_ENOUGH),) readings that a fit is iterated on */
-    real *matrices;          /* (2 * 100 * 100,) covariance of a distortion, cell by cell */
+    real *directions;        /* (3, FL_LOOKED) of the readings in `columns` */
+    real *some;              /* (3 * min(rows, FL_ENOUGH),) readings for the iterations of a fit */
+    real *matrices;          /* (2 * 100 * 100,) covariance of a distortion between cells */
     real *series;            /* (12 * min(rows, FL_LOOKED),) averages of successive residuals */
-    const real *time;        /* (rows,) or NULL; not of the workspace */
-    const int64_t *ends;     /* (parts,) of the recordings that the readings are; not of the workspace */
+    const real *time;        /* (rows,) or NULL; outside the workspace */
+    const int64_t *ends;     /* (parts,) end rows of the recordings; outside the workspace */
     size_t parts;
-    real *fitted;            /* (3 * rows,) readings that a fit goes by; NULL: rests are not looked for */
+    real *fitted;            /* (3 * rows,) readings after averaging of rests; NULL: rests are not detected */
     real *fitted_time;     /* (rows,) */
     int64_t *fitted_ends;  /* (rows,) */
-    real *flat;            /* (3 * rows,) readings laid flat */
-    size_t slots;            /* of the table of cells that `fl_cloud` has made of all readings */
-    real fullest;            /* readings of the cell that has most of them */
+    real *flat;            /* (3 * rows,) readings projected into a plane */
+    size_t slots;            /* size of the hash table of cells by `fl_cloud` */
+    real fullest;            /* largest number of readings in a cell */
     real side;               /* of a cell */
 } fl_room;
 
-/* The slot of a key in a table that is never full, free or its own. */
+/* Slot of a key in a hash table that is never full: that with the key, or a free one. */
 static inline size_t fl_slot(const uint64_t *keys, size_t slots, uint64_t key)
 {
     uint64_t mixed = key * UINT64_C(0x9E3779B97F4A7C15);
@@ -58,30 +58,30 @@ static inline size_t fl_slot(const uint64_t *keys, size_t slots, uint64_t key)
     return slot;
 }
 
-/* The distances of the readings whose Jacobian there is, behind nine columns of that. */
+/* Column of distances, after the nine columns of the Jacobian. */
 static inline real *fl_column_of_distances(const fl_room *room) { return room->columns + 9 * room->apart; }
 
-/* rests.c: a search for rests, which goes through them once. */
+/* rests.c: state of a search for rests, in one pass. */
 typedef struct {
     const real *field;
     size_t rows;
-    const int64_t *ends;     /* (parts,) of the recordings that the readings are */
+    const int64_t *ends;     /* (parts,) end rows of the recordings */
     size_t parts;
-    real origin[3];          /* mean of the readings, of a long recording of some of them */
-    real far;                /* distance from that which few readings are beyond, unit */
-    real still, noisy;       /* most that a rest moves and that its readings scatter, unit */
-    real chance;             /* share of the variance of a window that chance may add to it */
-    size_t half, windows;    /* readings of half a window, and how many windows there are, half over half */
+    real origin[3];          /* mean of the readings, for a long recording of some of them */
+    real far;                /* distance from the origin that few readings exceed, unit */
+    real still, noisy;       /* largest motion and largest noise in a rest, unit */
+    real chance;             /* largest fraction of a window's variance by chance */
+    size_t half, windows;    /* number of readings of half a window, and number of windows, which overlap by half */
     unsigned char *is_still; /* (windows,) */
-    int are_left_out;        /* a fit leaves them out; else each is one reading of it */
-    size_t window, end;      /* where the search goes on */
+    int are_left_out;        /* 1 if a fit leaves rests out; else it averages each */
+    size_t window, end;      /* position of the search */
 } fl_rests;
 
-/* Where readings go when each rest becomes one. */
+/* Output arrays of the averaging of rests. */
 typedef struct {
-    real *field;              /* (rows, 3); may be where the readings are */
+    real *field;              /* (rows, 3); may be the input array */
     const real *time_of_all;  /* (rows,) or NULL */
-    real *time;               /* (rows,) or NULL, as that */
+    real *time;               /* (rows,), or NULL if `time_of_all` is */
     int64_t *ends;            /* (parts,) */
 } fl_fitted;
 
@@ -91,7 +91,7 @@ void fl_rests_rewind(fl_rests *rests);
 int fl_rests_next(fl_rests *rests, size_t *begin, size_t *end);
 size_t fl_rests_fitted(fl_rests *rests, const fl_fitted *out);
 
-/* runs.c: readings that are marked, and those of them that are far. */
+/* runs.c: number of marked readings, and of far ones among them. */
 typedef struct {
     size_t all, far;
 } fl_marked;
@@ -103,18 +103,18 @@ void fl_swaps(const fl_kernels *kernels, const real *field, size_t rows, const f
 void fl_confirm_swaps(const fl_kernels *kernels, const fl_view *view, const fl_fit *fit, const fl_room *room,
                       flinders_record *record);
 
-/* Readings to be fitted. */
+/* A fit to run. */
 typedef struct {
     const fl_kernels *kernels;
     const flinders_options *options;
-    fl_view all, view; /* as they came, and those that a fit goes by */
+    fl_view all, view; /* readings of the recording, and those after averaging of rests */
     const real *time;  /* (all.rows,) or NULL */
     const int64_t *ends;
     size_t parts;
     fl_room room;
 } fl_task;
 
-/* Covariances of readings: of all, and of those that are no outliers. */
+/* Covariances of all readings, and of inliers. */
 typedef struct {
     real all[6], inliers[6];
 } fl_scatter;
@@ -126,17 +126,17 @@ int fl_fit_turn(fl_task *of, flinders_record *record);
 int fl_is_turn(const flinders_record *ellipsoid, const flinders_record *turn, const fl_scatter *readings,
                const flinders_options *options);
 
-/* What a fit knows of the majority that it was made of. */
+/* Majority of a robust fit. */
 typedef struct {
-    int few;                  /* steps after which outliers are looked for */
-    real centre[3], shape[6]; /* of the surface that the distances of outliers were taken from, unit */
-    real beyond;              /* distance from which on they are rejected, unit */
-    int dense, is_robust;     /* as in a record; so is ... */
+    int few;                  /* number of steps before outliers are searched */
+    real centre[3], shape[6]; /* of the surface from which distances of outliers are measured, unit */
+    real beyond;              /* distance above which they are rejected, unit */
+    int dense, is_robust;     /* as in a record, and so is `rejected` */
     int64_t rejected;
 } fl_majority;
 
-/* fit.c: with little memory, and no statistics asked for, a room without `keys` and `some` will do; `scratch` may then be
- * the first half of `order`, and `distances` the second. */
+/* fit.c: without statistics, a workspace needs no `keys` and `some`; `scratch` may then be the first half of `order`, and
+ * `distances` the second, to save memory. */
 void fl_clear_record(flinders_record *record);
 void fl_place(const fl_surface *surface, flinders_record *record);
 void fl_place_sums(const flinders_sums *sums, flinders_record *record);

@@ -1,11 +1,11 @@
-/* A calibration renewed: the soft iron of an earlier one, the hard iron of some seconds of readings.
+/* Refresh of a calibration: soft iron of an earlier one, hard iron from a few seconds of readings.
  *
- * What changes on a vehicle is mostly hard iron: a battery, a load, a camera. The shape S is expected as it was,
+ * On a vehicle, mostly hard iron changes: a battery, a load, a camera. The shape S has the prior
  *
  *     S ~ N(f S₀, f² C₀ + σ² S₀ S₀ᵀ)
  *
- * C₀ its covariance, σ how well the strength of the field is known to be as it was, f the ratio of both strengths. The
- * offset is free. The fit is that of every recording, with this distribution in the place of its prior.
+ * with its covariance C₀, the relative uncertainty σ of the field's strength, and the ratio f of both strengths. The
+ * offset is free. The fit is that of other recordings, with this distribution as its prior.
  */
 #include "judge.h"
 #include "residuals.h"
@@ -14,28 +14,28 @@ enum { SHAPE = 6, FEWEST = 20 /* readings */ };
 
 #define LEAST_TURN_DEG ((real)5)    /* noise of a hundredth of the field reaches 2.3° in a thousand readings */
 #define STRENGTH_SIGMA ((real)0.01) /* of the strength of the field, at places 100 km apart, ground and buildings at each */
-#define SHAPE_SIGMA ((real)0.02)    /* of the radius, each entry of a shape that states no uncertainty */
-#define FINEST_SHAPE ((real)1e-4)   /* of the radius: no shape is known better, not even one that a method holds */
-#define ALLOWED_CHANGE ((real)0.05) /* of soft iron that has changed */
-#define TOLD ((real)0.1)            /* what readings have to tell of a direction of the shape */
+#define SHAPE_SIGMA ((real)0.02)    /* of the radius, for each entry of a shape without a covariance */
+#define FINEST_SHAPE ((real)1e-4)   /* of the radius: smallest uncertainty of a shape, even if a method fixes it */
+#define ALLOWED_CHANGE ((real)0.05) /* relative change of soft iron, 1 sigma */
+#define TOLD ((real)0.1)            /* smallest fraction of information from readings on a direction of the shape */
 
-/* Where the entry of the covariance (9, 9) of two entries of the shape is. */
+/* Index in the covariance (9, 9) of two entries of the shape. */
 static int place_of(int row, int column) { return 9 * (3 + row) + 3 + column; }
 
-/* Add variances of all entries of a shape; those beside the diagonal stand twice in the matrix. */
+/* Add variances of all entries of a shape; off-diagonal ones occur twice in the matrix. */
 static void add_variance(real variance, real covariance[81])
 {
     for (int i = 0; i < SHAPE; i++) covariance[place_of(i, i)] += i < 3 ? variance : variance / 2;
 }
 
-/* Add a share by which soft iron may have changed, 1 sigma. */
+/* Add a relative change of soft iron, 1 sigma. */
 static void add_change(real share, flinders_earlier *earlier)
 {
     const real changed = share * fl_cbrt(fl_sym3_det(earlier->parameters + 3));
     add_variance(changed * changed, earlier->covariance);
 }
 
-/* What an earlier calibration tells of a sensor whose hard iron has changed. */
+/* Prior from an earlier calibration of a sensor whose hard iron has changed. */
 void flinders_earlier_of(const real centre[3], const real shape[6], const real *covariance, real distortion,
                          real strength_ratio, real soft_iron_sigma, flinders_earlier *earlier)
 {
@@ -54,10 +54,10 @@ void flinders_earlier_of(const real centre[3], const real shape[6], const real *
     add_change(soft_iron_sigma, earlier);
 }
 
-/* Let the soft iron of an earlier calibration have changed. */
+/* Allow a change of the soft iron of an earlier calibration. */
 void flinders_allow_change(flinders_earlier *earlier) { add_change(ALLOWED_CHANGE, earlier); }
 
-/* Make options of what is known; parameters of infinite variance are left out. */
+/* Options with this prior; parameters of infinite variance are left out. */
 static void inform(const flinders_earlier *earlier, flinders_options *options)
 {
     int known[9], n = 0;
@@ -83,8 +83,8 @@ static void turned(const real turn[36], const real matrix[81], real out[36])
     fl_multiply(half, transposed, SHAPE, SHAPE, SHAPE, out);
 }
 
-/* Directions of the shape in which a prior has the variance 1, and what readings tell of each: T (6, 6) in rows, and shares
- * (6,); nonzero where the prior is none. */
+/* Directions of the shape in which a prior has unit variance, T (6, 6) in rows, and the fraction of information from
+ * readings on each (6,); nonzero for an invalid prior. */
 static int directions_of(const real prior[81], const real textbook[81], real turn[36], real shares[SHAPE])
 {
     real factor[36], finer[36], left[36];
@@ -108,13 +108,13 @@ static int directions_of(const real prior[81], const real textbook[81], real tur
     return 0;
 }
 
-/* How often chance makes a fit contradict the earlier soft iron as much. The fit, whose prior has the inverse Π, moves the
- * shape by d, of which chance makes
+/* p-value of a test of the earlier soft iron. The fit, with a prior of inverse covariance Π, changes the shape by d, which has
+ * by chance the covariance
  *
  *     var d = (1 − A Π) P (1 − A Π)ᵀ + C − A Π A,        χ² = dᵀ (var d)⁻¹ d
  *
- * P the covariance of the earlier shape, A and C those of the fit for independent residuals, and as they are. Only
- * directions count of which readings tell enough. */
+ * with the covariance P of the earlier shape, and those of the fit for independent (A) and for correlated (C) residuals. Only
+ * directions with enough information from readings are tested. */
 real flinders_soft_iron_p_value(const flinders_earlier *earlier, const real shape[6], const real textbook[81],
                                 const real covariance[81])
 {
@@ -139,7 +139,7 @@ real flinders_soft_iron_p_value(const flinders_earlier *earlier, const real shap
     return freedom ? fl_chance_of(square, (real)freedom, 0) : 1;
 }
 
-/* Fit with what is known; a verdict says that the record rests on it. */
+/* Fit with the prior; the record has FLINDERS_REFRESHED, for its verdict. */
 static int fit_with(const flinders_earlier *earlier, const real *field, const real *time, size_t rows,
                     const flinders_options *options, void *workspace, size_t size, flinders_record *record)
 {
@@ -151,14 +151,14 @@ static int fit_with(const flinders_earlier *earlier, const real *field, const re
     return record->status;
 }
 
-/* What there is too little of for a refresh. */
+/* Error of readings that are insufficient for a refresh. */
 static int refused(const real *field, size_t rows, const flinders_earlier *earlier)
 {
     if (rows < FEWEST) return FLINDERS_TOO_FEW;
     return flinders_turn_deg(field, rows, earlier->parameters + 3) <= LEAST_TURN_DEG ? FLINDERS_UNMOVED : FLINDERS_OK;
 }
 
-/* Renew an earlier calibration. */
+/* Refresh an earlier calibration. */
 int flinders_refresh(const real *field, const real *time, size_t rows, const flinders_options *options,
                      const flinders_earlier *earlier, void *workspace, size_t size, flinders_record *record)
 {

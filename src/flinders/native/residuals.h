@@ -1,4 +1,4 @@
-/* Residuals in the order of recording, and what they say of each other. */
+/* Residuals in the order of recording, and their correlation. */
 #ifndef FLINDERS_RESIDUALS_H
 #define FLINDERS_RESIDUALS_H
 
@@ -14,19 +14,19 @@ enum { FL_LAGS = 1000 };
 
 typedef struct {
     size_t n;
-    int stretches, width; /* of the Jacobian: parameters */
-    size_t *begins;  /* (stretches + 1,) of stretches of consecutive readings, and the end */
-    real *columns[FL_COLUMNS]; /* (n,) each: the Jacobian, and other terms behind or before it */
-    real *distances; /* (n,) less what is explained */
-    real *weights;   /* (n,) 1, 0 for a reading that is another one again; NULL where all count; set by fl_distortion */
+    int stretches, width; /* number of stretches, and of columns of the Jacobian */
+    size_t *begins;  /* (stretches + 1,) first index of each stretch of successive readings, and the end */
+    real *columns[FL_COLUMNS]; /* (n,) each: the Jacobian, and other terms after or before it */
+    real *distances; /* (n,) minus the regression */
+    real *weights;   /* (n,) 1, or 0 for a copy of another reading; NULL if there are no copies; set by fl_distortion */
     real *directions; /* (3, FL_LOOKED) */
     real *scratch;    /* (3, n) for fl_sort_by_direction */
-    uint32_t *cells; /* (n,) of the sphere; filled by fl_sort_by_direction */
-    real axes[3][3]; /* in which these cells are, in rows; filled by fl_sort_by_direction */
-    uint32_t *places; /* (n,) rows of the readings; filled by fl_gather_evenly */
+    uint32_t *cells; /* (n,) cell of the sphere; set by fl_sort_by_direction */
+    real axes[3][3]; /* rows: axes of these cells; set by fl_sort_by_direction */
+    uint32_t *places; /* (n,) rows of the readings; set by fl_gather_evenly */
 } fl_residuals;
 
-/* Normal matrices and gradients of blocks of a recording, one after the other. */
+/* Normal matrices and gradients of successive blocks of a recording. */
 typedef struct {
     real squares[FL_BLOCKS][81], gradients[FL_BLOCKS][9];
 } fl_blocks;
@@ -62,10 +62,10 @@ real fl_chance_of(real chi_square, real freedom, real others);
 int fl_chi_square(const real *change, const real *covariance, int n, real *square);
 /* regression.c */
 typedef struct {
-    fl_residuals left; /* whose distances have not been freed of the solution */
+    fl_residuals left; /* residuals before the solution is subtracted */
     real matrix[FL_WIDEST * FL_WIDEST], gradient[FL_WIDEST], solution[FL_WIDEST];
-    real gained[FL_WIDEST]; /* by each column beside those before it: the square of the residuals that it explains */
-    real square; /* of what is left */
+    real gained[FL_WIDEST]; /* sum of squares that each column explains in addition to the previous ones */
+    real square; /* residual sum of squares */
 } fl_regression;
 
 void fl_begin_residuals(const fl_room *room, fl_residuals *out);
@@ -81,13 +81,13 @@ real fl_covariance_of_solution(const fl_kernels *kernels, const fl_residuals *re
                                const real *inverse, real *covariance);
 int fl_is_noisy(const fl_residuals *residuals, const fl_surface *surface);
 
-#define FL_PROVEN ((real)1e-4) /* chance below which terms of the axes are none, as BY_CHANCE of systematic.py */
+#define FL_PROVEN ((real)1e-4) /* p-value below which terms of the axes are significant, as BY_CHANCE of systematic.py */
 
 void fl_distort(const fl_surface *surface, real error_deg, real dip_deg, flinders_record *record);
 int fl_is_same_throughout(const fl_kernels *kernels, const fl_regression *found, int nine, const fl_room *room,
                           const flinders_record *record);
 
-/* axes.c: columns are two terms by lags of the axes, the Jacobian, six terms by what is not linear, and the distance. */
+/* axes.c: columns are two terms for delays of the axes, the Jacobian, six nonlinear terms, and the distance. */
 enum { FL_LAGS_OF_AXES = 2, FL_NONLINEAR = 6 };
 
 void fl_gather_axes(const fl_kernels *kernels, const fl_view *view, const fl_surface *surface, const fl_room *room,

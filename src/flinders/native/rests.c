@@ -1,10 +1,10 @@
-/* Rests: intervals in which the direction stands still. However often it is read there, a place tells of the surface what
- * one reading tells, with what the field differs by between places. So each rest becomes one reading, its mean; and it is
- * left out where readings of a turn are so many more that it would only speak of directions which they did not see.
+/* Rests: intervals of constant direction. The readings of a rest have the information of one reading about the surface, as
+ * the error by a non-uniform field is common to them. Therefore each rest is replaced by its mean; it is left out if there
+ * are many more readings of a turn, as a rest would then only add directions that the turn did not cover.
  *
- * Windows of readings are as short as the recording lets them be: so long that in those that are no rest the sensor turns
- * by thirty times as much, on average, as it may in a rest. A window is still where its readings scatter hardly more than
- * steps from one to the next explain, which are all noise there.
+ * Windows of readings are as short as possible: in windows outside rests, the sensor turns on average by thirty times as
+ * much as is allowed in a rest. A window is at rest if the variance of its readings is hardly above that by noise, which is
+ * estimated from successive steps.
  */
 #include "record.h"
 
@@ -13,23 +13,23 @@ enum { HALF_WINDOW = 4 }; /* readings of half a window */
 #else
 enum { HALF_WINDOW = 2 };
 #endif
-enum { MIN_FITTED = 12,    /* readings, those of rests included, that a fit needs */
-       TURN_PER_REST = 20, /* times as many readings of a turn as rests: these are left out */
-       SAMPLED = 256 };    /* readings, to see how far they are apart */
+enum { MIN_FITTED = 12,    /* smallest number of readings of a fit, including rests */
+       TURN_PER_REST = 20, /* ratio of readings of a turn to rests from which rests are left out */
+       SAMPLED = 256 };    /* number of readings for an estimate of their distances */
 
-#define FAR_SHARE ((real)0.95)      /* of the readings: the others may be outliers */
-#define REST_MOVEMENT ((real)0.005) /* movement of a rest, over the distance from the mean to the far readings */
-#define WINDOW_MOVEMENT ((real)30)  /* movement of an average window that is not still over that */
-#define WINDOW_CAP ((real)2)        /* what a window counts for at most, over the average */
-#define MOVING_SHARE ((real)0.05)   /* share of windows that are not still, at least */
-#define SPIKE ((real)3)             /* distance of an outlier from the middle of its neighbours, over that between these */
-#define REST_SCATTER ((real)0.1)    /* scatter of a rest at most, over the same distance */
-#define SAGITTA ((real)0.1)         /* how far movement takes the mean of a rest off the surface, over the noise of a reading */
-#define MOVEMENT_SIGMAS ((real)2)   /* standard deviations by which noise may make a rest move */
-#define MEMBER_SIGMAS ((real)2.5)   /* standard deviations up to which readings next to a rest are of it */
+#define FAR_SHARE ((real)0.95)      /* fraction of readings that are not outliers */
+#define REST_MOVEMENT ((real)0.005) /* largest motion in a rest, over the distance of far readings from the mean */
+#define WINDOW_MOVEMENT ((real)30)  /* ratio of the mean motion of windows outside rests to that */
+#define WINDOW_CAP ((real)2)        /* largest contribution of a window to the mean, over that mean */
+#define MOVING_SHARE ((real)0.05)   /* smallest fraction of windows outside rests */
+#define SPIKE ((real)3)             /* distance of an outlier from the mean of its neighbours, over their distance */
+#define REST_SCATTER ((real)0.1)    /* largest noise of a rest, over the distance of far readings */
+#define SAGITTA ((real)0.1)         /* distance of a rest's mean from the surface by motion, over the noise of a reading */
+#define MOVEMENT_SIGMAS ((real)2)   /* apparent motion of a rest by noise, in standard deviations */
+#define MEMBER_SIGMAS ((real)2.5)   /* largest distance of adjacent readings that belong to a rest, in standard deviations */
 
-/* Sums over half a window of readings less an origin, and of squared steps from one to the next: among them, and from the
- * reading before. */
+/* Sums over half a window of readings minus an origin, and of squared successive steps: within it, and from the previous
+ * reading. */
 typedef struct {
     real sum[3], square, steps, link;
 } half;
@@ -42,7 +42,7 @@ static real square_apart(const real a[3], const real b[3])
     return square_of(apart);
 }
 
-/* Distance from the mean that few readings are beyond, by some of them; 0 where they are no numbers. Fills in the mean. */
+/* Distance from the mean that few readings exceed, from a sample; 0 if they are not finite. Sets the mean. */
 static real far_distance(const real *field, size_t rows, real *scratch, real mean[3])
 {
     const size_t stride = (rows + SAMPLED - 1) / SAMPLED;
@@ -56,7 +56,7 @@ static real far_distance(const real *field, size_t rows, real *scratch, real mea
     return fl_sqrt(fl_select(scratch, n, (size_t)(FAR_SHARE * (real)(n - 1))));
 }
 
-/* Sums over half a window from a reading on. */
+/* Sums over half a window that begins at a reading. */
 static half half_of(const fl_rests *rests, size_t begin)
 {
     half sums = {{0}, 0, 0, 0};
@@ -71,7 +71,7 @@ static half half_of(const fl_rests *rests, size_t begin)
     return sums;
 }
 
-/* Sums over both of two halves that follow each other. */
+/* Sums over two successive halves. */
 static half both_of(const half *first, const half *second)
 {
     half both = *first;
@@ -81,7 +81,7 @@ static half both_of(const half *first, const half *second)
     return both;
 }
 
-/* Whether one of several recordings ends within some rows. */
+/* Whether a recording ends within some rows. */
 static int is_cut(const fl_rests *rests, size_t begin, size_t end)
 {
     size_t low = 0, high = rests->parts;
@@ -93,7 +93,7 @@ static int is_cut(const fl_rests *rests, size_t begin, size_t end)
     return low < rests->parts && (size_t)rests->ends[low] < end;
 }
 
-/* Variance of the n readings of a window, and that of noise which explains their steps. */
+/* Variance of the n readings of a window, and variance of noise from their steps. */
 static void variances(const half *window, size_t n, real *variance, real *noise)
 {
     const real rest = window->square - square_of(window->sum) / (real)n;
@@ -101,7 +101,7 @@ static void variances(const half *window, size_t n, real *variance, real *noise)
     *noise = window->steps / (real)(2 * (n - 1));
 }
 
-/* Whether a reading is an outlier by itself, that makes the variance of a window. */
+/* Whether a reading is a single outlier that dominates the variance of a window. */
 static int has_spike(const fl_rests *rests, size_t begin, size_t end, real variance)
 {
     for (size_t row = begin ? begin : 1; row < end && row + 1 < rests->rows; row++) {
@@ -113,7 +113,7 @@ static int has_spike(const fl_rests *rests, size_t begin, size_t end, real varia
     return 0;
 }
 
-/* Whether a window is still, and the variance of its readings. */
+/* Whether a window is at rest, and the variance of its readings. */
 static int is_still(const fl_rests *rests, const half *halves, size_t window, real *variance)
 {
     const size_t n = 2 * rests->half, begin = window * rests->half;
@@ -128,7 +128,7 @@ static int is_still(const fl_rests *rests, const half *halves, size_t window, re
     return *variance - noise <= loose && !is_cut(rests, begin, begin + n);
 }
 
-/* Whether any window is still. */
+/* Whether any window is at rest. */
 static int has_still(const fl_rests *rests, const half *halves)
 {
     real variance;
@@ -137,8 +137,8 @@ static int has_still(const fl_rests *rests, const half *halves)
     return 0;
 }
 
-/* Mark the still ones of windows, each half a window behind the other; whether they are long enough: the others then
- * scatter by far more than those on average. */
+/* Mark windows at rest, which overlap by half; returns whether windows are long enough: the mean variance of the others is
+ * then much larger. */
 static int mark_still(fl_rests *rests, const half *halves)
 {
     const size_t n = 2 * rests->half;
@@ -155,10 +155,10 @@ static int mark_still(fl_rests *rests, const half *halves)
     return moving > MOVING_SHARE * (real)rests->windows && sum >= typical * moving;
 }
 
-/* Go back to the first. */
+/* Return to the first rest. */
 void fl_rests_rewind(fl_rests *rests) { rests->window = rests->end = 0; }
 
-/* Whether there are rests, and what becomes of them; none where too few readings would be left. */
+/* Whether there are rests, and whether they are left out; none if too few readings would be left. */
 static int count_rests(fl_rests *rests)
 {
     size_t begin, end, count = 0, turned = rests->rows;
@@ -168,7 +168,7 @@ static int count_rests(fl_rests *rests)
     return count > 0 && turned + (rests->are_left_out ? 0 : count) >= MIN_FITTED;
 }
 
-/* Look for rests: `scratch` (3 * rows,), on a board (2 * rows,), and `is_still` (rows / 2,) are lent. */
+/* Find rests, with memory `scratch` (3 * rows,), on a board (2 * rows,), and `is_still` (rows / 2,). */
 void fl_rests_begin(const real *field, size_t rows, const int64_t *ends, size_t parts, real *scratch,
                     unsigned char *is_still, fl_rests *rests)
 {
@@ -191,7 +191,7 @@ void fl_rests_begin(const real *field, size_t rows, const int64_t *ends, size_t 
     if (count < 4 || !count_rests(rests)) rests->windows = 0;
 }
 
-/* The mean of some readings, and their scatter about it. */
+/* Mean of some readings, and their standard deviation about it. */
 static void scatter_of(const fl_rests *rests, size_t begin, size_t end, real mean[3], real *scatter)
 {
     real square = 0;
@@ -203,7 +203,7 @@ static void scatter_of(const fl_rests *rests, size_t begin, size_t end, real mea
     *scatter = fl_sqrt(square / (real)(end - begin));
 }
 
-/* Lengthen a rest by the windows behind it that are still and at the same place; returns the last. */
+/* Extend a rest by following windows at rest in the same direction; returns the last. */
 static size_t last_window(const fl_rests *rests, size_t window)
 {
     real sum[3], mean[3], here[3], scatter, other;
@@ -221,7 +221,7 @@ static size_t last_window(const fl_rests *rests, size_t window)
     return window;
 }
 
-/* The next rest, its first row and the one behind its last; 0 where there is no other. */
+/* Next rest: its first row, and the row after its last; 0 if there is none. */
 int fl_rests_next(fl_rests *rests, size_t *begin, size_t *end)
 {
     const size_t free = rests->end;
@@ -242,14 +242,14 @@ int fl_rests_next(fl_rests *rests, size_t *begin, size_t *end)
     return 1;
 }
 
-/* Copy readings from one row to another; out and in may overlap, out before in. */
+/* Copy readings between rows; out and in may overlap if out is before in. */
 static void move_rows(const fl_rests *rests, size_t from, size_t to, size_t count, const fl_fitted *out)
 {
     memmove(out->field + 3 * to, rests->field + 3 * from, 3 * count * sizeof(real));
     if (out->time) memmove(out->time + to, out->time_of_all + from, count * sizeof(real));
 }
 
-/* Ends of recordings, once the rests up to a row are one reading each or none. */
+/* End rows of recordings, after averaging or removal of the rests before a row. */
 static size_t move_ends(const fl_rests *rests, size_t part, size_t row, size_t count, const fl_fitted *out)
 {
     for (; part < rests->parts && (size_t)rests->ends[part] <= row; part++)
@@ -257,8 +257,8 @@ static size_t move_ends(const fl_rests *rests, size_t part, size_t row, size_t c
     return part;
 }
 
-/* Put the readings that a fit goes by into `out`, which may be where they are: a rest is its mean, in the middle of its
- * time, or left out. Returns how many there are. */
+/* Write readings with averaged or removed rests to `out`, which may be the input; the time of a mean is the middle of its
+ * rest. Returns their number. */
 size_t fl_rests_fitted(fl_rests *rests, const fl_fitted *out)
 {
     size_t begin, end, last = 0, count = 0, part = 0;
@@ -281,7 +281,7 @@ size_t fl_rests_fitted(fl_rests *rests, const fl_fitted *out)
     return count;
 }
 
-/* Where the rests of a recording are. */
+/* Rows of the rests of a recording. */
 size_t flinders_rests(const real *field, size_t rows, const int64_t *ends, size_t parts, void *workspace, size_t size,
                       int64_t *bounds, int32_t *are_left_out)
 {

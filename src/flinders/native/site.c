@@ -1,28 +1,26 @@
-/* What the field of a site adds to a fit that the magnetometer has made alone.
+/* Combination of a fit of the magnetometer alone with the known field of a site.
  *
- * A level turn tells two columns of S, and one sum of the third with the offset. It meets
- * u = (cos I cos ψ, -cos I sin ψ, sin I) and reads
+ * A level turn determines two columns of S, and one sum of the third with the offset. With the field
+ * u = (cos I cos ψ, -cos I sin ψ, sin I), readings are
  *
  *     x = c + cos I (S₁ cos ψ - S₂ sin ψ),     c = b + sin I S₃
  *
- * for the columns S₁, S₂, S₃ of the shape. A tilt changes the height of the field from sin I to sin I + ε, and what is not
- * known of S₃ comes in with ε alone: the heading degrades with the tilt, and not before. Three things hold S₃ and b:
+ * for the columns S₁, S₂, S₃ of the shape. A tilt changes the z component of the field from sin I to sin I + ε, and the
+ * uncertainty of S₃ has an effect only with ε: the heading error increases with the tilt. Three equations determine S₃ and b:
  *
- *     the dip        b₃ = c₃ - sin I S₃₃, where c₃ is the height of the turn's middle among the readings of z
+ *     the dip        b₃ = c₃ - sin I S₃₃, where c₃ is the z component of the turn's centre
  *     the strength   S₁₁ + S₂₂ + S₃₃ = 3 F to within the gain
  *     the mounting   S₃₁, S₃₂ are the slopes of the turn's plane; that they are S₁₃, S₂₃ as well holds as far as the
  *                    sensor's z is the axis that it was turned about: to (S₁₁ + S₃₃) ρ for an angle ρ between them
  *
- * The last one is used where someone says how well the mounting is known. The dip is that of the site to within its own
- * uncertainty and that of the vehicle's being level, 1 degree unless an accelerometer shows more: on a slope the field dips
- * otherwise.
+ * The last one is used if the uncertainty of the mounting is stated. The uncertainty of the dip is that of the site plus that
+ * of the vehicle's level attitude, 1 degree or more by an accelerometer: on a slope, the dip relative to the vehicle differs.
  *
- * Nothing in the readings of a level turn tells a z that points down from one that points up, for which the offset would be
- * another by 2 sin I S₃. It is put where it belongs for z down, and unless an accelerometer shows that, or somebody says it,
- * the mean square of what it is off, one as likely as the other, widens the claim by 2 sin² I S₃ S₃ᵀ. A level heading does not
- * notice: S⁻¹ S₃ is the third axis.
+ * Readings of a level turn do not show whether z points down or up; the offset differs by 2 sin I S₃ between the two. The
+ * offset for z down is used. Unless this direction is known by an accelerometer or a statement, the mean square error for equal
+ * probabilities widens the claim by 2 sin² I S₃ S₃ᵀ. This has no effect on a level heading: S⁻¹ S₃ is the third axis.
  *
- * Of a fit of readings from more than one plane the strength alone counts.
+ * For a fit to readings outside one plane, only the strength is used.
  *
  * Source: first-order propagation of these equations; conditioning a normal distribution as in R. E. Kalman, A new approach
  * to linear filtering and prediction problems (1960), eq. 21-25.
@@ -32,10 +30,10 @@
 
 enum { PARAMETERS = 9, ROUNDS = 3 };
 
-#define LEVEL_SIGMA_DEG ((real)1) /* how level a floor is, or a boat at its mooring, that someone calls level */
+#define LEVEL_SIGMA_DEG ((real)1) /* 1 sigma of the tilt of a floor, or of a moored boat, that is stated to be level */
 #define UPRIGHT ((real)0.8660254037844387) /* of z along the vertical: an accelerometer beyond 30 degrees has other axes */
-#define ASTRAY ((real)6)          /* times the median of their deviations beyond which heights are left out */
-#define BY_CHANCE ((real)10)      /* of the variance that chance gives a tilt: its square is beyond that in one of 20,000 */
+#define ASTRAY ((real)6)          /* threshold for outliers in height, over the median deviation */
+#define BY_CHANCE ((real)10)      /* threshold of a squared tilt over its variance by chance, exceeded in one of 20,000 */
 #define HALF_A_TURN ((real)0.6)   /* 1 - |mean direction|² of half a turn: 1 - (2/π)², rounded */
 
 static real square(real number) { return number * number; }
@@ -48,7 +46,7 @@ static void parameters_of(const flinders_record *record, real parameters[PARAMET
     memcpy(parameters + 3, record->shape, sizeof record->shape);
 }
 
-/* Parameters and covariance once a linear function of them is known to be a value to within sigma. */
+/* Condition parameters and covariance on a value of a linear function of them, with a sigma. */
 static void condition(real parameters[PARAMETERS], real covariance[81], const real row[PARAMETERS], real value, real sigma)
 {
     real along[PARAMETERS], gain[PARAMETERS], rest[81], half[81], spread = sigma * sigma;
@@ -70,7 +68,7 @@ static void condition(real parameters[PARAMETERS], real covariance[81], const re
         }
 }
 
-/* Put parameters and covariances into a record; 0, and nothing, where they are no ellipsoid. */
+/* Write parameters and covariances to a record; 0, without a change, if they are not an ellipsoid. */
 static int put(const real parameters[PARAMETERS], const real covariance[81], const real textbook[81], flinders_record *record)
 {
     fl_surface surface;
@@ -85,16 +83,16 @@ static int put(const real parameters[PARAMETERS], const real covariance[81], con
 
 /* ---------------------------------------------------------------------------------------------------------- strength */
 
-/* Standard deviations between strengths beyond which the unit or the gain is another: the limit of the finding. */
+/* Difference of strengths, in standard deviations, above which the unit or the gain is wrong: the limit of the finding. */
 static real contradicted(void) { return fl_comparisons[fl_rules[FLINDERS_RULE_STRENGTH_DIFFERS].first].factor; }
 
-/* Whether a record rests on the strength of a site. */
+/* Whether the strength of a site was used in a record. */
 int flinders_uses_strength(const flinders_record *record)
 {
     return !isnan(record->site_strength) && record->strength_sigmas <= contradicted();
 }
 
-/* Hold the mean semi-axis at the strength of the site, unless the readings speak of quite another one. */
+/* Condition the mean semi-axis on the strength of the site, unless the readings contradict it. */
 static void by_strength(const flinders_site *site, flinders_record *record)
 {
     static const real ROW[PARAMETERS] = {0, 0, 0, (real)1 / 3, (real)1 / 3, (real)1 / 3, 0, 0, 0};
@@ -117,7 +115,7 @@ static void by_strength(const flinders_site *site, flinders_record *record)
 
 /* ------------------------------------------------------------------------------------------------- plane of a level turn */
 
-/* Least squares of heights over x and y: their scatter less that of the noise, which would make slopes smaller. */
+/* Least squares of heights over x and y, minus the covariance of noise, which would bias slopes towards zero. */
 static void lay(const real *field, const unsigned char *out, size_t rows, const real centre[2], real noise,
                 flinders_heights *heights)
 {
@@ -140,7 +138,7 @@ static void lay(const real *field, const unsigned char *out, size_t rows, const 
     heights->height = solution[0], heights->slope[0] = solution[1], heights->slope[1] = solution[2];
 }
 
-/* How far readings that are not out are off the plane, in `off`: how many they are, and the sum of squares. */
+/* Distances `off` of inliers from the plane: returns their number, and the sum of squares. */
 static size_t leave(const real *field, const unsigned char *out, size_t rows, const real centre[2],
                     const flinders_heights *heights, real *off, real *squares)
 {
@@ -156,7 +154,7 @@ static size_t leave(const real *field, const unsigned char *out, size_t rows, co
     return count;
 }
 
-/* Lay a plane through the readings that are not out, and leave out those that are astray. */
+/* Fit a plane to inliers, and leave out outliers. */
 static void plane_of(const real *field, size_t rows, const real centre[2], real noise, const fl_room *room,
                      flinders_heights *heights)
 {
@@ -179,7 +177,7 @@ static void plane_of(const real *field, size_t rows, const real centre[2], real 
     }
 }
 
-/* Lay a plane through readings. */
+/* Fit a plane to readings. */
 int flinders_plane_of(const real *field, size_t rows, const real centre[2], real noise, void *workspace, size_t size,
                       flinders_heights *heights)
 {
@@ -194,7 +192,7 @@ int flinders_plane_of(const real *field, size_t rows, const real centre[2], real
 
 /* ------------------------------------------------------------------------------------------------------- ellipse and dip */
 
-/* The ellipse of a level turn: its middle, and the inverse (2, 2) of its shape. */
+/* Ellipse of a level turn: its centre, and the inverse (2, 2) of its shape. */
 typedef struct {
     real middle[2], inverse[3]; /* 11, 22, 12 */
 } ellipse;
@@ -213,7 +211,7 @@ static void apply(const ellipse *it, const real x[2], real out[2])
     out[1] = it->inverse[2] * x[0] + it->inverse[1] * x[1];
 }
 
-/* Mark readings that the fit rejected: they do not lie on the ellipse. */
+/* Mark readings that the fit rejected, by their distance from the ellipse. */
 static void mark_outliers(const real *field, size_t rows, const ellipse *around, real limit, unsigned char *out)
 {
     memset(out, 0, rows);
@@ -259,18 +257,18 @@ static void map_of(real height, real map[81])
     map[7] = map[PARAMETERS + 8] = map[2 * PARAMETERS + 5] = height;
 }
 
-/* What the dip puts across the plane of a turn. */
+/* Known quantities across the plane of a turn. */
 typedef struct {
-    real dip, doubt; /* rad: of the dip, and of that */
+    real dip, doubt; /* rad: the dip, and its standard deviation */
     flinders_heights heights;
-    real wider;      /* than for independent residuals */
-    real slopes[2], sigmas[2]; /* S₁₃ and S₂₃ by the mounting, unit; NaN where nothing is known of it */
+    real wider;      /* ratio of variances to those for independent residuals */
+    real slopes[2], sigmas[2]; /* S₁₃ and S₂₃ by the mounting, unit; NaN if it is unknown */
 } placement;
 
-/* Take (c, S) and a covariance of (b, S) to (b, S) with b₃ where the dip has it.
+/* Transform (c, S) and a covariance of (b, S) to (b, S) with b₃ by the dip.
  *
- * What is not known of S₁₃ and S₂₃ alone belongs to the third column and not to the third row, which the slopes show. S is
- * symmetric: its part s dsᵀ / S₃₃ in the plane then keeps the heading of a level vehicle as the readings have it. */
+ * The uncertainty of S₁₃ and S₂₃ alone is in the third column, not in the third row, which the slopes determine. As S is
+ * symmetric, its part s dsᵀ / S₃₃ in the plane then keeps the heading of a level vehicle by the readings. */
 static void place(const placement *by, const real turned[PARAMETERS], real parameters[PARAMETERS], real covariance[81])
 {
     real map[81], change[PARAMETERS];
@@ -295,7 +293,7 @@ static void place(const placement *by, const real turned[PARAMETERS], real param
     for (int i = 0; i < 81; i++) covariance[i] += square(by->doubt) * change[i / PARAMETERS] * change[i % PARAMETERS];
 }
 
-/* Whether a sensor without a third axis repeats one number there. */
+/* Whether z is constant, as for a sensor without a third axis. */
 static int is_flat_z(const real *field, size_t rows)
 {
     for (size_t row = 1; row < rows; row++)
@@ -303,7 +301,7 @@ static int is_flat_z(const real *field, size_t rows)
     return 1;
 }
 
-/* What is known of S₁₃ and S₂₃ by the slopes of the plane and the mounting. */
+/* S₁₃ and S₂₃ with their uncertainty by the slopes of the plane and the mounting. */
 static void by_mounting(real alignment_sigma_deg, const flinders_record *record, placement *by)
 {
     const real *const s = record->shape, *const slope = by->heights.slope;
@@ -314,8 +312,8 @@ static void by_mounting(real alignment_sigma_deg, const flinders_record *record,
         by->sigmas[i] = fl_sqrt(askew * askew + square(record->radius) * by->wider * by->heights.covariance[4 * i + 4]);
 }
 
-/* Put offset and shape across the plane where the dip and the mounting have them; 1 where they are there. `tilt_deg` is that
- * of the axis of turning. */
+/* Set offset and shape across the plane by the dip and the mounting; returns 1 if they are set. `tilt_deg` is the tilt of the
+ * axis of turning. */
 static int by_dip(const real *field, size_t rows, const flinders_site *site, real tilt_deg, const fl_room *room,
                   flinders_record *record)
 {
@@ -338,7 +336,7 @@ static int by_dip(const real *field, size_t rows, const flinders_site *site, rea
 
 /* -------------------------------------------------------------------------------------------------------- accelerometer */
 
-/* Add readings to what an accelerometer shows. One in the middle of the ellipse points nowhere. */
+/* Add readings to sums of accelerations. A reading at the centre of the ellipse has no direction. */
 void flinders_vertical_add(const real *field, const real *acceleration, size_t rows, const flinders_record *record,
                            flinders_vertical *vertical)
 {
@@ -358,12 +356,11 @@ void flinders_vertical_add(const real *field, const real *acceleration, size_t r
     }
 }
 
-/* How much of what is felt in the plane goes round with the field; 0 where chance makes as much.
+/* Part of the acceleration in the plane that rotates with the field; 0 if it is not significant.
  *
- * On a slope the vertical leans to one side of the world, and goes round in the body as the field does. What stays where it
- * is in the body is a bias of the accelerometer, a trim of the vehicle or the mounting, and no slope: least squares of
- * f = a + t u in complex numbers, where t is what a slope does. Of less than half of a turn a and t are the same, and it is
- * the root of the mean square of both. */
+ * On a slope, the vertical rotates in the body as the field does. A constant part is a bias of the accelerometer, a trim of the
+ * vehicle or the mounting, not a slope: least squares of f = a + t u in complex numbers, where t is the effect of a slope.
+ * In less than half a turn, a and t cannot be separated, and the root mean square of both is used. */
 static real going_round(const flinders_vertical *it)
 {
     const real n = it->readings, felt[2] = {it->acceleration[0] / n, it->acceleration[1] / n};
@@ -377,10 +374,10 @@ static real going_round(const flinders_vertical *it)
     return squares > by_chance ? fl_sqrt(squares) : 0;
 }
 
-/* What an accelerometer shows of z. */
+/* Direction of z by an accelerometer. */
 typedef struct {
     int is_known, is_down;
-    real tilt_deg; /* how far the axis of turning was from vertical */
+    real tilt_deg; /* angle of the axis of turning to the vertical */
 } shown;
 
 static shown shown_by(const flinders_vertical *vertical)
@@ -389,7 +386,7 @@ static shown shown_by(const flinders_vertical *vertical)
     if (!vertical || !(vertical->readings > 0)) return z;
     const real *const a = vertical->acceleration, length = fl_sqrt(a[0] * a[0] + a[1] * a[1] + a[2] * a[2]);
     if (!(length / vertical->readings > 0)) return z;
-    z.is_known = 1, z.is_down = -a[2] >= length * UPRIGHT; /* an accelerometer at rest measures what holds it up */
+    z.is_known = 1, z.is_down = -a[2] >= length * UPRIGHT; /* an accelerometer at rest measures the upward reaction to gravity */
     if (!z.is_down) return z;
     const real sine = going_round(vertical) * vertical->readings / length;
     z.tilt_deg = sine < 1 ? FL_TO_DEG * fl_atan2(sine, fl_sqrt(1 - sine * sine)) : 90;
@@ -398,7 +395,7 @@ static shown shown_by(const flinders_vertical *vertical)
 
 /* -------------------------------------------------------------------------------------------------------------- claims */
 
-/* Widen a covariance for a z axis that may as well point up. */
+/* Widen a covariance for a z axis that may point up or down. */
 static void on_either_side(real inclination_deg, const real shape[6], real covariance[81])
 {
     const real apart = fl_sqrt((real)2) * fl_sin(inclination_deg / FL_TO_DEG);
@@ -406,8 +403,8 @@ static void on_either_side(real inclination_deg, const real shape[6], real covar
     for (int i = 0; i < 9; i++) covariance[PARAMETERS * (i / 3) + i % 3] += third[i / 3] * third[i % 3];
 }
 
-/* Widen a claim for a turn about an axis that was not vertical. The middle then belongs to another height of the field than
- * that of a level vehicle, by ε = cos I · tilt, and the offset is off by ε times what is not known of S₁₃ and S₂₃. */
+/* Widen a claim for a turn about an axis that was not vertical. The z component of the field then differs from that of a level
+ * vehicle by ε = cos I · tilt, and the error of the offset is ε times that of S₁₃ and S₂₃. */
 static void on_a_slope(real tilt_deg, flinders_record *record)
 {
     const real epsilon = fl_cos(record->dip_deg / FL_TO_DEG) * tilt_deg / FL_TO_DEG;
@@ -416,7 +413,7 @@ static void on_a_slope(real tilt_deg, flinders_record *record)
     record->covariance[10] += square(epsilon) * record->covariance[80];
 }
 
-/* Let the field of a site count in the fit of a level turn. */
+/* Add the field of a site to the fit of a level turn. */
 static void at_level(const real *field, size_t rows, const flinders_vertical *vertical, const flinders_site *site,
                      const fl_room *room, flinders_record *record)
 {
@@ -436,7 +433,7 @@ static void at_level(const real *field, size_t rows, const flinders_vertical *ve
     on_a_slope(z.tilt_deg, record);
 }
 
-/* Let the field of a site count in a fit. */
+/* Add the field of a site to a fit. */
 int flinders_at_site(const real *field, size_t rows, const flinders_vertical *vertical, const flinders_site *site,
                      void *workspace, size_t size, flinders_record *record)
 {
@@ -446,7 +443,7 @@ int flinders_at_site(const real *field, size_t rows, const flinders_vertical *ve
     record->site_strength = record->strength_found = record->strength_sigmas = FL_NOT_A_NUMBER;
     if (fl_surface_of(record->centre, record->shape, &surface)) return FLINDERS_NOT_AN_ELLIPSOID;
     if (!(fl_abs(record->dip_deg) <= 89) || fl_abs(site->inclination_deg) > 89) return FLINDERS_BAD_OPTION;
-    if (record->plane > 1) return FLINDERS_OK; /* turned about another axis than z */
+    if (record->plane > 1) return FLINDERS_OK; /* turned about an axis other than z */
     if (record->plane) {
         if (rows == 0) return FLINDERS_TOO_FEW;
         if (fl_room_of(workspace, size, rows, &room)) return FLINDERS_NO_WORKSPACE;
@@ -459,7 +456,7 @@ int flinders_at_site(const real *field, size_t rows, const flinders_vertical *ve
     return FLINDERS_OK;
 }
 
-/* A site of which nothing is known. */
+/* Fill a site with unknown numbers. */
 void flinders_default_site(flinders_site *site)
 {
     memset(site, 0, sizeof *site);

@@ -7,7 +7,7 @@
 
 enum { NEWTON_STEPS = 50 };
 
-#define ROUGH fl_sqrt((real)FL_ROUNDING) /* share of the noise variance that a start may be off */
+#define ROUGH fl_sqrt((real)FL_ROUNDING) /* relative tolerance of the noise variance of a start */
 
 /* Fill a surface; nonzero if its shape is not positive definite. */
 int fl_surface_of(const real centre[3], const real shape[6], fl_surface *surface)
@@ -20,7 +20,7 @@ int fl_surface_of(const real centre[3], const real shape[6], fl_surface *surface
     return !(shape[0] > 0 && shape[0] * shape[1] - shape[3] * shape[3] > 0 && det > 0 && isfinite(surface->radius));
 }
 
-/* The ellipsoid of ten coefficients in the frame (x - origin)/scale, of either sign; nonzero if it is none. */
+/* Ellipsoid of ten coefficients, of either sign, in coordinates (x - origin)/scale; nonzero if the quadric is none. */
 int fl_surface_of_quadric(const real quadric[10], const real origin[3], real scale, fl_surface *surface)
 {
     const real sign = quadric[0] + quadric[1] + quadric[2] < 0 ? -1 : 1;
@@ -64,7 +64,7 @@ static real form(const real matrix[100], const real c[10])
     return sum;
 }
 
-/* Coefficients c, the last one 1, with the least cᵀ M c, and that; nonzero where M leaves the other nine open. */
+/* Coefficients c, the last one 1, that minimise cᵀ M c, and the minimum; nonzero if M does not determine the other nine. */
 static int least_form(const real matrix[100], real quadric[10], real *least)
 {
     real others[81];
@@ -80,7 +80,7 @@ static int least_form(const real matrix[100], real quadric[10], real *least)
 }
 
 /* Coefficients and noise variance for sums about the mean in units of the spread: the smallest variance at which the
- * corrected matrix has a least form of zero, which is where its smallest eigenvalue is zero. */
+ * minimum of the corrected form is zero, as its smallest eigenvalue is. */
 static void adjusted_quadric(const real sums[35], real tolerance, real quadric[10], real *noise_variance)
 {
     real plain[100], first[100], second[100], slope[100], heated[35], twice[35], corrected[100], values[10], low = 0;
@@ -117,7 +117,7 @@ static void adjusted_quadric(const real sums[35], real tolerance, real quadric[1
     *noise_variance = variance > 0 ? variance : 0;
 }
 
-/* Sums about the mean, in units of the spread; nonzero where they have none. */
+/* Sums about the mean, in units of the spread; nonzero for zero spread. */
 static int standardised(const flinders_sums *sums, flinders_sums *local)
 {
     real mean[3];
@@ -129,7 +129,7 @@ static int standardised(const flinders_sums *sums, flinders_sums *local)
     return 0;
 }
 
-/* Consistent ellipsoid and noise, its variance to a share; nonzero if the quadric is open. */
+/* Consistent ellipsoid and noise, its variance to a relative tolerance; nonzero if the quadric is open. */
 int fl_consistent(const flinders_sums *sums, real tolerance, fl_surface *surface, real *noise)
 {
     flinders_sums local;
@@ -165,7 +165,7 @@ static int algebraic(const flinders_sums *local, fl_surface *surface)
     return fl_surface_of_quadric(quadric, local->origin, local->scale, surface);
 }
 
-/* An ellipsoid to begin with, and the noise where it is known, else NaN; nonzero where readings have no extent. */
+/* Ellipsoid to start from, and the noise, NaN if unknown; nonzero for readings without extent. */
 int fl_start(const flinders_sums *sums, fl_surface *surface, real *noise)
 {
     flinders_sums local;

@@ -1,4 +1,4 @@
-/* Sums of powers of readings up to degree four: they add, and move to another origin. */
+/* Sums of monomials of readings up to degree four, which are additive, and can be moved to another origin. */
 #include "sums.h"
 
 const unsigned char FL_EXPONENTS[35][3] = {{0, 0, 0}, {1, 0, 0}, {0, 1, 0}, {0, 0, 1}, {2, 0, 0}, {1, 1,
@@ -11,7 +11,7 @@ const unsigned char FL_PRODUCT[10][10] = {{20, 22, 29, 21, 25, 26, 10, 11, 14, 4
     29, 30, 14, 15, 17, 7}, {26, 28, 33, 27, 30, 31, 15, 16, 18, 8}, {10, 12, 17, 11, 14, 15, 4, 5, 7, 1}, {11, 13,
     18, 12, 15, 16, 5, 6, 8, 2}, {14, 16, 19, 15, 17, 18, 7, 8, 9, 3}, {4, 6, 9, 5, 7, 8, 1, 2, 3, 0}};
 
-/* Which of the 35 sums has these powers: they are in order of the degree, of the power of z, and of that of y. */
+/* Index of the sum with these exponents: the 35 sums are sorted by degree, exponent of z, and exponent of y. */
 static int index_of(int i, int j, int k)
 {
     const int degree = i + j + k;
@@ -28,7 +28,7 @@ void fl_unpack(const real sums[35], real scatter[100])
         }
 }
 
-/* -½ ∇² on the monomials: what each sum loses for each unit of noise variance. */
+/* -½ ∇² on the monomials: correction of each sum per unit of noise variance. */
 void fl_heat(const real sums[35], real out[35])
 {
     for (int sum = 0; sum < 35; sum++) {
@@ -93,7 +93,7 @@ void flinders_sums_move(flinders_sums *sums, const real origin[3], real scale)
     sums->scale = scale;
 }
 
-/* Add other sums, brought to the same origin and scale. */
+/* Add other sums after moving them to the same origin and scale. */
 void flinders_sums_merge(flinders_sums *sums, const flinders_sums *other)
 {
     flinders_sums moved = *other;

@@ -1,4 +1,4 @@
-/* Sums of powers: their order, and what follows from them. */
+/* Sums of monomials: their order, and functions of them. */
 #ifndef FLINDERS_SUMS_H
 #define FLINDERS_SUMS_H
 

@@ -469,7 +469,7 @@ def _log_of(file: Source, reader: Reader, options: _Options) -> Log:
     for option in ("columns", "pattern", *(() if reader.takes_unit else ("unit",)), "scale"):
         if getattr(options, option) is not None:
             raise UsageError(
-                f"{file.name} is a log ({reader.title}), which knows its own columns and units: leave this out",
+                f"{file.name} is a log ({reader.title}), whose columns and units are known: leave this out",
                 hint={option: None},
             )
     disk = on_disk(file)

@@ -48,7 +48,7 @@ if TYPE_CHECKING:
 Values: TypeAlias = "NDArray[np.floating] | Sequence[NDArray[np.floating]]"
 """(N,) numbers of each column that is read."""
 OF_MOTORS: Final = (CURRENTS, THROTTLES)  # kinds that may have a column for each motor
-IN_SAMPLES: Final = COLUMNS[1:]  # kinds of auxiliary columns in `Samples`
+SAMPLE_KINDS: Final = COLUMNS[1:]  # kinds of auxiliary columns in `Samples`
 # functions that set values out of range to NaN
 VALIDATORS: Final = {THROTTLE: shares, THROTTLES: shares, ATTITUDE: quaternions.known}
 
@@ -197,7 +197,7 @@ class Columns:
         """
         field = self.readings(values)
         asked = {each.names[0]: self._values_of(values, each) for each in self.auxiliary if each.kind == AUXILIARY}
-        others = {each.kind: self._values_of(values, each) for each in self.auxiliary if each.kind in IN_SAMPLES}
+        others = {each.kind: self._values_of(values, each) for each in self.auxiliary if each.kind in SAMPLE_KINDS}
         nameless = ",".join(self.field.names) * self.is_assumed
         return Samples.recorded(
             field,

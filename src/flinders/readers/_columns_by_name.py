@@ -53,7 +53,7 @@ PULSES_US: Final = (800.0, 2200.0)  # shortest and longest pulse width, in µs
 LAST: Final = 9  # rank of a time whose name is not recognised
 NANOSECONDS: Final = re.compile(r"(.*?)(?:n|nano)(secs?)\b(.*)", re.IGNORECASE)
 """Name of a column of nanoseconds, next to one of whole seconds, as in ROS messages."""
-ON_BOARD: Final = re.compile(r"(?:Ofs|MO)[XYZ]")
+ONBOARD_COLUMN: Final = re.compile(r"(?:Ofs|MO)[XYZ]")
 """Columns of the message ``MAG`` of a flight log: offsets of the compass and of the motors' current."""
 OF_ROS: Final = ("magnetic_field.x", "magnetic_field/x")  # endings of names that sensor_msgs defines in tesla
 # ratio of spreads, set plus reset over their difference, above which the reset is negated
@@ -154,7 +154,7 @@ def _by_name(
 
 def _on_board(names: Sequence[str]) -> str:
     """Name the columns of the on-board calibration of a flight log, whose readings it has already corrected."""
-    own = [name.strip() for name in names if ON_BOARD.fullmatch(name.strip())]
+    own = [name.strip() for name in names if ONBOARD_COLUMN.fullmatch(name.strip())]
     is_there = len(own) >= len("xyz") and "MagX" in names
     return f"{', '.join(own)} (the on-board calibration, already applied to MagX unless it is 0)" if is_there else ""
 

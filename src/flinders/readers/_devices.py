@@ -255,6 +255,6 @@ def _is_name(word: str) -> bool:
 
 
 def _in_order(words: tuple[str, ...]) -> list[list[tuple[bool, int, str]]]:
-    """Key that sorts words alphabetically, and numbers in them by value."""
+    """Sort key: it sorts words alphabetically, and numbers in them by value."""
     pieces = [_PIECES.findall(word.casefold()) for word in words]
     return [[(not one.isdecimal(), int(one) if one.isdecimal() else 0, one) for one in each] for each in pieces]

@@ -1,10 +1,11 @@
 """Three-axis sensors found by the names of columns, and which of them are separate magnetometers.
 
-A table may hold ``mag1_x`` and ``mag2_x``, two instruments, or ``mag_raw_x`` and ``mag_cal_x``, one before and after
-its calibration. What is left of a name without axis, unit and the words that every magnetometer has tells them apart:
-numbers (``imu2.mag.x``), places (``mag_left_x``), chips (``rm3100_x``), a device (``imu_mx``) and letters in a row
-(``mag_a_x``, ``mag_b_x``) are instruments. Any other word, such as ``filtered``, is the same instrument again: of that
-the rawest is taken, and of equals the one with the plainest name. A reference, ``mag_ref_x``, is no instrument at all.
+A table may contain ``mag1_x`` and ``mag2_x``, two instruments, or ``mag_raw_x`` and ``mag_cal_x``, one instrument
+before and after its calibration. They are distinguished by the rest of the name, without axis, unit and words that all
+magnetometers have. Numbers (``imu2.mag.x``), places (``mag_left_x``), chips (``rm3100_x``), a device (``imu_mx``) and
+consecutive letters (``mag_a_x``, ``mag_b_x``) are separate instruments. Any other word, such as ``filtered``, is a
+second version of the same instrument; the rawest version is selected, and of equal ones that with the plainest name. A
+reference, ``mag_ref_x``, is not an instrument.
 
 >>> def names(*sensors):
 ...     return [each.name for each in magnetometers([f"{sensor}_{axis}" for sensor in sensors for axis in "xyz"])]
@@ -131,8 +132,8 @@ def magnetometers(names: Sequence[str]) -> tuple[Vector, ...]:
 def instruments(sensors: Sequence[Vector]) -> tuple[Vector, ...]:
     """Select the separate magnetometers, the rawest readings of each, in the order of their columns.
 
-    Those that were corrected or filtered come last. Just the best, by `_quality`, where it is not clear that there are
-    several; none without readings.
+    Corrected or filtered readings come last. If it is not clear that there are several magnetometers, only the best
+    by `_quality` is selected; the result is empty without readings.
     """
     readings = [vector for vector in sensors if not vector.instead]
     if any(manner(vector.whole) == 0 and vector.rank < CALIBRATED for vector in readings):
@@ -162,7 +163,7 @@ def passed_over(sensors: Sequence[Vector], fields: Sequence[Vector]) -> tuple[st
 def companion(sensors: Sequence[Vector], field: Vector, fields: Sequence[Vector]) -> Vector | None:
     """Select the accelerometer or gyro of a magnetometer: the best with its number, or with no other's number.
 
-    Where there is one magnetometer all go with it. What is no readings, such as ``acc_ned_x``, is not taken.
+    A single magnetometer has all of them. Derived columns, such as ``acc_ned_x``, are not selected.
     """
     readings = [each for each in sensors if not each.instead]
     if len(fields) < 2:

@@ -87,7 +87,7 @@ class TextLayout:
 
     @property
     def is_blackbox(self) -> bool:
-        """Whether it is a decoded blackbox, whose readings are in axes of the board."""
+        """Whether the table is a decoded blackbox log, whose readings are in axes of the board."""
         return self.columns.field.names[0].casefold().startswith("magadc")
 
     def is_reading(self, text: str) -> bool:

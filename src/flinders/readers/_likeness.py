@@ -161,7 +161,7 @@ def _fit(vectors: Floats) -> _Fit:
 
 
 def _scatter(vectors: Floats) -> float:
-    """Scatter around the best ellipsoid, relative to its size; soft iron does not count; infinite without one."""
+    """Scatter around the best-fitting ellipsoid, relative to its size; infinite if there is no ellipsoid."""
     size = np.linalg.norm(vectors.std(axis=0))
     if len(vectors) <= 2 * UNKNOWNS or not size:
         return np.inf

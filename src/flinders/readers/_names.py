@@ -35,10 +35,10 @@ AUXILIARY: Final = "auxiliary"  # a column that is requested by its name
 
 _DEGREES = math.pi / 180
 
-_OF_A_FIELD: Final = {name: 1.0 for name in SPELLINGS if name != "raw"}
+_FIELD_FACTORS: Final = {name: 1.0 for name in SPELLINGS if name != "raw"}
 # Spellings of units in names, and the factor to seconds, rad/s, °C and A; a field is scaled by `Unit`.
 FACTORS: Final[dict[str, dict[str, float]]] = {
-    FIELD: _OF_A_FIELD,
+    FIELD: _FIELD_FACTORS,
     ACCELERATION: dict.fromkeys(("m/s2", "m/s²", "m/s^2", "mps2", "ms2", "ms-2", "m/s/s", "m/sec2", "g", "mg"), 1.0),
     RATE: {
         **dict.fromkeys(("rad/s", "radps", "rads", "rad/sec", "rad/s/s", "radian/s", "radians/s", "radians/sec"), 1.0),
@@ -54,7 +54,7 @@ FACTORS: Final[dict[str, dict[str, float]]] = {
     },
     TEMPERATURE: dict.fromkeys(("c", "°c", "ºc", "℃", "°", "º", "degc", "celsius"), 1.0),
     CURRENT: {**dict.fromkeys(("a", "amp", "amps", "ampere", "amperes"), 1.0), "ma": 1e-3},
-    STRENGTH: _OF_A_FIELD,
+    STRENGTH: _FIELD_FACTORS,
 }
 _UNITS: Final = frozenset(unit for units in FACTORS.values() for unit in units)
 _UNITS_OF_AXES: Final = frozenset(unit for kind in (FIELD, ACCELERATION, RATE) for unit in FACTORS[kind])
@@ -64,17 +64,19 @@ _LETTERS: Final = {
     "m": FIELD, "h": FIELD, "b": FIELD, "mf": FIELD, "geo": FIELD, "a": ACCELERATION, "g": RATE, "w": RATE,
 }  # fmt: skip
 _LETTERS_OF_A_DEVICE: Final = "magw"
-# Chips by measured quantity; those of the last row have several sensors, so that their name alone is ambiguous.
+# Chips by measured quantity; those of the last row have several sensors, so that their name alone is ambiguous. Those
+# of the table in core/chips.toml are among them (tests/core/test_chips.py).
 _CHIPS: Final = {
     FIELD: (
-        r"lis[23]mdl|[hq]mc5[89]83[lp]?|mmc(?:34160|5603|5633|5983)(?:pj|njl?|ma)?|rm[23]100|ist83\d\d[a-z]?"
-        r"|ak(?:89[67][35]|099\d\d)c?|bmm[13]50|mag3110|tl[ve]493d|mlx90393|fxms3110"
+        r"lis[23]mdl|iis2mdc|[hq]mc5[89]83[lp]?|hmc5843|vcm5883l?|qmc6310[un]?"
+        r"|mmc(?:34160|5603|5613|5633|5883|5983)(?:pj|njl?|ma)?|rm[23]100|ist83\d\d[a-z]?|ak(?:89[67][35]|099\d\d)c?|bmm[13]50|mag3110|tl[ve]493d|mlx90393|fxms3110"
     ),
     ACCELERATION: r"adxl\d{3}|lis3dh|lis2dh12|lis331dlh|mma845\d|bma\d{3}",
     RATE: r"l3gd20h?|l3g4200d|itg3\d{3}|fxas21002c?|bmg\d{3}",
     "": (
         r"mpu[69]\d{3}|icm[24]\d{4}|lsm6ds(?:3|3tr|33|l|m|o|ox|r|v|v16x)|lsm9ds[01]|lsm303(?:agr|c|d|dlh|dlhc|dlm)?"
-        r"|bmi\d{3}|[ai]sm330(?:dhcx|dlc|lhhx?|is)?|iim4\d{4}|qmi8658c?|fxos8700|bno0[58]\d|bmx(?:055|160)|adis16\d{3}"
+        r"|bmi\d{3}|[ai]sm330(?:dhcx|dlc|lhhx?|is)?|iim4\d{4}|qmi8658c?|fxos8700(?:cq)?|bno0[58]\d|bno08x"
+        r"|bmx(?:055|160)|bmc15[06]|adis16\d{3}a?"
     ),
 }
 # The name of a chip, followed directly by a number, letter and axis: ``rm3100x``.
@@ -93,7 +95,7 @@ _OTHERS: Final = re.compile(
     r"(cov|std|sigma|var|offset|ofs|bias|abs|norm|total|magnitude|heading|health|accuracy|gain|scale$|quality|err)"
 )
 # Words of columns that belong to no three-axis sensor, whatever their values.
-_ELSEWHERE: Final = re.compile(
+_UNRELATED_WORDS: Final = re.compile(
     r"(lat|lon|lng|alt|gps|gnss|pos|vel|speed|course|roll|pitch|yaw|euler|baro|press|volt|batt|vbat|pwm|servo|rc$|hum"
     r"|light|lux|prox|step|index|seq|count|loop|sat|[hv]dop|rssi|status|flag|modes?$)"
 )
@@ -101,12 +103,12 @@ _ELSEWHERE: Final = re.compile(
 # geomagnetism.
 _REFERENCES: Final = frozenset(("reference", "ref", "igrf", "wmm"))
 _STRENGTHS: Final = frozenset(("field", "strength", "total", "intensity", "f"))
-_CORRECTED: Final = "cal|calib|calibrated|cald|corr|corrected|comp|compensated|filt|filter|filtered"
-_SMOOTHED: Final = (  # a number after one belongs to it, as in ``avg10``, and is no sensor's
+_CORRECTION_WORDS: Final = "cal|calib|calibrated|cald|corr|corrected|comp|compensated|filt|filter|filtered"
+_FILTER_WORDS: Final = (  # a number after one belongs to it, as in ``avg10``, and is no sensor's
     "lp|lpf|hp|hpf|bp|bpf|ema|sma|avg|average|averaged|mean|median|smooth|smoothed|prev|previous|kalman|decimated"
 )
-_CALIBRATED: Final = re.compile(rf"({_CORRECTED})$")
-_DERIVED: Final = re.compile(rf"({_CORRECTED}|({_SMOOTHED})\d*)$")
+_CALIBRATED: Final = re.compile(rf"({_CORRECTION_WORDS})$")
+_DERIVED: Final = re.compile(rf"({_CORRECTION_WORDS}|({_FILTER_WORDS})\d*)$")
 # Words of three columns that are no readings of a sensor, and their kind.
 _NO_READINGS: Final = {
     **dict.fromkeys((*sorted(_REFERENCES), "model", "true", "truth", "expected", "predicted"), "a reference"),
@@ -115,10 +117,12 @@ _NO_READINGS: Final = {
     **dict.fromkeys(("min", "max", "diff", "delta", "status", "innov", "innovation", "residual"), "no readings"),
 }
 # Such a word directly after the sensor's: ``magref``.
-_GLUED: Final = re.compile(rf"(mag|acc|gyro)(raw|{_CORRECTED}|{_SMOOTHED}|unit|{'|'.join(_NO_READINGS)})([xyz]?)")
+_GLUED: Final = re.compile(
+    rf"(mag|acc|gyro)(raw|{_CORRECTION_WORDS}|{_FILTER_WORDS}|unit|{'|'.join(_NO_READINGS)})([xyz]?)"
+)
 # Numbers that do not identify a sensor: of bits, time steps, a filter, a version.
 _MEASURES: Final = re.compile(
-    rf"\b(u?int (8|16|24|32|64)|float (32|64)|({_SMOOTHED}|t|v|ver|version|k|order|lag) \d+|\d+ (bits?|hz|ms))\b"
+    rf"\b(u?int (8|16|24|32|64)|float (32|64)|({_FILTER_WORDS}|t|v|ver|version|k|order|lag) \d+|\d+ (bits?|hz|ms))\b"
 )
 _RAW: Final = re.compile(r"(raw|adc|.*uncal(ib|ibrated)?)$")
 # Words for readings of a sensor, as opposed to the field of a model.
@@ -136,14 +140,16 @@ _COMMON: Final = re.compile(
     r"(mag.*|flux.*|compass|acc.*|gyr.*|angular|velocity|linear|axis|field|strength|vector|imu|ahrs|ins|sensor|dev|device|unit|node"
     r"|board|module|no|nr|num|id|instance|ch|channel|data|value|reading|measurement)$"
 )
-_BETWEEN: Final = r"\s_.,:;%#\-\[\](){}'\""  # characters between the words of a name
+_SEPARATOR_SIGNS: Final = r"\s_.,:;%#\-\[\](){}'\""  # characters between the words of a name
 _ATTACHED: Final = re.compile(
     r"(mag(?:n|net|netic|netometer|netom|adc|raw|field)?|acc(?:el|l|elero|eleration|elerometer)?|gyro?(?:scope|adc)?"
     r"|compass|[mhbagw]|mf|geo)([xyz])"
 )
 _AXIS_BEFORE: Final = re.compile(r"([xyz])(mag|acc|gyro|mf)")
-_SEPARATORS: Final = re.compile(rf"[{_BETWEEN}]+")
-_PIECES: Final = re.compile(rf"([{_BETWEEN}]*)([^{_BETWEEN}]+)")  # words, each with the separator before it
+_SEPARATORS: Final = re.compile(rf"[{_SEPARATOR_SIGNS}]+")
+_PIECES: Final = re.compile(
+    rf"([{_SEPARATOR_SIGNS}]*)([^{_SEPARATOR_SIGNS}]+)"
+)  # words, each with the separator before it
 _IN: Final = re.compile(
     r"(?<![^\W_])in[\s_]+(?=[^\s_()\[\]]+\s*[)\]]?\s*$)", re.IGNORECASE
 )  # ``in`` before a unit at the end
@@ -225,7 +231,7 @@ def meaning(name: str) -> Meaning:
 def tells_nothing(name: str) -> bool:
     """Tell whether a name is inconclusive, so that the column may be an axis of a magnetometer."""
     known, words = meaning(name), [word.casefold() for word in _words(name)[0]]
-    is_other = any(_ELSEWHERE.match(word) or _OTHERS.match(word) for word in words)
+    is_other = any(_UNRELATED_WORDS.match(word) or _OTHERS.match(word) for word in words)
     return known.is_bare or not (known.kind or is_other)
 
 
@@ -323,7 +329,7 @@ def manner(whole: str) -> int:
 
 @lru_cache(maxsize=1_024)
 def sensor_name(name: str, axis: str, *, whole: bool = False) -> str:
-    """Name the sensor of a column: without axis, unit, ``raw`` and the like; if `whole`, without the axis alone."""
+    """Name the sensor of a column: without axis, unit, ``raw`` and the like; if `whole`, only without the axis."""
     bare = name.strip() if whole else _BRACKET.sub("", name.strip())
     place = _place_of_axis(bare.casefold(), axis)
     pieces = _PIECES.findall(f"{bare[:place]}{bare[place + 1 :]}")

@@ -129,12 +129,12 @@ def guess(lines: list[str]) -> Dialect | None:
     """Find a dialect for lines that are no table: tuples, words before numbers, time stamps before a table."""
     return (
         wrapped.stamped(lines, recognise, rows_of_table, marked=False, share=wrapped.SOME)
-        or wrapped.stamped(lines, _labelled, rows_of_table, marked=False, share=wrapped.SOME)
+        or wrapped.stamped(lines, _recognise_labels, rows_of_table, marked=False, share=wrapped.SOME)
         or labelled.recognise(lines, marked=False)
     )
 
 
-def _labelled(lines: list[str]) -> Dialect | None:
+def _recognise_labels(lines: list[str]) -> Dialect | None:
     """Find labels that name a magnetometer, else three numbers between any words."""
     return labelled.recognise(lines) or labelled.recognise(lines, marked=False)
 
@@ -195,7 +195,7 @@ DIALECTS: Final = (
     _Row(influx.SIGN, influx.recognise),
     _Row(_CLOCK, lambda lines: wrapped.stamped(lines, recognise, rows_of_table)),
     _Row(pairs.SIGN, pairs.recognise),
-    _Row(wrapped.LETTERED_WORD, lambda lines: wrapped.hexadecimal(lines, _labelled, _named_table)),
+    _Row(wrapped.LETTERED_WORD, lambda lines: wrapped.hexadecimal(lines, _recognise_labels, _named_table)),
     _Row(_LETTER, labelled.recognise),
 )
 

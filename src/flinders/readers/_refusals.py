@@ -3,7 +3,7 @@
 >>> refuse_one_value("log.csv", [f"mag_{axis},{value}" for axis in "xyz" for value in range(9)])
 Traceback (most recent call last):
 flinders.errors.NoMagnetometer: log.csv has one value a row, of which column 1 says what it is (mag_x, mag_y, mag_z):
-    pivot it, so that x, y and z of a moment stand in one row, or export a column for each
+    pivot it, so that x, y and z of a reading are in one row, or export a column for each
 """
 
 from __future__ import annotations
@@ -136,8 +136,8 @@ def refuse_one_value(name: str, lines: Sequence[str], *, may_be_in_turn: bool = 
             told = _axes_of_words(words)
             if told and (may_be_in_turn or not _are_in_turn([word for word in words if word in told])):
                 raise NoMagnetometer(
-                    f"{name} has one value a row, of which column {place + 1} says what it is ({', '.join(told)}): "
-                    "pivot it, so that x, y and z of a moment stand in one row, or export a column for each"
+                    f"{name} has one value a row, of which column {place + 1} names the axis ({', '.join(told)}): "
+                    "pivot it, so that x, y and z of a reading are in one row, or export a column for each"
                 )
 
 
@@ -206,7 +206,7 @@ def extremes_alone(name: str, texts: Sequence[str]) -> NoMagnetometer | None:
     in_turn = all((number(low, ".") or 0.0) < (number(high, ".") or 0.0) for low, high in pairs)
     typed = ",".join(numbers) if in_turn else "X0,X1,Y0,Y1,Z0,Z1"
     return NoMagnetometer(
-        f"{name} has six numbers and no readings: where they are the smallest and the largest reading of each axis, "
+        f"{name} has six numbers and no readings: if they are the smallest and the largest reading of each axis, "
         f"type them: flinders calibrate --minmax={typed}"
     )
 
@@ -282,10 +282,12 @@ def nothing_read(name: str, lines: list[tuple[int, str]]) -> InputError:
             f"no magnetometer in {name}: no line has three numbers besides dates and times{line}; need x, y and z of a "
             "reading on a line"
         )
-    return (_other_labels(name, text, line) if numbers else None) or _unrecognised(name, text if numbers else "", line)
+    return (_other_labels(name, text, line) if numbers else None) or _unrecognised_text(
+        name, text if numbers else "", line
+    )
 
 
-def _unrecognised(name: str, text: str, line: str) -> UnreadableInput:
+def _unrecognised_text(name: str, text: str, line: str) -> UnreadableInput:
     """Error for unrecognised text, with a ``--pattern`` for a line that has numbers."""
     pattern = pattern_of(text) if len(text) <= MAX_EXAMPLE_LETTERS else ""
     example = ", as here if those are x, y and z" if pattern else ""

@@ -1,4 +1,4 @@
-r"""Bytes of a file, read as often as needed, or of a pipe, read as they arrive; the first bytes tell the format.
+r"""Bytes of a file, read as often as needed, or of a pipe, read as they arrive.
 
 Input that cannot be read twice (standard input, a named pipe, a serial port) is copied to a temporary file, which is
 deleted with its `File`. If one pass is enough, it is read as a `ByteStream`, which keeps nothing. Gzip is recognised by
@@ -48,7 +48,7 @@ GZIP: Final = b"\x1f\x8b"
 HEAD: Final = 1 << 16
 """Number of first bytes that are examined to recognise the format and the encoding of a file."""
 END_BYTES: Final = 1 << 14
-"""Number of bytes at each end of a file that are compared to tell a file that grew from one that was overwritten."""
+"""Number of bytes at each end of a file that are compared, to distinguish a file that grew from an overwritten one."""
 CHUNK: Final = 1 << 18
 """Number of bytes per read."""
 MAX_SPOOLED_BYTES: Final = 64 << 30
@@ -59,7 +59,7 @@ MAX_MESSAGE_BYTES: Final = 1 << 16
 """Largest size in bytes of a message in a log, whose length field has at most two bytes."""
 MIN_ROWS, MIN_LINES = 20, 400
 """Number of number rows of one width, or of lines, that are enough to recognise the format of a stream."""
-NOTHING_PIPED: Final = "nothing was piped in"
+EMPTY_PIPE_MESSAGE: Final = "nothing was piped in"
 MIN_NUMBERS: Final = 3
 """Smallest count of numbers in a line with a reading."""
 
@@ -129,7 +129,7 @@ class File:
     def chunks(self) -> Iterator[bytes]:
         """Yield all bytes, unpacked; raise `EndsEarly` if the gzip data are cut short, and as `lines`."""
         with self.opened() as (raw, unpacked):
-            yield from self._bounded(raw, unpacked)
+            yield from self._limited_chunks(raw, unpacked)
 
     def lines(self, encoding: str, blocks: int = 1) -> Generator[Lines, None, None]:
         """Yield all lines: first `blocks` blocks of `BLOCK` lines, then one block at a time.
@@ -137,7 +137,7 @@ class File:
         Raises `UnreadableInput` if the file cannot be opened, or its gzip data are broken or unpack to too much.
         """
         with self.opened() as (raw, unpacked):
-            yield from lines_of(self._bounded(raw, unpacked), encoding, raw.tell, blocks=blocks)
+            yield from lines_of(self._limited_chunks(raw, unpacked), encoding, raw.tell, blocks=blocks)
 
     def refuse_changed(self) -> None:
         """Raise an error if the file was replaced or overwritten; a file that grew or was deleted is accepted."""
@@ -149,7 +149,7 @@ class File:
         if not os.path.samestat(now, then) or not (is_as_it_was or has_grown):
             raise UnreadableInput(f"{self.name} was replaced or changed while it was read: read it again")
 
-    def _bounded(self, raw: io.BufferedReader, unpacked: io.BufferedIOBase) -> Iterator[bytes]:
+    def _limited_chunks(self, raw: io.BufferedReader, unpacked: io.BufferedIOBase) -> Iterator[bytes]:
         """Yield all bytes; if the compression ratio looks like that of a bomb, check the total size first."""
         chunks = _chunks(self.name, unpacked.read1)
         if not isinstance(unpacked, gzip.GzipFile):
@@ -220,7 +220,7 @@ class ByteStream:
             self._cut = cut
         self._ended = not self._is_enough
         if not self._head:
-            empty = UnreadableInput(f"{self.name} is empty: {NOTHING_PIPED}")
+            empty = UnreadableInput(f"{self.name} is empty: {EMPTY_PIPE_MESSAGE}")
             raise self._cut.refusal(self.name) if self._cut else empty
         return self._head
 
@@ -396,7 +396,7 @@ def _standard_input() -> io.BufferedIOBase:
 def _open_pipe(name: str, stream: io.BufferedIOBase, once: bool, check: Check) -> Source:
     if once:
         return ByteStream(name, _as_it_arrives(name, stream))
-    return spooled(name, _checked_chunks(name, _chunks(name, stream.read), check), empty=NOTHING_PIPED)
+    return spooled(name, _checked_chunks(name, _chunks(name, stream.read), check), empty=EMPTY_PIPE_MESSAGE)
 
 
 def _checked_chunks(name: str, chunks: Iterator[bytes], check: Check) -> Iterator[bytes]:

@@ -305,13 +305,13 @@ def open_table(
     columns = columns or choice.remembered(table.names, table.width, rising_in(first) if choice.forms else ())
     known = choose(table.names, first, columns, flat=flat, choice=choice, source=file.name, devices=devices)
     if known is None:
-        raise NoMagnetometer(_unknown(file.name, table, first), hint=XYZ)
+        raise NoMagnetometer(_unknown_columns_words(file.name, table, first), hint=XYZ)
     settled = unit_of(known, file.name, unit, scale)
     known = known.in_given(unit, scale).with_strength_in(settled)
     return TableRecording(file, table, known, settled, axes or Axes(), progress)
 
 
-def _unknown(name: str, table: Table, first: Floats) -> str:
+def _unknown_columns_words(name: str, table: Table, first: Floats) -> str:
     if not table.names:
         return (
             f"{name} has {table.width} columns without names: need three, x y z, or four with the time first; they go "

@@ -84,7 +84,7 @@ def accounted(
         gaps = [rows.lines[int(place)] for place in unusable[~is_silent]]
         beside = [number for number in gaps if is_of_others(lines.texts[number - lines.first])]
         accounts = {NOT_FINITE: sorted(set(gaps).difference(beside)), ACCOMPANYING: beside}
-        left_out += tuple(_skipped(lines, numbers, why) for why, numbers in accounts.items() if numbers)
+        left_out += tuple(_skipped_lines(lines, numbers, why) for why, numbers in accounts.items() if numbers)
     if rows.unreadable:
         left_out += besides(lines, [number for number, _ in rows.unreadable], shapes, UNREADABLE)
         lost = [(number, text) for number, text in rows.unreadable if not shapes.accompanies(text)]
@@ -102,10 +102,10 @@ def besides(lines: Lines, others: Sequence[int], shapes: LineShapes, reason: str
             shapes.add(text, is_reading=number not in known)
     own = [number for number in others if shapes.accompanies(texts[number - lines.first])]
     accounts = {reason: sorted(known.difference(own)), ACCOMPANYING: own}
-    return tuple(_skipped(lines, numbers, why) for why, numbers in accounts.items() if numbers)
+    return tuple(_skipped_lines(lines, numbers, why) for why, numbers in accounts.items() if numbers)
 
 
-def _skipped(lines: Lines, numbers: Sequence[int], reason: str) -> Skipped:
+def _skipped_lines(lines: Lines, numbers: Sequence[int], reason: str) -> Skipped:
     """An account of the lines with these numbers, with the first one as example."""
     example = lines.texts[numbers[0] - lines.first]
     return Skipped(reason, len(numbers), tuple(numbers[:NOTED]), shown(example))

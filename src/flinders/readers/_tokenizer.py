@@ -60,7 +60,7 @@ MOMENT: Final = re.compile(
 _MAY_BE_MOMENT: Final = re.compile(r"\d(?:[:/-]\d|\.\d+\.\d)|Jan|Feb|Mar|Apr|May|Jun|Jul|Aug|Sep|Oct|Nov|Dec")
 _MAY_BE_NUMBERED: Final = re.compile(r"\d[)\]]?\s*[:=]|\d[)\]]\s+[xyzXYZ]\b")
 """Quick tests for a `MOMENT` and for the number of a sensor, which take a third of the time of the full patterns."""
-_OF_OTHERS: Final = re.compile(
+_NON_FIELD_UNIT: Final = re.compile(
     r"\s*(?:km/h|kmh|kph|mph|kn|kts?|knots?|m/s|mps|deg|degrees?|°|º|hz|hpa|mbar|%|volts?|ms|rpm)(?![\w/])",
     re.IGNORECASE,
 )
@@ -199,7 +199,7 @@ def _as_pattern(text: str) -> str:
     pieces = re.split(rf"((?!(?<=[A-Za-z]{{3}} )\d{{1,2}}\s*:(?!\d)){NUMBER})", text)
     axes = iter("xyz")
     for place in range(1, len(pieces), 2):
-        own = "" if _OF_OTHERS.match(pieces[place + 1]) or QUANTITY.search(pieces[place - 1]) else next(axes, "")
+        own = "" if _NON_FIELD_UNIT.match(pieces[place + 1]) or QUANTITY.search(pieces[place - 1]) else next(axes, "")
         pieces[place] = f"{{{own or f'n{place // 2 + 1}'}}}"
     return "".join(pieces)
 

@@ -451,7 +451,7 @@ def _not_raw(name: str, layout: TextLayout) -> UnreadableInput:
     return UnreadableInput(
         f"{name} was recorded with {layout.in_force} in force, and magADC includes it: a calibration found from it "
         "adds to that one, but boards would replace it. Set offsets to 0 (maggain to 1024) and record again; to use "
-        "the logged readings all the same, name their columns",
+        "the logged readings anyway, name their columns",
         hint={"columns": ",".join(layout.columns.field.names)},
     )
 

@@ -38,7 +38,7 @@ if TYPE_CHECKING:
     from flinders.report.colours import Theme
 
     Ticks = Sequence[tuple[float, str]]
-    """Numbers of an axis and what stands at each."""
+    """Positions on an axis, each with its label."""
 
 MOST_DOTS: Final = 3_000
 """Largest number of dots of one kind in a plot; more would merge, and enlarge the file."""
@@ -167,7 +167,7 @@ class Plot:
         """Vertical lines with their numbers below; zero is highlighted unless it is at an end."""
         return "".join(
             self.upright(value, "zero" if value == 0.0 and self.across.share(value) > 0.02 else "grid")
-            + text(self.x(value), self.bottom + gap, shown, kind=_between(place, numbers))
+            + text(self.x(value), self.bottom + gap, shown, kind=_tick_class(place, numbers))
             for place, (value, shown) in enumerate(numbers)
         )
 
@@ -175,7 +175,7 @@ class Plot:
         """Horizontal lines with their numbers to the left; zero is highlighted."""
         return "".join(
             self.level(value, "grid" if value else "zero")
-            + text(self.left - gap / 2.0, self.y(value) + 4, shown, "end", _between(place, numbers))
+            + text(self.left - gap / 2.0, self.y(value) + 4, shown, "end", _tick_class(place, numbers))
             for place, (value, shown) in enumerate(numbers)
         )
 
@@ -249,7 +249,7 @@ def stacked(title: str, panels: Sequence[Panel], *, wide: float, high: float, le
     return chart(wide, plot.bottom + 42.0, title, *parts)
 
 
-def _between(place: int, numbers: Ticks) -> str:
+def _tick_class(place: int, numbers: Ticks) -> str:
     """Class of every second number, counted from the middle, which is hidden in narrow charts."""
     return "between" if (place - len(numbers) // 2) % 2 else ""
 

@@ -39,7 +39,7 @@ STEPS: Final = len(ERRORS["light"])
 LEGEND: Final = (0.5, 1.0, 2.0, 5.0)
 """Error ÷ target at the marks of a legend."""
 
-SEEN: Final[dict[Theme, tuple[str, ...]]] = {
+COVERAGE_COLOURS: Final[dict[Theme, tuple[str, ...]]] = {
     "light": ("#e8ecf0", "#b9d7ee", "#7db7e0", "#3a8cc8", "#0a5a96"),
     "dark": ("#232c36", "#234a66", "#2f7099", "#4aa0d0", "#8ed8ff"),
 }
@@ -95,7 +95,7 @@ def variables(theme: Theme) -> str:
 @cache
 def _palette(theme: Theme) -> dict[str, str]:
     """Colours by name: roles, lines of several (c), classes of errors (e) and of readings (s)."""
-    series = {"c": SERIES[theme], "e": ERRORS[theme], "s": SEEN[theme]}
+    series = {"c": SERIES[theme], "e": ERRORS[theme], "s": COVERAGE_COLOURS[theme]}
     numbered = {f"{letter}{place}": one for letter, row in series.items() for place, one in enumerate(row)}
     return ROLES[theme] | numbered
 
@@ -112,7 +112,7 @@ def seen_ends(share: float) -> tuple[int, int, int]:
 
 
 def seen_level(count: int, ends: tuple[int, int, int]) -> int:
-    """Index in `SEEN` of a tile with so many readings.
+    """Index in `COVERAGE_COLOURS` of a tile with so many readings.
 
     >>> [seen_level(count, (5, 16, 47)) for count in (0, 2, 6, 17, 50)]
     [0, 1, 2, 3, 4]

@@ -201,8 +201,8 @@ def _words(comparison: Comparison, fresh: Fit | None, *, is_limited: bool) -> st
     explained, worst_deg = chance_words(comparison.p_value), comparison.worst_deg
     if comparison.answer == "fails":
         return (
-            f"headings are {up_to(worst_deg)} apart, more than the {target} and {explained}: the sensor or what is "
-            "near it has changed, calibrate again"
+            f"headings are {up_to(worst_deg)} apart, more than the {target} and {explained}: the sensor or its "
+            "surroundings have changed, calibrate again"
         )
     is_changed = comparison.p_value is not None and comparison.p_value < CHANCE
     if comparison.answer == "holds":
@@ -290,7 +290,7 @@ def _true_cells(
 
 def _true_parameters(evaluation: Evaluation) -> Text:
     offset = _offset_cells(evaluation.offset_error, evaluation.offset_sigma)
-    ratio = "" if evaluation.offset_ratio is None else f", {figures(evaluation.offset_ratio)} times what is claimed"
+    ratio = "" if evaluation.offset_ratio is None else f", {figures(evaluation.offset_ratio)} times the stated one"
     scale = evaluation.scale_error
     return lines(
         [

@@ -51,7 +51,7 @@ PARAMETERS: Final = (
 """Names of the parameters, in order."""
 
 EARLY_DIVISOR: Final = 2
-"""Divisor of the steps whose first part is ignored for the scale of a plot: early estimates run out of it."""
+"""The first 1 / `EARLY_DIVISOR` of the steps is ignored for the scale of a plot, as early estimates exceed it."""
 
 MAX_TICK_SHARE: Final = 0.75
 """Share of all readings above which an axis number would overlap the last one."""

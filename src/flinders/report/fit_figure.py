@@ -23,9 +23,9 @@ from flinders.errors import figures as digits
 from flinders.fitting.export import refuse_unfit
 from flinders.fitting.measurement_noise import gates_of
 from flinders.report import figures
-from flinders.report.charts import MOST_DOTS, as_file, beside, rectangle, stacked, text, thinned
+from flinders.report.charts import MOST_DOTS, as_file, beside, stacked, text, thinned
 from flinders.report.figure_data import FigureData
-from flinders.report.maps import error_legend, tile_rules
+from flinders.report.maps import legend_row, tile_rules
 from flinders.report.matplotlib import CORRECTED, draw_panel
 from flinders.report.view import view_alone
 from flinders.workflows.recordings import recording_for
@@ -44,8 +44,8 @@ PANEL_HEIGHT: Final = 190.0
 """Height of a panel over time."""
 GAP: Final = 20
 """Gap between figures side by side."""
-LETTER_WIDTH: Final = 6.0
-"""Width of a letter of a legend."""
+LEGEND: Final = "heading error to expect; hatched: no reading"
+"""Words before the colours of a legend."""
 
 
 def plot(
@@ -92,20 +92,11 @@ def _sphere(fit: Fit, recording: AnyReadings | None) -> str:
         for place, (title, _) in enumerate(titled)
     ]
     has_errors = titled[-1][0] == figures.PREDICTED
-    legend = _legend(wide, figures.SIDE + 38.0, fit.claim.target_deg) if has_errors else ""
+    legend = legend_row(wide, figures.SIDE + 38.0, fit.claim.target_deg, LEGEND) if has_errors else ""
     charts = [(figure, figures.SIDE, figures.SIDE) for _, figure in titled]
     return beside(
         "Readings before and after, and predicted error", charts, *heads, legend, gap=GAP, top=22.0, foot=26.0
     )
-
-
-def _legend(right: float, y: float, target_deg: float) -> str:
-    """Colours of the predicted error with their values, in a row that ends at the right."""
-    marks, x, parts = error_legend(target_deg), right, []
-    for kind, words in reversed(marks):
-        x -= 30.0 + LETTER_WIDTH * len(words)
-        parts.append(rectangle(kind, x, y - 10.0, 12, 12) + text(x + 17.0, y, words, "start"))
-    return "".join([*parts, text(x - 12.0, y, "heading error to expect; hatched: no reading", "end")])
 
 
 def _cloud(fit: Fit, recording: AnyReadings | None) -> tuple[Panel, ...]:

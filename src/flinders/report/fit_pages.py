@@ -76,13 +76,13 @@ def of_fit(
         blocks = (_merged_parts(repeats), result, _merged_verdict(fit, repeats))
         return Group(page(*blocks), findings(shown_findings(fit), spell))
     tops = () if is_refused else (page_of_recipe(fit), errors_table(fit, onboard), _change_words(fit))
-    shown = list(said_once(_shown(fit, is_verbose=is_verbose), fit))
+    shown = list(said_once(_findings_of_page(fit, is_verbose=is_verbose), fit))
     is_limited = any(finding.severity == "limits" for finding in shown)
     change = None if onboard is None or is_refused else of_onboard(onboard, is_limited=is_limited)
     return Group(page(*tops, change, result, _fit_verdict(fit)), findings(shown, spell))
 
 
-def _shown(fit: Fit, *, is_verbose: bool) -> list[Finding]:
+def _findings_of_page(fit: Fit, *, is_verbose: bool) -> list[Finding]:
     """Findings that the page of a fit shows."""
     return [each for each in shown_findings(fit) if is_verbose or each.code not in COMMON_NOTES]
 
@@ -123,7 +123,7 @@ def of_file(fit: Fit, spell: Spelling = in_python, *, is_verbose: bool) -> Rende
     known = facts([(name, words) for name, words in origin if words])
     return Group(
         page(known, numbers(calibration, sigma, fit.evidence.noise), said),
-        findings(_shown(fit, is_verbose=is_verbose), spell),
+        findings(_findings_of_page(fit, is_verbose=is_verbose), spell),
     )
 
 

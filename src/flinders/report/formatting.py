@@ -249,7 +249,7 @@ def sources(fit: Fit) -> str:
     """The aiding sensors that the fit uses."""
     each = () if fit.evidence.aiding is None else fit.evidence.aiding.sensors
     names = [SOURCES[aid.name] for aid in each if aid.is_used and aid.name in SOURCES]
-    return f"the {' and '.join(names)}" if names else "what was recorded beside"
+    return f"the {' and '.join(names)}" if names else "the other recorded quantities"
 
 
 def with_unit(disturbance: Disturbance) -> str:

@@ -44,7 +44,6 @@ from flinders.fitting.result import Fit, fit_of
 from flinders.fitting.verdict import headline_of
 from flinders.report import figures as drawing
 from flinders.report import maps
-from flinders.report.colours import STEPS
 from flinders.report.figure_data import FigureData
 from flinders.report.formatting import (
     SOURCES,
@@ -396,8 +395,7 @@ def _script(*, has_view: bool) -> tuple[str, bool]:
 
 def _style() -> str:
     """The style sheet, with the colours of the maps."""
-    steps = [*(f"e{step}" for step in range(STEPS)), "unknown", *(f"s{level}" for level in range(5))]
-    return style_of() + "\n".join(f".{name} {{ fill: var(--{name}); }}" for name in steps)
+    return style_of() + maps.page_tile_rules()
 
 
 FILTERS: Final = {

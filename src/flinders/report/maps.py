@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Final, get_args
 import numpy as np
 
 from flinders.geometry.sphere import tiles
-from flinders.report.charts import Axis, Plot, chart, circle, clipped, outline_of, segment, text
+from flinders.report.charts import Axis, Plot, chart, circle, clipped, outline_of, rectangle, segment, text
 from flinders.report.colours import LEGEND, STEPS, Theme, class_of, colour_of, seen_ends, seen_level
 
 if TYPE_CHECKING:
@@ -50,6 +50,8 @@ def error_tiles(plot: Plot, view: View, target_deg: float, rings: Mapping[int, F
 
 DISC, MAP_WIDE, MAP_HIGH = 114.0, 552, 282
 MIDDLES: Final = (136.0, 416.0)
+LETTER: Final = 6.0
+"""Width of a letter of a legend."""
 MIDDLE: Final = MAP_HIGH / 2.0 + 4.0
 HEMISPHERE_AXIS: Final = Axis(-math.sqrt(2.0), math.sqrt(2.0))
 """Ends of both axes of a hemisphere in Lambert's azimuthal projection, which keeps areas."""
@@ -65,6 +67,19 @@ def error_map(view: View, target_deg: float) -> str:
         ((x, y),) = plot.places(*_lambert(there, up).T).tolist()
         parts.append(circle("next", x, y, 8))
     return chart(MAP_WIDE, MAP_HIGH, "Map of the predicted heading error over all directions of the field", *parts)
+
+
+def path_map(view: View, target_deg: float, path: Floats) -> str:
+    """Predicted error of all directions, with those that a motion meets: (N, 3) directions of the field as dots."""
+    insides = [
+        [
+            *error_tiles(plot, view, target_deg, hemisphere(up), "hatch-path"),
+            plot.dots("path", *_lambert(path[up * path[:, 2] >= 0.0], up).T),
+        ]
+        for plot, up in _discs()
+    ]
+    title = "Map of the expected heading error over all directions of the field, and the path of the motion"
+    return chart(MAP_WIDE, MAP_HIGH, title, hatch_pattern("hatch-path"), *_framed_discs("path", insides))
 
 
 def coverage_map(view: View) -> str:
@@ -130,6 +145,12 @@ def tile_rules() -> str:
     return f"{light} @media (prefers-color-scheme: dark) {{ {dark} }}"
 
 
+def page_tile_rules() -> str:
+    """Colours of the classes of errors and of readings, for a page, which has them as variables."""
+    classes = [*(f"e{step}" for step in range(STEPS)), "unknown", *(f"s{level}" for level in range(5))]
+    return "\n".join(f".{name} {{ fill: var(--{name}); }}" for name in classes)
+
+
 def _tile_colours(theme: Theme) -> str:
     """Colours of the classes of errors in one theme."""
     classes = (*(f"e{step}" for step in range(STEPS)), "unknown")
@@ -142,6 +163,15 @@ def error_legend(target_deg: float) -> list[tuple[str, str]]:
     words = [f"{words[0]} or less", *words[1:-1], f"{words[-1]} or more"]
     marks = [(class_of(ratio * target_deg, target_deg), shown) for ratio, shown in zip(LEGEND, words, strict=True)]
     return [*marks, ("unknown", "not known")]
+
+
+def legend_row(right: float, y: float, target_deg: float, words: str) -> str:
+    """Colours of the predicted error, with the angle that each stands for, in a row that ends at the right."""
+    marks, x, parts = error_legend(target_deg), right, []
+    for kind, shown in reversed(marks):
+        x -= 30.0 + LETTER * len(shown)
+        parts.append(rectangle(kind, x, y - 10.0, 12, 12) + text(x + 17.0, y, shown, "start"))
+    return "".join([*parts, text(x - 12.0, y, words, "end")])
 
 
 def seen_legend(view: View) -> list[tuple[str, str]]:

@@ -32,7 +32,7 @@ from pathlib import Path
 from typing import Final
 
 PACKAGE: Final = Path(__file__).resolve().parent.parent
-BUNDLED: Final = "bundled"
+BUNDLE_FOLDER: Final = "bundled"
 """Folder for bundles in a ``static`` folder."""
 
 
@@ -40,7 +40,7 @@ def headline(package: Path = PACKAGE) -> str:
     """The first line of a bundle: a hash of the modules that it was made from."""
     digest = hashlib.sha256()
     for path in sorted([*package.glob("static/**/*.js"), *package.glob("apps/*/static/**/*.js")]):
-        if path.parent.name != BUNDLED:
+        if path.parent.name != BUNDLE_FOLDER:
             digest.update(path.read_bytes().replace(b"\r\n", b"\n"))
     return f"/* of sha256:{digest.hexdigest()} */\n"
 
@@ -51,7 +51,7 @@ _headline = cache(headline)
 def bundle_of(entry: str) -> str:
     """Path of the bundle of a module: in the module's static folder."""
     folder, static, module = entry.rpartition("static/")
-    return f"{folder}{static}{BUNDLED}/{posixpath.basename(module)}"
+    return f"{folder}{static}{BUNDLE_FOLDER}/{posixpath.basename(module)}"
 
 
 @cache
@@ -66,7 +66,7 @@ def script(entry: str, *, exported: tuple[str, ...] = ()) -> str:
 
 IMPORT: Final = re.compile(r'^import\s*\{([^}]*)\}\s*from\s*"([^"]+)";', re.MULTILINE)
 EXPORT: Final = re.compile(r"^export (?=(?:async )?(?:function\*?|class|const) (\w+))", re.MULTILINE)
-LIST: Final = re.compile(r"\bexport\s*\{([^{}]*)\};?\s*\Z")
+EXPORT_LIST: Final = re.compile(r"\bexport\s*\{([^{}]*)\};?\s*\Z")
 """The list of exports at the end of a bundle of esbuild."""
 OTHER_FORM: Final = re.compile(r"^(?:import|export)\b|^\s*export\s*(?:\{|default\b)", re.MULTILINE)
 WAITS: Final = re.compile(r"^(?:if \(.*\) )?await ", re.MULTILINE)
@@ -127,7 +127,7 @@ def _wrapped(name: str, text: str, inside: dict[str, str]) -> str:
     exported = [f"{match[1]}" for match in EXPORT.finditer(text)]
     body = IMPORT.sub(lambda match: f"const {{{match[1].replace(' as ', ': ')}}} = {inside[match[2]]};", text)
     body = EXPORT.sub("", body)
-    listed = LIST.search(body)
+    listed = EXPORT_LIST.search(body)
     if listed:
         pairs = (pair.split(" as ") for pair in listed[1].split(","))
         exported += [f"{pair[-1].strip()}: {pair[0].strip()}" for pair in pairs]

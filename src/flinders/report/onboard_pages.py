@@ -99,17 +99,17 @@ def onboard_words(onboard: OnboardCheck, *, is_limited: bool = True) -> str:
         is_better = comparison.p_value is not None and comparison.p_value < CHANCE
         more = "; the new calibration is better, if you want more" if is_better else ""
         return (
-            f"what is on board is good enough: with it headings are off by {worst} (95 % within "
+            f"the onboard calibration is good enough: its headings are off by {worst} (95 % within "
             f"{degrees(comparison.largest_deg)}; target {target}){more}"
         )
     if onboard.answer == "fails":
         return (
-            f"a change is worth while: with what is on board headings are off by {worst}, more than the target of "
-            f"{target} and {chance_words(comparison.p_value)}"
+            f"a change is worthwhile: with the onboard calibration headings are off by {worst}, more than the target "
+            f"of {target} and {chance_words(comparison.p_value)}"
         )
     remedy = "resolve the first limit of this log, below" if is_limited else "record for longer"
     return (
-        f"whether a change is worth while: with what is on board headings are off by {worst}, give or take "
+        f"whether a change is worthwhile: with the onboard calibration headings are off by {worst}, give or take "
         f"{at_most(comparison.claimed_bound_deg or 0.0)} (95 %), which may be within or beyond the target of {target}: "
         f"{remedy}"
     )

@@ -25,6 +25,7 @@ if TYPE_CHECKING:
     from rich.console import RenderableType
 
     from flinders.core.geomag import SiteField
+    from flinders.workflows.chip_proposal import ChipProposal
     from flinders.workflows.recording_contents import Contents, RecordedSensor
 
 MAX_REPEATED_SHARE: Final = 0.02
@@ -32,6 +33,8 @@ MAX_REPEATED_SHARE: Final = 0.02
 MAX_STRENGTH_DEVIATION: Final = 0.25
 """Relative deviation of a measured strength from the field there, with iron on board, above which a remark is made."""
 TITLE_WIDTH: Final = 11
+MAX_CHIPS: Final = 6
+"""Names of chips in a line; ``--json`` has all."""
 NONE_USABLE_WORDS: Final = (
     "No magnetometer of it can be calibrated from this recording, for the reasons marked ! above."
 )
@@ -116,7 +119,17 @@ def _sensor_block(sensor: RecordedSensor, site: SiteField | None) -> RenderableT
             share = f", {sensor.strength / site.strength:.2f} of the field there"
         rows.append(("strength", f"{figures(sensor.strength, 4)} {unit} by the ellipsoid through them{share}"))
     rows.append(("auxiliary", ", ".join(sensor.auxiliary) or "none"))
+    if sensor.chip is not None:
+        rows += _chip_rows(sensor.chip)
     return _block(title, known, rows, doubts=_doubts(sensor, site), notes=sensor.notes)
+
+
+def _chip_rows(proposal: ChipProposal) -> list[tuple[str, str]]:
+    """Write which chip it may be, why, and what to give for it."""
+    names, more = proposal.chips[:MAX_CHIPS], len(proposal.chips) - MAX_CHIPS
+    written = f"{'' if len(names) == 1 else 'one of '}{', '.join(names)}{f' and {more} more' if more > 0 else ''}"
+    rows = [("chip", written), ("because", proposal.reason)]
+    return [*rows, ("to give", proposal.advice)] if proposal.advice else rows
 
 
 def _block(

@@ -1,6 +1,6 @@
-"""Recordings with known truth: a sensor and its iron, a motion, noise, disturbances, all from one seed.
+"""Simulated recordings with known truth: a sensor and its iron, a motion, noise and disturbances, from one seed.
 
-One line gives a recording, and what a perfect fit would find in it:
+One line gives a recording, and the result of a perfect fit of it:
 
 >>> recording = tumble(seed=1)
 >>> len(recording.samples), recording.samples.unit.inside, recording.field_strength
@@ -14,17 +14,17 @@ One line gives a recording, and what a perfect fit would find in it:
 >>> angle_error_deg(matrix, offset + [1, 0, 0], recording)
 0.9
 
-Truth is ``raw = A h + b + n`` of DESIGN.md §2. World axes are north, east, down; body axes forward,
-right, down; an attitude turns body axes into world axes.
+The true model is ``raw = A h + b + n``. World axes are north, east, down; body axes forward, right, down; an attitude
+rotates body axes into world axes.
 
-Which motion when:
+Motions:
 
 ============== =============================================== ============ ====
 ``hand``       tumbled by hand for a minute, smooth in time    acceleration rate
 ``eight``      waved in figures of eight for a minute          acceleration rate
-``uniform``    all directions alike: the best there is
+``uniform``    all directions equally: the best possible
 ``tilted``     all headings, tilted by up to 35°: a vehicle    acceleration
-``level``      all headings, level: no 3-D fit can be right    acceleration
+``level``      all headings, level: not enough for a 3-D fit   acceleration
 ``drive``      bends and hills for five minutes, 6° at most    acceleration rate
 ``flight``     banked turns for five minutes, 35° at most      acceleration rate
 ``swayed``     all headings in a minute, leaning by up to 35°  acceleration rate
@@ -36,7 +36,7 @@ Which motion when:
 ``clumped``    held still for most of the time
 ============== =============================================== ============ ====
 
-Anything can be put together:
+All parts can be combined:
 
 >>> rough = tumble(
 ...     seed=2, motion="flight", n=2000, stationary=0.2, outliers=0.01,
@@ -47,7 +47,7 @@ Anything can be put together:
 >>> rough.disturbances, rough.samples.current.shape, rough.samples.temperature.shape
 (('motor', 'drift', 'step', 'magnet'), (2000,), (2000,))
 
-`truth.Truth` keeps what is true in a file.
+`truth.Truth` writes the truth to a file.
 """
 
 from __future__ import annotations

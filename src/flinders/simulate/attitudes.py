@@ -1,4 +1,4 @@
-"""Attitudes of a body: rotations that turn body axes into world axes (north, east, down), and their rates.
+"""Attitudes of a body: rotations from body axes into world axes (north, east, down), and angular rates.
 
 >>> north = np.array([1.0, 0.0, 0.0])
 >>> seen_from(posed([np.pi / 2], [0.0], [0.0]), north).round(3) + 0.0
@@ -22,14 +22,14 @@ if TYPE_CHECKING:
 
     from flinders.arrays import Floats
 
-BLOCK: Final = 64
-"""Steps of a turn that are multiplied before the next rounding to a rotation."""
+BLOCK_STEPS: Final = 64
+"""Count of steps of a turn that are multiplied before the product is made orthogonal."""
 
 
 def turns(vectors: ArrayLike) -> Floats:
     """(N, 3, 3) rotations by (N, 3) rotation vectors in rad (Rodrigues).
 
-    As `flinders.geometry.rotation.rotations` but for the last bit, which recordings of a seed keep.
+    Equal to `flinders.geometry.rotation.rotations` except for the last bit, so that recordings of a seed stay the same.
 
     >>> turns([[0.0, 0.0, np.pi / 2]]).round(3)[0].tolist()
     [[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]]
@@ -43,7 +43,7 @@ def turns(vectors: ArrayLike) -> Floats:
 
 
 def north_and_down(dip_deg: float) -> Floats:
-    """(3,) unit direction of a field that dips by `dip_deg`: north, east, down.
+    """(3,) unit direction of a field with the inclination `dip_deg`: north, east, down.
 
     >>> north_and_down(30.0).round(3)
     array([0.866, 0.   , 0.5  ])
@@ -53,7 +53,7 @@ def north_and_down(dip_deg: float) -> Floats:
 
 
 def posed(heading: ArrayLike, pitch: ArrayLike, roll: ArrayLike) -> Floats:
-    """(N, 3, 3) attitudes of a body that turns to a heading, raises its nose and then drops its right side; in rad.
+    """(N, 3, 3) attitudes of a body from heading, pitch (nose up) and roll (right side down), in rad.
 
     >>> posed([np.pi / 2], [0.0], [0.0]).round(3)[0].tolist()
     [[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]]
@@ -65,7 +65,7 @@ def posed(heading: ArrayLike, pitch: ArrayLike, roll: ArrayLike) -> Floats:
 
 
 def seen_from(attitudes: Floats, world: Floats) -> Floats:
-    """(N, 3) a fixed world vector (3,) in the body axes of each of (N, 3, 3) attitudes.
+    """(N, 3) world vector (3,) in the body axes of each of (N, 3, 3) attitudes.
 
     >>> seen_from(posed([0.3], [0.0], [0.0]), np.array([0.0, 0.0, 1.0]))
     array([[0., 0., 1.]])
@@ -75,7 +75,7 @@ def seen_from(attitudes: Floats, world: Floats) -> Floats:
 
 
 def random_attitude(rng: Generator) -> Floats:
-    """(3, 3) a rotation, all alike (QR of a Gaussian matrix with the signs of R taken out)."""
+    """(3, 3) uniformly distributed random rotation, by QR of a Gaussian matrix with the signs of R removed."""
     orthogonal, triangular = np.linalg.qr(rng.standard_normal((3, 3)))
     attitude: Floats = orthogonal * np.sign(np.diag(triangular))
     if np.linalg.det(attitude) < 0:
@@ -84,7 +84,7 @@ def random_attitude(rng: Generator) -> Floats:
 
 
 def rates(attitudes: Floats, rate_hz: float) -> Floats:
-    """(N, 3) body rates in rad/s, constant from each of (N, 3, 3) attitudes to the next; the last goes on."""
+    """(N, 3) body rates in rad/s, constant between (N, 3, 3) attitudes; the last one is repeated."""
     if len(attitudes) < 2:
         return np.zeros((len(attitudes), 3))
     steps = np.swapaxes(attitudes[:-1], 1, 2) @ attitudes[1:]
@@ -93,16 +93,16 @@ def rates(attitudes: Floats, rate_hz: float) -> Floats:
 
 
 def integrated(start: Floats, steps: Floats) -> Floats:
-    """(N, 3, 3) attitudes from the first one on, each turned by its step (N, 3, 3) in body axes.
+    """(N, 3, 3) attitudes from a start, each rotated by its step (N, 3, 3) in body axes.
 
-    Products of the steps of each block are made for all blocks at once, then the attitudes in which blocks begin.
+    Products of the steps within each block are computed for all blocks together, then the start attitudes of blocks.
     """
-    count = -(-len(steps) // BLOCK)
-    padded = np.concatenate([steps, np.broadcast_to(np.eye(3), (count * BLOCK - len(steps), 3, 3))])
-    turns_by = padded.reshape(count, BLOCK, 3, 3)
+    count = -(-len(steps) // BLOCK_STEPS)
+    padded = np.concatenate([steps, np.broadcast_to(np.eye(3), (count * BLOCK_STEPS - len(steps), 3, 3))])
+    turns_by = padded.reshape(count, BLOCK_STEPS, 3, 3)
     within = np.empty_like(turns_by)
     within[:, 0] = np.eye(3)
-    for place in range(1, BLOCK):
+    for place in range(1, BLOCK_STEPS):
         np.matmul(within[:, place - 1], turns_by[:, place - 1], out=within[:, place])
     whole = within[:-1, -1] @ turns_by[:-1, -1]
     begins = np.stack(list(accumulate(whole, lambda attitude, turn: _nearest_rotation(attitude @ turn), initial=start)))
@@ -111,7 +111,7 @@ def integrated(start: Floats, steps: Floats) -> Floats:
 
 
 def _nearest_rotation(attitude: Floats) -> Floats:
-    """Take off the rounding that adds up."""
+    """Nearest rotation to a matrix, which removes accumulated rounding errors."""
     left, _, right = np.linalg.svd(attitude)
     nearest: Floats = left @ right
     return nearest

@@ -1,7 +1,7 @@
-"""How a body moves while it is recorded; attitudes turn body axes into world axes: north, east, down.
+"""Motions of a body; attitudes rotate body axes into world axes: north, east, down.
 
-A `Motion` draws a `Path`: the directions of the field that the body meets and, where it is followed in time, its
-attitudes, rates and accelerations.
+A `Motion` draws a random `Path`: the directions of the field in body axes and, for a motion in time, attitudes, rates
+and accelerations.
 
 >>> course = Course(n=500, rate_hz=50.0, world=np.array([0.5, 0.0, 0.75**0.5]))
 >>> path = MOTIONS["flight"].draw(np.random.default_rng(0), course)
@@ -41,38 +41,38 @@ RATE_HZ: Final = 50.0
 GRAVITY: Final = 9.81
 """m/s²."""
 
-SETTLING: Final = 200
-"""Steps of the random walk before its start is forgotten."""
+SETTLING_STEPS: Final = 200
+"""Count of steps after which the random process no longer depends on its start."""
 
-LEANING: Final = 0.8
-"""s, time constant of each filter of a swayed body's leans: it goes from one side to the other in some seconds."""
+LEAN_TIME_CONSTANT_S: Final = 0.8
+"""Time constant of each filter for the lean of a swayed body, which changes sides in some seconds."""
 
-ROCKING: Final = ((0.05, 0.08), (0.1, 0.3), (0.2, 0.4))
-"""rad/s, slowest and fastest of what a rocked body's roll, pitch and heading reach."""
+ROCKING_RATES: Final = ((0.05, 0.08), (0.1, 0.3), (0.2, 0.4))
+"""rad/s: range of the largest roll, pitch and heading rates of a rocked body."""
 
-WOBBLING_HZ: Final = (0.25, 0.6)
-"""Slowest and fastest of what a wobbled body's roll, pitch and heading swing at."""
+WOBBLE_RANGE_HZ: Final = (0.25, 0.6)
+"""Range of the frequencies of roll, pitch and heading of a wobbled body."""
 
-TURNING_OVER: Final = 0.05
-"""Share of the readings of planar sweeps that are taken while the body is turned from one plane to the next."""
+TURN_OVER_SHARE: Final = 0.05
+"""Share of the readings of planar sweeps while the body is turned from one plane to the next."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Trajectory:
-    """How a body turns."""
+    """Attitudes of a body over time."""
 
     time: Floats  #: (N,), s
     attitudes: Floats  #: (N, 3, 3): rotations from body axes into world axes (north, east, down)
-    rate: Floats  #: (N, 3), rad/s: angular rate in body axes: constant from each instant to the next
-    #: (N, 3), m/s²: what moves the body, in world axes and without gravity; a body that turns on the spot has none
+    rate: Floats  #: (N, 3), rad/s: angular rate in body axes, constant between times
+    #: (N, 3), m/s²: acceleration of the body in world axes, without gravity; None for a body that turns on the spot
     acceleration: Floats | None = None
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Course:
-    """What is asked of a motion."""
+    """Requested properties of a motion."""
 
-    n: int  #: readings
+    n: int  #: count of readings
     rate_hz: float
     world: Floats  #: (3,): unit direction of the field: north, east, down
     tilt_deg: float | None = None  #: in place of the motion's own limit
@@ -80,25 +80,25 @@ class Course:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Path:
-    """What a body meets."""
+    """Field directions in a moving body, with its motion."""
 
     directions: Floats  #: (N, 3): unit direction of the field in body axes
     attitudes: Floats | None = None  #: (N, 3, 3)
     rate: Floats | None = None  #: (N, 3), rad/s
-    acceleration: Floats | None = None  #: (N, 3), m/s²: as those of `Trajectory`
+    acceleration: Floats | None = None  #: (N, 3), m/s²: as in `Trajectory`
 
 
 @dataclass(frozen=True, slots=True)
 class Motion:
-    """A motion by name."""
+    """A named motion with its defaults."""
 
-    draw: Callable[[Generator, Course], Path]  #: of a generator and a `Course`; gives a `Path`
-    seconds: float | None = None  #: how long it is unless someone says otherwise; None for 1,000 readings in no order
-    tilt_deg: float | None = None  #: how far the body is tilted at most, where that is limited and can be chosen
+    draw: Callable[[Generator, Course], Path]  #: function from a generator and a `Course` to a `Path`
+    seconds: float | None = None  #: default duration; None for 1,000 readings in random order
+    tilt_deg: float | None = None  #: default of the largest tilt; None if there is no such parameter
 
 
 def tilted(rng: Generator, n: int, *, tilt_deg: float = 35.0) -> Floats:
-    """(n, 3, 3) attitudes: all headings, tilted about any level axis by up to `tilt_deg`; in no order.
+    """(n, 3, 3) attitudes: all headings, tilted about any level axis by up to `tilt_deg`; in random order.
 
     >>> down = seen_from(tilted(np.random.default_rng(0), 1000), np.array([0.0, 0.0, 1.0]))
     >>> bool(np.degrees(np.arccos(down[:, 2].min())) < 35)
@@ -111,7 +111,7 @@ def tilted(rng: Generator, n: int, *, tilt_deg: float = 35.0) -> Floats:
 
 
 def level_turn(rng: Generator, n: int) -> Floats:
-    """(n, 3, 3) attitudes: all headings, level; in no order.
+    """(n, 3, 3) attitudes: all headings, level; in random order.
 
     >>> level_turn(np.random.default_rng(0), 3)[:, 2].tolist()
     [[0.0, 0.0, 1.0], [0.0, 0.0, 1.0], [0.0, 0.0, 1.0]]
@@ -122,14 +122,14 @@ def level_turn(rng: Generator, n: int) -> Floats:
 def hand_tumble(
     rng: Generator, *, seconds: float = 60.0, rate_hz: float = RATE_HZ, speed: float = 1.5, smoothness: float = 0.6
 ) -> Trajectory:
-    """Turn a body over and over, as a hand does: smooth, at random, slowly covering all directions.
+    """Tumble a body by hand: smooth and random, slowly covering all directions.
 
     Body rates are white noise through two equal low-pass filters.
 
     Parameters
     ----------
     speed : float, rad/s
-        Root mean square rate about each axis.
+        Rms rate about each axis.
     smoothness : float, s
         Time constant of each filter.
 
@@ -147,16 +147,16 @@ def hand_tumble(
 
 
 def figure_eight(rng: Generator, *, seconds: float = 60.0, rate_hz: float = RATE_HZ, period: float = 3.0) -> Trajectory:
-    """Wave a body in figures of eight, as phones ask for: over to either side, the nose twice up and down.
+    """Wave a body in figures of eight, as phones request it: roll to either side, nose up and down twice.
 
-    Each eight, of `period` s, rolls by about 110° to either side and pitches by about 55° at twice the pace, while the
-    whole body turns around three times in all. No two are the same.
+    Each eight of `period` s rolls by about 110° to either side and pitches by about 55° at twice the frequency. The
+    body turns around three times in all, so that no two eights are the same.
 
     >>> figure_eight(np.random.default_rng(0), seconds=10).attitudes.shape
     (500, 3, 3)
     """
     n = count(round(seconds * rate_hz))
-    sway = _limited(rng, n, rate_hz, seconds=3.0)
+    sway = _bounded_noise(rng, n, rate_hz, seconds=3.0)
     time = _clock(n, rate_hz)
     phase = 2 * np.pi * time / period + 0.5 * sway[:, 0] + rng.uniform(0, 2 * np.pi)
     roll = np.radians(110 + 20 * sway[:, 1]) * np.sin(phase)
@@ -173,17 +173,17 @@ def drive(
     tilt_deg: float = 6.0,
     speed: float = 8.0,
 ) -> Trajectory:
-    """Drive through bends and over hills: all headings in time, and never tilted by more than `tilt_deg`.
+    """Drive through bends and over hills: all headings over time, tilted by at most `tilt_deg`.
 
-    The `speed` in m/s is constant: the acceleration is that of bends.
+    The `speed` in m/s is constant, so that only bends cause acceleration.
 
     >>> on_a_floor = drive(np.random.default_rng(0), seconds=10, tilt_deg=0.0)
     >>> on_a_floor.attitudes[:, 2].tolist() == [[0.0, 0.0, 1.0]] * 500
     True
     """
     n = count(round(seconds * rate_hz))
-    bends = 0.35 * _limited(rng, n, rate_hz, seconds=3.0)[:, 0]
-    slope = math.radians(tilt_deg) * _limited(rng, n, rate_hz, seconds=4.0)
+    bends = 0.35 * _bounded_noise(rng, n, rate_hz, seconds=3.0)[:, 0]
+    slope = math.radians(tilt_deg) * _bounded_noise(rng, n, rate_hz, seconds=4.0)
     heading = rng.uniform(0, 2 * np.pi) + np.cumsum(bends) / rate_hz
     attitudes = posed(heading, 0.9 * slope[:, 0], 0.4 * slope[:, 1])
     return _trajectory(attitudes, rate_hz, _to_the_right(heading, speed * bends))
@@ -197,16 +197,16 @@ def flight(
     tilt_deg: float = 35.0,
     speed: float = 15.0,
 ) -> Trajectory:
-    """Fly in banked turns, climbing and sinking; bank and pitch together are never more than `tilt_deg`.
+    """Fly in banked turns, climbing and sinking; bank and pitch together are at most `tilt_deg`.
 
-    Turns are coordinated: at speed v, m/s, and bank φ the heading turns by g tan φ / v, and the accelerometer feels no
-    sideways pull, so that what it calls down leans with the craft.
+    Turns are coordinated: at speed v in m/s and bank φ the heading rate is g tan φ / v. The accelerometer then measures
+    no sideways component, so that its vertical leans with the aircraft.
 
     >>> flight(np.random.default_rng(0), seconds=10).acceleration.shape
     (500, 3)
     """
     n = count(round(seconds * rate_hz))
-    lean = math.radians(tilt_deg) * _limited(rng, n, rate_hz, seconds=2.0)
+    lean = math.radians(tilt_deg) * _bounded_noise(rng, n, rate_hz, seconds=2.0)
     bank, pitch = 0.85 * lean[:, 0], 0.45 * lean[:, 1]
     bends = GRAVITY * np.tan(bank) / speed
     heading = rng.uniform(0, 2 * np.pi) + np.cumsum(bends) / rate_hz
@@ -221,17 +221,17 @@ def swayed(
     tilt_deg: float = 35.0,
     turns_each: float = 2.0,
 ) -> Trajectory:
-    """Turn a body through all headings while it leans to all sides: what `tilted` draws, in the order of time.
+    """Turn a body through all headings while it leans to all sides: as `tilted`, but continuous in time.
 
-    A vehicle that can be pushed around and leant over by less than `tilt_deg`, and not turned upside down. It turns
-    around `turns_each` times, on the spot, so that nothing but gravity is felt.
+    This is the motion of a vehicle that can be pushed around and tilted by less than `tilt_deg`, but not turned upside
+    down. It turns around `turns_each` times on the spot, so that the accelerometer measures gravity alone.
 
     >>> leant = swayed(np.random.default_rng(0)).attitudes[:, 2, 2]
     >>> bool(25 < np.degrees(np.arccos(leant.min())) < 35)
     True
     """
     n = count(round(seconds * rate_hz))
-    smooth = wandering(rng, n, math.exp(-1.0 / (rate_hz * LEANING)))
+    smooth = wandering(rng, n, math.exp(-1.0 / (rate_hz * LEAN_TIME_CONSTANT_S)))
     smooth /= np.sqrt(np.mean(smooth**2))
     far = np.hypot(smooth[:, 0], smooth[:, 1])
     lean = smooth * (math.radians(tilt_deg) * np.tanh(far / 2) / np.maximum(far, 1e-12))[:, np.newaxis]
@@ -247,10 +247,10 @@ def rocked(
     rate_hz: float = RATE_HZ,
     amplitudes_deg: Sequence[float] = (5.0, 45.0, 360.0),
 ) -> Trajectory:
-    """Rock a body about each of its axes, each as a sine of its own: the motion of the MAGYC simulations.
+    """Rock a body about each of its axes by a different sine: the motion of the MAGYC simulations.
 
-    Roll, pitch and heading are A sin((w/A) t + φ), so that w is the largest rate: 0.05 … 0.08, 0.1 … 0.3 and
-    0.2 … 0.4 rad/s, drawn with the phases. `amplitudes_deg` (5, 45, 360) is called WAM there, (5, 5, 360) MAM and
+    Roll, pitch and heading are A sin((w/A) t + φ), so that w is the largest rate: a random 0.05 … 0.08, 0.1 … 0.3 and
+    0.2 … 0.4 rad/s, with random phases. `amplitudes_deg` (5, 45, 360) is called WAM there, (5, 5, 360) MAM and
     (5, 45, 90) LAM; `rate_hz` is 10.
 
     References
@@ -265,7 +265,7 @@ def rocked(
     """
     time = _clock(count(round(seconds * rate_hz)), rate_hz)
     angles: list[Floats] = []
-    for amplitude, (slowest, fastest) in zip(np.radians(amplitudes_deg), ROCKING, strict=True):
+    for amplitude, (slowest, fastest) in zip(np.radians(amplitudes_deg), ROCKING_RATES, strict=True):
         fast, phase = rng.uniform(slowest, fastest), rng.uniform(0, 2 * np.pi)
         angles.append(amplitude * np.sin(fast / amplitude * time + phase))
     roll, pitch, heading = angles
@@ -273,16 +273,16 @@ def rocked(
 
 
 def wobble(rng: Generator, *, seconds: float = 10.0, rate_hz: float = RATE_HZ, tilt_deg: float = 30.0) -> Trajectory:
-    """Rock a body that stands on its wheels or in the hand to and fro, by `tilt_deg` about each of its axes.
+    """Wobble a body on its wheels or in the hand by `tilt_deg` about each of its axes.
 
-    Roll, pitch and heading are sines of 0.25 to 0.6 Hz with phases of their own, about any heading.
+    Roll, pitch and heading are sines of 0.25 to 0.6 Hz with random phases, about a random heading.
 
     >>> leaning = np.degrees(np.arccos(wobble(np.random.default_rng(0)).attitudes[:, 2, 2]))
     >>> bool(30.0 < leaning.max() < 45.0)
     True
     """
     time = _clock(count(round(seconds * rate_hz)), rate_hz)
-    frequency, phase = rng.uniform(*WOBBLING_HZ, (3, 1)), rng.uniform(0, 2 * np.pi, (3, 1))
+    frequency, phase = rng.uniform(*WOBBLE_RANGE_HZ, (3, 1)), rng.uniform(0, 2 * np.pi, (3, 1))
     roll, pitch, heading = math.radians(tilt_deg) * np.sin(2 * np.pi * frequency * time + phase)
     return _trajectory(posed(heading + rng.uniform(0, 2 * np.pi), pitch, roll), rate_hz)
 
@@ -295,11 +295,11 @@ def planar_sweeps(
     planes: Sequence[str] = PLANES,
     turns_each: float = 2.0,
 ) -> Trajectory:
-    """Turn a body about its own axes, one after the other, each pointing down meanwhile.
+    """Turn a body about each of its axes in turn, while that axis points down.
 
-    What the plain procedure for two-axis fits asks for: flat on the table around, on its side around, on its end
-    around, `turns_each` times in each of the planes ``xy``, ``yz`` and ``zx``, named by the two axes that lie level.
-    In between the body is turned over. A plane that is not known, or none, raises `UsageError`.
+    This is the procedure for two-axis fits: turn it flat on the table, on its side, and on its end, `turns_each` times
+    in each of the planes ``xy``, ``yz`` and ``zx``, named by the two level axes. Between planes the body is turned
+    over. An unknown plane, or no plane, raises `UsageError`.
 
     >>> flat = planar_sweeps(np.random.default_rng(0), seconds=10, planes=["xy"])
     >>> bool(np.allclose(flat.attitudes[:, 2], [0.0, 0.0, 1.0]))
@@ -308,24 +308,24 @@ def planar_sweeps(
     if not planes or not set(planes) <= set(PLANES):
         raise UsageError(f"planes {','.join(planes)!r}: need one or more of {', '.join(PLANES)}")
     n = count(round(seconds * rate_hz))
-    over = round(n * TURNING_OVER) if len(planes) > 1 else 0
+    over = round(n * TURN_OVER_SHARE) if len(planes) > 1 else 0
     parts: list[Floats] = []
     for plane, rows in zip(planes, np.array_split(np.arange(n - over * (len(planes) - 1)), len(planes)), strict=True):
         heading = rng.uniform(0, 2 * np.pi) + np.linspace(0.0, 2 * np.pi * turns_each, len(rows), endpoint=False)
         flat = posed(heading, 0.0, 0.0) @ np.eye(3)[list(order_of(cast("Plane", plane)))]
         if parts and over and len(flat):
-            parts.append(_between(parts[-1][-1], flat[0], over))
+            parts.append(_interpolated_attitudes(parts[-1][-1], flat[0], over))
         parts.append(flat)
     return _trajectory(np.concatenate(parts), rate_hz)
 
 
-def _spread(draw: Callable[[Generator, int], Floats]) -> Callable[[Generator, Course], Path]:
-    """Make a motion of a function that draws directions."""
+def _motion_of_directions(draw: Callable[[Generator, int], Floats]) -> Callable[[Generator, Course], Path]:
+    """Motion from a function that draws directions."""
     return lambda rng, course: Path(draw(rng, course.n))
 
 
-def _posed(draw: Callable[..., Floats]) -> Callable[[Generator, Course], Path]:
-    """Make a motion of a function that draws attitudes."""
+def _motion_of_attitudes(draw: Callable[..., Floats]) -> Callable[[Generator, Course], Path]:
+    """Motion from a function that draws attitudes."""
 
     def path(rng: Generator, course: Course) -> Path:
         attitudes = draw(rng, course.n, **_limits(course))
@@ -334,8 +334,8 @@ def _posed(draw: Callable[..., Floats]) -> Callable[[Generator, Course], Path]:
     return path
 
 
-def _followed(draw: Callable[..., Trajectory], **options: object) -> Callable[[Generator, Course], Path]:
-    """Make a motion of a function that follows a body in time."""
+def _motion_in_time(draw: Callable[..., Trajectory], **options: object) -> Callable[[Generator, Course], Path]:
+    """Motion from a function that draws a trajectory."""
 
     def path(rng: Generator, course: Course) -> Path:
         seconds = course.n / course.rate_hz
@@ -346,56 +346,56 @@ def _followed(draw: Callable[..., Trajectory], **options: object) -> Callable[[G
 
 
 def _limits(course: Course) -> dict[str, float]:
-    """The limit of the tilt, where one is asked for."""
+    """Keyword argument for the largest tilt, if requested."""
     return {} if course.tilt_deg is None else {"tilt_deg": course.tilt_deg}
 
 
 MOTIONS: Final[Mapping[str, Motion]] = {
-    "hand": Motion(_followed(hand_tumble), 60.0),
-    "uniform": Motion(_spread(uniform)),
-    "tilted": Motion(_posed(tilted), tilt_deg=35.0),
-    "level": Motion(_posed(level_turn)),
-    "hemisphere": Motion(_spread(hemisphere)),
-    "clumped": Motion(_spread(clumped)),
-    "eight": Motion(_followed(figure_eight), 60.0),
-    "drive": Motion(_followed(drive), 300.0, 6.0),
-    "flight": Motion(_followed(flight), 300.0, 35.0),
-    "swayed": Motion(_followed(swayed), 60.0, 35.0),
-    "rocked": Motion(_followed(rocked), 600.0),
-    "wobble": Motion(_followed(wobble), 10.0, 30.0),
-    "sweeps": Motion(_followed(planar_sweeps), 60.0),
-    "sweep-xy": Motion(_followed(planar_sweeps, planes=["xy"]), 30.0),
-    "sweep-yz": Motion(_followed(planar_sweeps, planes=["yz"]), 30.0),
-    "sweep-zx": Motion(_followed(planar_sweeps, planes=["zx"]), 30.0),
+    "hand": Motion(_motion_in_time(hand_tumble), 60.0),
+    "uniform": Motion(_motion_of_directions(uniform)),
+    "tilted": Motion(_motion_of_attitudes(tilted), tilt_deg=35.0),
+    "level": Motion(_motion_of_attitudes(level_turn)),
+    "hemisphere": Motion(_motion_of_directions(hemisphere)),
+    "clumped": Motion(_motion_of_directions(clumped)),
+    "eight": Motion(_motion_in_time(figure_eight), 60.0),
+    "drive": Motion(_motion_in_time(drive), 300.0, 6.0),
+    "flight": Motion(_motion_in_time(flight), 300.0, 35.0),
+    "swayed": Motion(_motion_in_time(swayed), 60.0, 35.0),
+    "rocked": Motion(_motion_in_time(rocked), 600.0),
+    "wobble": Motion(_motion_in_time(wobble), 10.0, 30.0),
+    "sweeps": Motion(_motion_in_time(planar_sweeps), 60.0),
+    "sweep-xy": Motion(_motion_in_time(planar_sweeps, planes=["xy"]), 30.0),
+    "sweep-yz": Motion(_motion_in_time(planar_sweeps, planes=["yz"]), 30.0),
+    "sweep-zx": Motion(_motion_in_time(planar_sweeps, planes=["zx"]), 30.0),
 }
-"""What `tumble` knows, by name."""
+"""Motions of `tumble` by name."""
 
 
 def _clock(n: int, rate_hz: float) -> Floats:
-    """(n,) instants in s, the first at zero."""
+    """(n,) times in s, the first at zero."""
     time: Floats = np.arange(n, dtype=np.float64) * (1 / rate_hz)
     return time
 
 
 def _trajectory(attitudes: Floats, rate_hz: float, acceleration: Floats | None = None) -> Trajectory:
-    """Say when each attitude was taken, and how fast the body turns there."""
+    """Trajectory from attitudes, with their times and rates."""
     return Trajectory(_clock(len(attitudes), rate_hz), attitudes, rates(attitudes, rate_hz), acceleration)
 
 
-def _limited(rng: Generator, n: int, rate_hz: float, *, seconds: float) -> Floats:
-    """(n, 3) smooth at random between −1 and 1, which are never reached; `seconds` is the time of each filter."""
+def _bounded_noise(rng: Generator, n: int, rate_hz: float, *, seconds: float) -> Floats:
+    """(n, 3) smooth random numbers strictly between −1 and 1; `seconds` is the time constant of each filter."""
     smooth = wandering(rng, n, math.exp(-1.0 / (rate_hz * seconds)))
     limited: Floats = np.tanh(1.2 * smooth / np.sqrt(np.mean(smooth**2)))
     return limited
 
 
 def _to_the_right(heading: Floats, acceleration: Floats) -> Floats:
-    """(N, 3) in world axes, an acceleration (N,) that points to the right of a heading in rad, level."""
+    """(N, 3) level acceleration in world axes, from its size (N,) to the right of a heading in rad."""
     return np.stack([-np.sin(heading), np.cos(heading), np.zeros(len(heading))], axis=1) * acceleration[:, np.newaxis]
 
 
-def _between(first: Floats, last: Floats, n: int) -> Floats:
-    """(n, 3, 3) attitudes on the shortest way from one (3, 3) to another, both left out."""
+def _interpolated_attitudes(first: Floats, last: Floats, n: int) -> Floats:
+    """(n, 3, 3) attitudes on the shortest rotation from one (3, 3) to another, without both ends."""
     vector = rotation_vectors((first.T @ last)[np.newaxis])
     steps = np.arange(1, n + 1)[:, np.newaxis] / (n + 1)
     between: Floats = first @ turns(steps * vector)
@@ -403,12 +403,12 @@ def _between(first: Floats, last: Floats, n: int) -> Floats:
 
 
 def wandering(rng: Generator, n: int, memory: float) -> Floats:
-    """(n, 3) white noise through two low-pass filters that keep `memory` of their state each step."""
-    white = math.sqrt(1 - memory * memory) * rng.standard_normal((n + SETTLING, 3))
+    """(n, 3) white noise through two low-pass filters with the pole `memory`."""
+    white = math.sqrt(1 - memory * memory) * rng.standard_normal((n + SETTLING_STEPS, 3))
     smooth = [_low_pass((1 - memory) * _low_pass(axis, memory), memory) for axis in white.T]
-    return np.stack(smooth, axis=1)[SETTLING:]
+    return np.stack(smooth, axis=1)[SETTLING_STEPS:]
 
 
 def _low_pass(values: Floats, memory: float) -> Floats:
-    """Add `memory` of the sum before to each of (N,) values: in floats of Python, which beat arrays of one number."""
+    """First-order recursive filter of (N,) values with the pole `memory`, in Python floats, which are faster here."""
     return np.array(list(accumulate(values.tolist(), lambda state, value: memory * state + value)))

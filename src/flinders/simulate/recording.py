@@ -1,6 +1,6 @@
-"""A recording with its truth: a sensor, a motion, and what disturbs them, all from one seed.
+"""A simulated recording with its truth: a sensor, a motion and disturbances, from one seed.
 
-`lines` writes it as a logger would, with a header that `flinders.readers` understands:
+`lines` writes it as a logger does, with a header that `flinders.readers` recognises:
 
 >>> header, *rows = lines(tumble(seed=1, motion="level", n=2).samples)
 >>> header
@@ -29,7 +29,7 @@ from flinders.geometry.sphere import fibonacci
 from flinders.simulate._checks import count, not_negative, positive, share
 from flinders.simulate.attitudes import north_and_down, seen_from
 from flinders.simulate.disturbances import Effect, stray_fields
-from flinders.simulate.motions import GRAVITY, MOTIONS, RATE_HZ, Course, Path
+from flinders.simulate.motions import GRAVITY, MOTIONS, RATE_HZ, Course, Motion, Path
 from flinders.simulate.sensor import Sensor, symmetric_power
 
 if TYPE_CHECKING:
@@ -48,16 +48,16 @@ ACCELERATION_NOISE: Final = 0.05
 RATE_NOISE: Final = 0.005
 """rad/s, one σ per axis."""
 
-UNTIMED: Final = 1000
-"""Readings of a motion that has no duration."""
+UNTIMED_READINGS: Final = 1000
+"""Default count of readings of a motion without a duration."""
 
-PAUSES: Final = 3
-"""How often a body is held still, where some of the readings are taken so."""
+PAUSE_COUNT: Final = 3
+"""Count of pauses, if a share of the readings is at rest."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Imu:
-    """The gyro and the accelerometer next to a magnetometer, both in its axes.
+    """Gyro and accelerometer of a magnetometer, in its axes.
 
     Raises
     ------
@@ -65,7 +65,7 @@ class Imu:
         For a bias that is not three finite numbers, or negative noise.
     """
 
-    gyro_bias: Floats = field(default_factory=lambda: np.zeros(3))  #: (3,), rad/s: what the gyro reads at rest
+    gyro_bias: Floats = field(default_factory=lambda: np.zeros(3))  #: (3,), rad/s: reading of the gyro at rest
     gyro_noise: float = RATE_NOISE  #: rad/s: one σ per axis
     acceleration_noise: float = ACCELERATION_NOISE  #: m/s²: one σ per axis
 
@@ -78,28 +78,28 @@ class Imu:
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
 class Simulated(ShortRepr):
-    """A recording, and the truth behind it."""
+    """A simulated recording with its truth."""
 
-    samples: Samples  #: in µT; acceleration and rate where the motion has them
+    samples: Samples  #: in µT; with acceleration and rate if the motion has them
     sensor: Sensor
-    directions: Floats  #: (N, 3): True unit direction of the field in body axes
+    directions: Floats  #: (N, 3): true unit direction of the field in body axes
     field_strength: float  #: µT
-    outliers: NDArray[np.bool_]  #: (N,): readings taken in a stray field: those of no use
-    #: (N, 3, 3): True attitudes, from body axes into world axes, where the motion has them
+    outliers: NDArray[np.bool_]  #: (N,): whether the reading was taken in a stray field
+    #: (N, 3, 3): true attitudes, from body axes into world axes, if the motion has them
     attitudes: Floats | None = None
-    dip_deg: float = 60.0  #: how far the field points down from the horizon
-    motion: str = ""  #: what it is called
-    seed: int | None = None  #: where it was a number
-    rate_hz: float | None = None  #: readings a second
-    imu: Imu | None = None  #: where acceleration or rate are recorded
-    shift: Floats | None = None  #: (N, 3), µT: by how much disturbances moved the raw readings, stray fields left out
-    disturbances: tuple[str, ...] = ()  #: their kinds
+    dip_deg: float = 60.0  #: inclination of the field
+    motion: str = ""  #: name of the motion
+    seed: int | None = None  #: seed, if it was a number
+    rate_hz: float | None = None  #: readings per second
+    imu: Imu | None = None  #: if acceleration or rate are recorded
+    shift: Floats | None = None  #: (N, 3), µT: effect of disturbances on the raw readings, without stray fields
+    disturbances: tuple[str, ...] = ()  #: kinds of the disturbances
 
 
 def tumble(
     seed: int | Generator = 0,
     *,
-    motion: str = "hand",
+    motion: str | Motion = "hand",
     n: int | None = None,
     rate_hz: float = RATE_HZ,
     tilt_deg: float | None = None,
@@ -112,35 +112,36 @@ def tumble(
     disturbances: Sequence[Perturbation] = (),
     imu: Imu | None = None,
 ) -> Simulated:
-    """Record a sensor in motion.
+    """Simulate a recording of a moving sensor.
 
-    Sensor, motion, stray fields, noise, pauses and each disturbance have a random stream of their own: with the same
-    seed, another noise, share of outliers or disturbance leaves the sensor and its path as they are.
+    Sensor, motion, stray fields, noise, pauses and each disturbance have separate random streams: with the same seed, a
+    change of noise, share of outliers or disturbances does not change the sensor and its path.
 
-    Raises `UsageError` for a motion that is not known, or a number out of its range.
+    Raises `UsageError` for an unknown motion, or a number out of its range.
 
     Parameters
     ----------
     seed : int or Generator
         The same seed gives the same recording.
-    motion : str
-        One of `MOTIONS`; see the head of this package.
+    motion : str or Motion
+        One of `MOTIONS`, see the head of this package; or another `Motion`.
     n : int, optional
-        Readings; by default as many as the motion takes: a minute by hand is 3,000, and 1,000 have no order.
+        Count of readings; by default those of the duration of the motion, 3,000 for a minute by hand; 1,000 for a
+        motion in random order.
     tilt_deg : float, optional
-        How far the body is tilted at most, for ``tilted``, ``drive`` and ``flight``.
+        Largest tilt of the body, for motions with such a limit.
     stationary : float
-        Share of the readings, 0 … 1, taken while the body is held still, in three pauses.
+        Share of the readings, 0 … 1, while the body is held still, in three pauses.
     sensor : Sensor, optional
         By default `Sensor.random`.
     field_strength, dip_deg : float, µT and degrees
-        The dip, down from the horizon, is for the motions that are attitudes.
+        Strength and inclination of the field; the latter is used by motions with attitudes.
     noise : float, µT, optional
-        In place of the sensor's own, which is 0.5 for a random one.
+        Noise in place of that of the sensor, which is 0.5 for a random one.
     outliers : float
         Share of readings, 0 … 1, taken in a stray field of half to three times `field_strength` in any direction.
     imu : Imu, optional
-        Another gyro and accelerometer than the usual ones.
+        Gyro and accelerometer in place of the default ones.
 
     Examples
     --------
@@ -150,11 +151,12 @@ def tumble(
     >>> int(tumble(n=500, outliers=0.03).outliers.sum())
     15
     """
-    course = _course(motion, n, positive(rate_hz, "rate_hz"), dip_deg, tilt_deg)
+    course = _course_of(motion, n, positive(rate_hz, "rate_hz"), dip_deg, tilt_deg)
     of_sensor, of_motion, of_outliers, of_noise = np.random.default_rng(seed).spawn(4)
     of_pauses, *of_disturbances = of_noise.spawn(1 + len(disturbances))
     sensor, imu = _sensor(sensor, noise, of_sensor), imu or Imu()
-    path = _paused(of_pauses, MOTIONS[motion].draw, of_motion, course, share(stationary, "stationary"))
+    kind, name = (MOTIONS[motion], motion) if isinstance(motion, str) else (motion, "motion")
+    path = _path_with_pauses(of_pauses, kind.draw, of_motion, course, share(stationary, "stationary"))
     stray, is_outlier = stray_fields(of_outliers, course.n, outliers)
     time = np.arange(course.n) / course.rate_hz
     effects = [one.on(time, rng) for one, rng in zip(disturbances, of_disturbances, strict=True)]
@@ -162,14 +164,14 @@ def tumble(
     true = positive(field_strength, "field_strength") * (path.directions * _gain(effects, course.n) + stray)
     raw = sensor.read(true, of_noise, shift=shift)
     return Simulated(
-        _recorded(raw, time, path, imu, effects, of_noise, source=f"simulated {motion}"),
+        _samples(raw, time, path, imu, effects, of_noise, source=f"simulated {name}"),
         sensor,
         path.directions,
         field_strength,
-        _any(is_outlier, effects),
+        _combined_outliers(is_outlier, effects),
         path.attitudes,
         dip_deg=float(dip_deg),
-        motion=motion,
+        motion=name,
         seed=seed if isinstance(seed, int) else None,
         rate_hz=float(rate_hz),
         imu=None if path.attitudes is None else imu,
@@ -181,9 +183,9 @@ def tumble(
 def specific_force(
     attitudes: Floats, rng: Generator, *, noise: float = ACCELERATION_NOISE, acceleration: Floats | None = None
 ) -> Floats:
-    """(N, 3) what an accelerometer measures in m/s², with noise: level and at rest, −g on z.
+    """(N, 3) readings of an accelerometer in m/s², with noise: −g on z if level and at rest.
 
-    `acceleration`, (N, 3) m/s² in world axes, is what moves the body; one that turns on the spot has none.
+    `acceleration` is that of the body, (N, 3) m/s² in world axes; None if it turns on the spot.
 
     >>> specific_force(np.eye(3)[np.newaxis], np.random.default_rng(0)).round(1)
     array([[ 0. ,  -0. ,  -9.8]])
@@ -205,7 +207,7 @@ def angle_error_deg(
 
     The (3, 3) matrix is judged by its symmetric root (MᵀM)^½, which is all that an ellipsoid fixes of it; its scale
     does not count. With ``rotation="symmetric"`` the sensor's own `Sensor.rotation` is an error, as it would be of a
-    heading; ``"best"`` takes the best rotation away first, for sensors whose matrix is not symmetric.
+    heading; ``"best"`` removes the best rotation first, for sensors whose matrix is not symmetric.
 
     Raises `ArrayError` for a wrong shape or values that are not finite.
 
@@ -228,12 +230,12 @@ def angle_error_deg(
     return math.degrees(math.sqrt(np.mean(angles**2)))
 
 
-def _course(motion: str, n: int | None, rate_hz: float, dip_deg: float, tilt_deg: float | None) -> Course:
-    """Say what is asked of a motion."""
-    if motion not in MOTIONS:
+def _course_of(motion: str | Motion, n: int | None, rate_hz: float, dip_deg: float, tilt_deg: float | None) -> Course:
+    """Course of a motion, with its parameters checked."""
+    if isinstance(motion, str) and motion not in MOTIONS:
         raise UsageError(f"motion {motion!r} is not known: use one of {', '.join(MOTIONS)}")
-    kind = MOTIONS[motion]
-    usual = UNTIMED if kind.seconds is None else round(kind.seconds * rate_hz)
+    kind = MOTIONS[motion] if isinstance(motion, str) else motion
+    usual = UNTIMED_READINGS if kind.seconds is None else round(kind.seconds * rate_hz)
     if tilt_deg is not None and kind.tilt_deg is None:
         limited = [name for name, other in MOTIONS.items() if other.tilt_deg is not None]
         raise UsageError(f"tilt goes with the motions {', '.join(limited)}: leave it out for {motion}")
@@ -245,20 +247,20 @@ def _course(motion: str, n: int | None, rate_hz: float, dip_deg: float, tilt_deg
 
 
 def _sensor(sensor: Sensor | None, noise: float | None, rng: Generator) -> Sensor:
-    """A sensor, by default a random one, with its own noise or another."""
+    """The given sensor or a random one, with its noise replaced by `noise` if given."""
     sensor = Sensor.random(rng) if sensor is None else sensor
     return sensor if noise is None else replace(sensor, noise=noise)
 
 
-def _paused(
+def _path_with_pauses(
     of_pauses: Generator, draw: Callable[[Generator, Course], Path], rng: Generator, course: Course, stationary: float
 ) -> Path:
-    """Draw a path on which a share of the readings is taken while the body is held still."""
+    """Draw a path in which the body is held still for a share of the readings."""
     still = min(round(stationary * course.n), course.n - 1)
     if still == 0:
         return draw(rng, course)
     path = draw(rng, replace(course, n=course.n - still))
-    pauses = of_pauses.integers(0, course.n - still, PAUSES)
+    pauses = of_pauses.integers(0, course.n - still, PAUSE_COUNT)
     rows = np.sort(np.concatenate([np.arange(course.n - still), np.resize(pauses, still)]))
     moving = np.append(np.diff(rows) > 0, True)[:, np.newaxis]
     return Path(
@@ -269,16 +271,16 @@ def _paused(
     )
 
 
-def _recorded(
+def _samples(
     raw: Floats, time: Floats, path: Path, imu: Imu, effects: Sequence[Effect], rng: Generator, *, source: str
 ) -> Samples:
-    """The readings, and those of the other instruments."""
+    """Samples with the readings and those of the other instruments."""
     return Samples.of(
         raw,
         unit="uT",
         time=time,
-        acceleration=_felt(path, imu, rng),
-        rate=_turned(path, imu, rng),
+        acceleration=_acceleration(path, imu, rng),
+        rate=_rate(path, imu, rng),
         temperature=_last(effects, "temperature"),
         current=_total([effect.current for effect in effects]),
         currents=_last(effects, "currents"),
@@ -287,29 +289,29 @@ def _recorded(
     )
 
 
-def _felt(path: Path, imu: Imu, rng: Generator) -> Floats | None:
-    """(N, 3) what the accelerometer reads, where there are attitudes."""
+def _acceleration(path: Path, imu: Imu, rng: Generator) -> Floats | None:
+    """(N, 3) readings of the accelerometer; None without attitudes."""
     if path.attitudes is None:
         return None
     return specific_force(path.attitudes, rng, noise=imu.acceleration_noise, acceleration=path.acceleration)
 
 
-def _turned(path: Path, imu: Imu, rng: Generator) -> Floats | None:
-    """(N, 3) what the gyro reads, where there are rates."""
+def _rate(path: Path, imu: Imu, rng: Generator) -> Floats | None:
+    """(N, 3) readings of the gyro; None without rates."""
     if path.rate is None:
         return None
     return path.rate + imu.gyro_bias + imu.gyro_noise * rng.standard_normal(path.rate.shape)
 
 
 def _gain(effects: Sequence[Effect], n: int) -> Floats:
-    """(n, 1) what the earth's field is multiplied by."""
+    """(n, 1) factor on the earth's field."""
     gains = [effect.gain for effect in effects if effect.gain is not None]
     product: Floats = np.prod([np.ones(n), *gains], axis=0)
     return product[:, np.newaxis]
 
 
-def _any(is_outlier: NDArray[np.bool_], effects: Sequence[Effect]) -> NDArray[np.bool_]:
-    """(N,) outliers of a stray field and of all disturbances."""
+def _combined_outliers(is_outlier: NDArray[np.bool_], effects: Sequence[Effect]) -> NDArray[np.bool_]:
+    """(N,) outliers by a stray field or any disturbance."""
     marked: NDArray[np.bool_] = np.logical_or.reduce(
         [is_outlier, *(effect.outliers for effect in effects if effect.outliers is not None)]
     )
@@ -317,26 +319,26 @@ def _any(is_outlier: NDArray[np.bool_], effects: Sequence[Effect]) -> NDArray[np
 
 
 def _last(effects: Sequence[Effect], name: str) -> Floats | None:
-    """The column of the last effect that has one: there is one thermometer."""
+    """Column of the last effect that has one, as there is one thermometer."""
     columns = [column for effect in effects if (column := getattr(effect, name)) is not None]
     return columns[-1] if columns else None
 
 
 def _total(columns: Sequence[Floats | None]) -> Floats | None:
-    """The sum of those that there are: shifts of the readings, and currents, as there is one meter for all motors."""
+    """Sum of the columns that are not None: of shifts, and of currents, as there is one meter for all motors."""
     there = [column for column in columns if column is not None]
     total: Floats | None = np.sum(there, axis=0) if there else None
     return total
 
 
 DIGITS: Final = 4
-"""Decimals of all numbers: a tenth of a nanotesla, 0.1 ms, 0.0001 rad/s."""
+"""Decimals of all numbers: 0.1 nT, 0.1 ms, 0.0001 rad/s."""
 
 
 def lines(samples: Samples, *, corrected: Floats | None = None) -> Iterator[str]:
-    """Yield header and rows, without line ends; numbers have four decimals, and so the same text on all machines.
+    """Yield header and rows, without line ends; numbers have four decimals, for the same text on all machines.
 
-    `corrected`, (N, 3) in the unit of the samples, makes three more columns, named with ``_cal``.
+    `corrected`, (N, 3) in the unit of the samples, adds three columns with names that end in ``_cal``.
     """
     columns = samples.as_columns()
     if corrected is not None:
@@ -346,13 +348,13 @@ def lines(samples: Samples, *, corrected: Floats | None = None) -> Iterator[str]
 
 
 def _cells(values: NDArray[Any]) -> list[str]:
-    """Write (N,) values: words as they are, numbers with `DIGITS` decimals."""
+    """(N,) values as text: words unchanged, numbers with `DIGITS` decimals."""
     if are_words(values):
         return [str(value) for value in values.tolist()]
     return [f"{value:.{DIGITS}f}" for value in np.round(values, DIGITS) + 0.0]
 
 
 def write_csv(samples: Samples, path: str | os.PathLike[str], *, force: bool = False) -> None:
-    """Write a recording, whole or not at all; raises as `flinders.core.files.replacing`."""
+    """Write a recording, completely or not at all; raises as `flinders.core.files.replacing`."""
     with replacing(path, force=force) as file:
         file.writelines(f"{line}\n" for line in lines(samples))

@@ -1,4 +1,4 @@
-"""A sensor with its iron: what it makes of a field.
+"""A simulated sensor with its iron, which turns a field into readings.
 
 >>> Sensor(offset=[20, 120, 90]).read([[50, 0, 0]], np.random.default_rng(0))
 array([[ 70., 120.,  90.]])
@@ -22,42 +22,42 @@ if TYPE_CHECKING:
     from numpy.random import Generator
     from numpy.typing import ArrayLike
 
-SOFT_IRON: Final = 0.25
-"""How far a scale of a random sensor is from 1 at most."""
+MAX_SCALE_ERROR: Final = 0.25
+"""Largest difference of a scale of a random sensor from 1."""
 
-ACROSS: Final = 0.6
-"""Largest off-diagonal entry, as a share of that."""
+OFF_DIAGONAL_RATIO: Final = 0.6
+"""Largest off-diagonal entry over the largest scale error."""
 
-STRONGEST: Final = 0.4545
-"""From 1/2.2 on such a matrix may be singular."""
+SOFT_IRON_LIMIT: Final = 0.4545
+"""Largest scale error of a random matrix; from 1/2.2 on it may be singular."""
 
-HARD_IRON: Final = 100.0
-"""µT: how large the offset of an axis is at most."""
+MAX_OFFSET: Final = 100.0
+"""µT: largest offset of an axis of a random sensor."""
 
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
 class Sensor(ShortRepr):
-    """A magnetometer and the iron around it: ``raw = matrix @ h + offset + noise``, then rounded and limited.
+    """A magnetometer with the iron around it: ``raw = matrix @ h + offset + noise``, then rounded and limited.
 
     Raises
     ------
     ArrayError
-        For a wrong shape, values that are not finite, or a matrix that is singular or mirrors.
+        For a wrong shape, values that are not finite, or a matrix that is singular or a reflection.
     UsageError
         For negative noise, or a resolution or saturation that is not positive.
     """
 
     #: (3, 3), dimensionless: soft iron, scale and misalignment; need not be symmetric
     matrix: Floats = field(default_factory=lambda: np.eye(3))
-    #: (3,), µT: hard iron: what the sensor reads in zero field
+    #: (3,), µT: hard iron: reading of the sensor in zero field
     offset: Floats = field(default_factory=lambda: np.zeros(3))
     noise: float = 0.0  #: µT: one σ per axis, white
-    resolution: float | None = None  #: µT: step of the converter, of which readings are multiples
-    saturation: float | None = None  #: µT: where each axis saturates
+    resolution: float | None = None  #: µT: step of the converter; readings are multiples of it
+    saturation: float | None = None  #: µT: largest size of a reading of an axis
 
     def __post_init__(self) -> None:
-        """Check the numbers and keep read-only copies of the arrays."""
-        object.__setattr__(self, "matrix", frozen(_unmirrored(square(self.matrix))))
+        """Check the numbers and store read-only copies of the arrays."""
+        object.__setattr__(self, "matrix", frozen(_require_right_handed(square(self.matrix))))
         object.__setattr__(self, "offset", frozen(triple(self.offset)))
         not_negative(self.noise, "noise", "µT")
         for name, value in (("resolution", self.resolution), ("saturation", self.saturation)):
@@ -70,26 +70,26 @@ class Sensor(ShortRepr):
         rng: Generator,
         *,
         strength: float = 1.0,
-        soft: float = SOFT_IRON,
-        hard: float = HARD_IRON,
+        soft: float = MAX_SCALE_ERROR,
+        hard: float = MAX_OFFSET,
         noise: float = 0.5,
         resolution: float | None = None,
         saturation: float | None = None,
     ) -> Self:
-        """Draw a sensor like those on small boards: symmetric A, ±25 % scale, ±0.15 across, ±100 µT an axis.
+        """Draw a random sensor as on small boards: symmetric A, ±25 % scale, ±0.15 off-diagonal, ±100 µT per axis.
 
         Raises `UsageError` unless 0 ≤ `strength` < 1.8 and 0 ≤ `soft` × `strength` < 0.45, or for a negative `hard`.
 
         Parameters
         ----------
         rng : Generator
-            Nine draws: three scales, three across, three offsets.
+            Source of nine random numbers: three scales, three off-diagonal entries, three offsets.
         strength : float
-            Factor on all of it: zero is a perfect sensor, below 1.8 the matrix is sure to be positive definite.
+            Factor on all errors: 0 gives a perfect sensor; below 1.8 the matrix is always positive definite.
         soft : float
-            How far a scale is from 1 at most; what is across is six tenths of it.
+            Largest difference of a scale from 1; off-diagonal entries are at most 0.6 of it.
         hard : float, µT
-            How large the offset of an axis is at most.
+            Largest offset of an axis.
         noise, resolution, saturation : float, µT
             As the attributes of the same name.
 
@@ -102,17 +102,17 @@ class Sensor(ShortRepr):
         """
         if not 0.0 <= strength < 1.8:
             raise UsageError(f"strength is {strength:g}: need at least 0 and less than 1.8")
-        if not 0.0 <= soft * strength < STRONGEST:
-            raise UsageError(f"soft iron is {soft * strength:g}: need at least 0 and less than {STRONGEST:g}")
+        if not 0.0 <= soft * strength < SOFT_IRON_LIMIT:
+            raise UsageError(f"soft iron is {soft * strength:g}: need at least 0 and less than {SOFT_IRON_LIMIT:g}")
         hard = not_negative(hard, "hard iron", "µT")
-        matrix = soft_iron(rng, scale=soft * strength, across=ACROSS * soft * strength)
+        matrix = soft_iron(rng, scale=soft * strength, across=OFF_DIAGONAL_RATIO * soft * strength)
         return cls(matrix, rng.uniform(-hard, hard, 3) * strength, noise, resolution, saturation)
 
     def read(self, field: ArrayLike, rng: Generator, *, shift: Floats | None = None) -> Floats:
         """(N, 3) readings, in µT, of an (N, 3) field in µT in the axes of the body.
 
-        As many numbers are drawn whatever `noise` is. `shift`, (N, 3) µT, is by how much each reading is off for
-        another reason. A wrong shape or values that are not finite raise `ArrayError`.
+        The count of random numbers does not depend on `noise`. `shift`, (N, 3) µT, is added to the readings for other
+        disturbances. A wrong shape or values that are not finite raise `ArrayError`.
         """
         true = table(field)
         raw = true @ self.matrix.T + self.offset + self.noise * rng.standard_normal(true.shape)
@@ -124,7 +124,7 @@ class Sensor(ShortRepr):
 
     @property
     def sigma(self) -> float:
-        """Noise of a reading in µT, one σ per axis: white noise, and that of rounding, resolution/√12.
+        """Noise of a reading in µT, one σ per axis: white noise and rounding, resolution/√12.
 
         >>> Sensor(noise=0.5, resolution=1.5).sigma
         0.661
@@ -133,10 +133,10 @@ class Sensor(ShortRepr):
 
     @property
     def correction(self) -> tuple[Floats, Floats]:
-        """(3, 3) symmetric W and (3,) offset in µT with ``|W (raw − offset)| = |h|``, but for the noise.
+        """(3, 3) symmetric W and (3,) offset in µT with ``|W (raw − offset)| = |h|``, except for noise.
 
-        W = (A Aᵀ)^(−½), as then |W A h|² = hᵀ Aᵀ (A Aᵀ)⁻¹ A h = |h|². It is A⁻¹ where A is symmetric
-        and positive definite; else it leaves `rotation`.
+        W = (A Aᵀ)^(−½), as then |W A h|² = hᵀ Aᵀ (A Aᵀ)⁻¹ A h = |h|². It is A⁻¹ if A is symmetric and positive
+        definite; else the `rotation` remains.
 
         >>> Sensor(matrix=np.diag([1.25, 1.0, 0.8])).correction[0]
         array([[0.8 , 0.  , 0.  ],
@@ -147,7 +147,7 @@ class Sensor(ShortRepr):
 
     @property
     def rotation(self) -> Floats:
-        """(3, 3) the rotation W A that remains after `correction`, which no magnetometer alone can know.
+        """(3, 3) rotation W A that remains after `correction`, which a magnetometer alone cannot observe.
 
         >>> quarter = np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
         >>> np.allclose(Sensor(matrix=np.diag([2.0, 3.0, 4.0]) @ quarter).rotation, quarter)
@@ -157,7 +157,7 @@ class Sensor(ShortRepr):
 
 
 def soft_iron(rng: Generator, *, scale: float = 0.25, across: float = 0.15) -> Floats:
-    """(3, 3) symmetric matrix: 1 ± `scale` on the diagonal, ± `across` off it, all uniform.
+    """(3, 3) random symmetric matrix: uniform 1 ± `scale` on the diagonal, ± `across` off it.
 
     >>> soft_iron(np.random.default_rng(1), scale=0.0, across=0.0).tolist()
     [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]]
@@ -170,14 +170,14 @@ def soft_iron(rng: Generator, *, scale: float = 0.25, across: float = 0.15) -> F
 
 
 def symmetric_power(symmetric: Floats, power: float) -> Floats:
-    """(3, 3) power of a symmetric matrix that has no negative eigenvalues but by rounding."""
+    """(3, 3) power of a symmetric matrix without negative eigenvalues, except for rounding errors."""
     values, axes = np.linalg.eigh(symmetric)
     raised: Floats = (axes * np.maximum(values, 0.0) ** power) @ axes.T
     return raised
 
 
-def _unmirrored(matrix: Floats) -> Floats:
-    """Let through a matrix that can be inverted and keeps right-handed axes right-handed."""
+def _require_right_handed(matrix: Floats) -> Floats:
+    """Return a matrix with a positive determinant; raise `ArrayError` for others."""
     determinant = float(np.linalg.det(matrix))
     if not determinant > 0.0:
         raise ArrayError(f"matrix has determinant {determinant:g}: need a positive one; mirror with axes instead")

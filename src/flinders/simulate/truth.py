@@ -1,4 +1,4 @@
-"""The truth of a simulated recording, as a file next to it.
+"""The truth of a simulated recording, in a file next to it.
 
 >>> from flinders.simulate.recording import tumble
 >>> truth = Truth.of(tumble(seed=1, n=100))
@@ -33,10 +33,10 @@ if TYPE_CHECKING:
     from flinders.simulate.recording import Simulated
 
 SUFFIX: Final = ".truth.json"
-"""What the name of a recording ends with in place of its own ending."""
+"""Suffix of the file, in place of that of the recording."""
 
 LARGEST: Final = 2**20
-"""Bytes; a file has two thousand. More is another file, and is not read into memory."""
+"""Largest size of a file, which has about 2,000 bytes; larger files are not read into memory."""
 
 
 class SensorRecord(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
@@ -49,7 +49,7 @@ class SensorRecord(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True
     saturation: Positive | None = None  #: in the unit of the file: where each axis saturates
 
     def __post_init__(self) -> None:
-        """Refuse a matrix that is singular or mirrors; called when a file is read."""
+        """Refuse a matrix that is singular or a reflection; called when a file is read."""
         determinant = float(np.linalg.det(np.array(self.matrix)))
         if not determinant > 0.0:
             raise ValueError(f"`matrix` has determinant {determinant:g}, need a positive one")
@@ -59,7 +59,7 @@ class FieldRecord(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True)
     """The field at the site."""
 
     strength: Positive  #: length of the field in the unit of the file
-    dip_deg: Annotated[float, Meta(ge=-90, le=90)]  #: how far it points down from the horizon
+    dip_deg: Annotated[float, Meta(ge=-90, le=90)]  #: inclination of the field
     vector: Triple  #: (3,) in the unit of the file: north, east, down
 
     def __post_init__(self) -> None:
@@ -71,30 +71,30 @@ class FieldRecord(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True)
 
 
 class RecordingRecord(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
-    """How the recording was made."""
+    """Parameters of the simulated recording."""
 
-    motion: str  #: how the sensor was moved
-    seed: int | None = None  #: of the random numbers; null where it was not one number
-    readings: Count  #: how many
-    rate_hz: Positive | None = None  #: null where there are no times
-    outliers: Count = 0  #: readings that are of no use
-    gyro_bias: Triple | None = None  #: (3,) rad/s or None: where there is a gyro
-    disturbances: tuple[str, ...] = ()  #: their kinds
+    motion: str  #: name of the motion
+    seed: int | None = None  #: of the random numbers; null if it was not one number
+    readings: Count  #: count of readings
+    rate_hz: Positive | None = None  #: null without times
+    outliers: Count = 0  #: count of outliers
+    gyro_bias: Triple | None = None  #: (3,) rad/s; null without a gyro
+    disturbances: tuple[str, ...] = ()  #: kinds of the disturbances
 
 
 class Truth(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True, tag_field="flinders", tag="truth"):
-    """What is true of a recording."""
+    """The truth of a recording."""
 
     schema: Literal[1] = 1  #: version of this layout
-    unit: Literal["uT", "counts"] = "uT"  #: of all that is a field
+    unit: Literal["uT", "counts"] = "uT"  #: unit of all fields
     sensor: SensorRecord  #: the sensor with the iron around it
     field: FieldRecord  #: the field at the site
-    recording: RecordingRecord  #: how the recording was made
-    version: str  #: of the Flinders that made it: the same seed gives the same bytes in the same version
+    recording: RecordingRecord  #: parameters of the recording
+    version: str  #: release of Flinders: the same seed gives the same bytes in the same release
 
     @classmethod
     def of(cls, simulated: Simulated) -> Truth:
-        """Take it out of a simulated recording."""
+        """The truth of a simulated recording."""
         sensor, field_strength = simulated.sensor, float(simulated.field_strength)
         matrix = tuple(tuple(row) for row in sensor.matrix.tolist())
         biased = simulated.imu is not None and simulated.samples.rate is not None
@@ -125,20 +125,20 @@ class Truth(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True, tag_f
         )
 
     def as_sensor(self) -> Sensor:
-        """The sensor, to record with it again."""
+        """The sensor, for further simulated recordings."""
         record = self.sensor
         return Sensor(
             np.array(record.matrix), np.array(record.offset), record.noise, record.resolution, record.saturation
         )
 
     def as_dict(self) -> dict[str, Any]:
-        """JSON-ready: what stands in the file."""
+        """JSON-ready content of the file."""
         plain: dict[str, Any] = msgspec.to_builtins(self)
         return plain
 
 
 def truth_path(recording: str | os.PathLike[str]) -> str:
-    """Where the truth of a recording stands unless someone says otherwise.
+    """Default path of the truth of a recording.
 
     >>> truth_path("data/tumble.csv"), truth_path("tumble")
     ('data/tumble.truth.json', 'tumble.truth.json')
@@ -149,20 +149,20 @@ def truth_path(recording: str | os.PathLike[str]) -> str:
 
 
 def read(path: str | os.PathLike[str]) -> Truth:
-    """Read the truth of a recording; what cannot be opened or is none raises `UnreadableInput`."""
+    """Read the truth of a recording; `UnreadableInput` for a file that cannot be opened or is another one."""
     text = read_bytes(path, largest=LARGEST, what="truth of a recording", refused=UnreadableInput)
     return loads(text, source=os.fspath(path))
 
 
 def loads(text: str | bytes, *, source: str = "truth") -> Truth:
-    """Understand the text of such a file; `source` names it in the `UnreadableInput` for what is wrong."""
+    """Parse the text of such a file; `source` is its name in the `UnreadableInput` for errors."""
     return understood(
         text, Truth, source, what="the truth of a recording, as `flinders simulate` writes it", refused=UnreadableInput
     )
 
 
 def dumps(truth: Truth) -> str:
-    """Lay it out as text; numbers are read back to the bit, and those that are not finite raise `UsageError`."""
+    """Text of the file, from which numbers are read bitwise equal; `UsageError` for numbers that are not finite."""
     content = truth.as_dict()
     for place in gaps(content):
         raise UsageError(f"truth: {place} is not finite: only finite numbers are written")
@@ -170,11 +170,11 @@ def dumps(truth: Truth) -> str:
 
 
 def write(truth: Truth, path: str | os.PathLike[str], *, force: bool = False) -> None:
-    """Write it, whole or not at all; raises as `dumps` and `flinders.core.files.write_text`."""
+    """Write the truth, completely or not at all; raises as `dumps` and `flinders.core.files.write_text`."""
     write_text(dumps(truth), path, force=force)
 
 
 def _triple(values: np.ndarray[Any, Any]) -> Triple:
-    """Three plain numbers."""
+    """Three numbers as Python floats."""
     x, y, z = (float(value) for value in values)
     return x, y, z

@@ -1,12 +1,12 @@
-/** What a report does without a 3-D view: light or dark, and copying. */
+/** Functions of a report without a 3-D view: light and dark theme, and copying. */
 
 /** @typedef {import("./views/colours.js").Theme} Theme */
 
 /**
- * Let a button change the theme. Nothing is remembered: a report is a file, and leaves nothing behind.
+ * Let a button change the theme, without storage.
  *
  * @param {(theme: Theme) => void} changed
- * @returns {() => Theme}  which one it is now
+ * @returns {() => Theme}  returns the present theme
  */
 export function theming(changed) {
     const dark = matchMedia("(prefers-color-scheme: dark)");
@@ -23,7 +23,7 @@ export function theming(changed) {
     return theme;
 }
 
-/** Let each button beside a listing copy it; where a browser refuses, the text is marked, to be copied by hand. */
+/** Let the button of each listing copy it; if the browser refuses, the text is selected for manual copying. */
 export function copying() {
     for (const button of document.querySelectorAll("button.copy")) {
         const listing = button.closest(".listing")?.querySelector("pre");
@@ -34,7 +34,7 @@ export function copying() {
                 button.textContent = "Copied";
             } catch {
                 getSelection()?.selectAllChildren(listing);
-                button.textContent = "Marked: press Ctrl+C";
+                button.textContent = "Selected: press Ctrl+C";
             }
             setTimeout(() => (button.textContent = "Copy"), 2500);
         });

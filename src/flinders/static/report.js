@@ -1,8 +1,8 @@
 /**
- * What moves in a report: the 3-D view, the choice of theme, buttons that copy. All else is there without a script.
+ * Interactive parts of a report: the 3-D view, the theme, and buttons to copy. The rest needs no script.
  *
- * It is joined with the modules it imports into one script (`flinders.report.html_file`), and a report without the bundle
- * of three.js has `plain.js` in its place.
+ * `flinders.report.html_file` joins it with its imports into one script; a report without the bundle of three.js has
+ * `plain.js` in its place.
  */
 
 import { Scene } from "./views/scene.js";
@@ -48,7 +48,7 @@ function numbers(coded) {
     return Float32Array.from({ length: bytes.length / 4 }, (_, place) => seen.getFloat32(4 * place, true));
 }
 
-/** The switch above the view, and the button that looks from the front again. @param {Scene} view */
+/** Connect the switch above the view, and the button that resets the camera. @param {Scene} view */
 function choosing(view) {
     for (const choice of document.querySelectorAll("input[name=mode]")) {
         choice.addEventListener("change", () => {

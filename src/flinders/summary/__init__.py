@@ -1,1 +1,1 @@
-"""Statistics of readings that add: halves of a recording, or a million of them, merge to those of the whole."""
+"""Statistics of readings that add: those of the parts of a recording merge to those of the whole."""

@@ -1,8 +1,8 @@
-"""Where the readings lie, cell by cell: a picture of the recording that stays small and adds up.
+"""Counts of readings in cells of raw space: a compact picture of a recording, which adds.
 
-Raw space is cut into cubes. For each cube that holds readings, `Cloud` keeps how many, their sum
-and the first and last time one fell into it: enough to draw the recording, to see which
-directions it covered and to weigh a fit, however long it was.
+Raw space is divided into cubes. For each cube with readings, `Cloud` stores their number, their sum
+and the times of the first and the last. This is enough to draw the recording, to compute the covered
+directions and to weight a fit, regardless of the length of the recording.
 
 >>> a = Cloud.of([[1.0, 2.0, 3.0], [1.2, 2.1, 3.3], [40.0, 2.0, 3.0]], side=4.0)
 >>> len(a), a.counts, a.means[0]
@@ -26,20 +26,20 @@ if TYPE_CHECKING:
     from numpy.typing import ArrayLike
 
 MAX_CELLS: Final = 4096
-"""More occupied cells than this, and cells double in size; a sphere of radius R in cells of R/12 has about 2,700."""
+"""Largest number of occupied cells; with more, cells double in size. A sphere in cells of R/12 has about 2,700."""
 
-SMALLEST_SIDE: Final = 2.0**-40
-"""Of the largest reading: finer cells hold nothing but rounding."""
+MIN_SIDE_RATIO: Final = 2.0**-40
+"""Smallest side of a cell, as a fraction of the largest reading; smaller cells show only rounding."""
 
-LARGEST: Final = 1e15
-"""As `FL_LARGEST` of the engine, which refuses larger readings."""
+MAX_READING: Final = 1e15
+"""Largest reading, as `FL_LARGEST` of the engine, which refuses larger ones."""
 
-LOOKED_AT: Final = 512
-"""Readings that tell how large cells shall be."""
+SIDE_SAMPLE: Final = 512
+"""Readings from which the size of the cells is computed."""
 
-_BITS: Final = 21
-_REACH: Final = 1 << (_BITS - 1)
-_DENSE: Final = 1 << 17
+_INDEX_BITS: Final = 21
+_MAX_INDEX: Final = 1 << (_INDEX_BITS - 1)
+_MAX_BOX_CELLS: Final = 1 << 17
 
 
 _Columns: TypeAlias = tuple[NDArray[np.int64], Floats, Floats, Floats, Floats]
@@ -49,12 +49,12 @@ _Columns: TypeAlias = tuple[NDArray[np.int64], Floats, Floats, Floats, Floats]
 class Cloud:
     """Counts, sums and time extent of the readings in each occupied cell."""
 
-    side: float  #: length of a cell's edges: a power of two in the unit of the readings, so that cells nest
-    keys: NDArray[np.int64]  #: (K,): the cells, ascending: three 21-bit indices packed into one number
-    counts: Floats  #: (K,): readings in each
-    sums: Floats  #: (K, 3): their sum
-    first: Floats  #: (K,), s: time of the first reading in each; NaN without time
-    last: Floats  #: (K,), s: time of the last one
+    side: float  #: side of a cell: a power of two in the unit of the readings, so that cells nest
+    keys: NDArray[np.int64]  #: (K,): cells, ascending: three 21-bit indices packed into one number
+    counts: Floats  #: (K,): number of readings in each cell
+    sums: Floats  #: (K, 3): sum of the readings in each cell
+    first: Floats  #: (K,), s: time of the first reading in each cell; NaN without times
+    last: Floats  #: (K,), s: time of the last reading in each cell
 
     @classmethod
     def empty(cls) -> Self:
@@ -73,16 +73,16 @@ class Cloud:
         field : (N, 3) array-like
             Raw readings.
         time : (N,) array-like, s, optional
-            When each was taken, ascending.
+            Time of each reading, ascending.
         side : float, optional
-            Edge of a cell; by default `natural_side` of these readings.
+            Side of a cell; by default `natural_side` of these readings.
         """
         readings = table(field)
         times = None if time is None else column(time, len(readings), "time")
         if not len(readings):
             return cls.empty()
         side = natural_side(readings) if side is None else side
-        return cls(side, *_sort_in(readings, times, side))._bounded()
+        return cls(side, *_cell_columns(readings, times, side))._limit_cells()
 
     def __len__(self) -> int:
         return len(self.keys)
@@ -95,10 +95,10 @@ class Cloud:
         side = max(self.side, other.side)
         a, b = self._coarsened(side), other._coarsened(side)
         keys, counts, sums, first, last = (np.concatenate(pair) for pair in zip(a._columns, b._columns, strict=True))
-        return type(self)(side, *_gathered(keys, counts, sums, first, last))._bounded()
+        return type(self)(side, *_merge_rows(keys, counts, sums, first, last))._limit_cells()
 
     def __mul__(self, factor: float) -> Self:
-        """Weigh all readings alike."""
+        """Multiply the weight of all readings by `factor`."""
         return replace(self, counts=self.counts * factor, sums=self.sums * factor)
 
     @property
@@ -108,56 +108,56 @@ class Cloud:
 
     @property
     def _columns(self) -> _Columns:
-        """All but the side, in the order of `_Columns`."""
+        """Columns of the cells, in the order of `_Columns`."""
         return self.keys, self.counts, self.sums, self.first, self.last
 
-    def _bounded(self) -> Self:
-        """The same in as few cells as are allowed."""
+    def _limit_cells(self) -> Self:
+        """The same readings in at most `MAX_CELLS` cells."""
         cloud = self
         while len(cloud) > MAX_CELLS:
             cloud = cloud._coarsened(2.0 * cloud.side)
         return cloud
 
     def _coarsened(self, side: float) -> Self:
-        """The same readings in larger cells; `side` is a power of two times the present one."""
+        """The same readings in larger cells; `side` is a power of two times the present side."""
         if side == self.side:
             return self
         halvings = int(np.round(np.log2(side / self.side)))
-        keys = _pack((_unpack(self.keys) - _REACH >> min(halvings, _BITS)) + _REACH)
-        return type(self)(side, *_gathered(keys, *self._columns[1:]))
+        keys = _pack_indices((_unpack_keys(self.keys) - _MAX_INDEX >> min(halvings, _INDEX_BITS)) + _MAX_INDEX)
+        return type(self)(side, *_merge_rows(keys, *self._columns[1:]))
 
     def __repr__(self) -> str:
         return f"Cloud({self.counts.sum():g} readings in {len(self)} cells of {self.side:g})"
 
 
 def natural_side(field: Floats) -> float:
-    """The power of two nearest to a twelfth of the median distance from the middle of a cloud.
+    """Side of cells: the power of two nearest to a twelfth of the median distance of the readings from their mean.
 
-    Looks at `LOOKED_AT` readings spread over the recording; a few stray ones do not move it.
+    Uses `SIDE_SAMPLE` readings spread over the recording; a few outliers do not change the result.
     """
-    some = field[:: max(1, len(field) // LOOKED_AT)]
+    some = field[:: max(1, len(field) // SIDE_SAMPLE)]
     largest = float(np.abs(some).max())
-    # No magnetometer reads what squares badly: any side will do.
-    if not SMALLEST_SIDE < largest < LARGEST:
+    # Squares of such readings overflow or vanish, and no magnetometer gives them: any side is good.
+    if not MIN_SIDE_RATIO < largest < MAX_READING:
         return 1.0
     centre = some.mean(axis=0)
     offsets = some - centre
     apart = np.sort(np.sqrt(np.einsum("ij,ij->i", offsets, offsets)))
     radius = float(apart[(len(apart) - 1) // 2] + apart[len(apart) // 2]) / 2.0  # np.median loads numpy.ma
-    return float(2.0 ** np.round(np.log2(max(radius, SMALLEST_SIDE * largest) / 12.0)))
+    return float(2.0 ** np.round(np.log2(max(radius, MIN_SIDE_RATIO * largest) / 12.0)))
 
 
-def _indices(axes: Floats, side: float) -> Floats:
-    """(3, m) cell indices of (3, m) readings, whole numbers counted from −`_REACH`; what lies beyond, at the edge."""
+def _cell_indices(axes: Floats, side: float) -> Floats:
+    """(3, m) cell indices of (3, m) readings, as integers from 0 for −`_MAX_INDEX`; readings beyond go to the edge."""
     indices: Floats = np.multiply(axes, 1.0 / side, order="C")
-    indices += _REACH
+    indices += _MAX_INDEX
     np.floor(indices, out=indices)
-    return np.clip(indices, 0.0, 2.0 * _REACH - 1.0, out=indices)
+    return np.clip(indices, 0.0, 2.0 * _MAX_INDEX - 1.0, out=indices)
 
 
-def _sort_in(readings: Floats, time: Floats | None, side: float) -> _Columns:
-    """Columns of one block: keys, counts, sums, first, last."""
-    keys, place, bins = _occupied(_indices(readings.T, side))
+def _cell_columns(readings: Floats, time: Floats | None, side: float) -> _Columns:
+    """Columns of the cells of one block of readings."""
+    keys, place, bins = _occupied_cells(_cell_indices(readings.T, side))
     size = int(bins[-1]) + 1
     counts: Floats = np.bincount(place, minlength=size)[bins].astype(float)
     sums: Floats = np.stack([np.bincount(place, weights=axis, minlength=size)[bins] for axis in readings.T], axis=1)
@@ -171,21 +171,21 @@ def _sort_in(readings: Floats, time: Floats | None, side: float) -> _Columns:
     return keys, counts, sums, first[bins], last[bins]
 
 
-def _occupied(indices: Floats) -> tuple[NDArray[np.int64], NDArray[np.intp], NDArray[np.intp]]:
-    """(K,) keys of the cells that (3, m) indices name, ascending; (m,) a bin for each; (K,) which bin a cell has."""
-    # Cells of a box around them all are marked one by one where the box is small: no sorting. Where it is larger than
-    # the readings are many, the bins are those in use, numbered anew.
+def _occupied_cells(indices: Floats) -> tuple[NDArray[np.int64], NDArray[np.intp], NDArray[np.intp]]:
+    """(K,) keys of the occupied cells, ascending, (m,) bin of each reading, and (K,) bin of each cell."""
+    # If the bounding box of the cells is small, a cell is marked in a table of the box, which needs no sorting. If the
+    # box has more cells than there are readings, bins are the ranks of the occupied cells.
     low = indices.min(axis=1).astype(np.int64)
     deep, wide, high = (indices.max(axis=1).astype(np.int64) - low + 1).tolist()
-    if deep * wide * high > _DENSE:
-        keys, inverse = np.unique(_pack(indices.astype(np.int64)), return_inverse=True)
+    if deep * wide * high > _MAX_BOX_CELLS:
+        keys, inverse = np.unique(_pack_indices(indices.astype(np.int64)), return_inverse=True)
         return keys, inverse, np.arange(len(keys))
     strides = np.array([wide * high, high, 1.0])
     flat = (strides @ indices - strides @ low).astype(np.intp)  # whole numbers below 2⁵³: exact
     marked = np.zeros(deep * wide * high, dtype=bool)
     marked[flat] = True
     cells = np.flatnonzero(marked)
-    keys = _pack(np.stack([cells // (wide * high), cells // high % wide, cells % high]) + low[:, np.newaxis])
+    keys = _pack_indices(np.stack([cells // (wide * high), cells // high % wide, cells % high]) + low[:, np.newaxis])
     if len(marked) <= len(flat):
         return keys, flat, cells
     rank = np.empty(len(marked), dtype=np.intp)
@@ -193,8 +193,8 @@ def _occupied(indices: Floats) -> tuple[NDArray[np.int64], NDArray[np.intp], NDA
     return keys, rank[flat], rank[cells]
 
 
-def _gathered(keys: NDArray[np.int64], counts: Floats, sums: Floats, first: Floats, last: Floats) -> _Columns:
-    """Add up rows that have the same key."""
+def _merge_rows(keys: NDArray[np.int64], counts: Floats, sums: Floats, first: Floats, last: Floats) -> _Columns:
+    """Merge rows of the same key."""
     order = np.argsort(keys, kind="stable")
     ordered = keys[order]
     is_new = np.concatenate([[True], ordered[1:] != ordered[:-1]])
@@ -210,13 +210,13 @@ def _gathered(keys: NDArray[np.int64], counts: Floats, sums: Floats, first: Floa
     return keys, weights, added, earliest, latest
 
 
-def _pack(indices: NDArray[np.int64]) -> NDArray[np.int64]:
-    """(m,) keys of (3, m) cell indices, which count from −`_REACH`."""
-    packed: NDArray[np.int64] = (indices[0] << 2 * _BITS) | (indices[1] << _BITS) | indices[2]
+def _pack_indices(indices: NDArray[np.int64]) -> NDArray[np.int64]:
+    """(m,) keys of (3, m) cell indices, which are 0 for −`_MAX_INDEX`."""
+    packed: NDArray[np.int64] = (indices[0] << 2 * _INDEX_BITS) | (indices[1] << _INDEX_BITS) | indices[2]
     return packed
 
 
-def _unpack(keys: NDArray[np.int64]) -> NDArray[np.int64]:
+def _unpack_keys(keys: NDArray[np.int64]) -> NDArray[np.int64]:
     """(3, m) cell indices of (m,) keys."""
-    mask = (1 << _BITS) - 1
-    return np.stack([keys >> 2 * _BITS, keys >> _BITS & mask, keys & mask])
+    mask = (1 << _INDEX_BITS) - 1
+    return np.stack([keys >> 2 * _INDEX_BITS, keys >> _INDEX_BITS & mask, keys & mask])

@@ -1,8 +1,8 @@
 """Sums of powers of a cloud of field vectors: all that an ellipsoid fit needs, in 35 numbers.
 
-A quadric fit looks at readings only through the sums of their monomials up to degree four. Sums
-add, so halves of a log, processes of a batch and units of a fleet merge in any order, and a fit
-costs the same after a minute as after a year.
+A quadric fit needs only the sums of the readings' monomials up to degree four. Sums add, so halves
+of a log, processes of a batch and units of a fleet merge in any order, and a fit takes the same time
+after a minute as after a year.
 
 >>> cloud = np.random.default_rng(1).normal(size=(100, 3))
 >>> whole = Moments.of(cloud)
@@ -32,23 +32,25 @@ if TYPE_CHECKING:
 EXPONENTS: Final = np.array(
     sorted((e for e in product(range(5), repeat=3) if sum(e) <= 4), key=lambda e: (sum(e), e[::-1]))
 )
-"""(35, 3) int: the powers (i, j, k) of each sum: 1, x, y, z, x², xy, y², xz, yz, z², … in order of degree."""
+"""(35, 3) int: powers (i, j, k) of each sum: 1, x, y, z, x², xy, y², xz, yz, z², … in order of degree."""
 
 DEGREES: Final = EXPONENTS.sum(axis=1)
 
 FORMS: Final = np.array(
     [(2, 0, 0), (0, 2, 0), (0, 0, 2), (1, 1, 0), (1, 0, 1), (0, 1, 1), (1, 0, 0), (0, 1, 0), (0, 0, 1), (0, 0, 0)]
 )
-"""(10, 3) int: the monomials of a quadric, x², y², z², xy, xz, yz, x, y, z, 1."""
+"""(10, 3) int: powers of the monomials of a quadric, x², y², z², xy, xz, yz, x, y, z, 1."""
 
 TWICE: Final = np.array([1, 1, 1, 2, 2, 2, 1, 1, 1, 1.0])
-"""Mixed terms count twice in xᵀQx."""
+"""(10,) factors of the monomials in xᵀQx + lᵀx + d: mixed terms occur twice."""
 
 SMALLEST_UNIT: Final = 2.0**-1000
 
-_INDEX: Final = {tuple(e): i for i, e in enumerate(EXPONENTS.tolist())}
-_PRODUCT: Final = np.array([[_INDEX[tuple(row)] for row in np.add(form, FORMS).tolist()] for form in FORMS])
-_DOUBLED: Final = np.outer(TWICE, TWICE)
+_EXPONENT_INDEX: Final = {tuple(e): i for i, e in enumerate(EXPONENTS.tolist())}
+_PRODUCT_INDEX: Final = np.array(
+    [[_EXPONENT_INDEX[tuple(row)] for row in np.add(form, FORMS).tolist()] for form in FORMS]
+)
+_FACTOR_PRODUCTS: Final = np.outer(TWICE, TWICE)
 
 
 @dataclass(frozen=True, eq=False)
@@ -56,18 +58,18 @@ class Moments:
     """Weighted sums of xⁱyʲzᵏ for i + j + k ≤ 4, about zero."""
 
     sums: Floats  #: (35,): in the order of `EXPONENTS`; the first is the total weight
-    #: readings are divided by it before powers are taken. A power of two at least as large as any reading, so dividing
-    #: is exact, no power overflows, and moments in unlike units are brought to the larger exactly.
+    #: divisor of the readings before powers are taken. It is a power of two at least as large as any reading: division
+    #: is exact, no power overflows, and moments with different units are converted to the larger unit exactly.
     unit: float = SMALLEST_UNIT
 
     @classmethod
     def empty(cls) -> Self:
-        """The sums of no readings: the identity of ``+``."""
+        """Sums of no readings: the identity of ``+``."""
         return cls(np.zeros(35))
 
     @classmethod
     def of(cls, field: ArrayLike, *, weight: ArrayLike | None = None) -> Self:
-        """Add up a cloud.
+        """Sum the monomials of readings.
 
         Raises `ArrayError` for a wrong shape or values that are not finite.
 
@@ -76,7 +78,7 @@ class Moments:
         field : (N, 3) array-like
             Raw readings in any unit.
         weight : (N,) array-like, optional
-            Relative weight of each reading; one by default.
+            Relative weight of each reading, by default 1.
         """
         readings = table(field)
         weights = None if weight is None else column(weight, len(readings), "weight")
@@ -96,16 +98,16 @@ class Moments:
         return replace(self, sums=self._in(unit) + other._in(unit), unit=unit)
 
     def __sub__(self, other: Moments) -> Self:
-        """Take readings away again that were added before."""
+        """Remove readings that were added before."""
         return self + other * -1.0
 
     def __mul__(self, factor: float) -> Self:
-        """Weigh all readings alike: a factor below one, once a block, forgets exponentially."""
+        """Multiply the weight of all readings; a factor below 1 at each block gives exponential forgetting."""
         return replace(self, sums=self.sums * factor)
 
     @property
     def count(self) -> float:
-        """The total weight; the number of readings where none was given."""
+        """Total weight; without weights the number of readings."""
         return float(self.sums[0])
 
     @property
@@ -134,12 +136,12 @@ class Moments:
         return variances
 
     def about(self, origin: ArrayLike, scale: float) -> Floats:
-        """Scatter matrix of the ten monomials of a quadric, seen from elsewhere.
+        """Scatter matrix of the ten monomials of a quadric in shifted and scaled coordinates.
 
-        With z = (x − origin)/scale and φ(z) = (z₁², z₂², z₃², 2z₁z₂, 2z₁z₃, 2z₂z₃, z₁, z₂, z₃, 1) it
-        returns Σ w φφᵀ. φ of a shifted vector is linear in φ of the vector, so no reading is needed
-        again. The shift cancels digits: with the origin at m times the radius of the cloud it loses
-        about m⁴ · 10⁻¹⁵ of the result (measured against exact arithmetic in ``tests/summary/test_moments.py``).
+        With z = (x − origin)/scale and φ(z) = (z₁², z₂², z₃², 2z₁z₂, 2z₁z₃, 2z₂z₃, z₁, z₂, z₃, 1) it is
+        Σ w φφᵀ. φ of a shifted vector is linear in φ of the vector, so the readings are not needed again.
+        The shift loses precision: an origin at m times the radius of the cloud gives a relative error of
+        about m⁴ · 10⁻¹⁵ (compared with exact arithmetic in ``tests/summary/test_moments.py``).
 
         Parameters
         ----------
@@ -152,12 +154,12 @@ class Moments:
         -------
         (10, 10) float
         """
-        shift = _shift(np.asarray(origin, float) / self.unit, scale / self.unit)
-        scatter: Floats = shift @ self.sums[_PRODUCT] @ shift.T * _DOUBLED
+        shift = _shift_matrix(np.asarray(origin, float) / self.unit, scale / self.unit)
+        scatter: Floats = shift @ self.sums[_PRODUCT_INDEX] @ shift.T * _FACTOR_PRODUCTS
         return scatter
 
     def _in(self, unit: float) -> Floats:
-        """The sums in a larger unit, exact."""
+        """Sums in a larger unit, exact."""
         return self.sums if unit == self.unit else self.sums * (self.unit / unit) ** DEGREES
 
     def __repr__(self) -> str:
@@ -169,14 +171,14 @@ class Moments:
 
 
 def power_of_two_above(value: float) -> float:
-    """The smallest power of two that is at least `value` (and not too small to divide by)."""
+    """Smallest power of two that is at least `value`, and at least `SMALLEST_UNIT`."""
     mantissa, exponent = math.frexp(max(value, SMALLEST_UNIT))
     return math.ldexp(1.0, min(exponent - (mantissa == 0.5), 1023))
 
 
 def _monomials(axes: Floats, unit: float, room: Floats) -> Floats:
-    """(10, m) monomials 1, x, y, z, x², y², z², xy, xz, yz of one block of readings (3, m)."""
-    # They are written into `room`, (10, m or more): memory asked for anew, block by block, would cost a quarter more
+    """(10, m) monomials 1, x, y, z, x², y², z², xy, xz, yz of one block of (3, m) readings."""
+    # They are written into `room`, (10, m or more): allocating memory for each block would take a quarter more time
     # (``python -m benchmarks.kernel``).
     monomials = room[:, : axes.shape[1]]
     monomials[0] = 1.0
@@ -189,7 +191,7 @@ def _monomials(axes: Floats, unit: float, room: Floats) -> Floats:
 
 def _block_sums(monomials: Floats, weight: Floats | None) -> Floats:
     """(35,) sums of one block of monomials (10, m)."""
-    # A 10 × 6 product holds all sums of degree two and more: monomials times the quadratic ones.
+    # The 10 × 6 product of all monomials and the quadratic ones has all sums of degree two and more.
     weighted = monomials if weight is None else monomials * weight
     sums = np.empty(35)
     sums[:4] = weighted[:4].sum(axis=1)
@@ -210,8 +212,8 @@ _FROM_BLOCK: Final = np.array(
 )
 
 
-def _shift(origin: Floats, scale: float) -> Floats:
-    """(10, 10) matrix that turns the monomials of x (unscaled mixed terms) into those of (x − origin)/scale."""
+def _shift_matrix(origin: Floats, scale: float) -> Floats:
+    """(10, 10) matrix from the monomials of x, with single mixed terms, to those of (x − origin)/scale."""
     x, y, z = origin
     shift = np.eye(10)
     shift[:6, 9] = x * x, y * y, z * z, x * y, x * z, y * z

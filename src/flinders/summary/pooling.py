@@ -1,8 +1,8 @@
-"""Several estimates of the same parameters: what they say together, and whether they contradict each other.
+"""Pooling of several estimates of the same parameters, with a test whether they contradict each other.
 
-Each recording of a sensor gives an estimate and the covariance that it claims. If the claims are true,
-the estimates scatter about their weighted mean as those covariances allow. Scatter beyond that means that something
-changed from one recording to the next, and belongs to the uncertainty of what they say together: the
+Each recording of a sensor gives an estimate and its claimed covariance. If the claims are true, the
+scatter of the estimates about their weighted mean agrees with these covariances. A larger scatter means
+that something changed between the recordings; it is added to the uncertainty of the mean, as with the
 random effects of a meta-analysis.
 
 >>> north, south = np.array([0.0, 0.0]), np.array([3.0, 0.0])
@@ -28,43 +28,44 @@ if TYPE_CHECKING:
     from flinders.arrays import Floats
 
 DEPENDENT: Final = 1e-13
-"""Eigenvalues of a correlation matrix below this share of the largest are parameters that nobody left free."""
+"""Eigenvalue of a correlation matrix, relative to the largest, below which a combination of parameters is fixed."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Pooled:
-    """What n estimates of K parameters say together."""
+    """Pooled mean of n estimates of K parameters."""
 
     mean: Floats  #: (K,): weighted with the inverse covariances
     covariance: Floats  #: (K, K): of the mean, if every claim is true
-    scatter: Floats  #: (K, K): from one estimate to the next, beyond what the claims allow; of rank n − 1 at most
-    chi_square: float  #: of the estimates about their mean, in units of their claims
-    freedom: int  #: its degrees of freedom
-    count: int
+    scatter: Floats  #: (K, K): covariance of the changes between estimates, in excess of the claims; rank ≤ n − 1
+    chi_square: float  #: of the estimates about their mean, by their claimed covariances
+    freedom: int  #: degrees of freedom of `chi_square`
+    count: int  #: n
 
     @property
     def p_value(self) -> float:
-        """How often chance alone scatters them as far."""
+        """Probability of an equal or larger chi-square by chance."""
         return chance_of(self.chi_square, self.freedom)
 
     @property
     def predicted(self) -> Floats:
-        """(K, K) what scatter adds when the mean is used for the next recording: its own share, and the mean's."""
+        """(K, K) covariance that the scatter adds if the mean is used for the next recording: S (1 + 1/n)."""
         return self.scatter * (1.0 + 1.0 / self.count)
 
 
 def pool(estimates: Sequence[Floats], covariances: Sequence[Floats]) -> Pooled:
-    """Put independent estimates together.
+    """Pool independent estimates by their claimed covariances.
 
     With Λᵢ = Pᵢ⁻¹, Λ their mean and dᵢ = θᵢ − θ̄, chi-square is Σ dᵢᵀΛᵢdᵢ, with ν = (n − 1)·K degrees of freedom. The
-    scatter is max(0, 1 − ν/χ²) Σ DᵢDᵢᵀ/(n − 1), Dᵢ = Λ⁻¹Λᵢdᵢ: a recording that says nothing of a parameter has no voice
-    in how it scatters, and the share that chance explains is removed as James and Stein shrink a mean.
+    scatter is max(0, 1 − ν/χ²) Σ DᵢDᵢᵀ/(n − 1) with Dᵢ = Λ⁻¹Λᵢdᵢ. A recording without information on a parameter does
+    not contribute to its scatter. The factor removes the part that chance explains, as in James–Stein shrinkage.
 
     Parameters
     ----------
     estimates : sequence of (K,) float
+        θᵢ.
     covariances : sequence of (K, K) float
-        Of each; may be singular, all in the same directions.
+        Pᵢ; they may be singular, all in the same directions.
 
     References
     ----------
@@ -85,7 +86,7 @@ def pool(estimates: Sequence[Floats], covariances: Sequence[Floats]) -> Pooled:
 
 
 def each_from_the_others(estimates: Sequence[Floats], covariances: Sequence[Floats]) -> Iterator[tuple[Floats, Floats]]:
-    """How far each of several estimates is from the weighted mean of the others, and the covariance claimed of that.
+    """Yield the difference of each estimate from the weighted mean of the others, and its claimed covariance.
 
     >>> off, covariance = next(each_from_the_others([np.array([1.0]), np.array([0.0])], [np.eye(1), np.eye(1)]))
     >>> off, covariance
@@ -94,20 +95,20 @@ def each_from_the_others(estimates: Sequence[Floats], covariances: Sequence[Floa
     origin, scale, precisions, voices = _precisions(estimates, covariances)
     squares = np.outer(scale, scale)
     for i, (estimate, covariance) in enumerate(zip(estimates, covariances, strict=True)):
-        rest = np.arange(len(estimates)) != i  # summed afresh: less one that outweighs all, a sum would be rounding
+        rest = np.arange(len(estimates)) != i  # summed again: subtracting a dominant estimate would leave rounding
         others = _inverse(precisions[rest].sum(axis=0))
         mean = others @ voices[rest].sum(axis=0)
         yield estimate - origin - mean * scale, covariance + others * squares
 
 
 def chi_square_of(difference: Floats, covariance: Floats) -> tuple[float, int]:
-    """Square of a difference (K,) in units of its covariance, over what the covariance leaves free; and its rank."""
+    """Chi-square of a (K,) difference over the directions in which its covariance is positive, and their number."""
     squares, ranks = chi_squares(difference[np.newaxis], covariance[np.newaxis])
     return float(squares[0]), int(ranks[0])
 
 
 def chi_squares(differences: Floats, covariances: Floats) -> tuple[Floats, Floats]:
-    """(n,) squares of (n, K) differences in units of their covariances, and the ranks of those, as `chi_square_of`."""
+    """(n,) chi-squares and (n,) ranks of (n, K) differences with (n, K, K) covariances, as `chi_square_of`."""
     sigma = np.sqrt(np.einsum("nii->ni", covariances).clip(min=0.0))
     is_free = sigma > 0.0
     scale = np.where(is_free, sigma, 1.0)
@@ -120,19 +121,21 @@ def chi_squares(differences: Floats, covariances: Floats) -> tuple[Floats, Float
 
 
 def chance_of(chi_square: float, freedom: int, others: float = math.inf) -> float:
-    """How often chance alone makes chi-square as large.
+    """Probability of an equal or larger chi-square by chance.
 
-    The cube root of chi-square is all but normal: Wilson and Hilferty, The distribution of chi-square, PNAS 17
-    (1931) 684-688. Good to 0.006 from three degrees of freedom on, and to 0.002 where p is below
-    0.1. Where its unit is itself estimated, chi-square over its freedom is F: Paulson, An approximate
+    The cube root of chi-square is nearly normal: Wilson and Hilferty, The distribution of chi-square, PNAS 17 (1931)
+    684-688. The error is below 0.006 from three degrees of freedom on, and below 0.002 if p is below 0.1. If the
+    variance is itself estimated, chi-square over its degrees of freedom has an F distribution: Paulson, An approximate
     normalization of the analysis of variance distribution, Ann. Math. Stat. 13 (1942) 233-235.
 
     Parameters
     ----------
+    chi_square : float
+        Sum of squares in units of the variance.
     freedom : int
-        Its degrees of freedom.
+        Degrees of freedom of `chi_square`.
     others : float
-        Degrees of freedom of the unit in which it is given.
+        Degrees of freedom of the estimate of the variance; infinite for a known variance.
 
     Examples
     --------
@@ -152,7 +155,7 @@ def chance_of(chi_square: float, freedom: int, others: float = math.inf) -> floa
 
 
 def _precisions(estimates: Sequence[Floats], covariances: Sequence[Floats]) -> tuple[Floats, Floats, Floats, Floats]:
-    """Origin and scale (K,), in which: inverse covariances (n, K, K), and these times the estimates (n, K)."""
+    """(K,) origin, (K,) scale, and in these coordinates (n, K, K) inverse covariances Λᵢ and (n, K) products Λᵢθᵢ."""
     scale = np.sqrt(np.mean([np.diag(covariance) for covariance in covariances], axis=0))
     scale[scale == 0.0] = 1.0
     precisions = np.stack([_inverse(covariance / np.outer(scale, scale)) for covariance in covariances])
@@ -161,7 +164,7 @@ def _precisions(estimates: Sequence[Floats], covariances: Sequence[Floats]) -> t
 
 
 def _inverse(matrix: Floats) -> Floats:
-    """Inverse over the directions that a symmetric matrix leaves free."""
+    """Pseudo-inverse of a symmetric matrix, without eigenvalues below `DEPENDENT` times the largest."""
     return np.linalg.pinv(matrix, rcond=DEPENDENT, hermitian=True)
 
 

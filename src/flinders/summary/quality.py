@@ -1,7 +1,7 @@
-"""What a recording says about itself before any fit: repeats, stuck axes, rails and jumps in time.
+"""Quality of a recording before any fit: repeated readings, stuck axes, rails and jumps in time.
 
-None of it is a verdict; `flinders.fitting.verdict` turns these counts into findings. They add up in the order of
-recording, like everything a `Summary` holds; recordings of their own are put `beside` each other.
+These counts are no verdict; `flinders.fitting.verdict` makes findings of them. Counts of consecutive blocks add in
+order; counts of separate recordings are `merged`.
 
 >>> from flinders.core.samples import Samples
 >>> DataQuality.of(Samples.of([[1, 2, 3], [1, 2, 3], [4, 2, 3]])).repeats
@@ -27,42 +27,47 @@ if TYPE_CHECKING:
 
 
 RAIL_SHARE, RAIL_COUNT, RAIL_WIDTH = 0.01, 8, 0.25
-"""Readings that share the very end of an axis: so many of all, so many, so far apart along the other axes."""
+"""Limits of a rail.
+
+Smallest fraction and number of readings at the end of an axis, and their smallest range along the other axes relative
+to the range of all readings."""
 
 RAIL_CONTRAST: Final = 3
-"""So many times the readings at the next value of the axis make a rail of those at its end; coarse steps have about as
-many there. Of 1,400 unsaturated turns by hand in steps of 0.15 to 8 µT two are then called saturated
-(`tests/fitting/test_verdict.py`, steps)."""
+"""Smallest ratio of the number of readings at the end of an axis to that at the next value for a rail.
 
-SAMPLE: Final = 4096
-"""Different readings that are counted; of more a sample."""
+With coarse steps both numbers are similar. Of 1,400 unsaturated turns by hand in steps of 0.15 to 8 µT two are called
+saturated (`tests/fitting/test_verdict.py`, steps)."""
+
+SAMPLE_SIZE: Final = 4096
+"""Largest number of different readings that are counted; of more, a sample is counted."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Lows:
-    """The smallest value of each axis, and the readings that have exactly that value.
+    """Smallest value of each axis, and statistics of the readings that have exactly this value.
 
-    At a rail (a saturated axis) many readings share it while the other axes range widely; at the
-    end of a sphere few do, close together.
+    At a rail (a saturated axis) many readings have the smallest value while the other axes vary widely. At the end of a
+    sphere few readings have it, and they are close together.
     """
 
-    values: Floats = field(default_factory=lambda: np.full(3, np.inf))  #: (3,)
-    counts: Floats = field(default_factory=lambda: np.zeros(3))  #: (3,): readings that have that value
-    #: (3,): the next larger value of each axis, and the readings that have that
+    values: Floats = field(default_factory=lambda: np.full(3, np.inf))  #: (3,): smallest value of each axis
+    counts: Floats = field(default_factory=lambda: np.zeros(3))  #: (3,): number of readings with the smallest value
+    #: (3,): second smallest value of each axis
     next_values: Floats = field(default_factory=lambda: np.full(3, np.inf))
-    next_counts: Floats = field(default_factory=lambda: np.zeros(3))
-    #: (3, 3): row i: smallest and largest reading, axis by axis, among those
+    next_counts: Floats = field(default_factory=lambda: np.zeros(3))  #: (3,): number of readings with that value
+    #: (3, 3): row i: smallest value of each axis among the readings with the smallest value of axis i
     least: Floats = field(default_factory=lambda: np.full((3, 3), np.inf))
+    #: (3, 3): row i: largest value of each axis among these readings
     most: Floats = field(default_factory=lambda: np.full((3, 3), -np.inf))
 
     @classmethod
     def of(cls, readings: Floats) -> Self:
-        """Look at (N, 3) readings, N > 0."""
+        """Statistics of (N, 3) readings, N > 0."""
         return cls.along(np.ascontiguousarray(readings.T))
 
     @classmethod
     def along(cls, axes: Floats) -> Self:
-        """Look at readings axis by axis, (3, N), N > 0."""
+        """Statistics of (3, N) readings, contiguous by axis, N > 0."""
         values = axes.min(axis=1)
         is_lowest = axes == values[:, np.newaxis]
         axis, rows = np.divmod(np.flatnonzero(is_lowest), axes.shape[1])
@@ -92,7 +97,7 @@ class Lows:
         )
 
     def _lowest_two(self, other: Lows) -> tuple[Floats, Floats, Floats]:
-        """(3,) the smallest value of both, the next one, and the readings that have the next one."""
+        """(3,) smallest value of both, second smallest value, and number of readings with the second smallest."""
         values = np.stack([self.values, self.next_values, other.values, other.next_values])
         counts = np.stack([self.counts, self.next_counts, other.counts, other.next_counts])
         lowest = values.min(axis=0)
@@ -101,17 +106,17 @@ class Lows:
 
     @property
     def ranges(self) -> Floats:
-        """(3, 3) how far each axis ranges among the readings at the end of axis i."""
+        """(3, 3) row i: range of each axis among the readings with the smallest value of axis i."""
         with np.errstate(over="ignore"):
             return self.most - self.least
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class DistinctReadings:
-    """The different readings of a recording, or a sample of them: those whose hash begins with `level` zeros.
+    """Different readings of a recording, or a sample of them: those whose hash begins with `level` zero bits.
 
-    The level is the lowest that leaves `SAMPLE` of them, so that the sample of a whole follows from those of its parts,
-    and the same readings are in it whatever their order.
+    The level is the lowest at which at most `SAMPLE_SIZE` readings remain. So the sample of a recording follows from
+    those of its parts, and does not depend on their order.
 
     Examples
     --------
@@ -121,56 +126,56 @@ class DistinctReadings:
     (2513, 2.0)
     """
 
-    #: (K,) uint64: ascending, of 63 bits
+    #: (K,) uint64: hashes of 63 bits, ascending
     hashes: NDArray[np.uint64] = field(default_factory=lambda: np.empty(0, np.uint64))
-    counts: NDArray[np.int64] = field(default_factory=lambda: np.empty(0, np.int64))  #: (K,): readings of each
-    level: int = 0
+    counts: NDArray[np.int64] = field(default_factory=lambda: np.empty(0, np.int64))  #: (K,): readings with each hash
+    level: int = 0  #: leading zero bits of all hashes
 
     @classmethod
     def of(cls, readings: Floats) -> DistinctReadings:
-        """Look at (N, 3) readings."""
+        """Sample (N, 3) readings."""
         hashes = _hashes(readings)
-        level = max(len(hashes) // SAMPLE, 2).bit_length() - 1
-        while True:  # from about twice as many as needed on, so that only few are sorted
+        level = max(len(hashes) // SAMPLE_SIZE, 2).bit_length() - 1
+        while True:  # starts at a level with about twice the sample, to sort few hashes
             level -= 1
-            some, counts = np.unique(hashes[_begins_with_zeros(hashes, level)], return_counts=True)
-            if len(some) > SAMPLE or level == 0:
-                return cls(some, counts, level)._thinned()
+            some, counts = np.unique(hashes[_has_leading_zeros(hashes, level)], return_counts=True)
+            if len(some) > SAMPLE_SIZE or level == 0:
+                return cls(some, counts, level)._raise_level()
 
     def __add__(self, other: DistinctReadings) -> DistinctReadings:
-        """The different readings of both."""
+        """Merge two samples."""
         hashes, places = np.unique(np.concatenate([self.hashes, other.hashes]), return_inverse=True)
         counts = np.bincount(places, np.concatenate([self.counts, other.counts]), len(hashes)).astype(np.int64)
         level = max(self.level, other.level)
-        chosen = _begins_with_zeros(hashes, level)
-        return DistinctReadings(hashes[chosen], counts[chosen], level)._thinned()
+        chosen = _has_leading_zeros(hashes, level)
+        return DistinctReadings(hashes[chosen], counts[chosen], level)._raise_level()
 
-    def _thinned(self) -> DistinctReadings:
-        """Those that are few enough."""
+    def _raise_level(self) -> DistinctReadings:
+        """Raise the level until at most `SAMPLE_SIZE` hashes remain."""
         hashes, counts, level = self.hashes, self.counts, self.level
-        while len(hashes) > SAMPLE:
+        while len(hashes) > SAMPLE_SIZE:
             level += 1
-            chosen = _begins_with_zeros(hashes, level)
+            chosen = _has_leading_zeros(hashes, level)
             hashes, counts = hashes[chosen], counts[chosen]
         return DistinctReadings(hashes, counts, level)
 
     @property
     def multiplicity(self) -> float:
-        """How often a reading occurs, on average."""
+        """Mean number of occurrences of a different reading."""
         return float(self.counts.mean()) if len(self.counts) else 1.0
 
 
 @dataclass(frozen=True, slots=True)
 class Steps:
-    """Steps from one reading to the next: how many, and the sum of their squares."""
+    """Number of steps between consecutive readings, and the sum of their squares."""
 
     count: int = 0
     squares: float = 0.0
 
     @classmethod
     def of(cls, axes: Floats) -> Steps:
-        """Look at readings axis by axis, (3, N)."""
-        with np.errstate(over="ignore", invalid="ignore"):  # of numbers that no sensor reads
+        """Sum the steps of (3, N) readings."""
+        with np.errstate(over="ignore", invalid="ignore"):  # readings out of any sensor's range
             steps = np.diff(axes).ravel()
             return cls(axes.shape[1] - 1, float(steps @ steps))
 
@@ -178,7 +183,7 @@ class Steps:
         return Steps(self.count + other.count, self.squares + other.squares)
 
     def correlation(self, spread: float) -> float:
-        """Correlation of one reading with the next, of readings whose distance from their mean is `spread` (rms).
+        """Correlation of consecutive readings; `spread` is the rms distance of the readings from their mean.
 
         >>> Steps.of(np.array([[1.0, -1.0, 1.0, -1.0]])).correlation(spread=1.0)
         -1.0
@@ -188,18 +193,18 @@ class Steps:
 
 @dataclass(frozen=True, slots=True)
 class TimeStamps:
-    """Time stamps of a recording, or of several."""
+    """Statistics of the time stamps of one or several recordings."""
 
-    start: float = np.nan  #: s; NaN without time
-    end: float = np.nan  #: s
-    seconds: float = 0.0  #: s: from the first to the last of each recording, added up
-    steps: int = 0  #: from one reading with a time to the next
+    start: float = np.nan  #: s: first time; NaN without times
+    end: float = np.nan  #: s: last time
+    seconds: float = 0.0  #: s: sum of the durations of all recordings
+    steps: int = 0  #: number of steps between consecutive readings with a time
     longest_step: float = 0.0  #: s: largest step forward
-    backward_steps: int = 0  #: steps that go back
+    backward_steps: int = 0  #: number of steps back in time
 
     @classmethod
     def of(cls, time: Floats | None) -> Self:
-        """Look at (N,) times; readings without one are passed over."""
+        """Statistics of (N,) times in s; readings without a time are ignored."""
         time = None if time is None else time[~np.isnan(time)]
         if time is None or not len(time):
             return cls()
@@ -214,7 +219,7 @@ class TimeStamps:
         )
 
     def __add__(self, other: TimeStamps) -> TimeStamps:
-        """`other` goes on where this ends: from there to its start is a step like any other."""
+        """Append the next block of the same recording; the time between both blocks is a step."""
         both = self.merged(other)
         step = other.start - self.end
         if np.isnan(step):
@@ -228,7 +233,7 @@ class TimeStamps:
         )
 
     def merged(self, other: TimeStamps) -> TimeStamps:
-        """Both, where `other` is a recording of its own: from one to the other is no step."""
+        """Merge with a separate recording; the time between both is not a step."""
         return TimeStamps(
             start=other.start if np.isnan(self.start) else self.start,
             end=self.end if np.isnan(other.end) else other.end,
@@ -240,46 +245,46 @@ class TimeStamps:
 
     @property
     def usual_step(self) -> float:
-        """Mean step, in s; 0 without time."""
+        """Mean step in s; 0 without times."""
         return self.seconds / max(self.steps, 1)
 
 
 @dataclass(frozen=True, slots=True)
 class Rail:
-    """An end of an axis at which the sensor was at its limit."""
+    """End of an axis at which the sensor was saturated."""
 
-    axis: int
+    axis: int  #: index of the axis
     end: str  #: ``lowest`` or ``highest``
-    value: float
-    share: float  #: of the readings, how many have exactly that value
+    value: float  #: in the unit of the readings: value at which the axis is saturated
+    share: float  #: fraction of the readings that have exactly this value
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class DataQuality:
-    """Counts over a recording."""
+    """Quality statistics of one or several recordings."""
 
     rows: int = 0  #: usable readings
-    repeats: int = 0  #: readings equal to the one before in all three axes
-    path: Steps = Steps()  #: from one reading to the next
-    #: (3,): the first and the last reading; NaN where there is none
+    repeats: int = 0  #: readings equal to the previous one in all three axes
+    path: Steps = Steps()  #: steps between consecutive readings
+    #: (3,): the first and the last reading; NaN without readings
     first: Floats = field(default_factory=lambda: np.full(3, np.nan))
     last: Floats = field(default_factory=lambda: np.full(3, np.nan))
-    lows: Lows = field(default_factory=Lows)  #: the low end of each axis
-    highs: Lows = field(default_factory=Lows)  #: the high end: the low end of the readings with their sign changed
-    seen: DistinctReadings = field(default_factory=DistinctReadings)  #: the different readings
-    clock: TimeStamps = TimeStamps()  #: what the time stamps say
-    skipped: tuple[Skipped, ...] = ()  #: rows left out while reading
+    lows: Lows = field(default_factory=Lows)  #: low end of each axis
+    highs: Lows = field(default_factory=Lows)  #: high end of each axis, as the low end of the negated readings
+    seen: DistinctReadings = field(default_factory=DistinctReadings)  #: different readings, or a sample of them
+    clock: TimeStamps = TimeStamps()  #: statistics of the time stamps
+    skipped: tuple[Skipped, ...] = ()  #: rows that were skipped by the reader
 
     @classmethod
     def of(cls, samples: Samples) -> Self:
-        """Look at one recording, or one block of it."""
+        """Statistics of one recording, or of one block of it."""
         readings = samples.field
         if not len(readings):
             return cls(skipped=samples.skipped)
         axes = np.ascontiguousarray(readings.T)
         return cls(
             rows=len(readings),
-            repeats=_repeats(axes),
+            repeats=_count_repeats(axes),
             path=Steps.of(axes),
             first=readings[0].copy(),
             last=readings[-1].copy(),
@@ -291,14 +296,14 @@ class DataQuality:
         )
 
     def __add__(self, other: DataQuality) -> Self:
-        """`other` goes on where this ends."""
+        """Append the next block of the same recording."""
         both = self.merged(other)
         repeats = both.repeats + int(np.array_equal(self.last, other.first))
         seam = Steps.of(np.stack([self.last, other.first], axis=1)) if self.rows and other.rows else Steps()
         return replace(both, repeats=repeats, path=both.path + seam, clock=self.clock + other.clock)
 
     def merged(self, other: DataQuality) -> Self:
-        """Both, where `other` is a recording of its own: its first reading repeats none and follows none."""
+        """Merge with a separate recording; its first reading does not follow the last one of this recording."""
         return type(self)(
             rows=self.rows + other.rows,
             repeats=self.repeats + other.repeats,
@@ -315,17 +320,17 @@ class DataQuality:
     @property
     def extent(self) -> Floats:
         """(3,) range of each axis."""
-        with np.errstate(over="ignore"):  # of numbers that no sensor reads
+        with np.errstate(over="ignore"):  # readings out of any sensor's range
             return -self.highs.values - self.lows.values
 
     @property
     def distinct(self) -> int:
-        """Different readings, wherever they stand; of more than `SAMPLE` from a sample of them."""
+        """Number of different readings; estimated from a sample if there are more than `SAMPLE_SIZE`."""
         return round(self.rows / self.seen.multiplicity)
 
     @property
     def rails(self) -> tuple[Rail, ...]:
-        """Where the sensor was at its limit: far more readings share the end of an axis than its next value."""
+        """Ends of axes at which the sensor was saturated: many more readings are there than at the next value."""
         return tuple(
             Rail(axis, end, sign * float(ends.values[axis]), float(ends.counts[axis]) / self.rows)
             for end, sign, ends, axis in self._shared_ends()
@@ -334,7 +339,7 @@ class DataQuality:
 
     @property
     def step(self) -> float:
-        """Largest step between the last two values of an axis that is read in coarse steps; 0 where none is."""
+        """Largest step between the last two values of an axis with coarse resolution; 0 if there is none."""
         return max(
             (
                 float(ends.next_values[axis] - ends.values[axis])
@@ -345,21 +350,21 @@ class DataQuality:
         )
 
     def _shared_ends(self) -> Iterator[tuple[str, float, Lows, int]]:
-        """Ends of axes that many readings share, far apart along the others: rails, or coarse steps."""
+        """Yield ends of axes shared by many readings that differ widely in the other axes: rails, or coarse steps."""
         for end, sign, ends in (("lowest", 1.0, self.lows), ("highest", -1.0, self.highs)):
             for axis in range(3):
                 is_many = ends.counts[axis] >= RAIL_COUNT and ends.counts[axis] > RAIL_SHARE * self.rows
-                if is_many and self._is_wide(ends, axis):
+                if is_many and self._has_wide_end(ends, axis):
                     yield end, sign, ends, axis
 
-    def _is_wide(self, ends: Lows, axis: int) -> bool:
-        """Whether readings at the end of an axis that does change lie far apart along the other two."""
+    def _has_wide_end(self, ends: Lows, axis: int) -> bool:
+        """Whether the readings at the end of an axis that changes differ widely in the other two axes."""
         others, extent = [other for other in range(3) if other != axis], self.extent
         return bool(extent[axis] > 0.0 and np.all(ends.ranges[axis, others] > RAIL_WIDTH * extent[others]))
 
 
 def _hashes(readings: Floats) -> NDArray[np.uint64]:
-    """(N,) hashes of 63 bits of (N, 3) readings, as of the engine (`native/quality.c`)."""
+    """(N,) hashes of 63 bits of (N, 3) readings, as the engine computes them (`native/quality.c`)."""
     hashes = np.zeros(len(readings), np.uint64)
     for axis in range(3):
         hashes ^= (readings[:, axis] + 0.0).view(np.uint64)  # -0 is 0
@@ -370,12 +375,12 @@ def _hashes(readings: Floats) -> NDArray[np.uint64]:
     return hashes >> np.uint64(1)
 
 
-def _begins_with_zeros(hashes: NDArray[np.uint64], level: int) -> NDArray[np.bool_]:
-    """Which of (K,) hashes of 63 bits begin with so many zeros."""
+def _has_leading_zeros(hashes: NDArray[np.uint64], level: int) -> NDArray[np.bool_]:
+    """(K,) whether each of (K,) hashes of 63 bits begins with `level` zero bits."""
     return hashes < np.uint64(1 << (63 - level))
 
 
-def _repeats(axes: Floats) -> int:
-    """How many readings, (3, N), equal the one before."""
+def _count_repeats(axes: Floats) -> int:
+    """Number of (3, N) readings that equal the previous one."""
     same = np.flatnonzero(axes[0, 1:] == axes[0, :-1])
     return int(np.count_nonzero((axes[1:, same + 1] == axes[1:, same]).all(axis=0))) if len(same) else 0

@@ -1,6 +1,6 @@
-"""A recording in a few kilobytes: sums, cells and counts that add up in any order.
+"""Summary of a recording in a few kilobytes: sums, cells and counts that add in any order.
 
-A live page, a log file, ten logs of one device and a fleet on a cluster all hold the same thing.
+Live pages, log files, several logs of one device and fleets on a cluster all use this summary.
 
 >>> import numpy as np
 >>> cloud = np.random.default_rng(1).normal(size=(100, 3))
@@ -32,32 +32,32 @@ if TYPE_CHECKING:
     from flinders.native.layouts import Records
     from flinders.summary.quality import Rail
 
-_STRETCH: Final = 65536
-"""Readings summarised at a time: few enough to need little memory, enough to make adding up cheap."""
+_BLOCK_READINGS: Final = 65536
+"""Readings that are summarised at a time: few enough to save memory, and enough to make additions cheap."""
 
-FLAT, FLATTEST = 0.01, 0.2
-"""Thickness over width: readings as thin as the first are flat; as thick as the second they never are."""
+FLAT_RATIO, MAX_FLAT_RATIO = 0.01, 0.2
+"""Ratio of thickness to width below which readings are always flat, and above which they are never flat."""
 
 FLAT_NOISE: Final = 1.5
-"""Thickness over noise, below which it is noise."""
+"""Ratio of thickness to noise below which readings are flat."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Summary:
-    """What is streamed, saved, merged and sent."""
+    """Statistics of a recording, which can be added, saved and sent in place of its readings."""
 
-    moments: Moments  #: enough for every quadric fit
-    cloud: Cloud  #: where the readings lie
-    health: DataQuality  #: repeats, rails, jumps in time
+    moments: Moments  #: sums of monomials, for quadric fits
+    cloud: Cloud  #: number of readings by cell
+    health: DataQuality  #: repeated readings, rails, jumps in time
 
     @classmethod
     def empty(cls) -> Self:
-        """No readings: the identity of ``+``."""
+        """Summary of no readings: the identity of ``+``."""
         return cls(Moments.empty(), Cloud.empty(), DataQuality())
 
     @classmethod
     def of(cls, readings: Samples | ArrayLike, *, side: float | None = None) -> Summary:
-        """Summarise readings that are in memory.
+        """Summarise readings in memory.
 
         Raises `ArrayError` for a wrong shape.
 
@@ -65,10 +65,10 @@ class Summary:
         ----------
         readings : Samples or (N, 3) array-like
         side : float, optional
-            Edge of the cloud's cells; by default it follows from the readings.
+            Side of the cloud's cells; by default computed from the readings.
         """
         samples = readings if isinstance(readings, Samples) else Samples.of(readings)
-        return cls(_moments_of(samples), _cloud_of(samples, side), _quality_of(samples))
+        return cls(_sum_moments(samples), _sum_cloud(samples, side), _sum_quality(samples))
 
     @classmethod
     def through(cls, recording: Recording) -> Summary:
@@ -88,17 +88,17 @@ class Summary:
 
     @classmethod
     def deferred(cls, samples: Samples) -> Summary:
-        """The summary of samples in memory, which is made when a part of it is first asked for."""
-        return _Deferred(samples)
+        """Make a summary of samples in memory, each part of which is computed at its first use."""
+        return _LazySummary(samples)
 
     @property
     def skipped(self) -> tuple[Skipped, ...]:
-        """Rows left out while reading."""
+        """Rows that were skipped by the reader."""
         return self.health.skipped
 
     @property
     def statistics(self) -> Statistics:
-        """What a verdict asks of the recording, where each reading counts."""
+        """Statistics for a verdict, for a fit that uses each reading."""
         health = self.health
         return Statistics(
             rows=health.rows,
@@ -119,15 +119,15 @@ class Summary:
         )
 
     def __add__(self, other: Summary) -> Summary:
-        """`other` goes on where this ends."""
+        """Append the next block of the same recording."""
         return Summary(self.moments + other.moments, self.cloud + other.cloud, self.health + other.health)
 
     def combined(self, other: Summary) -> Summary:
-        """Both, where `other` is a recording of its own: what lies between the two says nothing."""
+        """Merge with the summary of a separate recording."""
         return Summary(self.moments + other.moments, self.cloud + other.cloud, self.health.merged(other.health))
 
     def forget(self, factor: float) -> Summary:
-        """Weigh all readings so far by a factor below one: once a block, this forgets exponentially."""
+        """Multiply the weight of all readings by a factor below 1; at each block this gives exponential forgetting."""
         return Summary(self.moments * factor, self.cloud * factor, self.health)
 
     def __len__(self) -> int:
@@ -137,8 +137,8 @@ class Summary:
         return f"Summary({len(self)} readings, {len(self.cloud)} cells)"
 
 
-class _Deferred(Summary):
-    """The summary of samples in memory, each part of which is made when it is first asked for."""
+class _LazySummary(Summary):
+    """Summary of samples in memory, each part of which is computed at its first use."""
 
     def __init__(self, samples: Samples) -> None:
         vars(self)["_samples"] = samples
@@ -146,17 +146,17 @@ class _Deferred(Summary):
     @cached_property
     def moments(self) -> Moments:
         """See `Summary`."""
-        return _moments_of(vars(self)["_samples"])
+        return _sum_moments(vars(self)["_samples"])
 
     @cached_property
     def cloud(self) -> Cloud:
         """See `Summary`."""
-        return _cloud_of(vars(self)["_samples"])
+        return _sum_cloud(vars(self)["_samples"])
 
     @cached_property
     def health(self) -> DataQuality:
         """See `Summary`."""
-        return _quality_of(vars(self)["_samples"])
+        return _sum_quality(vars(self)["_samples"])
 
     @property
     def skipped(self) -> tuple[Skipped, ...]:
@@ -168,94 +168,98 @@ class _Deferred(Summary):
         return len(vars(self)["_samples"])
 
     def __reduce__(self) -> tuple[type[Summary], tuple[Moments, Cloud, DataQuality]]:
-        """Leave the readings behind where it is sent or copied."""
+        """Pickle and copy without the readings."""
         return Summary, (self.moments, self.cloud, self.health)
 
 
-def _moments_of(samples: Samples) -> Moments:
-    """Sums of powers of samples, a stretch at a time."""
-    return reduce(add, (Moments.of(each.field) for each in _stretches(samples)))
+def _sum_moments(samples: Samples) -> Moments:
+    """Sums of monomials of samples, computed in blocks."""
+    return reduce(add, (Moments.of(each.field) for each in _blocks(samples)))
 
 
-def _cloud_of(samples: Samples, side: float | None = None) -> Cloud:
-    """Cells of samples, of an edge that by default follows from them all, a stretch at a time."""
+def _sum_cloud(samples: Samples, side: float | None = None) -> Cloud:
+    """Cells of samples, computed in blocks; the default of `side` is computed from all samples."""
     side = natural_side(samples.field) if side is None and len(samples) else side
-    return reduce(add, (Cloud.of(each.field, time=each.time, side=side) for each in _stretches(samples)))
+    return reduce(add, (Cloud.of(each.field, time=each.time, side=side) for each in _blocks(samples)))
 
 
-def _quality_of(samples: Samples) -> DataQuality:
-    """Repeats, rails and jumps in time of samples, a stretch at a time."""
-    return reduce(add, map(DataQuality.of, _stretches(samples)))
+def _sum_quality(samples: Samples) -> DataQuality:
+    """Repeated readings, rails and jumps in time of samples, computed in blocks."""
+    return reduce(add, map(DataQuality.of, _blocks(samples)))
 
 
-def _stretches(samples: Samples) -> Iterable[Samples]:
-    """Samples in parts of `_STRETCH` readings; the samples themselves where there are none."""
-    return samples.blocks(_STRETCH) if len(samples) > _STRETCH else [samples]
+def _blocks(samples: Samples) -> Iterable[Samples]:
+    """Blocks of `_BLOCK_READINGS` samples; a shorter recording as one block."""
+    return samples.blocks(_BLOCK_READINGS) if len(samples) > _BLOCK_READINGS else [samples]
 
 
 def is_flat(principal_variances: Floats, noise: float, *, within: float = FLAT_NOISE) -> bool:
-    """Whether readings of (3,) ascending principal variances lie in one plane, as those of a level turn do."""
+    """Whether readings lie in one plane, as in a level turn, by their (3,) ascending principal variances."""
     thickness, width = np.sqrt(principal_variances[[0, 2]]).tolist()
     return bool(thickness < flat_below(width, noise, within=within))
 
 
 def flat_below(width: float, noise: float, *, within: float = FLAT_NOISE) -> float:
-    """Thickness below which readings are flat; width is their standard deviation along the longest axis.
+    """Thickness below which readings are flat, 1 σ; `width` is the standard deviation along their longest axis.
 
-    Readings without any width, all alike or so far off that rounding leaves none, are never flat: no plane is seen.
+    Readings without width, all equal or so large that only rounding remains, are never flat.
 
     >>> flat_below(30.0, 0.5), flat_below(30.0, 0.0), flat_below(30.0, np.inf), flat_below(0.0, 0.5)
     (0.75, 0.3, 6.0, 0.0)
     """
-    return min(max(within * noise, FLAT * width), FLATTEST * width)
+    return min(max(within * noise, FLAT_RATIO * width), MAX_FLAT_RATIO * width)
 
 
 class RestSpan(NamedTuple):
-    """An interval in which the direction stands still."""
+    """Interval in which the direction of the field is constant."""
 
     first: int  #: first reading, counted from 1
-    last: int
-    start: float  #: s: its time; NaN without times
-    end: float
+    last: int  #: last reading
+    start: float  #: s: time of the first reading; NaN without times
+    end: float  #: s: time of the last reading; NaN without times
 
     def __str__(self) -> str:
-        """Its times, or else its readings."""
+        """Times of the interval, or without times its readings."""
         return f"{self.start:.1f}–{self.end:.1f} s" if self.start <= self.end else f"readings {self.first}–{self.last}"
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Statistics:
-    """What a verdict asks of a recording, from its summary or from a record of the engine."""
+    """Statistics of a recording for a verdict, from its summary or from a record of the engine."""
 
     rows: int  #: usable readings
-    repeats: int  #: readings equal to the one before in all three axes
+    repeats: int  #: readings equal to the previous one in all three axes
     distinct: int  #: different readings
-    rests: int  #: intervals in which the direction stands still
-    at_rest: int  #: usable readings of these
-    fitted: int  #: readings that a fit goes by: a rest is one, or none beside a long turn; of them …
-    fitted_repeats: int  #: … those equal to the one before, …
-    fitted_distinct: int  #: … and different ones
-    path_correlation: float  #: of one reading with the next
-    extent: float  #: range of the axis that ranges farthest
+    rests: int  #: number of intervals in which the direction is constant (rests)
+    at_rest: int  #: usable readings in rests
+    fitted: int  #: readings in the fit: a rest counts as one reading, or as none if the recording has long turns
+    fitted_repeats: int  #: readings in the fit that equal the previous one
+    fitted_distinct: int  #: different readings in the fit
+    path_correlation: float  #: correlation of consecutive readings
+    extent: float  #: largest range of an axis, in the unit of the readings
     principal_variances: Floats  #: (3,): variances along the principal axes, ascending
-    rails: tuple[Rail, ...]  #: where the sensor was at its limit
-    step: float  #: of the coarsest axis that is read in coarse steps; 0 where none is
-    clock: TimeStamps  #: what the time stamps say
-    skipped: tuple[Skipped, ...]  #: rows left out while reading
-    rest_spans: tuple[RestSpan, ...] = ()  #: where the rests are, as far as it is known
-    are_rests_left_out: bool = False  #: a fit leaves them out; else each is one reading of it
-    doubt: str = ""  #: what the readings look like, if not like a magnetometer's, where nobody says that they are
+    rails: tuple[Rail, ...]  #: ends of axes at which the sensor was saturated
+    step: float  #: resolution of the coarsest axis with coarse resolution; 0 if there is none
+    clock: TimeStamps  #: statistics of the time stamps
+    skipped: tuple[Skipped, ...]  #: rows that were skipped by the reader
+    rest_spans: tuple[RestSpan, ...] = ()  #: the rests, if known
+    are_rests_left_out: bool = False  #: whether the fit leaves rests out; else each is one reading in the fit
+    doubt: str = (
+        ""  #: type of sensor that the readings resemble if not a magnetometer's, and the user did not name them
+    )
 
     @classmethod
     def of_record(cls, record: Records, time: Floats | None = None, skipped: tuple[Skipped, ...] = ()) -> Self:
-        """Take the record of readings that were at no rail.
+        """Make the statistics from a record of the engine, of readings without rails.
 
         Parameters
         ----------
+        record : Records
+            Record of the fit.
         time : (N,) float, s, optional
-            As the engine was given it.
+            Times of the readings in the fit.
         skipped : tuple of Skipped
-            Rows left out while reading.
+            Rows that were skipped by the reader.
 
         Examples
         --------
@@ -278,13 +282,13 @@ class Statistics:
             principal_variances=record["principal_variances"],
             rails=(),
             step=float(record["step"]),
-            clock=_clock(record, time),
+            clock=_time_stamps(record, time),
             skipped=skipped,
         )
 
 
-def _clock(record: Records, time: Floats | None) -> TimeStamps:
-    """What a record says of (N,) times; readings without one are passed over."""
+def _time_stamps(record: Records, time: Floats | None) -> TimeStamps:
+    """Statistics of (N,) times in s from a record; readings without a time are ignored."""
     if time is None or np.isnan(record["start"]):
         return TimeStamps()
     start, end = float(record["start"]), float(record["end"])

@@ -82,7 +82,7 @@ class Difference:
         raise NotExportable(
             f"{lacks}: the omitted parts cause a heading error of up to {off} (at any attitude, dip {DIP_DEG:.0f}°). "
             f"{turned or ''}{fitted}{'use' if fitted else 'Use'} a target that holds the whole matrix (flinders "
-            "targets), correct the readings in your own code, or write it all the same",
+            "targets), correct the readings in your own code, or write it anyway",
             hint={"mounting": None, "lossy": True} if mountings else {"lossy": True},
             beyond=("matrix",),
             heading_deg=self.heading_deg,
@@ -98,7 +98,7 @@ class Difference:
         raise NotExportable(
             f"rounded to the target's numbers, readings would be off by {off} their length: a field of "
             f"{figures(strength)} {label(calibration.unit)} does not suit their steps. Record in "
-            "counts or nT where the target takes whole numbers; else check the unit of the recording, and the field "
+            "counts or nT if the target takes whole numbers; else check the unit of the recording, and the field "
             "strength where it was given",
             hint={"unit": None, "site": None},
             beyond=(),

@@ -225,8 +225,8 @@ def per_unit(calibration: Calibration, unit: str, *, who: str) -> float:
         return calibration.raw.scale
     if calibration.unit == COUNTS:
         raise UnitError(
-            f"the calibration is in counts, and {who} works in {unit}: calibrate again with the microtesla in "
-            "one count, from the sensor's data sheet, or with the unit where the readings have one",
+            f"the calibration is in counts, and {who} works in {unit}: calibrate again with the microtesla per "
+            "count from the sensor's data sheet, or with a unit if the readings have one",
             hint={"scale": None, "unit": None},
         )
     return PER_UNIT[unit]

@@ -282,15 +282,15 @@ recording
 
 def write_q15(calibration: Calibration, asked: ExportOptions) -> Written:
     """Write a header for 16-bit integer readings; numbers beyond their range raise `NotExportable`."""
-    return _fixed(calibration, Q15, "int16_t", asked)
+    return _write_fixed_point(calibration, Q15, "int16_t", asked)
 
 
 def write_q31(calibration: Calibration, asked: ExportOptions) -> Written:
     """Write a header for 24-bit integer readings in 32 bits; raises as `write_q15`."""
-    return _fixed(calibration, Q31, "int32_t", asked)
+    return _write_fixed_point(calibration, Q31, "int32_t", asked)
 
 
-def _fixed(calibration: Calibration, form: FixedPointFormat, whole: str, asked: ExportOptions) -> Written:
+def _write_fixed_point(calibration: Calibration, form: FixedPointFormat, whole: str, asked: ExportOptions) -> Written:
     """Code in integers; `whole` is the type of a reading."""
     code, name = FixedPoint.of(calibration, form), begun(DEFAULT_NAME, asked.name)
     unit, places = calibration.raw.name, code.shift + form.fraction

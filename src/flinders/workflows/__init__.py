@@ -1,5 +1,4 @@
-"""Use cases: each is one function over recordings and calibrations, and a command of the program calls it.
+"""Use cases: each is one function of recordings and calibrations, which a command of the program calls.
 
-They print nothing, and results are values: what was found as numbers, and `Note`s whose words are made where they are
-shown.
+They print nothing. Results are values: numbers, and `Note`s whose sentences are made by the interface.
 """

@@ -1,4 +1,4 @@
-"""Numbers of a calibration that keeps itself as its file has them: by name, NaN and infinity as words."""
+"""Numbers of an online calibration in its file: by name, with NaN and infinity as words."""
 
 from __future__ import annotations
 
@@ -16,9 +16,9 @@ if TYPE_CHECKING:
 
 
 def record_of(saved: dict[str, Any]) -> Records:
-    """A record of its numbers by name; ValueError for one that this engine has not written.
+    """Record of the engine from its numbers by name; ValueError for numbers that this engine has not written.
 
-    Its counts are places in memory.
+    Counts are checked, because the engine uses them as indices.
     """
     record = blank(ONLINE)
     for name in ONLINE.names or ():
@@ -29,17 +29,17 @@ def record_of(saved: dict[str, Any]) -> Records:
     kept, tested, doubtful = (int(record[name]) for name in ("kept", "tested", "doubtful"))
     is_sound = 0 <= tested <= kept <= EVIDENCE and -1 <= doubtful <= kept and record["averaged"] >= 0
     if not (is_sound and 0 <= record["state"] < len(DOING)):
-        raise ValueError("its counts are none")
+        raise ValueError("its counts are invalid")
     return record
 
 
 def listed(values: Records) -> Any:  # noqa: ANN401 - JSON
-    """Numbers for JSON; words for those that it has not."""
+    """Numbers of a record for JSON, with words for NaN and infinity."""
     return values.tolist() if np.isfinite(values).all() else finite(values.tolist())
 
 
 def finite(content: Any) -> Any:  # noqa: ANN401 - JSON
-    """JSON has no NaN and no infinity: words in their place."""
+    """Content with words in place of NaN and infinity, which JSON does not have."""
     if isinstance(content, dict):
         return {name: finite(value) for name, value in content.items()}
     if isinstance(content, list):
@@ -48,7 +48,7 @@ def finite(content: Any) -> Any:  # noqa: ANN401 - JSON
 
 
 def numbers(values: Any) -> Any:  # noqa: ANN401 - a number or a list of them
-    """The numbers of a file, whose words are NaN and infinity."""
+    """Numbers from JSON, with NaN and infinity in place of words."""
     return (
         [numbers(value) for value in values]
         if isinstance(values, list)

@@ -1,4 +1,4 @@
-"""Fits that a calibration which keeps itself begins with, and the one in force as a fit."""
+"""Start of an online calibration from a fit, and its calibration in force as a fit."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ def fit_of(
     is_dip_assumed: bool,
     target_deg: float,
 ) -> Fit:
-    """A fit of a calibration in force and of what the engine claims of it."""
+    """Fit with the calibration in force and its claim by the engine."""
     error = HeadingError(float(claimed["rms_deg"]), float(claimed["worst_deg"]), dip_deg)
     claim = Claim(
         calibration,
@@ -54,18 +54,18 @@ def fit_of(
 
 
 def refuse(start: Fit) -> None:
-    """Raise UsageError for a calibration that cannot go on."""
+    """Raise `UsageError` for a calibration that cannot be the start of an online calibration."""
     calibration = start.calibration
     why = (
         "is refused" if start.verdict == "refused"
         else "states no uncertainty" if not start.claim.states_uncertainty
-        else "is of a level turn, which is learnt anew" if start.claim.plane is not None
+        else "is of a level turn, which an online calibration learns from readings" if start.claim.plane is not None
         else "follows a disturbance with a lag" if any(one.lag_s for one in calibration.disturbances)
         else "is linearized" if calibration.linearization is not None
-        else "has a mounting that an aid found" if calibration.rotation != "symmetric"
+        else "has a rotation from an aiding sensor" if calibration.rotation != "symmetric"
         else ""
     )  # fmt: skip
     if why:
         raise UsageError(
-            f"{start.provenance.name} {why}: begin with a calibration of the magnetometer alone, or with none"
+            f"{start.provenance.name} {why}: start with a calibration of the magnetometer alone, or with none"
         )

@@ -1,4 +1,4 @@
-"""Calibrate an accelerometer by itself, from still poses of the device, and the offset of a gyro beside it.
+"""Calibration of an accelerometer alone, from still poses of the device, with the offset of a gyro if recorded.
 
 >>> from flinders.core.samples import Samples
 >>> rng = np.random.default_rng(1)
@@ -42,23 +42,25 @@ if TYPE_CHECKING:
     from flinders.estimators.accelerometer_poses import AccelerometerEstimate
     from flinders.readers import AnySource
 
-MIN_STILL: Final = 0.1
-"""Share of the readings that still poses hold; with less, the device was turned slowly and not put down."""
-GRAVITIES: Final = 9.7, 9.9
-"""m/s²: between them lies gravity anywhere on the ground."""
+MIN_STILL_SHARE: Final = 0.1
+"""Smallest share of readings in still poses; with less, the device was turned slowly and not put down."""
+GRAVITY_RANGE: Final = 9.7, 9.9
+"""m/s²: range of gravity on the ground, with a margin."""
 
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
 class AccelerometerFit:
     """A calibrated accelerometer, with the error of its vertical."""
 
-    inertial: Inertial  #: the correction of the accelerometer, and of a gyro where one was recorded
+    inertial: Inertial  #: the correction of the accelerometer, and of a gyro if one was recorded
     tilt_error: TiltError  #: of the vertical at rest, within the accelerometer's own axes
-    poses: int  #: still poses, or readings that each count as one
-    is_still: bool  #: the device was put down; otherwise each reading counts as a pose, and residuals tell the noise
-    sees_misalignment: bool  #: the poses tell how square the axes are; else the claim has 0.01 rad, 1 σ, for it
-    excess: float  #: by what factor residuals are larger than the noise within poses explains, 1 σ
-    source: str  #: where the readings came from
+    poses: int  #: count of still poses, or of readings if each counts as a pose
+    is_still: bool  #: whether the device was put down; otherwise each reading counts as a pose, and residuals give the
+    #: noise
+    sees_misalignment: bool  #: whether the poses determine the orthogonality of the axes; else the claim includes 0.01
+    #: rad, 1 σ, for it
+    excess: float  #: ratio of residuals to the noise within poses, 1 σ
+    source: str  #: name of the recording
 
     def __repr__(self) -> str:
         what = "poses" if self.is_still else "readings"
@@ -73,23 +75,23 @@ class AccelerometerFit:
         return replace(self.inertial, provenance=provenance).to_document()
 
     def save(self, path: str | os.PathLike[str], *, force: bool = False) -> None:
-        """Write the file, whole or not at all; raises `OutputExists` for a file that is there, unless `force`."""
+        """Write the file, completely or not at all; raises `OutputExists` for an existing file, unless `force`."""
         write_text(inertial_record.dumps(self.document()), path, force=force)
 
     def as_dict(self) -> dict[str, Any]:
         """JSON-ready."""
         error = self.tilt_error
         return {
-            "accelerometer": _as_dict(self.inertial.accelerometer),  # the correction, and 1 σ of each number
-            "gyro": _as_dict(self.inertial.gyro),  # its offset, where one was recorded
-            # degrees: vertical at rest, 1 σ over all attitudes and at the worst, and what 95 % stay within
+            "accelerometer": _as_dict(self.inertial.accelerometer),  # the correction, with 1 σ of each number
+            "gyro": _as_dict(self.inertial.gyro),  # its offset, if one was recorded
+            # degrees: error of the vertical at rest, 1 σ over all attitudes and at the worst, and the 95 % bound
             "tilt_error_deg": {"rms": error.rms, "worst": error.worst, "bound_95": error.bound_95},
             # degrees, 1 σ: of the heading, at a dip of 45°, 60° and 70°
             "heading_error_deg": {f"{dip:g}": error.heading_error_deg(dip) for dip in (45.0, 60.0, 70.0)},
-            "poses": self.poses,  # still poses, or readings that each count as one
+            "poses": self.poses,  # still poses, or readings if each counts as a pose
             "still": self.is_still,  # whether the device was put down
-            "misalignment_seen": self.sees_misalignment,  # whether the poses tell how square the axes are
-            "excess": self.excess,  # by what factor residuals are larger than the noise explains, 1 σ
+            "misalignment_seen": self.sees_misalignment,  # whether the poses determine the orthogonality of the axes
+            "excess": self.excess,  # ratio of residuals to the noise, 1 σ
             "gravity": self.inertial.gravity,  # m/s²: length of corrected accelerations at rest
         }
 
@@ -98,47 +100,47 @@ class AccelerometerFit:
 def calibrate_accelerometer(
     source: AnySource | Samples, *, columns: str | None = None, gravity: float | None = None
 ) -> AccelerometerFit:
-    """Find offsets, gains and misalignment of an accelerometer from still poses, by the length of gravity.
+    """Calibrate offsets, gains and misalignment of an accelerometer from still poses, by the length of gravity.
 
-    Put the device down on each of its six sides for two seconds: that tells offsets and gains. Poses on edges and
-    corners, twelve or more in all, tell the misalignment too. Still spans are found in the readings. Where there is
-    none, a device that was turned slowly, each reading counts as a pose.
+    Put the device down on each of its six sides for 2 s: that determines offsets and gains. Poses on edges and corners,
+    twelve or more in all, also determine the misalignment. Still spans are found in the readings. If there are none, as
+    of a device that was turned slowly, each reading counts as a pose.
 
     Parameters
     ----------
     source : path, file object, data frame or Samples
         A recording; any that `flinders.open_recording` takes, with or without a magnetometer.
     columns : str, optional
-        Names or numbers of the accelerometer's columns; found by their names where not given.
+        Names or numbers of the accelerometer's columns; by default recognised by their names.
     gravity : float, m/s²
-        That of the place; the standard 9.80665 where not given. An error of it, up to 0.5 %, goes into all gains alike
-        and into no tilt.
+        Gravity at the place; by default the standard 9.80665. An error of it, up to 0.5 %, changes all gains alike and
+        no tilt.
 
     Raises
     ------
     MissingPose
-        Where the poses do not tell all offsets and gains; it says which side to turn up next.
+        If the poses do not determine all offsets and gains; it states which side to turn up next.
     NoAccelerometer
-        Where no columns of one are recognised.
+        If no columns of an accelerometer are recognised.
     FitError
-        For readings that no offsets and gains make as long as gravity.
+        For readings that no offsets and gains bring to the length of gravity.
     """
     length = STANDARD_GRAVITY if gravity is None else float(gravity)
-    if not GRAVITIES[0] <= length <= GRAVITIES[1]:
-        raise UsageError(f"gravity is {length:g}: it lies between 9.76 and 9.84 m/s² anywhere on the ground")
+    if not GRAVITY_RANGE[0] <= length <= GRAVITY_RANGE[1]:
+        raise UsageError(f"gravity is {length:g} m/s²: need the gravity of the place, 9.76 to 9.84 m/s² on the ground")
     samples = source if isinstance(source, Samples) else _read(source, columns)
     if samples.acceleration is None:
-        raise NoAccelerometer(f"{samples.source} has no accelerometer: say which columns it is", hint={"columns": None})
+        raise NoAccelerometer(f"{samples.source} has no accelerometer: name its columns", hint={"columns": None})
     poses = StillPoses.of(samples.acceleration)
-    if int(poses.counts.sum()) < MIN_STILL * len(samples):
-        return _fit(from_readings(samples.acceleration, gravity=length), None, samples)
-    return _fit(from_poses(poses, gravity=length), poses, samples)
+    if int(poses.counts.sum()) < MIN_STILL_SHARE * len(samples):
+        return _with_gyro(from_readings(samples.acceleration, gravity=length), None, samples)
+    return _with_gyro(from_poses(poses, gravity=length), poses, samples)
 
 
 def open_acceleration(source: AnySource, columns: str | None = None) -> tuple[Recording, bool]:
-    """Open a recording, and tell whether its accelerometer stands in the place of the magnetometer, as `field`.
+    """Open a recording, and state whether its accelerometer is read as `field`, in place of a magnetometer.
 
-    Raises as `flinders.open_recording`, and `NoAccelerometer` where no columns of one are recognised.
+    Raises as `flinders.open_recording`, and `NoAccelerometer` if no columns of an accelerometer are recognised.
     """
     if columns is None:
         columns = _columns_without_magnetometer(source)
@@ -146,7 +148,7 @@ def open_acceleration(source: AnySource, columns: str | None = None) -> tuple[Re
 
 
 def accelerations_of(recording: Recording, *, is_field: bool) -> Samples:
-    """Read what `open_acceleration` opened, with the accelerometer as `acceleration`."""
+    """Read a recording from `open_acceleration`, with the accelerometer as `acceleration`."""
     samples = in_memory(recording)
     if is_field or (samples.nameless and samples.acceleration is None):
         return replace(samples, acceleration=samples.field)
@@ -154,13 +156,13 @@ def accelerations_of(recording: Recording, *, is_field: bool) -> Samples:
 
 
 def _read(source: AnySource, columns: str | None) -> Samples:
-    """Read a recording that was not opened yet."""
+    """Open and read a recording."""
     recording, is_field = open_acceleration(source, columns)
     return accelerations_of(recording, is_field=is_field)
 
 
 def _columns_without_magnetometer(source: AnySource) -> str | None:
-    """Numbers of the accelerometer's columns in a table without a magnetometer; None where that is recognised."""
+    """Numbers of the accelerometer's columns in a table without a magnetometer; None if one is recognised."""
     try:
         open_recording(source)
     except NoMagnetometer as error:
@@ -170,16 +172,16 @@ def _columns_without_magnetometer(source: AnySource) -> str | None:
         if not found:
             raise NoAccelerometer(
                 f"neither magnetometer nor accelerometer among the columns {', '.join(names) or 'of the recording'}: "
-                "say which three are the accelerometer's",
+                "name the three of the accelerometer",
                 hint={"columns": "ax,ay,az"},
             ) from None
         return ",".join(str(cell + 1) for cell in found[0].cells)
     return None
 
 
-def _fit(found: AccelerometerEstimate, poses: StillPoses | None, samples: Samples) -> AccelerometerFit:
-    """What is found, with the gyro's offset where one was recorded."""
-    gyro = None if samples.rate is None or poses is None else _gyro(poses, samples.rate)
+def _with_gyro(found: AccelerometerEstimate, poses: StillPoses | None, samples: Samples) -> AccelerometerFit:
+    """Result of an estimate, with the gyro's offset if one was recorded."""
+    gyro = None if samples.rate is None or poses is None else _gyro_offset(poses, samples.rate)
     inertial = Inertial(found.triad(), gyro, found.tilt_error, found.gravity)
     return AccelerometerFit(
         inertial,
@@ -192,14 +194,14 @@ def _fit(found: AccelerometerEstimate, poses: StillPoses | None, samples: Sample
     )
 
 
-def _gyro(poses: StillPoses, rate: Floats) -> Triad | None:
-    """The offset of a gyro, which reads it wherever the device is still; its gains stay 1 and unknown."""
+def _gyro_offset(poses: StillPoses, rate: Floats) -> Triad | None:
+    """Offset of a gyro, its mean reading while the device is still; its gains stay 1 and unknown."""
     offset = poses.drift_of(rate)
     return None if offset is None else Triad(np.eye(3), offset[0], "rad/s", None, offset[1])
 
 
 def _as_dict(triad: Triad | None) -> dict[str, Any] | None:
-    """JSON-ready."""
+    """JSON-ready; None without a calibration."""
     if triad is None:
         return None
     arrays = ("matrix", "matrix_sigma", "offset", "offset_sigma")
@@ -208,12 +210,12 @@ def _as_dict(triad: Triad | None) -> dict[str, Any] | None:
 
 
 def is_inertial(path: str | os.PathLike[str]) -> bool:
-    """Whether a path leads to the file of an accelerometer; standard input is left unread."""
+    """Whether a path is the calibration file of an accelerometer; standard input is not read."""
     with contextlib.suppress(DocumentError):
         return os.fspath(path) != "-" and Path(path).is_file() and bool(inertial_record.read(path))
     return False
 
 
 def read_inertial(path: str | os.PathLike[str]) -> Inertial:
-    """Read such a file; raises `DocumentError`."""
+    """Read the calibration file of an accelerometer; raises `DocumentError`."""
     return Inertial.from_document(inertial_record.read(path))

@@ -1,4 +1,4 @@
-"""How far a calibration has aged: what its claim has grown to at a moment, by the walk of its offset.
+"""Aging of a calibration: its claim at a later date, by the random walk of its offset.
 
 >>> from datetime import UTC, datetime, timedelta
 >>> from flinders import simulate
@@ -34,34 +34,34 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True)
 class Aged:
-    """A calibration at a moment: what it claimed, what of that is left, and when the claim has doubled."""
+    """A calibration at a later date: its original claim, its claim then, and when the claim has doubled."""
 
-    name: str  #: what messages call the calibration
-    since: datetime  #: when its readings were recorded, else when its file was made
-    at: datetime  #: the moment that is asked about
-    until: GoodUntil  #: when the claim has doubled
+    name: str  #: name of the calibration in messages
+    since: datetime  #: date of its recording, else of its file
+    at: datetime  #: date for which the claim is computed
+    until: GoodUntil  #: growth of the claim over time
 
     @property
     def seconds(self) -> float:
-        """Age then; 0 of a moment before it was made."""
+        """Age at the date; 0 before the calibration was made."""
         return max((self.at - self.since).total_seconds(), 0.0)
 
     @property
     def claim_deg(self) -> float:
-        """Worst heading error then, 1 σ, by the middle rate of the walk."""
+        """Worst heading error at the date, 1 σ, by the middle rate of the walk."""
         return self.until.claim_deg_after(self.seconds)
 
     @property
     def claim_range_deg(self) -> tuple[float, float]:
-        """The same by the slow and the fast end of the walk."""
+        """Worst heading errors at the date, 1 σ, by the slow and the fast end of the walk."""
         walk = self.until.walk
         return self.until.claim_deg_after(self.seconds, walk.low), self.until.claim_deg_after(self.seconds, walk.high)
 
     @property
     def answer(self) -> Answer:
-        """``holds`` while the claim is within the target, then ``cannot-tell``: age alone shows no fault.
+        """``holds`` while the claim is within the target, then ``cannot-tell``, as age alone proves no fault.
 
-        Of a claim that was beyond the target when it was made, until it has doubled.
+        A claim that exceeded the target from the start ``holds`` until it has doubled.
         """
         return "holds" if self.seconds <= self.until.good_s else "cannot-tell"
 
@@ -70,13 +70,13 @@ class Aged:
         low, high = self.claim_range_deg
         return {
             "answer": self.answer,  # ``holds`` within the target, or until the claim has doubled; else ``cannot-tell``
-            "since": self.since.isoformat(),  # when the readings were recorded, else when the file was made
-            "at": self.at.isoformat(),  # the moment that is asked about
-            "age_s": self.seconds,  # from the one to the other
-            "claimed_deg": self.until.claim_deg,  # worst heading error that was claimed, 1 σ
-            "claim_deg": self.claim_deg,  # the same now, by the middle rate of the walk
-            "claim_low_deg": low,  # by the slow end of what the rate may be
-            "claim_high_deg": high,  # by the fast end
+            "since": self.since.isoformat(),  # date of the recording, else of the file
+            "at": self.at.isoformat(),  # date for which the claim is computed
+            "age_s": self.seconds,  # from `since` to `at`
+            "claimed_deg": self.until.claim_deg,  # worst heading error as claimed at first, 1 σ
+            "claim_deg": self.claim_deg,  # worst heading error at the date, 1 σ, by the middle rate of the walk
+            "claim_low_deg": low,  # by the slow end of the rate
+            "claim_high_deg": high,  # by the fast end of the rate
             "good_until": msgspec.to_builtins(self.until.to_record(self.since)),  # as in the file
         }
 
@@ -85,26 +85,26 @@ class Aged:
 
 
 def age_of(fit: Fit, at: datetime, *, since: datetime | None = None, walk: Walk | None = None) -> Aged:
-    """What is left of a calibration at a moment, if nothing was moved.
+    """Claim of a calibration at a later date, if nothing was moved.
 
     Parameters
     ----------
     at : datetime
-        The moment, with a time zone.
+        The date, with a time zone.
     since : datetime, optional
-        When it was true; by default when its file says that its readings were recorded, else when it was made.
+        Start of the aging; by default the date of the recording in its file, else of the file.
     walk : Walk, optional
         As for `flinders.fitting.good_until.good_until`.
 
     Raises
     ------
     UsageError
-        For a calibration that claims nothing, or does not say when it was made.
+        For a calibration without a claim or without a date.
     """
     name, made = fit.provenance.name, since or since_of(fit.provenance.record)
     until = good_until(fit, walk=walk)
     if until is None:
-        raise UsageError(f"{name} claims no heading error, which could grow: check it on a recording")
+        raise UsageError(f"{name} states no heading error, so that its age gives none: check it on a recording")
     if made is None:
-        raise UsageError(f"{name} does not say when it was made: check it on a recording")
+        raise UsageError(f"{name} states no date: check it on a recording")
     return Aged(name, made, at, until)

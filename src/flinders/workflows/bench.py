@@ -1,4 +1,4 @@
-"""Add disturbances that were measured at rest, such as of a motor that is run up on a bench, to a calibration.
+"""Addition of disturbances measured at rest, such as of a motor run up on a bench, to a calibration.
 
 >>> from flinders.core.calibration import Calibration
 >>> from flinders.core.samples import Samples
@@ -39,47 +39,47 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Bench:
-    """A calibration that follows disturbances found on a bench."""
+    """A calibration that follows disturbances measured on a bench."""
 
-    calibration: Calibration  #: the earlier one, following them
+    calibration: Calibration  #: the earlier calibration, with the disturbances
     still: Still  #: the disturbances with their covariance, and the noise
-    residual_deg: dict[str, float]  #: of each: heading error, 1 σ, that its uncertainty leaves, at a dip of 60°
-    findings: tuple[Finding, ...]  #: what limits them
+    residual_deg: dict[str, float]  #: heading error, 1 σ, from the uncertainty of each disturbance, at a dip of 60°
+    findings: tuple[Finding, ...]  #: limits of the disturbances
 
     def as_dict(self) -> dict[str, Any]:
         """JSON-ready."""
         return {
-            "calibration": self.calibration.as_dict(),  # the earlier one, which follows the disturbances
+            "calibration": self.calibration.as_dict(),  # the earlier calibration, with the disturbances
             "noise": self.still.noise,  # standard deviation of an axis, in the unit of the readings
-            "turned": False,  # whether the sensor was
+            "turned": False,  # whether the sensor was turned
             "disturbances": [estimate.as_dict() for estimate in self.still.estimates],  # as in a fit
-            "findings": [finding.as_dict() for finding in self.findings],  # what limits them
+            "findings": [finding.as_dict() for finding in self.findings],  # limits of the disturbances
         }
 
 
 def fit_bench(source: AnyReadings, calibration: AnyCalibration, disturbances: Sequence[str]) -> Bench:
-    """Find the offset that disturbances make in a sensor that is not turned, and put it onto its calibration.
+    """Measure the effect of disturbances on the offset of a sensor at rest, and add it to its calibration.
 
-    Run the disturbance up and down again, several times: a sensor that moves once looks the same as one switched on.
+    Run the disturbance up and down several times: a single step could also be a motion of the sensor.
 
     Parameters
     ----------
     source : Samples, Recording, path, open file, data frame, or list of these
         Readings of the sensor at rest with the columns of the disturbances, in the unit and axes of the calibration.
     calibration : Fit, Calibration or path
-        Made of this sensor without these disturbances; others that it follows are kept.
+        Calibration of this sensor without these disturbances; others that it follows are kept.
     disturbances : sequence of str
-        ``current``, ``throttle`` or ``temperature``; ``current1`` and so on of each motor; or a column's name.
+        ``current``, ``throttle`` or ``temperature``; ``current1`` and so on for single motors; or a column's name.
 
     Returns
     -------
     Bench
-        With `findings` where the disturbances hold with limits.
+        With `findings` on limits of the disturbances.
 
     Raises
     ------
     NotTurned
-        Where no disturbance explains the readings, or the sensor was turned: then `flinders.fit` finds all of it.
+        If no disturbance explains the readings, or the sensor was turned: use `flinders.fit` then.
     InputError
         For a recording without these columns.
     UnitError, AxesError
@@ -98,13 +98,13 @@ def fit_bench(source: AnyReadings, calibration: AnyCalibration, disturbances: Se
 
 
 def _findings(result: Still) -> tuple[Finding, ...]:
-    """What limits disturbances that were found on a bench."""
+    """Findings on the limits of disturbances measured on a bench."""
     of_columns = [finding for estimate in result.estimates for finding in of_column(estimate)]
     return (*result.findings, *of_alike(result.estimates), *of_noisy(result.estimates), *of_columns)
 
 
 def _residual_deg(result: Still, calibration: Calibration, name: str) -> float:
-    """Heading error (1 σ) that the uncertainty of a disturbance leaves at the far end of its range, at the worst."""
+    """Worst heading error (1 σ, degrees) from the uncertainty of a disturbance, at the far end of its range."""
     place = [disturbance.name for disturbance in result.disturbances].index(name)
     disturbance = result.disturbances[place]
     block = result.covariance[3 * place : 3 * place + 3, 3 * place : 3 * place + 3]

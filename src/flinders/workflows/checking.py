@@ -1,4 +1,4 @@
-"""Whether a calibration holds on another recording, and how its offset moved meanwhile.
+"""Check of a calibration on another recording, and the motion of its offset meanwhile.
 
 >>> from dataclasses import replace
 >>> from flinders import simulate
@@ -52,25 +52,25 @@ if TYPE_CHECKING:
 class Check:
     """A calibration compared with a fresh fit of another recording."""
 
-    known: Fit  #: the calibration, of compensated readings
-    fresh: Fit  #: of the recording; where it cannot be used, the fit that was refused
-    comparison: Comparison | None  #: of both; None where the fresh fit cannot be used
+    known: Fit  #: the calibration, for compensated readings
+    fresh: Fit  #: fit of the recording; may be a refused fit
+    comparison: Comparison | None  #: comparison of both; None if the fresh fit cannot be used
     refusal: Refused | None  #: why the fresh fit cannot be used
     strength: Strength  #: of the recording, corrected with the calibration
     fresh_strength: Strength | None  #: of the recording, corrected with the fresh fit
-    made_from: tuple[str, ...]  #: recordings among these that the calibration was made from: they prove nothing
-    random_walk: RandomWalk | None  #: how the offset moved through the recording, where that was asked for
-    #: disturbances that went beyond the range at which the calibration was made; None where it follows none
+    made_from: tuple[str, ...]  #: names of those recordings from which the calibration was made, which prove nothing
+    random_walk: RandomWalk | None  #: motion of the offset in the recording, if `follow`
+    #: findings on disturbances beyond the range of the calibration; None if it follows none
     extrapolated: tuple[Finding, ...] | None
     target_deg: float  #: worst heading difference that is good enough
-    dip_deg: float  #: inclination at which the recording is judged, where it states no site
+    dip_deg: float  #: inclination for the recording if it states no site
 
     @property
     def answer(self) -> Answer:
-        """Whether the calibration holds, as `Comparison.answer` says.
+        """Whether the calibration holds, as `Comparison.answer`.
 
-        ``cannot-tell`` also where the recording cannot be fitted, and for one that the calibration was made from,
-        unless it fails even there.
+        It is also ``cannot-tell`` if the recording cannot be fitted, or if the calibration was made from it and does
+        not fail.
         """
         if self.comparison is None:
             return "cannot-tell"
@@ -78,7 +78,7 @@ class Check:
 
     @property
     def limiting(self) -> Finding | None:
-        """The finding of the fresh fit to mend first for an answer; None if there is one or another claim is wider."""
+        """Finding of the fresh fit that prevents a decision; None with a decision, or if the other claim is wider."""
         is_fresh = self.comparison is None or self.comparison.wider_claim == "b"
         limits = (each for each in self.fresh.findings if each.severity != "note")
         return next(limits, None) if self.answer == "cannot-tell" and is_fresh and not self.made_from else None
@@ -98,14 +98,14 @@ class Check:
         return f"Check({', '.join(parts)})"
 
     def as_dict(self) -> dict[str, Any]:
-        """JSON-ready; of a recording that cannot be fitted, all but the refusal."""
+        """JSON-ready; without the refusal of a recording that cannot be fitted."""
         strength, fresh = self.strength.as_dict(), json_of(self.fresh)
         if self.comparison is None or self.fresh_strength is None:
             return {
                 "answer": self.answer,
-                # strength of the recording, corrected with the `calibration` and with the `fresh` fit
+                # strength of the readings, corrected with the `calibration` and with the `fresh` fit
                 "residual": {"calibration": strength},
-                "fresh": fresh,  # the fit of the recording, as `calibrate --json` has it
+                "fresh": fresh,  # the fit of the recording, as in `calibrate --json`
                 **self._drift(self.dip_deg),
             }
         limiting = self.limiting
@@ -113,8 +113,9 @@ class Check:
             **self.comparison.as_dict(),
             "answer": self.answer,
             "residual": {"calibration": strength, "fresh": self.fresh_strength.as_dict()},
-            "own_recordings": list(self.made_from),  # those that the calibration was made from: they prove nothing
-            # code of the finding of the fresh fit to mend first for an answer; null where there is one or no finding
+            "own_recordings": list(self.made_from),  # recordings from which the calibration was made, which prove
+            # nothing code of the finding of the fresh fit that prevents a decision; null with a decision or without
+            # such a finding
             "limiting_finding": None if limiting is None else limiting.code,
             "fresh": fresh,
             **self._drift(self.comparison.heading_difference_deg.dip_deg),
@@ -124,7 +125,7 @@ class Check:
         return result
 
     def _drift(self, dip_deg: float) -> dict[str, Any]:
-        """JSON-ready: how the offset moved."""
+        """Motion of the offset, JSON-ready."""
         walk = self.random_walk
         return {} if walk is None else {"drift": walk.as_dict(level_deg=self.target_deg, dip_deg=abs(dip_deg))}
 
@@ -139,39 +140,39 @@ def check(
     at: Mapping[str, float] | None = None,
     follow: bool = False,
 ) -> Check:
-    """Fit a recording afresh, and say whether an earlier calibration agrees with it.
+    """Fit a recording and compare an earlier calibration with the fit.
 
-    Turn the sensor through all directions, as for a calibration. Of a level turn both are compared in its plane.
+    Turn the sensor through all directions, as for a calibration. With a level turn both are compared in its plane.
 
     Parameters
     ----------
     source : Samples, Recording, (N, 3) array-like, path, open file, data frame, or list of these but arrays
         Raw readings, as for `flinders.apply`; several recordings are fitted together.
     calibration : Fit, Calibration or path, optional
-        Of this sensor. One that states no uncertainty is taken as exact. Without one, that which was in force on board
-        when the log was made.
+        Calibration of this sensor. Without a stated uncertainty it counts as exact. By default the calibration that was
+        in force on board when the log was made.
     target_deg : float, degrees
         Worst heading difference that is good enough.
     site : Site, optional
-        Site of the recording: headings are compared at its inclination. By default the fresh fit takes the site that a
-        log states, and headings are compared at the dip that the calibration was judged at.
+        Site of the recording: headings are compared at its inclination. By default the fresh fit uses the site in the
+        log, and headings are compared at the dip of the calibration.
     at : mapping of str to float, optional
         As for `flinders.apply`.
     follow : bool
-        Also follow the offset through the recording, which needs times.
+        Also estimate the motion of the offset within the recording, which needs times.
 
     Returns
     -------
     Check
-        Answer, comparison and both fits; also where the fresh fit is refused.
+        Answer, comparison and both fits; also if the fresh fit is refused.
 
     Raises
     ------
     FitError
-        Where the recording gives no fit at all, such as `TooFewSamples` and `Unmoved`; `NeedsSamples` without times
-        for `follow`.
+        If the recording gives no fit at all, such as `TooFewSamples` and `Unmoved`; `NeedsSamples` without times for
+        `follow`.
     NoOnboardCalibration
-        Without a calibration, for readings that tell of none in force.
+        Without a calibration, for readings that state none in force.
     InputError, UnitError, AxesError
         As `flinders.apply`.
 
@@ -185,12 +186,12 @@ def check(
     >>> checked.answer, checked.comparison.p_value > 0.01, checked.random_walk.is_proven
     ('holds', True, False)
     """
-    recorded, judged = _opened(source, calibration)
+    recorded, judged = _open_both(source, calibration)
     known, compensator = used_at(judged, at)
     recording = compensated(recorded, compensator.calibration)
     dip_deg = site.inclination_deg if site is not None and site.inclination_deg is not None else abs(judged_at(known))
     asked = {"target_deg": target_deg, "dip_deg": dip_deg}
-    extrapolated, strength = _extrapolated(recorded, compensator), _strength(known.calibration, recording)
+    extrapolated, strength = _extrapolation_findings(recorded, compensator), _strength(known.calibration, recording)
     own = tuple(made_from(known, singles(recorded)))
     try:
         fresh = fit(recording, target_deg=target_deg, site=_site_of(recorded, site, dip_deg))
@@ -205,8 +206,8 @@ def check(
     return Check(known, fresh, comparison, None, strength, fresh_strength, own, walk, extrapolated, **asked)
 
 
-def _opened(source: AnyReadings, calibration: AnyCalibration | None) -> tuple[Recording, Fit]:
-    """The recording in unit and axes of the calibration, and that; by default that on board."""
+def _open_both(source: AnyReadings, calibration: AnyCalibration | None) -> tuple[Recording, Fit]:
+    """The recording in unit and axes of the calibration, and the calibration, by default the one on board."""
     if calibration is None:
         recorded = source if hasattr(source, "blocks") else open_recording(source)
         return cast("Recording", recorded), onboard_fit(cast("Recording", recorded))
@@ -215,7 +216,7 @@ def _opened(source: AnyReadings, calibration: AnyCalibration | None) -> tuple[Re
 
 
 def _site_of(recorded: Recording, site: Site | None, dip_deg: float) -> Site:
-    """The site that was given, with an inclination; else that which a log states; else the inclination alone."""
+    """The given site, with an inclination; else the site in the log; else the inclination alone."""
     if site is not None:
         return replace(site, inclination_deg=dip_deg)
     (first, *others) = singles(recorded)
@@ -223,8 +224,8 @@ def _site_of(recorded: Recording, site: Site | None, dip_deg: float) -> Site:
     return Site(inclination_deg=dip_deg) if stated is None else stated[0]
 
 
-def _extrapolated(recorded: Recording, compensator: Compensator) -> tuple[Finding, ...] | None:
-    """Disturbances that go beyond the range at which a calibration was made; None where it follows none."""
+def _extrapolation_findings(recorded: Recording, compensator: Compensator) -> tuple[Finding, ...] | None:
+    """Findings on disturbances beyond the range of a calibration; None if it follows none."""
     calibration = compensator.calibration
     if not calibration.disturbances:
         return None
@@ -236,18 +237,18 @@ def _extrapolated(recorded: Recording, compensator: Compensator) -> tuple[Findin
 
 
 def _strength(calibration: Calibration, recording: Recording) -> Strength:
-    """How evenly long the readings come out."""
+    """Statistics of the lengths of corrected readings."""
     return sum((Strength.under(calibration, block.field) for block in recording.blocks()), Strength())
 
 
 def _walk_of(fresh: Fit, recording: Recording) -> RandomWalk:
-    """How the offset moved through a recording, by the fit to it."""
+    """Motion of the offset within a recording, by the fit to it."""
     claim = fresh.claim
     return walk_through(recording, claim.ellipsoid, plane=claim.plane, dip_deg=claim.heading_error_deg.dip_deg)
 
 
 def _walk_under(known: Fit, recording: Recording, dip_deg: float) -> RandomWalk | None:
-    """How the offset moved under the calibration, of a recording that cannot be fitted; None where nothing tells."""
+    """Motion of the offset by the calibration, for a recording that cannot be fitted; None if undetermined."""
     with contextlib.suppress(NeedsSamples, TooFewSamples):
         return walk_through(recording, known.calibration.ellipsoid, dip_deg=dip_deg, is_own=False)
     return None

@@ -1,4 +1,4 @@
-"""Recordings through a calibration: compensated, filtered and corrected, in memory or block by block as they come.
+"""Correction of recordings: compensated, filtered and corrected, in memory or block by block as a stream.
 
 >>> from flinders import simulate
 >>> from flinders.fitting import calibrate
@@ -43,59 +43,59 @@ ELSEWHERE: Final = {
         "flinders.open_recording",
     )
 }
-"""Parameters of the function that opens a recording."""
+"""Parameters that the function to open a recording takes, for messages."""
 
 
 class Smoother:
-    """Filters samples as they come, and puts what was expected in the place of a spike."""
+    """Filter for a stream of samples, which replaces spikes by predictions."""
 
     def __init__(self, by: Filter) -> None:
         self._by, self._stream = by, by.start(centred=False)
 
     def __call__(self, samples: Samples) -> Samples:
-        """The same samples with a smooth field."""
+        """The same samples with a filtered field."""
         return replace(samples, field=self._stream.push(samples.field, samples.time).field)
 
     def as_dict(self) -> dict[str, str | int | float]:
         """JSON-ready."""
         return {
-            "name": self._by.name,  # of the filter
-            "width": self._by.width,  # readings that it takes
-            "lag_readings": self._by.lag,  # readings by which its output is late
-            "spikes": self._stream.dropped,  # readings that it replaced
-            "restarts": self._stream.restarts,  # how often it began anew, at a gap
+            "name": self._by.name,  # name of the filter
+            "width": self._by.width,  # width in readings
+            "lag_readings": self._by.lag,  # delay of its output in readings
+            "spikes": self._stream.dropped,  # count of readings that it replaced
+            "restarts": self._stream.restarts,  # count of restarts, at gaps
         }
 
     def __str__(self) -> str:
         spikes, restarts = self._stream.dropped, self._stream.restarts
-        dropped = f"; {counted(spikes, 'spike')} replaced by what was expected" if spikes else ""
-        again = f"; started afresh {counted(restarts, 'time')}" if restarts else ""
-        return f"filtered: {self._by}; what is written is {self._by.lag:g} readings late{dropped}{again}"
+        dropped = f"; {counted(spikes, 'spike')} replaced by predictions" if spikes else ""
+        again = f"; restarted {counted(restarts, 'time')}" if restarts else ""
+        return f"filtered: {self._by}; the output is {self._by.lag:g} readings late{dropped}{again}"
 
 
 @dataclass(frozen=True, slots=True)
 class Preparation:
-    """Compensation and filter that samples go through before they are corrected."""
+    """Compensation and filter of samples before their correction."""
 
     compensator: Compensator
     smoother: Smoother | None = None
 
     @property
     def is_nothing(self) -> bool:
-        """Samples stay as they are."""
+        """Whether samples are not changed."""
         return self.smoother is None and self.compensator.calibration.is_affine
 
     def __call__(self, samples: Samples) -> Samples:
-        """Prepare a block."""
+        """Compensate and filter a block."""
         compensated = self.compensator(samples)
         return compensated if self.smoother is None else self.smoother(compensated)
 
     def findings(self) -> tuple[Finding, ...]:
-        """Disturbances that went beyond the range at which the calibration was made."""
+        """Findings on disturbances beyond the range of the calibration."""
         return tuple(of_extrapolation(self.compensator.calibration, self.compensator.beyond))
 
     def as_dict(self) -> dict[str, Any]:
-        """JSON-ready: the filter and the findings, each where there can be any."""
+        """JSON-ready: the filter if there is one, and the findings if disturbances are followed."""
         filtered = {} if self.smoother is None else {"filter": self.smoother.as_dict()}
         if not self.compensator.calibration.disturbances:
             return filtered
@@ -104,20 +104,20 @@ class Preparation:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class CorrectionSummary:
-    """Strength of corrected readings, and why they do not suit the calibration, where they do not."""
+    """Strength of corrected readings, and notes if they do not suit the calibration."""
 
-    strength: Strength  #: of all: their number, mean strength and its spread
-    notes: tuple[Note, ...]  #: why they do not suit the calibration; none where they do
-    preparation: Preparation  #: what the filter did, and disturbances beyond their range
-    skipped: tuple[Skipped, ...]  #: lines or rows that are no readings
+    strength: Strength  #: count of readings, mean strength and its spread
+    notes: tuple[Note, ...]  #: reasons why readings do not suit the calibration; empty if they do
+    preparation: Preparation  #: effect of the filter, and disturbances beyond their range
+    skipped: tuple[Skipped, ...]  #: lines or rows without a usable reading
 
     def as_dict(self, spell: Spelling = in_python) -> dict[str, Any]:
         """JSON-ready."""
         return {
-            "readings": self.strength.readings,  # how many were corrected
+            "readings": self.strength.readings,  # count of corrected readings
             **self.strength.as_dict(),
             "skipped": [str(entry) for entry in self.skipped],  # lines that were not understood
-            "limits": limits_of(self.notes, spell),  # why they do not suit the calibration, in words
+            "limits": limits_of(self.notes, spell),  # reasons why readings do not suit the calibration, in words
             **self.preparation.as_dict(),
         }
 
@@ -138,15 +138,15 @@ class CorrectionSummary:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class CorrectionStream:
-    """A recording that is corrected block by block; `summary` tells of what came so far."""
+    """A recording that is corrected block by block, with a `summary` of the readings so far."""
 
     recording: Recording
-    fit: Fit  #: of compensated readings
+    fit: Fit  #: calibration for compensated readings
     preparation: Preparation
     corrector: CorrectionMonitor = field(init=False)
 
     def __post_init__(self) -> None:
-        """Begin with no readings."""
+        """Start without readings."""
         object.__setattr__(self, "corrector", CorrectionMonitor(self.fit, self.recording.source))
 
     @classmethod
@@ -158,22 +158,22 @@ class CorrectionStream:
         at: Mapping[str, float] | None = None,
         by: Filter | None = None,
     ) -> Self:
-        """Begin with a recording in the unit and axes of a fit; `at` and `by` as for `apply`."""
+        """Start with a recording in the unit and axes of a fit; `at` and `by` as for `apply`."""
         affine, compensator = used_at(fit, at)
         return cls(recording, affine, Preparation(compensator, None if by is None else Smoother(by)))
 
     def prepared(self, samples: Samples) -> Samples:
-        """A block, compensated and filtered."""
+        """Compensate and filter a block."""
         self.corrector.look_at(samples)
         return self.preparation(samples)
 
     def corrected(self, samples: Samples) -> Samples:
-        """A block with its field corrected."""
+        """Correct the field of a block."""
         prepared = self.prepared(samples)
         return replace(prepared, field=self.corrector(prepared.field))
 
     def blocks(self) -> Iterator[Samples]:
-        """Yield corrected blocks as they come; empty ones are left out."""
+        """Yield corrected blocks; empty ones are left out."""
         for block in self.recording.blocks():
             if len(block):
                 yield self.corrected(block)
@@ -185,22 +185,23 @@ class CorrectionStream:
 
     @property
     def encoding(self) -> str:
-        """That of `lines`: a text keeps its own."""
+        """Encoding of `lines`: that of a text source."""
         return self.recording.layout.encoding if isinstance(self.recording, TextRecording) else "utf-8"
 
     def lines(self, *, add: bool = False) -> Iterator[str]:
-        """Yield the lines of a table with corrected readings, with their ends.
+        """Yield the lines of a table with corrected readings, with line ends.
 
-        A text keeps its lines, columns and delimiter; a part of one, and what is no text, becomes comma-separated text.
+        A text keeps its lines, columns and delimiter; a part of a text, or another format, becomes comma-separated
+        text.
 
         Parameters
         ----------
         add : bool
-            Add three columns for the corrected field, and keep the recorded ones.
+            Add three columns for the corrected field, and keep the recorded columns.
         """
         source = self.recording
         if not isinstance(source, TextRecording) or not source.span.is_all:
-            return self._tabulated(add=add)
+            return self._table_lines(add=add)
         if self.preparation.is_nothing and not source.columns.is_assumed:
             return source.corrected_lines(self.corrector, add=add)
         return source.corrected_lines(self._field, add=add, with_disturbances=True)
@@ -209,7 +210,7 @@ class CorrectionStream:
         """(N, 3) corrected field of a block."""
         return self.corrected(samples).field
 
-    def _tabulated(self, *, add: bool) -> Iterator[str]:
+    def _table_lines(self, *, add: bool) -> Iterator[str]:
         """Yield the lines of a table of corrected readings, with all other columns."""
         from flinders.simulate.recording import lines
 
@@ -240,33 +241,33 @@ def apply(
     at: Mapping[str, float] | None = None,
     by: Filter | str | None = None,
 ) -> Corrected:
-    """Correct a recording, and say whether it suits the calibration.
+    """Correct a recording, and test whether it suits the calibration.
 
-    `Calibration.apply` corrects an array and no more: this also compensates the recorded disturbances, filters, and
-    looks at the strength of what comes out.
+    `Calibration.apply` only corrects an array: this function also compensates recorded disturbances, filters, and tests
+    the strength of the corrected readings.
 
     Parameters
     ----------
     source : Samples, Recording, (N, 3) array-like, path, open file or data frame
-        Raw readings in the unit and axes of the calibration; a file is read so. Of a log or table of several
-        magnetometers the one that the calibration is for is read.
+        Raw readings in the unit and axes of the calibration; a file is read in these. Of a log or table of several
+        magnetometers the one of the calibration is read.
     calibration : Fit, Calibration or path
         Of this sensor.
     at : mapping of str to float, optional
-        Disturbances by name, with the value that is taken for that of the recording: ``{"current": 12.5}`` (A),
-        ``throttle`` (0 to 1), ``temperature`` (°C).
+        Values of disturbances by name, in place of recorded ones: ``{"current": 12.5}`` (A), ``throttle`` (0 to 1),
+        ``temperature`` (°C).
     by : Filter or str, optional
-        A filter, such as ``"median:7"``: its output is late by half of its width.
+        A filter, such as ``"median:7"``; its output is delayed by half of its width.
 
     Returns
     -------
     Corrected
-        The samples, and their strength with notes.
+        The samples, with a summary of their strength and notes.
 
     Raises
     ------
     InputError
-        For readings of another sensor or unit, whose corrected length is off by more than a factor of three; for a
+        For readings of another sensor or unit, whose corrected length is wrong by more than a factor of three; for a
         recording without the columns of a disturbance that the calibration follows.
     UnitError, AxesError
         For a recording in another unit or other axes than the calibration.

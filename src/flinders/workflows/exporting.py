@@ -1,4 +1,4 @@
-"""A calibration written for a target, with its origin, its limits, and the compass of a vehicle that it goes to.
+"""Export of a calibration to a target, with its origin, its limits, and the compass of a vehicle that it is for.
 
 >>> from flinders import simulate
 >>> from flinders.fitting import calibrate
@@ -36,21 +36,21 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True, repr=False)
 class Exported(ShortRepr):
-    """A calibration as a target has it, and what to know of it."""
+    """A calibration in the format of a target, with notes."""
 
-    export: Export  #: content of the file, its numbers, how far they are off, and warnings
-    compass: tuple[str, ...]  #: which compass of a vehicle it is for; nothing where that was asked for, or is not known
-    limits: tuple[str, ...]  #: what the calibration is not good for
+    export: Export  #: content of the file, its numbers, their rounding errors, and warnings
+    compass: tuple[str, ...]  #: sentences on the compass of the vehicle; empty if it was requested or is unknown
+    limits: tuple[str, ...]  #: limits of the calibration, in words
 
     @property
     def text(self) -> str:
-        """Content of the file; of one in bytes, what is in it."""
+        """Content of the file; of a binary file a description."""
         return self.export.text
 
     def save(self, path: str | os.PathLike[str], *, force: bool = False) -> None:
-        """Write the file, whole or not at all.
+        """Write the file, completely or not at all.
 
-        Raises `OutputExists` where there is a file already, unless `force`; `OutputError` where it cannot be written.
+        Raises `OutputExists` if there is a file already, unless `force`; `OutputError` if it cannot be written.
         """
         if self.export.data is None:
             write_text(self.export.text, path, force=force)
@@ -71,39 +71,39 @@ def export(
     imu: int | None = None,
     noise: bool = False,
 ) -> Exported:
-    """Write a calibration for what uses it (an autopilot, a device, a program), with what its fit knows.
+    """Export a calibration to a target (an autopilot, a device, a program), with the claim of its fit.
 
-    Comments state origin, claim and limits, code gets limits that tell a disturbed reading, and a vehicle's compass is
-    the one that the readings came from.
+    Comments state origin, claim and limits, code gets limits to detect disturbed readings, and on a vehicle the
+    recorded compass is addressed.
 
     Parameters
     ----------
     calibration : Fit, Calibration, Inertial or path
-        One that was refused is not written. An accelerometer's calibration, or its file, is written by itself.
+        A refused calibration is not exported. The calibration of an accelerometer, or its file, is exported alone.
     target : str
         One of `flinders.targets.registry`, such as ``"arduino"``, ``"esphome"``, ``"c"``.
     compass : int, optional
-        Which one of the vehicle; by default that of the log.
+        Number of the compass of the vehicle; by default that of the log.
     mounting : str, optional
-        How the compass was mounted when it was recorded, as the autopilot has it; by default as its log says.
+        Mounting of the compass when it was recorded, in the autopilot's words; by default that in its log.
     name : str, optional
-        What names in code begin with.
+        Prefix of names in code.
     lossy : bool
-        Write it also where what the target cannot hold costs more than 0.5° of heading, or of tilt.
+        Export also if parameters that the target cannot hold cause more than 0.5° of heading or tilt error.
     sensors : sequence of str
-        ``accelerometer``, ``gyro``: what a fit with aiding sensors found of them is written too.
+        ``accelerometer``, ``gyro``: also export their calibration by a fit with aiding sensors.
     imu : int, optional
-        Which IMU of the vehicle these are; by default its first.
+        Number of the IMU of the vehicle; by default its first.
     noise : bool
-        Write also how good headings are as parameters of the vehicle's estimator (EKF2 of PX4, EKF3 of ArduPilot).
+        Also export the heading error as parameters of the vehicle's estimator (EKF2 of PX4, EKF3 of ArduPilot).
 
     Raises
     ------
     NotExportable, UnitError
-        Where the target cannot hold it; for a calibration that was refused, or made of readings as logged.
+        If the target cannot hold the calibration; for a refused calibration, or one from readings as logged.
     UsageError
-        For a target that is not known, or a compass, mounting or name that it does not take; for a calibration of
-        several compasses, where none was asked for.
+        For an unknown target, or a compass, mounting or name that it does not take; for a calibration of several
+        compasses without `compass`.
 
     Examples
     --------
@@ -118,7 +118,7 @@ def export(
         calibration = read_inertial(calibration)
     if isinstance(calibration, Inertial):
         if noise or sensors or compass is not None or mounting is not None:
-            raise UsageError("the calibration is that of an accelerometer: leave out what is asked for a compass")
+            raise UsageError("the calibration is that of an accelerometer: leave out the options for a compass")
         return Exported(alone(chosen, calibration, asked, lossy=lossy), (), ())
     fit = fit_for(calibration)
     refuse_unfit(fit)
@@ -129,9 +129,9 @@ def export(
 
 
 def measurement_noise(calibration: AnyCalibration) -> MeasurementNoise | None:
-    """What a filter has to assume of corrected readings: white noise, and the error that the calibration leaves.
+    """Measurement noise of corrected readings for a filter: white noise, and the remaining error of the calibration.
 
-    None where the calibration states no noise or no uncertainty, as one that was imported.
+    None if the calibration states no noise or no uncertainty, as an imported calibration.
 
     Parameters
     ----------

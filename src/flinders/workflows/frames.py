@@ -1,4 +1,4 @@
-"""A calibration applied to a data frame: the same frame with corrected columns, and with headings.
+"""Correction of a data frame: the same frame with corrected columns, and with headings.
 
 >>> from flinders import simulate
 >>> from flinders.fitting import calibrate
@@ -37,10 +37,10 @@ if TYPE_CHECKING:
     from flinders.readers._asked_columns import AnyColumns
 
 OPTIONS: Final = ("columns", "heading", "level")
-"""Options of a frame, of which a keyword that is no disturbance may be a misspelling."""
+"""Options for a frame, which are suggested for misspelled keywords."""
 
-HEADING: Final = "heading_deg"
-"""Name of the column of headings, as `flinders headings` writes it."""
+HEADING_COLUMN: Final = "heading_deg"
+"""Name of the column of headings, as in the output of `flinders headings`."""
 
 
 def correct_frame(
@@ -54,7 +54,7 @@ def correct_frame(
 ) -> Any:  # noqa: ANN401
     """Correct the magnetometer's columns of a frame; parameters and errors are those of `Calibration.apply`.
 
-    `given`: values of disturbances, which a frame has as columns.
+    `given` are values of disturbances, which are refused, as a frame has them as columns.
     """
     if names := [name for name, values in (given or {}).items() if values is not None]:
         for name in names:
@@ -65,14 +65,14 @@ def correct_frame(
     table = open_with(fit, frame, columns=columns)
     assert isinstance(table, TableRecording)
     if table.columns.device is not None:
-        raise UsageError(f"{table.source} has readings of several sensors among its rows: give those of one")
-    is_usable = _usable(table)
+        raise UsageError(f"{table.source} has readings of several sensors in its rows: give the rows of one")
+    is_usable = _usable_rows(table)
     field = apply(table, fit).samples.field / table.unit.scale
-    changed = _placed(frame, table.columns.field.names, _spread(field, is_usable))
+    changed = _output_columns(frame, table.columns.field.names, _expand(field, is_usable))
     if heading or level:
-        if HEADING in labels_of(frame):
-            raise UsageError(f"{table.source} has a column {HEADING}: rename it first")
-        changed[HEADING] = _spread(_headings(table, fit, level=level), is_usable)
+        if HEADING_COLUMN in labels_of(frame):
+            raise UsageError(f"{table.source} has a column {HEADING_COLUMN}: rename it first")
+        changed[HEADING_COLUMN] = _expand(_headings(table, fit, level=level), is_usable)
     return with_columns(frame, changed)
 
 
@@ -84,23 +84,23 @@ def _headings(table: TableRecording, fit: Fit, *, level: bool) -> Floats:
         raise NoAccelerometer(error.message, hint={"level": True}) from None
 
 
-def _usable(table: TableRecording) -> NDArray[np.bool_]:
-    """(N,) whether a row is a reading, as `Samples.recorded` decides."""
+def _usable_rows(table: TableRecording) -> NDArray[np.bool_]:
+    """(N,) whether a row is a usable reading, as in `Samples.recorded`."""
     fields = [table.columns.readings(values.T) for values in table.table.rows(table.columns.cells)]
     field = np.concatenate(fields)
     usable: NDArray[np.bool_] = np.isfinite(field).all(axis=1) & ~silent(field)
     return usable
 
 
-def _spread(values: Floats, is_usable: NDArray[np.bool_]) -> Floats:
-    """(N,) or (N, 3) values of the usable rows; NaN in the others."""
+def _expand(values: Floats, is_usable: NDArray[np.bool_]) -> Floats:
+    """(N,) or (N, 3) values for all rows from those of the usable rows; NaN in the others."""
     whole = np.full((len(is_usable), *values.shape[1:]), np.nan)
     whole[is_usable] = values
     return whole
 
 
-def _placed(frame: Any, names: tuple[str, ...], field: Floats) -> dict[Any, Floats]:  # noqa: ANN401
-    """The columns that (N, 3) corrected readings go into: three, or one of three parts."""
+def _output_columns(frame: Any, names: tuple[str, ...], field: Floats) -> dict[Any, Floats]:  # noqa: ANN401
+    """Columns for (N, 3) corrected readings: three, or one with three parts."""
     labels = labels_of(frame)
     if all(name in labels for name in names):
         return {labels[name]: column for name, column in zip(names, field.T, strict=True)}

@@ -1,4 +1,4 @@
-"""What limits a run of headings: the site, the tilt of a level sensor, an accelerometer that does not suit.
+"""Notes on headings: their site, the tilt of a level sensor, an accelerometer that does not suit.
 
 >>> from flinders.heading.compass import Compass, Voyage
 >>> from flinders.core.calibration import Calibration
@@ -28,45 +28,45 @@ if TYPE_CHECKING:
     from flinders.heading.error_propagation import HeadingError
 
 MAX_DIP_DIFFERENCE_DEG: Final = 3.0
-"""Difference between the measured dip and that of the model from which on it is noted."""
+"""Largest difference between the measured dip and that of the model without a note."""
 
 MAX_ACCELERATED_SHARE: Final = 0.05
-"""Share of readings whose acceleration was not that of gravity alone from which on they are noted."""
+"""Largest share of readings with an acceleration other than gravity without a note."""
 
-MIN_VERTICAL: Final = 0.2
-"""Share of the field along z from which on its sign shows whether z is up."""
+MIN_VERTICAL_SHARE: Final = 0.2
+"""Smallest share of the field along z at which its sign shows whether z is up."""
 
 DipSource = Literal["given", "calibration", "model", "measured", "assumed"]
 
 
 @dataclass(frozen=True, slots=True)
 class HeadingClaim:
-    """What heading error to expect, 1 σ, at the dip of the site."""
+    """Expected heading errors, 1 σ, at the dip of the site."""
 
-    dip_deg: float  #: dip of the field for which it is stated, positive downwards
-    dip_source: DipSource  #: where that dip comes from
-    level: HeadingError | None = None  #: of a level vehicle; None where the calibration states no uncertainty
-    bound_95_deg: float | None = None  #: what no heading of a level vehicle exceeds with 95 %
-    tilted: HeadingError | None = None  #: at the tilt that 95 of 100 readings stay within; None below 1°
-    tilt_error_deg: float | None = None  #: what the accelerometer adds; None where none was used
-    mounting_error_deg: float | None = None  #: of the rotation into the body; None where none is stated
+    dip_deg: float  #: dip of the field for these errors, positive downwards
+    dip_source: DipSource  #: source of the dip
+    level: HeadingError | None = None  #: of a level vehicle; None if the calibration states no uncertainty
+    bound_95_deg: float | None = None  #: 95 % bound at all headings of a level vehicle
+    tilted: HeadingError | None = None  #: at the tilt that 95 % of the readings do not exceed; None below 1°
+    tilt_error_deg: float | None = None  #: error from the accelerometer; None if none was used
+    mounting_error_deg: float | None = None  #: error of the rotation into the body; None if not stated
 
 
 def heading_notes(
     voyage: Voyage, compass: Compass, site: SiteField | None, claim: HeadingClaim, doubts: Sequence[Note] = ()
 ) -> tuple[Note, ...]:
-    """What limits headings, and what to know about them.
+    """Notes on limits of headings, and other notes on them.
 
     Parameters
     ----------
     doubts : sequence of Note
-        Why the readings do not suit their calibration: nothing is concluded from a level sensor's field then.
+        Reasons why the readings do not suit their calibration; a level sensor's field is not tested then.
     """
     return tuple(_notes(voyage, compass, site, claim, doubts))
 
 
 def is_tilted(voyage: Voyage, claim: HeadingClaim) -> bool:
-    """The vertical field varies of a sensor that is said to be level; a level turn's calibration does not know it."""
+    """Whether the vertical field of a sensor that should be level varies; False for a calibration by a level turn."""
     return voyage.frames.is_foreign and claim.dip_source != "calibration"
 
 
@@ -96,11 +96,11 @@ def _level_notes(voyage: Voyage, claim: HeadingClaim) -> Iterator[Note]:
 
 
 def _is_z_up(voyage: Voyage, claim: HeadingClaim) -> bool:
-    """A level sensor sees the vertical field on the other side than it should be."""
+    """Whether the vertical field of a level sensor has the opposite sign to the expected one."""
     seen, scatter = voyage.frames.dip()
-    if claim.dip_source == "calibration":  # of a level turn: the vertical field was never seen
+    if claim.dip_source == "calibration":  # a level turn, in which the vertical field is not observed
         return False
-    return bool(seen * claim.dip_deg < 0.0 and abs(seen) > max(MIN_VERTICAL, 2.0 * scatter))
+    return bool(seen * claim.dip_deg < 0.0 and abs(seen) > max(MIN_VERTICAL_SHARE, 2.0 * scatter))
 
 
 def _tilted_notes(voyage: Voyage, compass: Compass, site: SiteField | None, claim: HeadingClaim) -> Iterator[Note]:
@@ -115,7 +115,7 @@ def _tilted_notes(voyage: Voyage, compass: Compass, site: SiteField | None, clai
 
 
 def _dip_notes(voyage: Voyage, turned: Axes, site: SiteField | None, claim: HeadingClaim) -> Iterator[Note]:
-    """What the dip shows of iron, axes and the sign of the acceleration; `turned` is how that was mapped."""
+    """Notes from the dip on iron, axes and the sign of the acceleration; `turned` are the mapped axes of the latter."""
     dip, scatter = voyage.frames.dip_deg
     if voyage.frames.is_foreign:
         yield Note("foreign-accelerometer", "limits", {"scatter_deg": scatter})

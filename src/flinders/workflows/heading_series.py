@@ -1,6 +1,6 @@
-"""A recording as magnetic and true headings, with the heading error to expect.
+"""Magnetic and true headings of a recording, with the expected heading error.
 
-A level vehicle that turns:
+A turning level vehicle:
 
 >>> from flinders import simulate
 >>> from flinders.fitting import calibrate
@@ -40,8 +40,8 @@ if TYPE_CHECKING:
 class HeadingSeries:
     """Headings of a recording, one for each reading."""
 
-    headings: Headings  #: (N,) degrees each: magnetic, true, grid, roll, pitch, dip; NaN where there is none
-    time: Floats | None  #: (N,) s, by the clock of the recording
+    headings: Headings  #: (N,) degrees each: magnetic, true, grid, roll, pitch, dip; NaN if missing
+    time: Floats | None  #: (N,) s, on the clock of the recording
     summary: HeadingSummary
 
     def __repr__(self) -> str:
@@ -64,9 +64,9 @@ def headings(
     by: Filter | str | None = None,
     grid: bool = False,
 ) -> HeadingSeries:
-    """Turn a recording into headings of the sensor's x axis, clockwise from north, and say how good they are.
+    """Compute headings of the sensor's x axis in a recording, clockwise from north, with their expected error.
 
-    The accelerometer of the recording removes the tilt, at any attitude.
+    The accelerometer of the recording compensates the tilt, at any attitude.
 
     Parameters
     ----------
@@ -74,42 +74,42 @@ def headings(
         Raw readings in the unit and axes of the calibration, with accelerations unless `level`; as for
         `flinders.apply`.
     calibration : Fit, Calibration or path
-        Of this sensor.
+        Calibration of this sensor.
     site : SiteField, optional
         The field at the place, of `flinders.core.geomag.site_field`: its declination gives true headings. By default
-        that of a log which states place and time, unless declination or dip is given.
+        that of a log that states place and time, unless declination or dip is given.
     declination_deg : float, degrees
-        Declination, east positive, where it is known otherwise.
+        Declination, east positive, in place of a site.
     dip_deg : float, degrees
-        Inclination at which the heading error is stated. By default that of the site, else as it is measured, else 60°.
+        Inclination for the heading error. By default that of the site, else the measured one, else 60°.
     level : bool
-        Use x and y alone: the sensor is never tilted.
+        Use x and y alone, for a sensor that is always level.
     acceleration : str, optional
         Columns of the accelerometer in a text: three names, or numbers from 1.
     acceleration_axes : str
         Where each axis of the acceleration comes from, such as ``"x,-y,-z"``.
     formula : str
-        How tilt is removed: ``exact``; ``an4248`` and ``an3192`` for comparison.
+        Formula for the tilt compensation: ``exact``; ``an4248`` and ``an3192`` for comparison.
     at, by
         As for `flinders.apply`.
     grid : bool
-        Also give headings from north of the map's grid at the site: UTM, or UPS around the poles.
+        Also give headings from grid north at the site: UTM, or UPS around the poles.
 
     Returns
     -------
     HeadingSeries
-        (N,) headings, and the heading error to expect with notes on what limits it.
+        (N,) headings, and the expected heading error with notes on its limits.
 
     Raises
     ------
     NoAccelerometer
         Without accelerations, unless `level`.
     ForeignAxes
-        Where accelerometer and magnetometer do not share their axes; says which would fit.
+        If accelerometer and magnetometer have different axes; it names the matching axes.
     InputError, UnitError, AxesError
         As `flinders.apply`.
     UsageError
-        For arguments that contradict each other, or a formula that is not known.
+        For contradicting arguments, or an unknown formula.
 
     Examples
     --------

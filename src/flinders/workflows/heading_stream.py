@@ -1,4 +1,4 @@
-"""A recording that is turned into headings block by block, as it comes, and what heading error to expect.
+"""Headings of a stream of readings, block by block, with the expected heading error.
 
 >>> from flinders import simulate
 >>> from flinders.fitting import calibrate
@@ -44,39 +44,40 @@ if TYPE_CHECKING:
     from flinders.workflows.notes import Note
     from flinders.workflows.suitability import CorrectionMonitor
 
-FIRST_JUDGED: Final = 1000
-"""Readings of a stream after which its axes are judged for the first time; at its end fewer will do."""
+MIN_JUDGED_READINGS: Final = 1000
+"""Count of readings after which the axes of a stream are first judged; at its end fewer are enough."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class HeadingSummary:
-    """Summary of a run of headings: tilt and dip, the error to expect, and what limits it."""
+    """Summary of headings: tilt and dip, the expected error, and its limits."""
 
-    voyage: Voyage  #: number of readings, those without a heading, tilt, measured dip
-    compass: Compass  #: formula, declination and how the acceleration was mapped
-    site: SiteField | None  #: the field there; None without a place
+    voyage: Voyage  #: counts of readings and of those without a heading, tilt, measured dip
+    compass: Compass  #: formula, declination and axes of the acceleration
+    site: SiteField | None  #: field at the place; None if the place is unknown
     claim: HeadingClaim
-    correction: CorrectionSummary  #: strength of the corrected field, and why readings do not suit, where they do not
-    notes: tuple[Note, ...]  #: what limits the headings, and what to know about them
+    correction: CorrectionSummary  #: strength of the corrected field, and reasons if readings do not suit
+    notes: tuple[Note, ...]  #: limits of the headings, and other notes on them
 
     def as_dict(self, spell: Spelling = in_python) -> dict[str, Any]:
         """JSON-ready."""
         claim = self.claim
         return {
             **self.voyage.as_dict(),
-            "formula": self.compass.formula,  # how tilt is taken out
-            # to expect of a level vehicle, with the dip that it holds for
+            "formula": self.compass.formula,  # formula of the tilt compensation
+            # expected error of a level vehicle, with the dip for which it holds
             "heading_error_deg": _error(claim.level, bound_95=claim.bound_95_deg),
-            # to expect at the tilt that 95 of 100 readings stay within
+            # expected error at the tilt that 95 % of the readings do not exceed
             "tilted_heading_error_deg": _error(claim.tilted),
-            "tilt_error_deg": claim.tilt_error_deg,  # 1 σ that the accelerometer adds
-            "mounting_error_deg": claim.mounting_error_deg,  # 1 σ of the mounting; null where nobody stated one
+            "tilt_error_deg": claim.tilt_error_deg,  # 1 σ error from the accelerometer
+            "mounting_error_deg": claim.mounting_error_deg,  # 1 σ error of the mounting; null if not stated
             "dip_from": claim.dip_source,  # ``given``, ``calibration``, ``model``, ``measured`` or ``assumed``
-            # from magnetic to true headings; null where they are magnetic
+            # from magnetic to true headings; null if headings are magnetic
             "declination_deg": self.compass.declination_deg,
-            # from magnetic headings to those from grid north; null unless these were asked for
+            # from magnetic headings to those from grid north; null unless requested
             "grid_declination_deg": self.compass.grid_declination_deg,
-            "site": None if self.site is None else self.site.as_dict(),  # the field there; null without a place
+            "site": None if self.site is None else self.site.as_dict(),  # field at the place; null if the place is
+            # unknown
             **self.correction.strength.as_dict(),
             "skipped": [str(entry) for entry in self.correction.skipped],  # lines that were not understood
             **self.correction.preparation.as_dict(),
@@ -99,7 +100,7 @@ class HeadingSummary:
 
 
 def _error(error: HeadingError | None, **more: float | None) -> dict[str, float] | None:
-    """JSON-ready: a heading error, and for what it holds."""
+    """A heading error with its conditions, JSON-ready; None without an error."""
     if error is None:
         return None
     return error.as_dict(**{**more, "dip_deg": error.dip_deg, "tilt_deg": error.tilt_deg})  # type: ignore[arg-type]
@@ -107,13 +108,13 @@ def _error(error: HeadingError | None, **more: float | None) -> dict[str, float]
 
 @dataclass(eq=False)
 class HeadingStream:
-    """A recording that is turned into headings block by block; `summary` tells of what came so far."""
+    """Headings of a recording, block by block, with a `summary` of the readings so far."""
 
     correction: CorrectionStream
     compass: Compass
     site: SiteField | None = None
-    dip_deg: float | None = None  # as it was given
-    voyage: Voyage = field(default_factory=Voyage)  # what was read so far
+    dip_deg: float | None = None  # as given
+    voyage: Voyage = field(default_factory=Voyage)  # statistics of the readings so far
 
     @classmethod
     def of(
@@ -132,13 +133,15 @@ class HeadingStream:
         by: Filter | None = None,
         grid: bool = False,
     ) -> Self:
-        """Begin with a recording in the unit and axes of a fit; the parameters are those of `headings`."""
+        """Start with a recording in the unit and axes of a fit; the parameters are those of `headings`."""
         if site is not None and declination_deg is not None:
-            raise UsageError("a site and a declination both say where true north is: leave one of them out")
+            raise UsageError("a site and a declination both give true north: leave one of them out")
         if grid and site is None:
-            raise UsageError("grid north is that of a place: give the site, or leave the grid out", hint={"site": None})
+            raise UsageError(
+                "grid north depends on the place: give the site, or leave the grid out", hint={"site": None}
+            )
         if level and (formula != "exact" or acceleration is not None):
-            raise UsageError("level headings remove no tilt: leave the formula and the acceleration out")
+            raise UsageError("level headings compensate no tilt: leave the formula and the acceleration out")
         if acceleration is not None:
             _name_acceleration(recording, acceleration)
         declination_deg = declination_deg if site is None else site.declination_deg
@@ -154,46 +157,46 @@ class HeadingStream:
 
     @property
     def fit(self) -> Fit:
-        """Of compensated readings."""
+        """Fit of the calibration, for compensated readings."""
         return self.correction.fit
 
     @property
     def recording(self) -> Recording:
-        """What is read."""
+        """The recording that is read."""
         return self.correction.recording
 
     @property
     def corrector(self) -> CorrectionMonitor:
-        """What watches the corrected strength."""
+        """Monitor of the corrected strength."""
         return self.correction.corrector
 
     def __str__(self) -> str:
-        """What was recognised, and which columns are taken for the accelerometer."""
+        """Description of the recording, with the columns of the accelerometer."""
         if self.compass.formula == LEVEL or not isinstance(self.recording, TextRecording):
             return str(self.recording)
         column = self.recording.layout.columns.of_kind("acceleration")
         return str(self.recording) + ("" if column is None else f"; acceleration {', '.join(column.names)}")
 
     def headings(self) -> Iterator[tuple[Floats, Samples, Headings]]:
-        """Yield the numbers of the readings, the readings, and their headings, block by block.
+        """Yield line numbers of the readings, the readings, and their headings, block by block.
 
-        Raises `ForeignAxes` for an accelerometer that has other axes than the magnetometer, `NoAccelerometer` without.
+        Raises `ForeignAxes` for an accelerometer with other axes than the magnetometer, `NoAccelerometer` without one.
         """
-        judged_next = FIRST_JUDGED
-        for numbers, recorded in self._numbered():
+        judged_next = MIN_JUDGED_READINGS
+        for numbers, recorded in self._numbered_blocks():
             samples = self.correction.prepared(recorded)
             self.corrector(samples.field)
-            self._weigh(samples)
+            self._set_gravity(samples)
             headings = self.compass.read(samples)
             self.voyage += Voyage.of(headings)
             if self.voyage.readings >= judged_next:
                 judged_next = 2 * self.voyage.readings
-                self._judge()
+                self._require_same_axes()
             yield numbers, samples, headings
-        self._judge()
+        self._require_same_axes()
 
-    def _numbered(self) -> Iterator[tuple[Floats, Samples]]:
-        """Readings and the numbers of their lines, or their own where there are no lines."""
+    def _numbered_blocks(self) -> Iterator[tuple[Floats, Samples]]:
+        """Yield readings with their line numbers, or with their own numbers if there are no lines."""
         numbered = getattr(self.recording, "numbered_blocks", None)
         if numbered is not None:
             yield from numbered()
@@ -203,8 +206,8 @@ class HeadingStream:
             yield np.arange(done + 1.0, done + 1.0 + len(block)), block
             done += len(block)
 
-    def _weigh(self, samples: Samples) -> None:
-        """Take gravity from the first block that is long enough, so that shaking later on is seen."""
+    def _set_gravity(self, samples: Samples) -> None:
+        """Set gravity from the first block that is long enough, so that later shaking is detected."""
         if self.compass.gravity is not None or samples.acceleration is None or len(samples) < MIN_READINGS:
             return
         with np.errstate(over="ignore", invalid="ignore"):
@@ -212,14 +215,14 @@ class HeadingStream:
         if np.isfinite(length).any():
             self.compass = replace(self.compass, gravity=float(np.nanmedian(length)))
 
-    def _judge(self) -> None:
-        """Refuse an accelerometer that has other axes than the magnetometer."""
+    def _require_same_axes(self) -> None:
+        """Refuse an accelerometer with other axes than the magnetometer."""
         if self.compass.formula != LEVEL:
             dip_deg = self.site.inclination_deg if self.site else self.dip_deg
             self.voyage.frames.refuse_foreign(site_dip_deg=dip_deg, applied=self.compass.acceleration_axes)
 
     def site_dip(self) -> tuple[float, DipSource]:
-        """The dip for which errors are stated, in degrees, and where it comes from."""
+        """The dip for stated errors, in degrees, and its source."""
         is_level = self.compass.formula == LEVEL
         is_seen = not is_level and self.voyage.frames.readings
         own = self.fit.heading_error_deg.dip_deg
@@ -235,11 +238,11 @@ class HeadingStream:
         return float(np.clip(dip, -STEEPEST_DIP_DEG, STEEPEST_DIP_DEG)), source
 
     def down_in_body(self) -> Floats:
-        """(3,) which way is down when the vehicle is level, in corrected axes."""
+        """(3,) direction of down when the vehicle is level, in corrected axes."""
         return np.array([0.0, 0.0, -1.0 if self.voyage.is_z_up else 1.0])
 
     def claim(self) -> HeadingClaim:
-        """What heading error to expect at the dip of the site, level and as far as the vehicle was tilted."""
+        """Expected heading errors at the dip of the site, level and at the recorded tilt."""
         dip_deg, source = self.site_dip()
         aiding = self.fit.evidence.aiding
         claim = HeadingClaim(
@@ -264,7 +267,7 @@ class HeadingStream:
         )
 
     def _tilt_error_deg(self) -> float | None:
-        """What the tilt by the accelerometer scatters headings by, 1 σ: scatter of the dip times its tangent."""
+        """Scatter of headings from the tilt by the accelerometer, 1 σ: scatter of the dip times its tangent."""
         frames = self.voyage.frames
         if self.compass.formula == LEVEL or not frames.readings:
             return None
@@ -282,7 +285,7 @@ def _name_acceleration(recording: Recording, columns: str) -> None:
     """Name the columns of the accelerometer in a text."""
     if not isinstance(recording, TextRecording):
         raise UsageError(
-            f"{recording.source} is no text: its columns are known, leave those of the accelerometer out",
+            f"{recording.source} is no text, so that its columns are known: leave the columns of the accelerometer out",
             hint={"acceleration": None},
         )
     recording.name_acceleration(columns)

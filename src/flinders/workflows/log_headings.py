@@ -1,4 +1,4 @@
-"""Heading over a log by what was on board and by a new calibration, beside the yaw of the vehicle's attitude.
+"""Headings over a log by the calibration on board and by a new one, with the yaw of the vehicle's attitude.
 
 >>> from dataclasses import replace
 >>> from flinders.core.calibration import Calibration
@@ -38,52 +38,54 @@ FORWARD, DOWN = np.array([1.0, 0.0, 0.0]), np.array([0.0, 0.0, 1.0])
 
 @dataclass(frozen=True, slots=True, eq=False)
 class HeadingHistory:
-    """Headings in degrees of each reading, NaN where there is none."""
+    """Headings in degrees of each reading, NaN if missing."""
 
-    seconds: Floats  #: (N,) since the first
-    old_deg: Floats  #: (N,) by what was on board, in [0, 360)
+    seconds: Floats  #: (N,) since the first reading
+    old_deg: Floats  #: (N,) by the calibration on board, in [0, 360)
     new_deg: Floats  #: (N,) by the new calibration
-    yaw_deg: Floats | None  #: (N,) of the attitude, in [0, 360); None where none was logged
-    levelled_by: Levelling  #: what tilt was removed with
-    declination_deg: float | None  #: in the headings, which are true; None of magnetic ones
-    is_vehicle: bool  #: they are those of the vehicle, and not of the compass's x axis
+    yaw_deg: Floats | None  #: (N,) of the attitude, in [0, 360); None if none was logged
+    levelled_by: Levelling  #: source of the vertical for the tilt compensation
+    declination_deg: float | None  #: added to the headings, which are true; None for magnetic headings
+    is_vehicle: bool  #: whether headings are those of the vehicle, not of the compass's x axis
 
     @property
     def difference_deg(self) -> Floats:
-        """(N,) old less new, −180 to 180."""
+        """(N,) old minus new heading, −180 to 180."""
         return folded(self.old_deg - self.new_deg)
 
 
 def heading_history(recording: Recording, old: Calibration, new: Calibration) -> HeadingHistory | None:
-    """Turn a log into headings by two calibrations of its readings.
+    """Compute headings over a log by two calibrations of its readings.
 
-    Tilt is removed by the attitude that was logged, else by the accelerometer; without either the vehicle is taken to
-    be level. Headings are true where the log states its place. Of a compass whose mounting is known they are those of
-    the vehicle, else those of its x axis.
+    Tilt is compensated by the logged attitude, else by the accelerometer; without either the vehicle is assumed to be
+    level. Headings are true if the log states its place. If the mounting of the compass is known, they are those of the
+    vehicle, else those of its x axis.
 
     Parameters
     ----------
     recording : Recording
-        One log, with times that ascend; None is returned for any other.
+        One log, with ascending times; for any other recording the result is None.
     old, new : Calibration
-        What each follows is removed where it was logged, and else taken at its reference.
+        Disturbances that they follow are compensated if logged, and else assumed at their reference.
     """
     parts, samples = list(singles(recording)), in_memory(recording)
     time = samples.time
     if len(parts) > 1 or time is None or len(time) < 2 or not (np.diff(time) >= 0.0).all() or time[-1] <= time[0]:
         return None
     log = getattr(parts[0], "recording", parts[0])
-    turn, is_vehicle = _to_vehicle(log, samples)
+    turn, is_vehicle = _vehicle_rotation(log, samples)
     site, (levelled_by, force) = recorded_field(log), _force(samples)
     declination_deg = None if site is None else site.declination_deg
     turned, added = None if force is None else force @ turn.T, declination_deg or 0.0
-    by_old, by_new = (wrapped(_magnetic(_corrected(samples, each) @ turn.T, turned) + added) for each in (old, new))
+    by_old, by_new = (
+        wrapped(_magnetic_headings(_correct(samples, each) @ turn.T, turned) + added) for each in (old, new)
+    )
     yaw = None if levelled_by != "attitude" else _yaw(samples, turn)
     return HeadingHistory(time - time[0], by_old, by_new, yaw, levelled_by, declination_deg, is_vehicle)
 
 
-def _to_vehicle(log: object, samples: Samples) -> tuple[Floats, bool]:
-    """(3, 3) from the axes of the readings to those of the vehicle, and whether that is known."""
+def _vehicle_rotation(log: object, samples: Samples) -> tuple[Floats, bool]:
+    """(3, 3) rotation from the axes of the readings to those of the vehicle, and whether it is known."""
     angles = getattr(log, "mounting", None)
     if samples.frame == "vehicle":
         return np.eye(3), samples.axes.is_identity
@@ -92,8 +94,8 @@ def _to_vehicle(log: object, samples: Samples) -> tuple[Floats, bool]:
     return euler(*angles), True
 
 
-def _corrected(samples: Samples, calibration: Calibration) -> Floats:
-    """(N, 3) corrected readings; a disturbance that was not logged is taken at its reference."""
+def _correct(samples: Samples, calibration: Calibration) -> Floats:
+    """(N, 3) corrected readings; a disturbance that was not logged is assumed at its reference."""
     try:
         return calibration.affine.apply(Compensator(calibration)(samples).field)
     except InputError:
@@ -101,7 +103,7 @@ def _corrected(samples: Samples, calibration: Calibration) -> Floats:
 
 
 def _force(samples: Samples) -> tuple[Levelling, Floats | None]:
-    """What tells the vertical, and (N, 3) the force that holds the sensor up, in any unit; None of a level one."""
+    """Source of the vertical, and (N, 3) specific force in any unit, None for a level vehicle."""
     attitude, acceleration = samples.attitude, samples.acceleration
     if attitude is not None and np.isfinite(attitude).all(axis=1).any():
         return "attitude", -rotated(inverse(attitude), DOWN)
@@ -110,7 +112,7 @@ def _force(samples: Samples) -> tuple[Levelling, Floats | None]:
     return "nothing", None
 
 
-def _magnetic(corrected: Floats, force: Floats | None) -> Floats:
+def _magnetic_headings(corrected: Floats, force: Floats | None) -> Floats:
     """(N,) magnetic headings of the x axis."""
     return level_heading_deg(corrected) if force is None else magnetic_heading_deg(corrected, force)
 

@@ -1,4 +1,4 @@
-"""The offset of one sensor over time, as a calibration that goes on has written it down.
+"""History of the offset of one sensor, from the files of an online calibration.
 
 >>> from flinders import OnlineCalibration, simulate
 >>> tumble = simulate.tumble(seed=1, n=9000).samples
@@ -36,17 +36,17 @@ if TYPE_CHECKING:
     from flinders.arrays import Floats
     from flinders.core.offset_walk import Walk
 
-CELL_S: Final = 7200.0
-"""From one estimate to the next at least, of which a walk is told: those close together are one estimate."""
-MOST: Final = 400
-"""Such estimates."""
+MIN_STEP_S: Final = 7200.0
+"""Smallest time between estimates that are used for a walk; closer ones count as one estimate."""
+MAX_ESTIMATES: Final = 400
+"""Largest count of estimates that are used for a walk."""
 FROM_1970_S: Final = 1e8
-"""Seconds from which on a time counts from 1970."""
-LATEST_S: Final = 2.5e11
-"""Seconds from 1970 that a date can have."""
-ADOPTED: Final = re.compile(r"calibration-(?:(\d{8}T\d{6})Z|(-?\d+(?:\.\d+)?)s)\.json")
-"""Name of a calibration by the time at which it came into force."""
-HEAD: Final = 200  # Bytes of a file in which its kind is looked for
+"""Smallest time in seconds that counts as a date, from 1970."""
+MAX_EPOCH_S: Final = 2.5e11
+"""Largest time of a date, in seconds from 1970."""
+ADOPTED_NAME: Final = re.compile(r"calibration-(?:(\d{8}T\d{6})Z|(-?\d+(?:\.\d+)?)s)\.json")
+"""Pattern of the file name of an adopted calibration, with the time at which it came into force."""
+HEAD_BYTES: Final = 200  # Bytes at the start of a file by which its kind is recognised
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -54,18 +54,18 @@ class OffsetHistory:
     """The offset of one sensor over time."""
 
     name: str
-    time_s: Floats  #: (n,) s, ascending: by the clock of the readings, from 1970 where that is known
-    offset: Floats  #: (n, 3), in `unit`: the newest estimate then
+    time_s: Floats  #: (n,) s, ascending: on the clock of the readings, from 1970 if known
+    offset: Floats  #: (n, 3), in `unit`: newest estimate at each time
     sigma: Floats  #: (n, 3): 1 σ of each component
     unit: str  #: ``uT`` or ``counts``
     radius: float  #: mean length of readings about the offset, in `unit`
     dip_deg: float  #: inclination of the field, for headings
-    moved_s: tuple[float, ...] = ()  #: times at which an offset that had moved was learnt anew
-    heading_error_deg: float = np.nan  #: that was claimed at the end
+    moved_s: tuple[float, ...] = ()  #: times at which a moved offset was learnt again
+    heading_error_deg: float = np.nan  #: claimed heading error at the end
 
     @classmethod
     def of(cls, online: OnlineCalibration, *, name: str = "calibration") -> Self:
-        """What a calibration that goes on has known over time."""
+        """History of an online calibration."""
         points = [point for point in online.timeline if point.is_read and np.isfinite(point.offset).all()]
         state = online.state
         return cls(
@@ -82,7 +82,7 @@ class OffsetHistory:
 
     @classmethod
     def read(cls, path: str | os.PathLike[str], *, name: str | None = None) -> Self:
-        """Read what `flinders watch` has written: a state, a folder of adopted calibrations, or lines of JSON.
+        """Read output of `flinders watch`: a state, a folder of adopted calibrations, or lines of JSON.
 
         Raises `DocumentError` for anything else.
         """
@@ -92,7 +92,7 @@ class OffsetHistory:
             if path.is_dir():
                 return cls._of_folder(path, name)
             with path.open("rb") as file:
-                head = file.read(HEAD)
+                head = file.read(HEAD_BYTES)
             if f'"{FORMAT}"'.encode() in head:
                 return cls.of(OnlineCalibration.load(path), name=name)
             return cls._of_lines(path, name)
@@ -101,12 +101,12 @@ class OffsetHistory:
 
     @classmethod
     def _of_folder(cls, folder: Path, name: str) -> Self:
-        """Of calibrations that came into force, a file each."""
+        """Read the history from files of adopted calibrations."""
         times = {path: time for path in folder.iterdir() if (time := adopted_s(path.name)) is not None}
         if not times:
             raise DocumentError(
                 f"{folder}: holds no calibration-TIME.json: give a folder of calibrations that `flinders watch` "
-                "adopted, or for a folder of recordings the table that `flinders fleet` writes"
+                "adopted; for a folder of recordings give the table that `flinders fleet` writes"
             )
         paths = sorted(times, key=times.__getitem__)
         fits = [load(path) for path in paths]
@@ -126,7 +126,7 @@ class OffsetHistory:
 
     @classmethod
     def _of_lines(cls, path: Path, name: str) -> Self:
-        """Of lines of ``--json``; the last one may be cut. Lines before a change of the unit are left out."""
+        """Read lines of ``--json`` after the last change of the unit; the last line may be incomplete."""
         rows, moved, last = array("d"), list[float](), None
         with path.open("rb") as file:
             for line in _reports(file, path):
@@ -138,11 +138,11 @@ class OffsetHistory:
                 moved += [line.time_s] if line.event == "moved" else []
                 last = line
         if last is None or last.radius is None:
-            raise DocumentError(f"{path}: no line has an offset: no calibration was found yet")
+            raise DocumentError(f"{path}: no line has an offset, as no calibration was found yet: record for longer")
         table = np.frombuffer(rows).reshape(-1, 7)
         if last.radius < SMALLEST or np.abs(table).max() > LARGEST:
             raise DocumentError(
-                f"{path}: has numbers that no magnetometer gives: give the lines of JSON as they were printed"
+                f"{path}: has implausible numbers for a magnetometer: give the lines of JSON as they were printed"
             )
         table = table[np.argsort(table[:, 0], kind="stable")]
         return cls(
@@ -162,41 +162,41 @@ class OffsetHistory:
 
     @property
     def estimates(self) -> Self:
-        """Those far enough apart to be estimates of their own: of each two hours the surest, where it differs."""
+        """Independent estimates: the most certain one of every two hours, without repetitions."""
         if not len(self.time_s):
             return self
-        cell_s = max(CELL_S, float(self.time_s[-1] - self.time_s[0]) / MOST)
+        cell_s = max(MIN_STEP_S, float(self.time_s[-1] - self.time_s[0]) / MAX_ESTIMATES)
         cells = np.floor((self.time_s - self.time_s[0]) / cell_s)
         surest_last = np.lexsort((-self.sigma.sum(axis=1), cells))
         rows = surest_last[np.flatnonzero(np.diff(cells[surest_last], append=np.inf))]
         is_new = np.concatenate([[True], (np.diff(self.offset[rows], axis=0) != 0.0).any(axis=1)])
         rows = rows[is_new]
-        return self._replaced(self.time_s[rows], self.offset[rows], self.sigma[rows])
+        return self._with_estimates(self.time_s[rows], self.offset[rows], self.sigma[rows])
 
-    def _replaced(self, time_s: Floats, offset: Floats, sigma: Floats) -> Self:
+    def _with_estimates(self, time_s: Floats, offset: Floats, sigma: Floats) -> Self:
         others = self.unit, self.radius, self.dip_deg, self.moved_s, self.heading_error_deg
         return type(self)(self.name, time_s, offset, sigma, *others)
 
     @property
     def walk(self) -> Walk | None:
-        """How fast the offset walks; None where too little time has passed to tell."""
+        """Random walk of the offset; None if the history is too short."""
         estimates = self.estimates
         return walk_of(estimates.time_s, estimates.offset, estimates.sigma)
 
 
 def histories_in(paths: Sequence[str | os.PathLike[str]]) -> dict[Path, str]:
-    """Histories of units with the name of each, that of its file or folder.
+    """Paths of histories of units with their names, from their files or folders.
 
-    A folder that holds no adopted calibrations is one of such files or folders. Where several have one name, all are
-    named by their paths. Raises `DocumentError` for a folder without any, or one that cannot be read.
+    A folder without adopted calibrations is searched for such files or folders. If several have the same name, all are
+    named by their paths. Raises `DocumentError` for a folder without any, or an unreadable one.
     """
-    found = [each for path in paths for each in _within(Path(path))]
+    found = [each for path in paths for each in _histories_at(Path(path))]
     is_clear = len({path.stem for path in found}) == len(found)
     return {path: path.stem if is_clear else os.fspath(path) for path in found}
 
 
-def _within(path: Path) -> Iterable[Path]:
-    """The histories that a path leads to."""
+def _histories_at(path: Path) -> Iterable[Path]:
+    """Paths of the histories at a path."""
     try:
         if not path.is_dir() or any(adopted_s(each.name) is not None for each in path.iterdir()):
             return [path]
@@ -204,40 +204,40 @@ def _within(path: Path) -> Iterable[Path]:
     except OSError as error:
         raise DocumentError(f"{path}: cannot be read: {reason(error)}") from None
     if not found:
-        raise DocumentError(f"{path}: holds nothing that `flinders watch` wrote: give states, or adopted calibrations")
+        raise DocumentError(f"{path}: holds no output of `flinders watch`: give states, or adopted calibrations")
     return found
 
 
 def is_history(path: str | os.PathLike[str]) -> bool:
-    """Whether a path leads to what `OffsetHistory.read` may read: a folder, a state, or lines of ``watch --json``."""
+    """Whether `OffsetHistory.read` may read a path: a folder, a state, or lines of ``watch --json``."""
     try:
         if Path(path).is_dir():
             return True
         with Path(path).open("rb") as file:
-            head = file.read(HEAD)
+            head = file.read(HEAD_BYTES)
     except OSError:
         return False
     return f'"{FORMAT}"'.encode() in head or re.match(rb'\{ *"kind" *:', head) is not None
 
 
 def adopted_name(time_s: float) -> str:
-    """Name of a calibration file by the time at which it came into force.
+    """Name of a calibration file, from the time at which it came into force.
 
     >>> adopted_name(1795946435.0), adopted_name(4.836)
     ('calibration-20261129T100035Z.json', 'calibration-4.84s.json')
     """
-    if not FROM_1970_S <= time_s <= LATEST_S:
+    if not FROM_1970_S <= time_s <= MAX_EPOCH_S:
         return f"calibration-{time_s:.2f}s.json"
     return f"calibration-{datetime.fromtimestamp(time_s, UTC):%Y%m%dT%H%M%SZ}.json"
 
 
 def adopted_s(name: str) -> float | None:
-    """The time that the name of a calibration file tells, s; None of other names.
+    """Time in s in the name of a calibration file; None for other names.
 
     >>> adopted_s("calibration-20261129T100035Z.json"), adopted_s("calibration-4.84s.json"), adopted_s("old.json")
     (1795946435.0, 4.84, None)
     """
-    match = ADOPTED.fullmatch(name)
+    match = ADOPTED_NAME.fullmatch(name)
     if match is None:
         return None
     date, seconds = match.groups()
@@ -248,7 +248,7 @@ def adopted_s(name: str) -> float | None:
 
 
 class _Line(msgspec.Struct):
-    """What a line of ``flinders watch --json`` says, as far as it counts here."""
+    """Used fields of a line of ``flinders watch --json``."""
 
     kind: str
     event: str | None
@@ -261,7 +261,7 @@ class _Line(msgspec.Struct):
 
 
 def _reports(lines: Iterable[bytes], path: Path) -> Iterator[_Line]:
-    """Lines of ``flinders watch --json``; DocumentError for others, unless it is the last one and cut."""
+    """Yield lines of ``flinders watch --json``; DocumentError for others, except an incomplete last line."""
     decoder = msgspec.json.Decoder(_Line)
     for number, line in enumerate(lines, 1):
         if not line.strip():
@@ -272,6 +272,6 @@ def _reports(lines: Iterable[bytes], path: Path) -> Iterator[_Line]:
             if number > 1 and not line.endswith(b"\n"):
                 return
             raise DocumentError(
-                f"{path}: line {number} is none that `flinders watch` prints as JSON: give its state, a folder of the "
-                "calibrations that it adopted, or what it printed"
+                f"{path}: line {number} is not JSON of `flinders watch`: give its state, a folder of the "
+                "calibrations that it adopted, or its output"
             ) from None

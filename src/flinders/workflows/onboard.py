@@ -1,4 +1,4 @@
-"""The calibration that was in force on board when a log was made, judged by a fit of that log.
+"""Check of the calibration that was in force on board when a log was made, by a fit of that log.
 
 >>> from dataclasses import replace
 >>> from flinders import simulate
@@ -39,28 +39,28 @@ if TYPE_CHECKING:
     from flinders.readers import Stored
 
 NAME: Final = "the calibration on board"
-"""What messages call it."""
+"""Name of the calibration on board in messages."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class OnboardCheck:
-    """The calibration on board compared with a fit of the log that it was in force for."""
+    """Comparison of the calibration on board with a fit of its log."""
 
     calibration: Calibration  #: on board, at the end of the log
-    words: str  #: as the vehicle calls its parameters; empty where the log is in memory
-    changes: int  #: how often it changed in the log
-    #: roll, pitch and yaw in degrees, in which the compass is mounted; None where it is turned with the board, or that
-    #: is not known. No calibration has it.
+    words: str  #: names of its parameters on the vehicle; empty if the log is in memory
+    changes: int  #: count of its changes in the log
+    #: roll, pitch and yaw of the compass's mounting in degrees; None if it is mounted with the board, or unknown. It is
+    #: not part of the calibration.
     mounting: tuple[float, float, float] | None
     strength: float  #: mean length of the readings corrected with it, in the unit of the calibration
-    spread: float  #: standard deviation of their lengths, as a fraction of that
-    comparison: Comparison  #: of it and the fit
+    spread: float  #: standard deviation of these lengths, as a fraction of `strength`
+    comparison: Comparison  #: of the calibration on board and the fit
 
     @property
     def answer(self) -> Answer:
-        """Whether it is good enough, as `Comparison.answer` says.
+        """Whether the calibration on board is good enough, as `Comparison.answer`.
 
-        ``holds``: it is. ``fails``: a change is worth while. ``cannot-tell``: the fit claims too little.
+        ``holds``: it is. ``fails``: a change improves headings. ``cannot-tell``: the fit is too uncertain.
         """
         return self.comparison.answer
 
@@ -68,11 +68,11 @@ class OnboardCheck:
         """JSON-ready."""
         return {
             **self.comparison.as_dict(),
-            "words": self.words,  # as the vehicle calls its parameters
-            "changes": self.changes,  # how often it changed in the log
-            "mounting_deg": self.mounting,  # roll, pitch and yaw of the compass, which are not in the calibration
+            "words": self.words,  # names of its parameters on the vehicle
+            "changes": self.changes,  # count of its changes in the log
+            "mounting_deg": self.mounting,  # roll, pitch and yaw of the compass, not part of the calibration
             "strength": self.strength,  # mean length of the readings corrected with it, in the unit of the calibration
-            "spread": self.spread,  # standard deviation of their lengths, as a fraction of that
+            "spread": self.spread,  # standard deviation of these lengths, as a fraction of `strength`
             "calibration": self.calibration.as_dict(),
         }
 
@@ -81,28 +81,31 @@ class OnboardCheck:
 
 
 def judge_onboard(recording: Recording, fit: Fit) -> OnboardCheck | None:
-    """Say whether the calibration on board is good enough, or that of a fit of the log is worth a change.
+    """Compare the calibration on board with a fit of the log, to decide on a change.
 
     Parameters
     ----------
     recording : Recording
-        The log that was fitted, without the calibration that was in force.
+        The log of the fit, without the calibration that was in force.
     fit : Fit
-        Its claim decides: the numbers on board are exact.
+        Fit of the log; the numbers on board count as exact.
 
     Returns
     -------
     OnboardCheck or None
-        None where the log tells of no calibration in force, or several logs of different ones.
+        None if the log states no calibration in force, or several logs state different ones.
     """
     onboard = onboard_of(recording)
     if onboard is None:
         return None
-    plain, steady = with_calibration(fit, fit.calibration.affine), _at(onboard, fit.calibration, recording)
+    plain, steady = (
+        with_calibration(fit, fit.calibration.affine),
+        _at_disturbances_of(onboard, fit.calibration, recording),
+    )
     known, target_deg = bare_fit(steady, name=NAME), fit.claim.target_deg
     ellipsoid = fit.calibration.ellipsoid
     strength, spread = fit.evidence.coverage.corrected_strength(ellipsoid, steady)
-    stored = _stored(recording)
+    stored = _stored_calibrations(recording)
     return OnboardCheck(
         onboard,
         stored[-1].words if stored else "",
@@ -115,9 +118,9 @@ def judge_onboard(recording: Recording, fit: Fit) -> OnboardCheck | None:
 
 
 def onboard_fit(recording: Recording) -> Fit:
-    """The calibration on board as a `Fit`, which claims nothing of it.
+    """The calibration on board as a `Fit` without a claim.
 
-    Raises `NoOnboardCalibration` where a log tells of none.
+    Raises `NoOnboardCalibration` if a log states none.
     """
     onboard = onboard_of(recording)
     if onboard is None:
@@ -126,37 +129,37 @@ def onboard_fit(recording: Recording) -> Fit:
 
 
 def _refuse_unknown(recording: Recording) -> NoReturn:
-    """Say why there is no calibration on board, and what to do."""
-    parts, stored = _parts(recording), _stored(recording)
+    """Raise `NoOnboardCalibration` with the reason and a remedy."""
+    parts, stored = _parts(recording), _stored_calibrations(recording)
     name = str(getattr(parts[0], "name", ""))
     if len(parts) > 1 and stored:
         raise NoOnboardCalibration(f"{recording.source} were made with different calibrations in force: give one log")
     if stored and stored[0].applied and getattr(parts[0], "as_logged", False):
         raise NoOnboardCalibration(
-            f"readings of {name} in {recording.source} as they were logged are after {stored[0].words}: take them "
-            "without it",
+            f"readings of {name} in {recording.source} as logged are already corrected by {stored[0].words}: read "
+            "them without that calibration",
             hint={"as_logged": None},
         )
     is_vehicle = getattr(parts[0], "autopilot", None) is not None
-    found = f"{name} had no calibration in force" if is_vehicle else "no calibration in force is told"
+    found = f"{name} had no calibration in force" if is_vehicle else "no calibration in force is stated"
     raise NoOnboardCalibration(
-        f"{recording.source}: {found}; make one from it (flinders calibrate), or check one that you have on it "
-        "(flinders check CALIBRATION RECORDING)"
+        f"{recording.source}: {found}; make a calibration from it (flinders calibrate), or check another calibration "
+        "on it (flinders check CALIBRATION RECORDING)"
     )
 
 
 def _parts(recording: Recording) -> list[Recording]:
-    """The recordings that it is made of, as they were opened."""
+    """The single recordings of a recording, as opened."""
     return [getattr(part, "recording", part) for part in singles(recording)]
 
 
-def _stored(recording: Recording) -> list[Stored]:
-    """What each of the logs says of the calibration in force."""
+def _stored_calibrations(recording: Recording) -> list[Stored]:
+    """Calibration in force by each of the logs."""
     return [stored for part in _parts(recording) if (stored := getattr(part, "stored", None)) is not None]
 
 
-def _at(onboard: Calibration, fitted: Calibration, recording: Recording) -> Calibration:
-    """The calibration on board as the fit sees it: at the disturbances of the fit, of others at their mean."""
+def _at_disturbances_of(onboard: Calibration, fitted: Calibration, recording: Recording) -> Calibration:
+    """The calibration on board at the disturbances of the fit, and at the means of other disturbances."""
     references = {disturbance.name: disturbance.reference for disturbance in fitted.disturbances}
     names = [disturbance.name for disturbance in onboard.disturbances]
     means = _means([name for name in names if name not in references], recording)
@@ -164,7 +167,7 @@ def _at(onboard: Calibration, fitted: Calibration, recording: Recording) -> Cali
 
 
 def _means(names: Iterable[str], recording: Recording) -> dict[str, float]:
-    """Means of recorded disturbances over the readings; of what was not recorded none."""
+    """Means of recorded disturbances over the readings, without disturbances that were not recorded."""
     means = {}
     for name in names:
         columns = [block.driving(name) for block in recording.blocks()]

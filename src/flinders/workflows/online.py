@@ -1,7 +1,7 @@
-"""A calibration that keeps itself: readings in, all day; out, the calibration in force and its heading error now.
+"""Online calibration: from a stream of readings the calibration in force and its current heading error.
 
-No thread, no socket, no clock: time is that of the readings, so that a log that is replayed gives the numbers that were
-given live. The engine learns and judges (`flinders.native`, ``online.c``); here are units, events, states and files.
+It has no thread, socket or clock: time is that of the readings, so that a replayed log gives the same numbers as live.
+The engine learns and judges (`flinders.native`, ``online.c``); this module adds units, events, states and files.
 
 >>> from flinders import simulate
 >>> tumble = simulate.tumble(seed=1).samples
@@ -56,44 +56,44 @@ if TYPE_CHECKING:
 
 SOURCE: Final = "the readings"
 FORMAT: Final = "flinders online calibration"
-LARGEST: Final = 4_000_000
-"""Bytes of a state file at most."""
+MAX_BYTES: Final = 4_000_000
+"""Largest size of a state file."""
 HISTORY: Final = 1000
-"""Events that are kept."""
-BEFORE_ANY: Final = -1e99
-"""Time of no reading."""
-GAP_S: Final = 600.0
-"""Without readings, from which on the timeline tells how the claim grew."""
+"""Largest count of events in `history`."""
+NO_TIME_S: Final = -1e99
+"""Time in the engine before the first reading."""
+MIN_GAP_S: Final = 600.0
+"""Shortest gap in the readings in which the timeline shows the growth of the claim."""
 GAP_POINTS: Final = 8
-"""Of the timeline, in such a gap."""
+"""Count of points of the timeline in such a gap."""
 
 
 class OnlineCalibration:
-    """A calibration that goes on while its sensor is used.
+    """A calibration that is updated while its sensor is used.
 
     Parameters
     ----------
     start : Fit, optional
-        What is in force at first, as `flinders.fit` found it or `flinders.load` read it; without it, the first readings
-        from all directions, or of a level turn, make one.
+        Calibration in force at first, from `flinders.fit` or `flinders.load`; by default it is learnt from the first
+        readings in all directions, or of a level turn.
     at : float, s, optional
-        When that was known, in the clock of the readings; by default their first time.
+        Time of `start`, on the clock of the readings; by default their first time.
     unit, axes : str, Unit and Axes
-        Of the readings, as `flinders.read` takes them; of `start` where that is given.
+        Unit and axes of the readings, as for `flinders.read`; those of `start` if given.
     frame : str
-        What their axes are: ``sensor`` or ``vehicle``, as of `Calibration`; of `start` where that is given.
+        Frame of their axes, ``sensor`` or ``vehicle``, as of `Calibration`; that of `start` if given.
     target_deg, dip_deg : float
         As for `flinders.fit`.
     walk : float or Walk, optional
-        How fast the offset of this unit walks, by an earlier life of it: by so much in an hour, 1 σ, in µT or counts.
-        A number is taken as known within a factor of two; a `Walk`, as of `flinders.OffsetHistory`, says how well it
-        is known. By default units of all kinds are thought of. Either is corrected by what is read.
+        Random walk of the offset of this unit from its history: change in an hour, 1 σ, in µT or counts. A number
+        counts as known within a factor of two; a `Walk`, as from `flinders.OffsetHistory`, states its uncertainty. By
+        default the prior of all units. Readings update either.
 
     Raises
     ------
     UsageError
-        For a target, dip or walk out of range, or a calibration that cannot go on: one that is refused, states no
-        uncertainty, is linearized, or follows a disturbance with a lag.
+        For a target, dip or walk out of range, or an unusable `start`: refused, without a stated uncertainty,
+        linearized, or with a disturbance that has a lag.
     """
 
     def __init__(
@@ -109,7 +109,7 @@ class OnlineCalibration:
         walk: float | Walk | None = None,
     ) -> None:
         if dip_deg is not None and not abs(dip_deg) <= 89.0:
-            raise UsageError(f"dip is {dip_deg:g}°: need -89 to 89")
+            raise UsageError(f"dip is {dip_deg:g}°: need -89° to 89°")
         given = unit if isinstance(unit, Unit) else Unit.of(unit)
         self._raw = given if start is None else start.calibration.raw
         mapped = axes if isinstance(axes, Axes) else Axes.of(axes)
@@ -133,21 +133,21 @@ class OnlineCalibration:
             self._disturbances, self._reference = calibration.disturbances, calibration.offset
             self._strength = calibration.field_strength if calibration.field_strength_known else None
             if at is not None:
-                self._know(start, at)
+                self._start_with(start, at)
 
     @property
     def unit(self) -> Unit:
-        """Of the readings."""
+        """Unit of the readings."""
         return self._raw
 
     @property
     def axes(self) -> Axes:
-        """How the axes of the readings are turned."""
+        """Mapping of the axes of the readings."""
         return self._axes
 
     @property
     def frame(self) -> str:
-        """What the axes of the readings are: ``sensor`` or ``vehicle``."""
+        """Frame of the axes of the readings: ``sensor`` or ``vehicle``."""
         return self._frame
 
     @property
@@ -168,7 +168,7 @@ class OnlineCalibration:
 
     @property
     def is_locked(self) -> bool:
-        """Whether the calibration in force stays whatever is learnt."""
+        """Whether the calibration in force is kept, whatever is learnt."""
         return bool(self._record["is_locked"])
 
     @is_locked.setter
@@ -177,40 +177,40 @@ class OnlineCalibration:
 
     @property
     def disturbances(self) -> tuple[str, ...]:
-        """Names of what the calibration follows, whose values `add` needs: ``current``, ``temperature`` and so on."""
+        """Names of the disturbances that `add` needs values of: ``current``, ``temperature`` and so on."""
         return tuple(disturbance.name for disturbance in self._disturbances)
 
     def add(self, readings: ArrayLike, *, time: ArrayLike, **disturbances: ArrayLike | None) -> tuple[OnlineEvent, ...]:
-        """Take readings in.
+        """Add readings.
 
         Parameters
         ----------
         readings : (N, 3) or (3,), in the unit of the readings
             In the sensor's own axes, in the order of time.
         time : (N,) float, s
-            Of any clock.
+            Times on any clock.
         **disturbances : (N,) or (N, M), optional
-            Values of the `disturbances`, named as for `Calibration.apply`. What they do to readings is as `start` says;
+            Values of the `disturbances`, named as for `Calibration.apply`. Their effect on readings is that of `start`;
             readings without a value are left out.
 
         Returns
         -------
         tuple of OnlineEvent
-            What happened, in the order of time.
+            Events, in the order of time.
 
         Raises
         ------
         ArrayError
             For another shape.
         UsageError
-            Where values of a disturbance are not given.
+            If values of a disturbance are missing.
         """
         samples = Samples.of(readings, unit=self._raw, axes=self._axes, time=np.atleast_1d(time), source=SOURCE)
         if self._disturbances:
-            samples = replace(samples, field=self._undisturbed(samples.field, disturbances))
+            samples = replace(samples, field=self._compensate(samples.field, disturbances))
         assert samples.time is not None
         if self._start is not None and len(samples):
-            self._know(self._start, float(samples.time[0]))
+            self._start_with(self._start, float(samples.time[0]))
         found: list[OnlineEvent] = []
         is_usable = np.isfinite(samples.field).all(axis=1) & np.isfinite(samples.time)
         reached = np.maximum.accumulate(np.where(is_usable, samples.time, -np.inf))
@@ -228,27 +228,27 @@ class OnlineCalibration:
         self._note(found)
         return tuple(found)
 
-    def _undisturbed(self, field: Floats, values: Mapping[str, ArrayLike | None]) -> Floats:
-        """Readings as they would be at the references of the disturbances."""
+    def _compensate(self, field: Floats, values: Mapping[str, ArrayLike | None]) -> Floats:
+        """Readings compensated to the references of the disturbances."""
         shift, gain = effect(self._disturbances, named(self._disturbances, **values))
         quiet: Floats = self._reference + (field - self._reference - shift) / gain[..., np.newaxis]
         return quiet
 
     def _put(self, codes: list[Code]) -> None:
-        """Put what is known now into the timeline, if something happened or a point is due."""
+        """Add a point to the timeline, if there was an event or a point is due."""
         now = float(self._record["now"])
         if codes or now >= self._timeline.due_s:
             self._timeline.put(self._point(now, codes))
 
     def _put_gap(self, until: float) -> None:
-        """Put how the claim grew between the newest reading and the next one, if they are far apart."""
+        """Add points for the growth of the claim between the newest and the next reading, if they are far apart."""
         for point in self._gap(until):
             self._timeline.put(point)
 
     def _gap(self, until: float) -> Iterator[OnlinePoint]:
-        """The newest reading, and then how the claim grows with the root of time; nothing of a short while."""
+        """Yield points for the growth of the claim after the newest reading; none for a short gap."""
         now = self.time_s
-        if until - now > GAP_S:
+        if until - now > MIN_GAP_S:
             yield self._point(now)
             for part in range(1, GAP_POINTS):
                 yield self._point(now + (until - now) * (part / GAP_POINTS) ** 2, is_read=False)
@@ -259,14 +259,14 @@ class OnlineCalibration:
         return OnlinePoint(time_s, known.doing, *errors, *offset, is_read, tuple(codes or ()))
 
     def _offset(self, claim: Records) -> tuple[tuple[float, float, float], tuple[float, float, float]]:
-        """The newest estimate of the offset, and 1 σ of its components, of what is claimed at a time."""
+        """The newest estimate of the offset, and 1 σ of its components, from a claim."""
         latest = self._record["latest"][:3]
-        apart = self._record["in_force"][:3] - latest  # part of what is claimed with the calibration in force
+        apart = self._record["in_force"][:3] - latest  # the claim for the calibration in force includes this difference
         variances = np.maximum(claim["covariance"].reshape(9, 9).diagonal()[:3] - apart**2, 0.0)
         return tuple(latest.tolist()), tuple(np.sqrt(variances).tolist())
 
     def _events(self, bits: int, before: OnlineEvent | None) -> list[OnlineEvent]:
-        """What happened, by the engine's bits; a clock that goes back is said once."""
+        """Events by the engine's bits; a clock that goes back is reported once."""
         if not bits:
             return []
         state = self.state
@@ -278,8 +278,8 @@ class OnlineCalibration:
     def _note(self, found: list[OnlineEvent]) -> None:
         self._history = [*self._history, *found][-HISTORY:]
 
-    def _know(self, start: Fit, at: float) -> None:
-        """Put the calibration that it begins with in force."""
+    def _start_with(self, start: Fit, at: float) -> None:
+        """Put the start calibration in force."""
         parameters, covariance = start.calibration.ellipsoid.parameters, start.claim.claimed_covariance
         engine().online_know(self._record, parameters, covariance, noise=start.evidence.noise, time=at)
         self._start = None
@@ -288,15 +288,15 @@ class OnlineCalibration:
     def time_s(self) -> float:
         """Time of the newest reading; NaN before the first."""
         now = float(self._record["now"])
-        return now if now > BEFORE_ANY else math.nan
+        return now if now > NO_TIME_S else math.nan
 
     @property
     def state(self) -> OnlineState:
-        """What is known at the newest reading."""
+        """State at the newest reading."""
         return self.at(self.time_s)
 
     def at(self, time_s: float) -> OnlineState:
-        """What would be known at a time if nothing were learnt until then."""
+        """Predicted state at a time without further readings."""
         claim = engine().online_claim(self._record, time_s)
         offset, offset_sigma = self._offset(claim) if self._record["state"] else (UNKNOWN, UNKNOWN)
         return OnlineState(
@@ -315,18 +315,18 @@ class OnlineCalibration:
 
     @property
     def is_level(self) -> bool:
-        """Whether it is of a vehicle that stays level: nothing is known of the axis across."""
+        """Whether the vehicle stays level, so that the vertical axis is unknown."""
         return bool(self._record["is_level"])
 
     def error_with_deg(self, calibration: Calibration, time_s: float | None = None) -> float:
-        """Heading error to expect with another calibration of the same readings, worst heading, 1 σ.
+        """Expected heading error with another calibration of the same readings, worst heading, 1 σ.
 
         Parameters
         ----------
         calibration : Calibration
-            An offset and a symmetric matrix; which strength of the field it has makes no difference.
+            With an offset and a symmetric matrix; its field strength does not matter.
         time_s : float, optional
-            By default at the newest reading.
+            Time of the error; by default that of the newest reading.
         """
         record = self._record.copy()
         parameters, latest = calibration.ellipsoid.parameters.copy(), Ellipsoid.of_parameters(self._record["latest"])
@@ -336,15 +336,15 @@ class OnlineCalibration:
 
     @property
     def good_until_s(self) -> float:
-        """Time at which the heading error reaches the target if nothing is learnt until then.
+        """Time at which the heading error reaches the target without further readings.
 
-        Infinite beyond ten years; NaN where it is not within the target now.
+        Infinite beyond ten years; NaN if the error exceeds the target now.
         """
         return self.state.time_s + engine().online_good_s(self._record)
 
     @property
     def fit(self) -> Fit | None:
-        """The calibration in force with its claim, to be saved and exported as every fit; None where there is none."""
+        """The calibration in force with its claim, to save and export as any fit; None if there is none."""
         if not self._record["state"]:
             return None
         ellipsoid = Ellipsoid.of_parameters(self._record["in_force"].copy())
@@ -368,59 +368,59 @@ class OnlineCalibration:
 
     @property
     def calibration(self) -> Calibration | None:
-        """The calibration in force; None where there is none."""
+        """The calibration in force; None if there is none."""
         fit = self.fit
         return None if fit is None else fit.calibration
 
     @property
     def history(self) -> tuple[OnlineEvent, ...]:
-        """What happened, the newest last; the last thousand events."""
+        """The last 1,000 events, the newest last."""
         return tuple(self._history)
 
     @property
     def is_converted(self) -> bool:
-        """Whether `load` read the state of another release; its evidence was left out."""
+        """Whether `load` read the state of another release, without its evidence."""
         return self._is_converted
 
     @property
     def timeline(self) -> tuple[OnlinePoint, ...]:
-        """What was known over time, the newest last: at each event, and every minute; earlier ones are thinned.
+        """Points over time, the newest last: at each event and every minute; earlier points are thinned.
 
-        At most a thousand points. The times of the readings alone decide which: live or replayed, cut or saved and
-        read again, it is the same.
+        There are at most 1,000 points. They depend only on the times of the readings: live or replayed, split, or saved
+        and loaded, they are the same.
         """
         return tuple(self._timeline.points)
 
     def timeline_until(self, time_s: float) -> tuple[OnlinePoint, ...]:
-        """`timeline`, and what would be known until a time after it if nothing were learnt."""
+        """`timeline`, continued to a time by the prediction without further readings."""
         later = [*self._gap(time_s), *([self._point(time_s, is_read=False)] if time_s > self.time_s else [])]
         newest = -math.inf if not self.timeline else self.timeline[-1].time_s
         return (*self.timeline, *(point for point in later if point.time_s > newest))
 
     def adopt(self) -> None:
-        """Put the newest calibration in force, also while it is locked; `UsageError` where there is none."""
+        """Put the newest calibration in force, also if locked; `UsageError` if there is none."""
         self._require()
         engine().online_adopt(self._record)
         self._note([OnlineEvent(self.state.time_s, "adopted", self.state.heading_error_deg)])
         self._put(["adopted"])
 
     def take_back(self) -> None:
-        """Put the calibration in force again that was in force before; `UsageError` where there is none."""
+        """Put the previous calibration in force again; `UsageError` if there is none."""
         self._require()
         if np.isnan(self._record["replaced"]).any():
-            raise UsageError("no calibration was in force before: there is nothing to take back")
+            raise UsageError("there is no previous calibration to take back")
         engine().online_take_back(self._record)
         self._note([OnlineEvent(self.state.time_s, "taken-back", self.state.heading_error_deg)])
         self._put(["taken-back"])
 
     def _require(self) -> None:
         if not self._record["state"]:
-            raise UsageError("nothing was learnt yet: turn the sensor through all directions first")
+            raise UsageError("no calibration was learnt yet: turn the sensor through all directions first")
 
     def save(self, path: str | os.PathLike[str]) -> None:
-        """Write everything that is known, whole or not at all, so that `load` goes on where this ended.
+        """Write the complete state, completely or not at all, so that `load` continues from it.
 
-        Raises `OutputError` where it cannot be written.
+        Raises `OutputError` if it cannot be written.
         """
         content = {
             "format": FORMAT,
@@ -442,14 +442,13 @@ class OnlineCalibration:
 
     @classmethod
     def load(cls, path: str | os.PathLike[str]) -> Self:
-        """Read what `save` wrote; the same numbers, to the bit.
+        """Read a state from `save`, with bitwise equal numbers.
 
-        The state of another release goes on with what it knows, but for its evidence: an event says so, and
-        `is_converted`.
+        The state of another release is converted without its evidence, as an event and `is_converted` state.
 
-        Raises `DocumentError` for a file that is none.
+        Raises `DocumentError` for another file.
         """
-        text = read_bytes(path, largest=LARGEST, what="the state of an online calibration", refused=DocumentError)
+        text = read_bytes(path, largest=MAX_BYTES, what="the state of an online calibration", refused=DocumentError)
         try:
             content = msgspec.json.decode(text)
             return cls._of(content)
@@ -471,7 +470,7 @@ class OnlineCalibration:
         online._history = [
             OnlineEvent(**{**event, "heading_error_deg": float(event["heading_error_deg"])})
             for event in content.get("history", [])
-            if event["code"] in WORDS  # another release has others
+            if event["code"] in WORDS  # another release has other codes
         ]
         saved = {name: numbers(values) for name, values in content["record"].items()}
         online._is_converted = not is_of_this_release(saved, int(online._record["version"]))
@@ -480,7 +479,7 @@ class OnlineCalibration:
             online._timeline = Timeline.of(content["timeline"])
         if online._is_converted:
             online._note([OnlineEvent(online.state.time_s, "other-release", online.state.heading_error_deg)])
-            if online._record["now"] > BEFORE_ANY:
+            if online._record["now"] > NO_TIME_S:
                 online._put(["other-release"])
         return online
 

@@ -1,4 +1,4 @@
-"""What happens to a calibration that keeps itself, and what is known of it at a time."""
+"""Events and states of an online calibration."""
 
 from __future__ import annotations
 
@@ -13,32 +13,32 @@ if TYPE_CHECKING:
     from flinders.verdicts import Verdict
 
 DOING: Final[tuple[Doing, ...]] = ("learning", "undisturbed", "disturbed")
-"""By the engine's numbers."""
+"""States of the readings, in the order of the engine's numbers."""
 CODES: Final[dict[int, Code]] = {
     1: "learnt", 2: "contradicted", 4: "passed", 8: "moved", 16: "adopted", 32: "clock-back"
 }  # fmt: skip
-"""What happened, by the engine's bits."""
+"""Codes of events, by the engine's bits."""
 
 WORDS: Final[dict[Code, str]] = {
     "learnt": "a first calibration was found",
-    "contradicted": "readings no longer agree with the calibration: something passes, or its offset has moved",
-    "passed": "readings agree again: something passed",
-    "moved": "the offset has moved, and was learnt anew",
+    "contradicted": "readings no longer agree with the calibration: iron passes, or the offset has moved",
+    "passed": "readings agree with the calibration again: iron passed",
+    "moved": "the offset has moved, and was learnt again",
     "adopted": "another calibration is in force",
-    "clock-back": "the clock went back: readings are left out until it is where it was",
-    "taken-back": "the calibration from before is in force again",
-    "other-release": "the state of another release goes on without its evidence",
+    "clock-back": "the clock went back: readings are left out until it reaches its previous time",
+    "taken-back": "the previous calibration is in force again",
+    "other-release": "the state is from another release and is used without its evidence",
 }
-"""What each event means."""
+"""Sentence of each event."""
 
 
 @dataclass(frozen=True, slots=True)
 class OnlineEvent:
-    """Something that happened."""
+    """An event of an online calibration."""
 
-    time_s: float  #: of the reading at which it was seen
+    time_s: float  #: time of the reading at which it was detected
     code: Code
-    heading_error_deg: float  #: that is claimed after it, worst heading, 1 σ; NaN where nothing is in force
+    heading_error_deg: float  #: claimed after the event, worst heading, 1 σ; NaN without a calibration in force
 
     def __str__(self) -> str:
         return WORDS[self.code]
@@ -46,20 +46,20 @@ class OnlineEvent:
 
 @dataclass(frozen=True, slots=True)
 class OnlineState:
-    """What is known at a time. Numbers are NaN where no calibration is in force."""
+    """State at a time; numbers are NaN if no calibration is in force."""
 
     time_s: float
-    doing: Doing  #: ``learning`` without a calibration; ``disturbed`` where readings contradict it
-    heading_error_deg: float  #: to expect of a level vehicle with the calibration in force, worst heading, 1 σ
-    bound_deg: float  #: that no heading exceeds with 95 %
+    doing: Doing  #: ``learning`` without a calibration; ``disturbed`` if readings contradict it
+    heading_error_deg: float  #: expected for a level vehicle with the calibration in force, worst heading, 1 σ
+    bound_deg: float  #: 95 % bound of the error at all headings
     latest_deg: float  #: heading error with the newest calibration, which may not be in force
-    age_s: float  #: since readings last told something of it
-    walk: float  #: by which the offset moves in an hour, 1 σ, in µT, or counts where no scale is known
+    age_s: float  #: time since the last reading with information on the calibration
+    walk: float  #: motion of the offset in an hour, 1 σ, in µT, or in counts if no scale is known
     target_deg: float
     #: newest estimate, in force or not, as `Calibration.offset`: µT or counts
     offset: tuple[float, float, float] = UNKNOWN
     offset_sigma: tuple[float, float, float] = UNKNOWN  #: 1 σ of each of its components
-    radius: float = math.nan  #: mean length of readings about it, in the same unit
+    radius: float = math.nan  #: mean length of readings about the offset, in the same unit
 
     @property
     def verdict(self) -> Verdict:

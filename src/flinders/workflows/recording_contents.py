@@ -1,4 +1,4 @@
-"""What a recording or a log holds: its magnetometers, gone through once, and what is recorded with them.
+"""Contents of a recording or log: its magnetometers, read once, and the columns recorded with them.
 
 >>> import tempfile
 >>> from pathlib import Path
@@ -19,6 +19,7 @@ from typing import TYPE_CHECKING, Any, Final, Self
 
 import numpy as np
 
+from flinders.core.chips import chip_of_device, chips_named_in, find_chip
 from flinders.core.geomag import recorded_field
 from flinders.core.keywords import spell_checked
 from flinders.core.samples import Wrapped
@@ -31,11 +32,13 @@ from flinders.readers import Log, open_log
 from flinders.readers._likeness import likeness
 from flinders.readers._names import meaning
 from flinders.summary.summary import Summary
+from flinders.workflows.chip_proposal import ChipEvidence, ChipProposal, propose_chip
 
 if TYPE_CHECKING:
     import os
     from collections.abc import Iterator
 
+    from flinders.core.chips import Chip
     from flinders.core.geomag import SiteField
     from flinders.core.samples import Samples
     from flinders.errors import Spelling
@@ -44,58 +47,76 @@ if TYPE_CHECKING:
     from flinders.summary.quality import TimeStamps
 
 AUXILIARY: Final = ("time", "acceleration", "rate", "temperature", "current", "throttle", "attitude", "strength")
-"""What may be recorded with a reading, as `Samples` calls it; besides, ``current1`` and so on of each motor."""
+"""Other columns of a reading, by their names in `Samples`; also ``current1`` and so on for single motors."""
 
-GAP_STEPS: Final = 5.0
-"""Usual steps from one reading to the next that make a gap."""
+MIN_GAP_STEPS: Final = 5.0
+"""Smallest gap, in usual steps from one reading to the next."""
 
 MIN_COVERAGE: Final = 0.5
-"""Of all directions, below which the size of an ellipsoid is a guess, and not shown."""
+"""Smallest share of all directions at which the size of an ellipsoid is shown."""
+
+MAX_SAMPLE: Final = 4096
+"""Largest count of readings of the first block whose steps are used to propose a chip."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Request:
+    """Options of a caller of `contents`, and the field at the place."""
+
+    columns: str | None = None
+    unit: str | None = None
+    chip: Chip | None = None
+    site_ut: float | None = None  #: µT: field at the place, if known
+    spell: Spelling = in_python
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RecordedSensor:
     """One magnetometer of a recording."""
 
-    number: int  # counted from 1, as ``--sensor`` takes it
-    name: str  # of the instrument or of its columns
-    unit: str  # what it is written in
-    unit_of_field: str  # what `lowest`, `highest` and `strength` are in
-    readings: int  # how many
-    seconds: float | None = None  # from the first to the last; None without a clock, as the next two
-    rate_hz: float | None = None  # mean, but for the longest step
-    longest_gap_s: float | None = None  # the longest step, where it is a gap
-    backward_steps: int = 0  # steps of the clock that go back
-    repeats: int = 0  # readings that are equal to the one before
-    rails: tuple[str, ...] = ()  # ends of axes at which the sensor was at its limit
+    number: int  # from 1, for ``--sensor``
+    name: str  # name of the instrument or of its columns
+    unit: str  # unit of the recorded numbers
+    unit_of_field: str  # unit of `lowest`, `highest` and `strength`
+    readings: int  # count of readings
+    seconds: float | None = None  # from the first to the last reading; None without a clock, as the next two
+    rate_hz: float | None = None  # mean rate, without the longest step
+    longest_gap_s: float | None = None  # the longest step, if it is a gap
+    backward_steps: int = 0  # count of steps of the clock that go back
+    repeats: int = 0  # count of readings equal to the one before
+    rails: tuple[str, ...] = ()  # ends of axes at which the sensor was saturated
     lowest: tuple[float, ...] = ()  # (3,): smallest reading of each axis
     highest: tuple[float, ...] = ()  # (3,): largest reading of each axis
     onboard_calibration: str = ""  # the calibration that was in force, in words
-    is_as_logged: bool = False  # that was left on
-    is_raw: bool = False  # readings were logged before it, so that there is nothing to remove
+    is_as_logged: bool = False  # whether that calibration was left applied
+    is_raw: bool = False  # whether readings were logged before that calibration, so that it need not be removed
     auxiliary: tuple[str, ...] = ()  # columns recorded with it, such as time and acceleration
-    too_few: str = ""  # why no method fits so few readings, in words; nothing where there are enough
-    unmoved: str = ""  # why the sensor was hardly turned, in words; nothing where it was
-    coverage: float | None = None  # of all directions; None where no ellipsoid fits, or the sensor was hardly turned
-    strength: float | None = None  # of the field by that ellipsoid; None where too little is seen
-    columns: tuple[str, ...] = ()  # of a table, names of those of x, y and z
-    resembles: str = ""  # what its values look like, such as gravity, where no name says that it is a magnetometer
-    ignored_time: str = ""  # names of columns that are called as a time, where none is read
-    notes: tuple[str, ...] = ()  # what else to know, a sentence each
+    too_few: str = ""  # sentence that there are too few readings for a fit; empty if there are enough
+    unmoved: str = ""  # sentence that the sensor was hardly turned; empty if it was turned
+    coverage: float | None = None  # share of all directions; None if no ellipsoid fits, or the sensor was hardly turned
+    strength: float | None = None  # of the field by that ellipsoid; None if the coverage is too small
+    columns: tuple[str, ...] = ()  # of a table, names of the columns of x, y and z
+    resembles: str = ""  # quantity that its values resemble, such as gravity, if no name states a magnetometer
+    chip: ChipProposal | None = None  # chips proposed by names and readings, with unit and axes; None if unknown
+    ignored_time: str = ""  # names of columns with the name of a time, if none is read
+    notes: tuple[str, ...] = ()  # other notes, a sentence each
 
     @classmethod
-    def of(cls, number: int, instrument: Instrument, *, columns: str | None, unit: str | None, spell: Spelling) -> Self:
-        """Go through one magnetometer; where its unit or columns were not given, its values may tell them.
+    def of(cls, number: int, instrument: Instrument, request: Request) -> Self:
+        """Read one magnetometer once; if its unit or columns are not given, its values may show them.
 
-        Raises `InputError` if it has no reading.
+        Raises `InputError` if it has no readings.
         """
         watched = _WatchedInstrument(instrument)
         summary = Summary.through(watched)
-        unmoved = _unmoved(summary, instrument.unit.inside)
-        too_few = "" if unmoved else _too_few(summary)
-        coverage, strength = (None, None) if too_few or unmoved else _seen(summary)
-        remark = unit_remark(strength, instrument.unit.inside, spell) if unit is None else ""
+        unmoved = _unmoved_words(summary, instrument.unit.inside)
+        too_few = "" if unmoved else _too_few_words(summary)
+        coverage, strength = (None, None) if too_few or unmoved else _coverage_and_strength(summary)
         health = summary.health
+        resembles = _resemblance(instrument, watched.first) if request.unit is None and request.columns is None else ""
+        chip = None if resembles else _proposal_for(instrument, watched.first, summary, strength, request)
+        is_unit_open = request.unit is None and (chip is None or not chip.unit)
+        remark = unit_remark(strength, instrument.unit.inside, request.spell) if is_unit_open else ""
         return cls(
             number=number,
             name=instrument.name,
@@ -118,14 +139,15 @@ class RecordedSensor:
             coverage=coverage,
             strength=strength,
             columns=instrument.fields,
-            resembles=_likeness(instrument, watched.first) if unit is None and columns is None else "",
+            resembles=resembles,
+            chip=chip,
             ignored_time=instrument.unread_time,
             notes=(*filter(None, (remark,)), *instrument.notes, *map(str, health.skipped)),
         )
 
     @classmethod
     def silent(cls, number: int, instrument: Instrument, error: InputError) -> Self:
-        """A magnetometer without a reading."""
+        """Create the entry of a magnetometer without readings."""
         unit, notes = instrument.unit, (error.message, *instrument.notes)
         return cls(
             number=number, name=instrument.name, unit=unit.name, unit_of_field=unit.inside, readings=0, notes=notes
@@ -133,7 +155,7 @@ class RecordedSensor:
 
     @property
     def is_fit_for_use(self) -> bool:
-        """Whether a calibration from it is worth a try: it is a magnetometer, was turned, and gave enough readings."""
+        """Whether it can be calibrated: it is a magnetometer, was turned, and has enough readings."""
         return bool(self.readings) and not (self.resembles or self.too_few or self.unmoved)
 
     def __str__(self) -> str:
@@ -153,17 +175,17 @@ class RecordedSensor:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Contents:
-    """What a file holds."""
+    """Contents of a file."""
 
     source: str  # path of the file
     format: str  # its format
     bytes: int | None  # its size
     start: str | None  # date and time, UTC
     position: tuple[float, float, float] | None  # latitude and longitude, °, north and east positive; altitude, m
-    site: SiteField | None  # what the model of the field has there
+    site: SiteField | None  # field at the position by the model
     sensors: tuple[RecordedSensor, ...]  # its magnetometers
-    commands: tuple[str, ...] = ()  # what to type next
-    notes: tuple[str, ...] = ()  # what else to know
+    commands: tuple[str, ...] = ()  # suggested next commands
+    notes: tuple[str, ...] = ()  # other notes, a sentence each
 
     def __repr__(self) -> str:
         named = ", ".join(f"{each.number} {each.name}" for each in self.sensors)
@@ -171,7 +193,7 @@ class Contents:
         return f"Contents({Path(self.source).name}, {self.format}: {held})"
 
     def as_dict(self) -> dict[str, Any]:
-        """JSON-ready, under the names of the attributes."""
+        """JSON-ready, with the names of the attributes as keys."""
         return {**asdict(self), "site": None if self.site is None else self.site.as_dict()}
 
 
@@ -182,68 +204,72 @@ def contents(
     topic: str | None = None,
     columns: str | None = None,
     unit: str | None = None,
+    chip: str | None = None,
     site: SiteField | None = None,
     spell: Spelling = in_python,
     **reading: Any,
 ) -> Contents:
-    """Go through each magnetometer of a file once, and say what there is.
+    """Read each magnetometer of a file once, and list the contents of the file.
 
     Parameters
     ----------
     source : path or Log
-        Anything that `flinders.open_log` opens, or what it returns.
+        Anything that `flinders.open_log` opens, or a `Log` from it.
     topic : str, optional
         The one magnetometer of a log, or member of an archive.
     columns, unit
-        As for `flinders.open_log`: where they are not given, the values may tell the unit, and that columns without
-        telling names are no magnetometer.
+        As for `flinders.open_log`. If they are not given, the values may show the unit, and that columns without known
+        names are no magnetometer.
+    chip : str, optional
+        Name of the magnetometer chip, or of the package that contains it, if no name in the file states it.
     site : SiteField, optional
-        The field at the place; by default that of a log which states place and time.
+        The field at the place; by default that of a log that states place and time.
     spell : callable
-        Spells arguments within notes.
+        Spells arguments in notes for an interface.
     **reading
-        Other parameters of `flinders.open_log`, where `source` is a path.
+        Other parameters of `flinders.open_log`, if `source` is a path.
 
     Raises
     ------
     InputError
-        For a file that cannot be read, or without any reading.
+        For a file that cannot be read, or has no readings.
     UsageError
-        For a topic that there is not.
+        For an unknown topic, or a chip that the table of chips lacks.
 
     Examples
     --------
     See the head of this module.
     """
+    named = None if chip is None else find_chip(chip)
     log = source
     if not isinstance(log, Log):
         log = open_log(log, topic=topic, columns=columns, unit=unit, **reading)
     file, position = log.instruments[0].file, log.position
+    site = recorded_field(log) if site is None else site
+    site_ut = None if site is None else site.strength
     return Contents(
         source=log.source,
         format=log.format,
         bytes=None if file is None else file.size,
         start=None if log.begun is None else log.begun.strftime("%Y-%m-%d %H:%M:%S"),
         position=None if position is None else (position.latitude_deg, position.longitude_deg, position.altitude_m),
-        site=recorded_field(log) if site is None else site,
-        sensors=_sensors_of(log, topic, columns=columns, unit=unit, spell=spell),
+        site=site,
+        sensors=_sensors_of(log, topic, Request(columns=columns, unit=unit, chip=named, site_ut=site_ut, spell=spell)),
         notes=log.notes,
     )
 
 
-def _sensors_of(
-    log: Log, topic: str | None, *, columns: str | None, unit: str | None, spell: Spelling
-) -> tuple[RecordedSensor, ...]:
-    """Go through the magnetometers of a log, or the one that a topic names; `columns` and `unit` are those asked for.
+def _sensors_of(log: Log, topic: str | None, request: Request) -> tuple[RecordedSensor, ...]:
+    """Read the magnetometers of a log, or the one of a topic.
 
-    Raises `InputError` if none of them has a reading; `UsageError` if the log does not have the topic.
+    Raises `InputError` if none of them has readings; `UsageError` if the log does not have the topic.
     """
     wanted = log.instruments if topic is None or log.is_table else (log.sensor(topic),)
     sensors, errors = [], []
     for number, instrument in enumerate(log.instruments, 1):
         if instrument in wanted:
             try:
-                sensors.append(RecordedSensor.of(number, instrument, columns=columns, unit=unit, spell=spell))
+                sensors.append(RecordedSensor.of(number, instrument, request))
             except InputError as error:
                 errors.append(error)
                 sensors.append(RecordedSensor.silent(number, instrument, error))
@@ -253,7 +279,7 @@ def _sensors_of(
 
 
 def unit_remark(strength: float | None, inside: str, spell: Spelling = in_python) -> str:
-    """Say in which unit the strength of readings without one would be the earth's: that alone does not prove it.
+    """Sentence on the unit in which the strength of readings without a unit would be the earth's; it is no proof.
 
     >>> unit_remark(480.0, "counts")
     "as mG the strength would be the earth's: add unit='mG' if that is their unit, or scale with the µT of a count"
@@ -268,7 +294,7 @@ def unit_remark(strength: float | None, inside: str, spell: Spelling = in_python
 
 
 class _WatchedInstrument(Wrapped):
-    """An instrument whose first block and auxiliary columns are noted as it is gone through."""
+    """An instrument that stores its first block and the names of its auxiliary columns while it is read."""
 
     def __init__(self, instrument: Instrument) -> None:
         self.recording = instrument
@@ -276,7 +302,7 @@ class _WatchedInstrument(Wrapped):
         self.first: Samples | None = None
 
     def blocks(self) -> Iterator[Samples]:
-        """Go through the readings."""
+        """Yield the blocks of readings."""
         for block in self.recording.blocks():
             self.first = self.first or block
             names = dict.fromkeys((*AUXILIARY, *block.disturbances))
@@ -285,24 +311,24 @@ class _WatchedInstrument(Wrapped):
 
 
 def _has(block: Samples, name: str) -> bool:
-    """Whether a column is there, and says anything."""
+    """Whether a block has a column with values."""
     column = block.driving(name) if name in block.disturbances else getattr(block, name)
     return column is not None and bool(np.isfinite(column).any())
 
 
 def _pace(clock: TimeStamps) -> dict[str, Any]:
-    """Duration, rate and gaps, as `RecordedSensor` has them; the rate is that without the longest gap."""
+    """Duration, rate and gaps as attributes of `RecordedSensor`; the rate excludes the longest gap."""
     step = (clock.seconds - clock.longest_step) / max(clock.steps - 1, 1)
     return {
         "seconds": clock.seconds if step > 0 else None,
         "rate_hz": 1 / step if step > 0 else None,
-        "longest_gap_s": clock.longest_step if step > 0 and clock.longest_step > GAP_STEPS * step else None,
+        "longest_gap_s": clock.longest_step if step > 0 and clock.longest_step > MIN_GAP_STEPS * step else None,
         "backward_steps": clock.backward_steps,
     }
 
 
-def _seen(summary: Summary) -> tuple[float | None, float | None]:
-    """Share of all directions, and strength of the field, by the ellipsoid through the readings."""
+def _coverage_and_strength(summary: Summary) -> tuple[float | None, float | None]:
+    """Covered share of all directions, and strength of the field, by the ellipsoid through the readings."""
     try:
         surface: Fit | None = fit(summary, method="consistent")
     except FitError as refusal:
@@ -313,8 +339,8 @@ def _seen(summary: Summary) -> tuple[float | None, float | None]:
     return coverage, float(surface.calibration.ellipsoid.radius) if coverage >= MIN_COVERAGE else None
 
 
-def _too_few(summary: Summary) -> str:
-    """Why there are too few different readings for a fit; nothing where there are enough."""
+def _too_few_words(summary: Summary) -> str:
+    """Sentence that there are too few different readings for a fit; empty if there are enough."""
     found, total, needed = summary.health.distinct, summary.health.rows, Likelihood.unknowns
     if found >= needed:
         return ""
@@ -322,8 +348,8 @@ def _too_few(summary: Summary) -> str:
     return TooFewSamples(found=found if among else total, needed=needed, method=Likelihood.name, among=among).message
 
 
-def _unmoved(summary: Summary, unit: str) -> str:
-    """Why the readings are those of a sensor that was hardly turned; nothing where it was, or of a few readings."""
+def _unmoved_words(summary: Summary, unit: str) -> str:
+    """Sentence that the sensor was hardly turned; empty if it was turned, or for few readings."""
     if summary.health.rows < Likelihood.unknowns:
         return ""
     try:
@@ -333,10 +359,67 @@ def _unmoved(summary: Summary, unit: str) -> str:
     return ""
 
 
-def _likeness(instrument: Instrument, first: Samples | None) -> str:
-    """What columns without telling names look like, if not like a magnetometer's."""
+def _resemblance(instrument: Instrument, first: Samples | None) -> str:
+    """Quantity that the values of unnamed columns resemble; empty if they resemble a magnetometer."""
     columns, names = instrument.name.partition("columns ")[1:]
     is_named = any(not (name.isdecimal() or meaning(name).is_bare) for name in names.split(", "))
     if first is None or not columns or is_named or instrument.unit.inside != COUNTS:
         return ""
     return likeness(first.field)
+
+
+def propose_chip_of(samples: Samples, spell: Spelling = in_python) -> ChipProposal | None:
+    """Propose unit and axes for samples in memory, by their counts; None if these are not sufficient.
+
+    >>> from flinders import simulate
+    >>> propose_chip_of(simulate.tumble(seed=1).samples) is None  # they are in microtesla
+    True
+    """
+    summary = Summary.through(samples)
+    strength = (
+        None
+        if _too_few_words(summary) or _unmoved_words(summary, samples.unit.inside)
+        else _coverage_and_strength(summary)[1]
+    )
+    evidence = ChipEvidence(
+        sample=samples.field[:MAX_SAMPLE],
+        lowest=summary.health.lows.values,
+        highest=-summary.health.highs.values,
+        strength=strength,
+        unit=samples.unit.inside,
+    )
+    return propose_chip(evidence, spell)
+
+
+def _proposal_for(
+    instrument: Instrument, first: Samples | None, summary: Summary, strength: float | None, request: Request
+) -> ChipProposal | None:
+    """Propose the chip of a magnetometer by its names and its readings."""
+    found, where = _chips_by_name(instrument, request.chip)
+    evidence = ChipEvidence(
+        sample=np.empty((0, 3)) if first is None else first.field[:MAX_SAMPLE],
+        lowest=summary.health.lows.values,
+        highest=-summary.health.highs.values,
+        strength=strength,
+        unit=instrument.unit.inside if instrument.unit.name == COUNTS else instrument.unit.name,
+        chips=found,
+        named_by=where,
+        site_ut=request.site_ut,
+        is_mapped=instrument.autopilot is not None or not instrument.axes.is_identity,
+    )
+    return propose_chip(evidence, request.spell)
+
+
+def _chips_by_name(instrument: Instrument, given: Chip | None) -> tuple[tuple[Chip, ...], str]:
+    """Chips that match a name, and its source: the caller, a device id, the instrument, the columns, or the file."""
+    if given is not None:
+        return (given,), "the request"
+    if instrument.autopilot is not None and instrument.device_id is not None:
+        chip = chip_of_device(instrument.device_id, instrument.autopilot)
+        return ((chip,), f"device id {instrument.device_id}") if chip else ((), "")
+    names = {
+        f"the name {instrument.name}": instrument.name,
+        "the names of the columns": " ".join(instrument.fields),
+        f"the file name {Path(instrument.source).name}": Path(instrument.source).name,
+    }
+    return next(((found, where) for where, text in names.items() if (found := chips_named_in(text))), ((), ""))

@@ -1,4 +1,4 @@
-"""Recordings in the unit and axes of a calibration, and which of them a calibration was made from.
+"""Recordings in the unit and axes of a calibration, and detection of those that the calibration was made from.
 
 >>> from flinders import simulate
 >>> from flinders.fitting import calibrate
@@ -42,9 +42,9 @@ if TYPE_CHECKING:
 
 
 def fit_for(calibration: AnyCalibration) -> Fit:
-    """A calibration as a `Fit`: one without a claim for a bare `Calibration`; a path is loaded.
+    """A calibration as a `Fit`: without a claim for a `Calibration`; loaded from a path.
 
-    Raises `UsageError` for what is none of them, as where recording and calibration are given the wrong way round.
+    Raises `UsageError` for another type, as when recording and calibration are exchanged.
     """
     if isinstance(calibration, Fit):
         return calibration
@@ -59,16 +59,16 @@ def fit_for(calibration: AnyCalibration) -> Fit:
 
 
 def uncalibrated(recording: Recording) -> Fit:
-    """A calibration that changes nothing, for a recording that is taken as it is."""
+    """The identity as a calibration, for a recording that is used as it is."""
     length = float(np.median(np.linalg.norm(next(iter(recording.blocks())).field, axis=1)))
     calibration = Calibration.identity(field_strength=length, raw=recording.unit, axes=recording.axes)
     return bare_fit(calibration, name="no calibration")
 
 
 def used_at(fit: Fit, at: Mapping[str, float] | None) -> tuple[Fit, Compensator]:
-    """The fit of compensated readings, and what compensates them.
+    """The fit for compensated readings, and the compensator.
 
-    `at` has values of disturbances by name that are taken for those of the recording.
+    `at` has values of disturbances by name, in place of recorded ones.
     """
     compensator = Compensator(fit.calibration.holding(**(at or {})))
     return with_calibration(fit, compensator.calibration.affine), compensator
@@ -77,13 +77,13 @@ def used_at(fit: Fit, at: Mapping[str, float] | None) -> tuple[Fit, Compensator]
 def recording_for(source: AnyReadings, fit: Fit) -> Recording:
     """Readings as a recording in the unit and axes of a calibration.
 
-    Raises `UnitError` or `AxesError` for a recording that is in others, and what `flinders.read` raises.
+    Raises `UnitError` or `AxesError` for a recording in another unit or other axes, and the errors of `flinders.read`.
 
     Parameters
     ----------
     source : Samples, Recording, (N, 3) array-like, path, open file, data frame, or list of these but arrays
-        An array is taken to be in that unit and in those axes. Of a log or table of several magnetometers the one
-        that the calibration is for is read.
+        An array is assumed to be in that unit and those axes. Of a log or table of several magnetometers the one of the
+        calibration is read.
     """
     if isinstance(source, list | tuple) and source and (is_source(source[0]) or hasattr(source[0], "blocks")):
         parts = tuple(recording_for(each, fit) for each in source)
@@ -98,18 +98,18 @@ def recording_for(source: AnyReadings, fit: Fit) -> Recording:
     for part in singles(recording):
         if part.axes != calibration.axes:
             raise AxesError(
-                f"{part.source} has axes {part.axes}, {fit.provenance.name} has {calibration.axes}: read it as the "
-                "recording of the calibration"
+                f"{part.source} has axes {part.axes}, {fit.provenance.name} has {calibration.axes}: read it with the "
+                "axes of the calibration"
             )
         agree(calibration, part.recording if isinstance(part, Wrapped) else part)
     return recording
 
 
 def open_with(fit: Fit, recording: AnySource, *, sensor: str | None = None, **reading: Any) -> Recording:
-    """Open a recording in the unit and axes of a calibration: of several magnetometers the one that it is for.
+    """Open a recording in the unit and axes of a calibration; of several magnetometers, that of the calibration.
 
-    Of a table of the form of one that it was made from the columns that were asked for then; `reading` goes to
-    `flinders.open_recording`.
+    If the table has the form of one from which the calibration was made, the same columns are read; `reading` has
+    parameters of `flinders.open_recording`.
     """
     calibration = fit.calibration
     known = (file.columns for file in reversed(fit.provenance.files) if file.columns)
@@ -122,22 +122,22 @@ def open_with(fit: Fit, recording: AnySource, *, sensor: str | None = None, **re
 
 
 def agree(calibration: Calibration, recording: Recording) -> None:
-    """Give a recording the calibration's unit, or refuse where it states another kind, or other axes."""
+    """Convert a recording to the calibration's unit; refuse another kind of unit, or other axes."""
     if isinstance(recording, TextRecording | TableRecording) and not recording.states_unit:
         recording.unit = calibration.raw
     refuse_other_frame(calibration.frame, recording)
     if recording.unit.inside != calibration.unit:
         raise UnitError(
             f"{recording.source} is in {recording.unit.name}, the calibration is for readings in "
-            f"{calibration.raw.name}: it belongs to another kind of recording; calibrate again from a recording "
+            f"{calibration.raw.name}, which cannot be converted: calibrate again from a recording "
             "like this one"
         )
 
 
 def refuse_other_frame(frame: str, recording: Recording) -> None:
-    """Raise `AxesError` for a recording in axes of the vehicle where a calibration is for those of the sensor, or v. v.
+    """Raise `AxesError` if recording and calibration are in axes of the vehicle and of the sensor, in either order.
 
-    A table does not say that it is in those of the sensor.
+    A table does not state that it is in axes of the sensor.
     """
     found = frame_of(recording)
     says_nothing = isinstance(recording, TextRecording | TableRecording) and found == "sensor"
@@ -149,9 +149,9 @@ def refuse_other_frame(frame: str, recording: Recording) -> None:
 
 
 def made_from(fit: Fit, recordings: Iterable[Recording]) -> list[str]:
-    """Which of these recordings a calibration was made from, as its provenance says: their names.
+    """Names of those recordings from which a calibration was made, by its provenance.
 
-    Of a log that it was on board for, no reading is in it.
+    A log with the calibration on board is none of them, as its readings were not used.
     """
     known = {file.sha256 for file in fit.provenance.files if file.rows}
     files = [(recording.source, file_of(recording)) for recording in recordings if known]
@@ -159,7 +159,7 @@ def made_from(fit: Fit, recordings: Iterable[Recording]) -> list[str]:
 
 
 def sha256(file: File) -> str:
-    """Hash a file as it lies on the disk; what was spooled, for standard input."""
+    """SHA-256 of the bytes of a file on disk; for standard input of its temporary copy."""
     digest = hashlib.sha256()
     with file.opened() as (raw, _):
         while chunk := raw.read(1 << 20):
@@ -169,14 +169,14 @@ def sha256(file: File) -> str:
 
 
 def file_of(recording: Recording) -> File | None:
-    """The file that a recording was read from, also where a table was made of what a board printed; None in memory."""
+    """The file of a recording, also of a table made from printed lines of a board; None for one in memory."""
     read: Any = getattr(recording, "recording", recording)
     file: File | None = getattr(read, "original", None) or getattr(read, "file", None)
     return file
 
 
 def with_left_out(error: TooFewSamples, parts: Iterable[Recording]) -> TooFewSamples:
-    """The error with what was left out of these recordings, which may be the reason."""
+    """The error, extended by rows that were left out of the recordings, which may be the reason."""
     skipped = [entry for part in parts for entry in getattr(part, "skipped", ()) if entry.is_loss]
     return TooFewSamples(
         found=error.found, needed=error.needed, method=error.method, among=error.among, skipped=skipped, how=error.how

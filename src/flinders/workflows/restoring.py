@@ -1,4 +1,4 @@
-"""Rebuild a fit from its calibration file and a recording, without fitting.
+"""Restoration of a fit from its calibration file and a recording, without fitting.
 
 >>> from flinders import simulate
 >>> from flinders.fitting import calibrate
@@ -40,36 +40,36 @@ if TYPE_CHECKING:
     from flinders.workflows.recordings import AnyCalibration, AnyReadings
 
 MIN_STRENGTH, MAX_STRENGTH = 0.97, 1.03
-"""Mean strengths, as shares of the calibration's field, beyond which a recording does not match it."""
+"""Limits of the mean strength of a matching recording, as shares of the calibration's field."""
 
 MAX_SPREAD: Final = 0.05
-"""Spread of the strength from which on a recording does not match."""
+"""Largest spread of the strength of a matching recording."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Restored:
-    """A calibration and a recording, put together."""
+    """A fit restored from a calibration and a recording."""
 
-    known: Fit  #: as loaded
-    recording: Recording  #: as recorded
-    fit: Fit  #: with the noise and coverage of the recording, where the calibration states none
-    notes: tuple[Note, ...]  #: what is odd about the pair
+    known: Fit  #: calibration as loaded
+    recording: Recording  #: recording in its unit and axes
+    fit: Fit  #: calibration with the noise and coverage of the recording, if it states none
+    notes: tuple[Note, ...]  #: notes if the recording does not match
 
 
 @spell_checked(ELSEWHERE)
 def restore(
     source: AnyReadings, calibration: AnyCalibration, *, target_deg: float | None = None, dip_deg: float | None = None
 ) -> Restored:
-    """Put a calibration that was loaded from its file and a recording together, to be reported and drawn.
+    """Combine a loaded calibration with a recording, for reports and figures.
 
     Parameters
     ----------
     source : Samples, Recording, (N, 3) array-like, path, open file, data frame, or list of these but arrays
-        Raw readings, as for `flinders.apply`: those that the calibration was made from, or others of the same sensor.
+        Raw readings, as for `flinders.apply`: those of the calibration, or others of the same sensor.
     calibration : Fit, Calibration or path
-        One that states no uncertainty claims none here either, with a finding that says so.
+        Without a stated uncertainty the result claims none, with a finding on that.
     target_deg, dip_deg : float, degrees
-        Target, and dip at which the heading error is stated; by default those of the file, else 1° and 60°.
+        Target, and dip for the heading error; by default those of the file, else 1° and 60°.
 
     Raises
     ------
@@ -82,11 +82,11 @@ def restore(
     parts = list(singles(recorded))
     is_own = len(made_from(known, parts)) == len(parts)
     notes = () if is_own else tuple(_notes(known, field))
-    return Restored(known, recorded, _restored(known, field, target_deg, dip_deg), notes)
+    return Restored(known, recorded, _restore(known, field, target_deg, dip_deg), notes)
 
 
 def _notes(known: Fit, field: Floats) -> Iterator[Note]:
-    """What is odd about a calibration and (N, 3) compensated readings that it was not made from."""
+    """Notes if (N, 3) compensated readings from elsewhere do not match a calibration."""
     strength = Strength.under(known.calibration.affine, field)
     if not MIN_STRENGTH <= strength.mean <= MAX_STRENGTH or strength.spread > MAX_SPREAD:
         yield Note("odd-strength", values={"mean": strength.mean, "spread": strength.spread})
@@ -94,8 +94,8 @@ def _notes(known: Fit, field: Floats) -> Iterator[Note]:
         yield Note("other-recording")
 
 
-def _restored(fit: Fit, field: Floats, target_deg: float | None, dip_deg: float | None) -> Fit:
-    """The fit with what (N, 3) compensated readings tell; for another dip the heading error is computed anew."""
+def _restore(fit: Fit, field: Floats, target_deg: float | None, dip_deg: float | None) -> Fit:
+    """The fit with noise and coverage of (N, 3) compensated readings; another dip changes the heading error."""
     dip = fit.claim.known_dip_deg if dip_deg is None else math.copysign(dip_deg, dip_deg * fit.claim.known_dip_deg)
     no_uncertainty = certain({"is_unstated": 1.0, "unstated_deg": math.nan}, "no-uncertainty")
     unstated = () if fit.claim.states_uncertainty else (no_uncertainty,)
@@ -120,7 +120,7 @@ def _restored(fit: Fit, field: Floats, target_deg: float | None, dip_deg: float 
 
 
 def _coverage(field: Floats, ellipsoid: Ellipsoid) -> Coverage:
-    """Directions of readings under a calibration, counted as those of a fit are."""
+    """Coverage of readings by the directions under a calibration."""
     if not len(field):
         return Coverage.of(np.array([[0.0, 0.0, 1.0]]), np.zeros(1))
     return Coverage.through(Cloud.of(field), ellipsoid)

@@ -1,4 +1,4 @@
-"""Each magnetometer of a log or table, calibrated by itself.
+"""Separate calibration of each magnetometer of a log or table.
 
 >>> from flinders import simulate
 >>> recordings = {name: simulate.tumble(seed=seed).samples for name, seed in (("top", 1), ("left", 2))}
@@ -35,9 +35,9 @@ if TYPE_CHECKING:
 def fit_each(
     source: Mapping[str, Recording] | Log | str | os.PathLike[str], *, by: Filter | str | None = None, **options: Any
 ) -> dict[str, Outcome]:
-    """Calibrate each magnetometer of a log or table by itself.
+    """Calibrate each magnetometer of a log or table separately.
 
-    `flinders.fit_multi` calibrates those of one body together, which needs readings of the same moments.
+    `flinders.fit_multi` calibrates those of one body together, which needs readings at the same times.
 
     Parameters
     ----------
@@ -45,22 +45,22 @@ def fit_each(
         A log or table of several magnetometers, as `flinders.open_log` reads it; or recordings by the names of their
         sensors.
     by : Filter or str, optional
-        A filter for the readings, such as ``"median:5"``; a finding says what it did.
+        A filter for the readings, such as ``"median:5"``; a finding states its effect.
     **options
-        Those of `flinders.fit` but `sensor`. The site is by default that which a log states.
+        Those of `flinders.fit` except `sensor`. The site is by default that in the log.
 
     Returns
     -------
     dict of str to Fit or FlindersError
-        By the name of the sensor, in their order: the fit, or the error of one that cannot be fitted or read. `Refused`
-        carries the fit that cannot be trusted.
+        By the name of each sensor, in their order: the fit, or the error if it cannot be fitted or read. `Refused`
+        carries a fit that cannot be trusted.
 
     Raises
     ------
     InputError
         For a log that cannot be read at all.
     UsageError
-        For parameters that `flinders.fit` does not take.
+        For unknown parameters of `flinders.fit`.
     """
     log = open_log(source) if isinstance(source, str | os.PathLike) else source
     recordings = {one.name: one for one in log.instruments} if isinstance(log, Log) else log
@@ -76,9 +76,9 @@ def fits_of(
     notice: Callable[[str], object] = str,
     **options: Any,
 ) -> Iterator[tuple[str, Outcome]]:
-    """Yield the name of each sensor with its fit or error, one fitted after the other; parameters as `fit_each`.
+    """Yield the name of each sensor with its fit or error; parameters as for `fit_each`.
 
-    `notice` takes a line of advice where the filter alone is why there is no calibration; by default nobody does.
+    `notice` is called with a line of advice if there is a calibration only without the filter; ignored by default.
     """
     for name, recording in recordings.items():
         try:

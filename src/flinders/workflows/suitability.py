@@ -1,7 +1,7 @@
-"""Whether readings suit the calibration that corrects them, by the length of the corrected field.
+"""Test whether readings suit the calibration that corrects them, by the length of the corrected field.
 
-Corrected readings of a sensor are about as long as the field, and as equally long as its noise and the claim of its
-calibration allow. Another sensor, another unit, iron that has come or gone, and a dead axis show in their lengths.
+The mean length of corrected readings is about that of the field, and its spread within the noise and the claim of the
+calibration. Another sensor, another unit, iron that was added or removed, and a dead axis change the lengths.
 
 >>> from flinders import simulate
 >>> from flinders.fitting import calibrate
@@ -33,39 +33,41 @@ if TYPE_CHECKING:
     from flinders.fitting.result import Fit
 
 MAX_LENGTH_RATIO: Final = 3.0
-"""Factor by which the first readings may come out too long or too short; beyond it they are refused, as those of
-another sensor or unit."""
+"""Largest factor by which the first corrected readings may be too long or too short.
+
+Beyond it they are refused, as readings of another sensor or unit.
+"""
 
 MAX_STRENGTH_RATIO: Final = 1.3
-"""Factor by which the mean strength may differ from that of the calibration."""
+"""Largest factor between the mean strength and that of the calibration."""
 
 MAX_SPREAD: Final = 0.1
 """Largest spread of the strength, and the limit for a calibration that states no uncertainty."""
 
-SPREAD_RATIO: Final = 3.0
-"""Largest ratio of the measured spread of lengths to the one that noise and claim make.
+MAX_SPREAD_RATIO: Final = 3.0
+"""Largest ratio of the measured spread of lengths to the spread expected from noise and claim.
 
-Of 992 recordings that suit none is doubted (``python -m benchmarks.suitability``).
+Of 992 suitable recordings none exceeds it (``python -m benchmarks.suitability``).
 """
 
 MIN_SPREAD: Final = 0.02
-"""Smallest limit of the spread: 2 % bend a heading by 3° and more."""
+"""Smallest limit of the spread: 2 % change a heading by 3° and more."""
 
-OUTLIER_SPREADS: Final = 3.0
-"""Times the limit of the spread from which on a reading is an outlier."""
+MAX_DEVIATION_SPREADS: Final = 3.0
+"""Largest deviation of an inlier from the median length, as a multiple of `spread_limit`."""
 
 MAX_OUTLIER_SHARE: Final = 0.1
-"""Share of outliers up to which readings may suit."""
+"""Largest share of outliers in suitable readings."""
 
 MIN_READINGS: Final = 100
-"""Readings in which an axis that never changes is stuck."""
+"""Smallest count of readings for the test for a stuck axis."""
 
 
 class CorrectionMonitor:
-    """Applies the calibration of a fit block by block, and watches whether the result makes sense.
+    """Correction by a fit, block by block, with a test whether the result is plausible.
 
-    `strength` is that of the readings corrected so far, `inliers` that of those that are no outliers of their block,
-    and `spread_limit` what its spread is in readings that suit.
+    `strength` has the statistics of all corrected readings, `inliers` those without the outliers of each block, and
+    `spread_limit` is the largest spread of suitable readings.
     """
 
     def __init__(self, fit: Fit, source: str) -> None:
@@ -78,7 +80,7 @@ class CorrectionMonitor:
     def __call__(self, readings: Floats) -> Floats:
         """Correct (N, 3) readings, in the calibration's unit and axes.
 
-        Raises `InputError` where the first block is of another sensor or unit.
+        Raises `InputError` if the first block is of another sensor or unit.
         """
         corrected = self._calibration.apply(readings)
         strength = np.linalg.norm(corrected, axis=1) / self._calibration.field_strength
@@ -93,17 +95,17 @@ class CorrectionMonitor:
         self._lowest = np.fmin.reduce(np.vstack([self._lowest, readings]))
         self._highest = np.fmax.reduce(np.vstack([self._highest, readings]))
         self.strength += Strength.of(strength)
-        self.inliers += Strength.of(strength[np.abs(strength - middle) <= OUTLIER_SPREADS * self.spread_limit])
+        self.inliers += Strength.of(strength[np.abs(strength - middle) <= MAX_DEVIATION_SPREADS * self.spread_limit])
         return corrected
 
     def look_at(self, samples: Samples) -> None:
-        """Look whether recorded samples, where nobody says that they are a magnetometer's, are something else."""
+        """Test whether samples without a stated quantity resemble another quantity than a magnetic field."""
         if samples.nameless and not self._resembles:
             self._resembles, self._columns = doubt(samples), samples.nameless
 
     @property
     def is_plausible(self) -> bool:
-        """Corrected readings, but for outliers, are about as long as the field, and as equally long as claimed."""
+        """Whether mean and spread of the corrected lengths, without outliers, are within their limits."""
         readings, inliers = self.strength.readings, self.inliers
         if inliers.readings < (1.0 - MAX_OUTLIER_SHARE) * readings:
             return False
@@ -112,14 +114,14 @@ class CorrectionMonitor:
 
     @property
     def stuck(self) -> dict[str, float]:
-        """Axes that have one value in all of so many readings, and that value."""
+        """Axes that are constant in all readings, with their values."""
         if self.strength.readings < MIN_READINGS:
             return {}
         extremes = zip("xyz", self._lowest.tolist(), self._highest.tolist(), strict=True)
         return {axis: lowest for axis, lowest, highest in extremes if lowest == highest}
 
     def notes(self) -> tuple[Note, ...]:
-        """Why readings do not suit, and what that may come from; none where they suit."""
+        """Notes on unsuitable readings and possible causes; empty if they suit."""
         readings = self.strength.readings
         if self._resembles:
             return (Note("looks-like", "limits", {"what": self._resembles, "columns": self._columns}),)
@@ -138,4 +140,4 @@ def spread_limit(fit: Fit) -> float:
         return MAX_SPREAD
     noise = fit.evidence.noise / fit.calibration.ellipsoid.radius
     claimed = math.radians(fit.claim.direction_error_deg.worst)  # at any attitude
-    return min(max(SPREAD_RATIO * math.hypot(noise, claimed), MIN_SPREAD), MAX_SPREAD)
+    return min(max(MAX_SPREAD_RATIO * math.hypot(noise, claimed), MIN_SPREAD), MAX_SPREAD)

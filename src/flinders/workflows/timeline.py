@@ -1,6 +1,6 @@
-"""What an online calibration knew over time: points close together at the end, thinned before, bounded in number.
+"""Timeline of an online calibration: a bounded count of points, dense at the end and thinned before.
 
-The times of the readings alone decide which points there are: how readings are cut makes no difference.
+The points depend only on the times of the readings, not on their division into blocks.
 
 >>> timeline = Timeline()
 >>> for minute in range(100_000):
@@ -22,32 +22,32 @@ if TYPE_CHECKING:
 Doing = Literal["learning", "undisturbed", "disturbed"]
 Code = Literal["learnt", "contradicted", "passed", "moved", "adopted", "clock-back", "taken-back", "other-release"]
 
-EVERY_S: Final = 60.0
-"""From one point to the next, without an event."""
+POINT_INTERVAL_S: Final = 60.0
+"""Time between points without an event."""
 MOST_POINTS: Final = 1000
-LEFT_POINTS: Final = 750
-"""After thinning, at most."""
-MOST_EVENTS: Final = 300
-"""Points of events that are kept whatever is thinned: the newest."""
-AGES: Final = 32.0
-"""Points are no further apart than their age over this: what is recent stays fine."""
+MAX_POINTS_AFTER_THINNING: Final = 750
+"""Largest count of points after thinning."""
+MAX_EVENT_POINTS: Final = 300
+"""Count of the newest points with events, which are never thinned."""
+MIN_AGE_RATIO: Final = 32.0
+"""Smallest ratio of the age of points to their distance in time, so that recent points stay dense."""
 UNKNOWN: Final = (math.nan, math.nan, math.nan)
 
 
 @dataclass(frozen=True, slots=True)
 class OnlinePoint:
-    """What was known at a time. Numbers are NaN while there is no calibration."""
+    """State at a time; numbers are NaN while there is no calibration."""
 
-    time_s: float  #: by the clock of the readings
+    time_s: float  #: on the clock of the readings
     doing: Doing
     heading_error_deg: float = math.nan  #: with the calibration in force, worst heading, 1 σ
-    bound_deg: float = math.nan  #: that no heading exceeds with 95 %
+    bound_deg: float = math.nan  #: 95 % bound of the error at all headings
     offset: tuple[float, float, float] = (
         UNKNOWN  #: newest estimate, in force or not, as `Calibration.offset`: µT or counts
     )
     offset_sigma: tuple[float, float, float] = UNKNOWN  #: 1 σ of each of its components
-    is_read: bool = True  #: whether readings came; False of a time between readings that are far apart
-    events: tuple[Code, ...] = ()  #: what happened then
+    is_read: bool = True  #: whether there were readings; False for a time within a gap
+    events: tuple[Code, ...] = ()  #: codes of events at this time
 
 
 class Timeline:
@@ -57,16 +57,16 @@ class Timeline:
     ----------
     points : list of OnlinePoint
     due_s : float
-        Time from which on the next point is due.
+        Time at which the next point is due.
     """
 
     def __init__(self) -> None:
         self.points: list[OnlinePoint] = []
         self.due_s = -math.inf
-        self._interval_s = EVERY_S
+        self._interval_s = POINT_INTERVAL_S
 
     def put(self, point: OnlinePoint) -> None:
-        """Add a point; one of the same time takes the place of the last, whose events stay."""
+        """Add a point; a point of the same time replaces the last one and keeps its events."""
         if self.points and self.points[-1].time_s == point.time_s:
             point = replace(point, events=self.points.pop().events + point.events)
         self.points.append(point)
@@ -75,23 +75,23 @@ class Timeline:
             self._thin()
 
     def _thin(self) -> None:
-        """Leave out points that are closer together than an interval, which is doubled until enough are left out."""
+        """Remove points that are closer than an interval, which is doubled until enough are removed."""
         eventful = [index for index, point in enumerate(self.points) if point.events]
-        always = {0, len(self.points) - 1, *eventful[-MOST_EVENTS:]}
+        always = {0, len(self.points) - 1, *eventful[-MAX_EVENT_POINTS:]}
         first, now = self.points[0].time_s, self.points[-1].time_s
         while True:
             kept = list[OnlinePoint]()
             for index, point in enumerate(self.points):
-                apart = min(self._interval_s, max((now - point.time_s) / AGES, EVERY_S))
+                apart = min(self._interval_s, max((now - point.time_s) / MIN_AGE_RATIO, POINT_INTERVAL_S))
                 if index in always or point.time_s - kept[-1].time_s >= apart:
                     kept.append(point)
-            if len(kept) <= LEFT_POINTS or self._interval_s > now - first:
+            if len(kept) <= MAX_POINTS_AFTER_THINNING or self._interval_s > now - first:
                 break
             self._interval_s *= 2.0
-        self.points = kept[-LEFT_POINTS:]
+        self.points = kept[-MAX_POINTS_AFTER_THINNING:]
 
     def as_dict(self) -> dict[str, Any]:
-        """JSON-ready: for each point a row of numbers and words; NaN is null, as JSON has none."""
+        """JSON-ready: for each point a row of numbers and words, with null for NaN."""
         rows = [
             [
                 point.time_s, point.doing, point.is_read, point.events,
@@ -106,25 +106,25 @@ class Timeline:
 
     @classmethod
     def of(cls, content: Mapping[str, Any]) -> Self:
-        """Read what `as_dict` gave; ValueError, TypeError or KeyError for anything else."""
+        """Read the output of `as_dict`; ValueError, TypeError or KeyError for anything else."""
         timeline = cls()
         timeline._interval_s = float(content["interval_s"])
         timeline.points = [_point(*row) for row in content["points"]]
         timeline.due_s = _due_s(timeline.points[-1].time_s) if timeline.points else timeline.due_s
-        if len(timeline.points) > MOST_POINTS or not timeline._interval_s >= EVERY_S:
-            raise ValueError("its timeline is none")
+        if len(timeline.points) > MOST_POINTS or not timeline._interval_s >= POINT_INTERVAL_S:
+            raise ValueError("its timeline is invalid")
         return timeline
 
 
 def _due_s(time_s: float) -> float:
-    """When the point after one is due."""
-    return (math.floor(time_s / EVERY_S) + 1.0) * EVERY_S
+    """Time at which the point after `time_s` is due."""
+    return (math.floor(time_s / POINT_INTERVAL_S) + 1.0) * POINT_INTERVAL_S
 
 
 def _point(time_s: float, doing: Doing, is_read: bool, events: list[Code], *rest: float | None) -> OnlinePoint:
-    """A row of a file as a point, without what other releases call events; ValueError for one that is none."""
+    """A point from a row of a file, without events unknown to this release; ValueError for an invalid row."""
     if doing not in get_args(Doing):
-        raise ValueError("a point of its timeline is none")
+        raise ValueError("a point of its timeline is invalid")
     error, bound, x, y, z, of_x, of_y, of_z = (math.nan if number is None else float(number) for number in rest)
     codes = tuple(code for code in events if code in get_args(Code))
     return OnlinePoint(float(time_s), doing, error, bound, (x, y, z), (of_x, of_y, of_z), bool(is_read), codes)

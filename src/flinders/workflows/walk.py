@@ -1,8 +1,8 @@
-"""How fast the offset of a sensor walks, from estimates of it over time.
+"""Random walk of the offset of a sensor, from estimates of the offset over time.
 
-An estimate is off by a share of what it claims, and the offset moves between two of them: both are found together, by
-a Kalman filter for each pair of a rate and a share, whose innovations have Student's distribution, so that a step is
-no walk.
+The rate of the walk and a factor on the claimed variances of the estimates are found together, by a Kalman filter for
+each pair of a rate and a factor. Its innovations have Student's distribution, so that a step is not mistaken for a
+walk.
 
 >>> rng = np.random.default_rng(1)
 >>> hours = np.arange(0.0, 400.0, 4.0)
@@ -29,34 +29,34 @@ if TYPE_CHECKING:
     Flags = NDArray[np.bool_]
 
 MIN_STEPS: Final = 8
-"""Of an offset, from one estimate to the next, below which nothing is said of how fast it walks."""
-FREEDOM: Final = 4.0
-"""Degrees of freedom of innovations: of less regular ones a step counts as much as of normal ones."""
-NORMAL: Final = 0.8310
-"""Scale of Student's distribution of that freedom that is nearest to a normal distribution of scale 1."""
-SHARES: Final = np.geomspace(1.0 / 16.0, 4.0, 7)
-"""Of the variances that estimates claim, that they may be off by."""
+"""Smallest count of steps between estimates for a walk."""
+DEGREES_OF_FREEDOM: Final = 4.0
+"""Degrees of freedom of Student's distribution of the innovations."""
+STUDENT_SCALE: Final = 0.8310
+"""Scale of that distribution that is nearest to a normal distribution of scale 1."""
+VARIANCE_FACTORS: Final = np.geomspace(1.0 / 16.0, 4.0, 7)
+"""Trial factors on the claimed variances of estimates."""
 
 
 def walk_of(time_s: Floats, offset: Floats, sigma: Floats, moved: Flags | None = None) -> Walk | None:
-    """How fast an offset walks; None of fewer than `MIN_STEPS` steps.
+    """Random walk of an offset; None for fewer than `MIN_STEPS` steps.
 
-    An estimate that follows slowly moves less from one time to the next than the offset does: where every other
-    estimate shows a larger rate, they are taken.
+    Estimates that follow the offset slowly change less between times than the offset. If every other estimate shows a
+    larger rate, that rate is used.
 
     Parameters
     ----------
     time_s : (n,) s
         Ascending.
     offset, sigma : (n, 3)
-        Estimates and what they claim, 1 σ. An axis that hardly ever changes tells nothing.
+        Estimates and their claimed 1 σ. An axis that hardly changes is left out.
     moved : (n,) bool, optional
-        Whether the offset moved at once since the estimate before, which is no walk.
+        Whether the offset moved in a step since the estimate before, which is not part of the walk.
     """
     moves = np.zeros(len(time_s), int) if moved is None else np.cumsum(moved)
     walk: Walk | None = None
     for every in (1, 2, 4, 8, 16):
-        rows = np.arange(len(time_s))[::-every][::-1]  # the newest is one of them
+        rows = np.arange(len(time_s))[::-every][::-1]  # includes the newest
         is_cut = np.diff(moves[rows], prepend=0) > 0
         longer = _walk_of(time_s[rows], offset[rows], sigma[rows], is_cut) if len(rows) > MIN_STEPS else None
         if longer is None or (walk is not None and longer.rate < walk.high):
@@ -66,7 +66,7 @@ def walk_of(time_s: Floats, offset: Floats, sigma: Floats, moved: Flags | None =
 
 
 def _walk_of(time_s: Floats, offset: Floats, sigma: Floats, moved: Flags) -> Walk | None:
-    """The same of these estimates alone; None where no axis changes."""
+    """Random walk by these estimates alone; None if no axis changes."""
     steps = np.diff(offset, axis=0)[~moved[1:]]
     if len(steps) < MIN_STEPS or not (axes := np.mean(steps != 0.0, axis=0) > 0.5).any():
         return None
@@ -78,13 +78,13 @@ def _walk_of(time_s: Floats, offset: Floats, sigma: Floats, moved: Flags) -> Wal
     low, _, high = _quantiles(rates, _log_likelihood(hours, at, variance, rates, moved))
     rates = np.geomspace(low / 1.5, high * 1.5, 31)
     low, middle, high = _quantiles(rates, _log_likelihood(hours, at, variance, rates, moved))
-    return Walk(middle / NORMAL, low / NORMAL, high / NORMAL)
+    return Walk(middle / STUDENT_SCALE, low / STUDENT_SCALE, high / STUDENT_SCALE)
 
 
 def _log_likelihood(hours: Floats, offset: Floats, variance: Floats, rates: Floats, moved: Flags) -> Floats:
-    """(rates, shares) logarithms of likelihoods."""
-    walk, share = (rates**2)[:, np.newaxis, np.newaxis], SHARES[:, np.newaxis]
-    shape = len(rates), len(SHARES), offset.shape[1]
+    """(rates, factors) logarithms of likelihoods."""
+    walk, share = (rates**2)[:, np.newaxis, np.newaxis], VARIANCE_FACTORS[:, np.newaxis]
+    shape = len(rates), len(VARIANCE_FACTORS), offset.shape[1]
     at, unknown = np.broadcast_to(offset[0], shape), np.broadcast_to(share * variance[0], shape)
     total = np.zeros(shape)
     for step, hour in enumerate(np.diff(hours).tolist(), 1):
@@ -94,14 +94,16 @@ def _log_likelihood(hours: Floats, offset: Floats, variance: Floats, rates: Floa
             continue
         unknown = unknown + walk * hour
         spread, off = unknown + noise, offset[step] - at
-        total -= (FREEDOM + 1.0) / 2.0 * np.log1p(off**2 / (FREEDOM * spread)) + np.log(spread) / 2.0
+        total -= (DEGREES_OF_FREEDOM + 1.0) / 2.0 * np.log1p(off**2 / (DEGREES_OF_FREEDOM * spread)) + np.log(
+            spread
+        ) / 2.0
         at, unknown = at + unknown / spread * off, unknown * noise / spread
     likelihood: Floats = total.sum(axis=2)
     return likelihood
 
 
 def _quantiles(rates: Floats, log_likelihood: Floats) -> tuple[float, float, float]:
-    """Ends of the 95 % interval and median of the rates, any share as probable beforehand as any other."""
+    """Ends of the 95 % interval and median of the rates, with all factors equally probable a priori."""
     density = np.exp(log_likelihood - log_likelihood.max()).sum(axis=1)
     below = np.concatenate([[0.0], np.cumsum((density[1:] + density[:-1]) / 2.0)])
     low, middle, high = np.exp(np.interp([0.025, 0.5, 0.975], below / below[-1], np.log(rates))).tolist()

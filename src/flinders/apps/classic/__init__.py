@@ -1,14 +1,14 @@
-"""Published recipes, each under its own name, as papers, data sheets and course notes have them.
+"""Published recipes, each under its own name, as in papers, data sheets and course notes.
 
-For whoever has to reproduce one, or wants to know what it costs; `flinders.fit` does better in every case that we know.
+They serve to reproduce a recipe, or to measure its error; `flinders.fit` is better in every case that we know.
 
 - ``recipes``: estimators after their papers; `two_axis_recipe`: mean and scatter of a turn in one plane
 - `two_axis_turn`: the use case, a turn in one plane, and plane after plane
 - `methods`: every method on one recording, side by side
 - `composition`: one turn after another, each with the last calibration loaded
 - `budget`, `budget_relations`: stray fields of wires and magnets; `adis16480`: registers of ADIS16480 and 16488
-- `simulate_two_axis`: a two-axis compass with known truth; `recovery`: what the recipe finds of it
-- `pages`, `methods_page`, `budget_page`, `turn_drawing`: what is shown; ``cli``: commands
+- `simulate_two_axis`: a two-axis compass with known truth; `recovery`: its parameters as the recipe finds them
+- `pages`, `methods_page`, `budget_page`, `turn_drawing`: pages of the terminal and drawings; ``cli``: commands
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
 """The magnetometer registers of Analog Devices' ADIS16480 and ADIS16488: ``M_C = (I + S) M + H``.
 
 Twelve registers of 16 bits on page 2, two's complement: the hard iron H in steps of 0.1 mG, the soft iron S in steps of
-1/32768, that is ±100 %. M is what the device measures in mG, M_C what it puts out. Ours is corrected = W (raw − b), so
+1/32768, that is ±100 %. M is the measured field in mG, M_C the output. Ours is corrected = W (raw − b), so
 
     S = W − I,   H = −W b
 
@@ -22,9 +22,9 @@ HARD_IRON_X       2     0x28   -1250  0xFB1E   -125.0 mG
 HARD_IRON_Y       2     0x2A    2000  0x07D0   +200.0 mG
 HARD_IRON_Z       2     0x2C       0  0x0000     +0.0 mG
 
-Sources: names, page, addresses and the step of 0.1 mG stand in the data sheets (ADIS16480 Rev. H page 35, Tables 117 to
-129; ADIS16488 Rev. B page 25, Tables 84 to 96). That the soft iron acts "in terms of percent change" does too. Its step
-and the order of the formula were **not seen** there: verify them against your revision, as
+Sources: the data sheets (ADIS16480 Rev. H page 35, Tables 117 to 129; ADIS16488 Rev. B page 25, Tables 84 to 96) state
+names, page, addresses, the step of 0.1 mG, and that the soft iron acts "in terms of percent change". They do **not**
+state the step of the soft iron and the order of the formula: verify both against your revision, as
 ``docs/classic/registers.md`` shows.
 """
 
@@ -57,12 +57,13 @@ NAMES: Final = (
     "SOFT_IRON_S21", "SOFT_IRON_S22", "SOFT_IRON_S23",
     "SOFT_IRON_S31", "SOFT_IRON_S32", "SOFT_IRON_S33",
 )  # fmt: skip
-"""In the order of their addresses, two bytes apart; the linux driver's X_HARD_IRON is HARD_IRON_X."""
+"""Registers in the order of their addresses, two bytes apart; the Linux driver's X_HARD_IRON is HARD_IRON_X."""
 
 HARD_IRON_STEP_MG: Final = 0.1
 SOFT_IRON_STEP: Final = 2.0**-15
 LOWEST, HIGHEST = -(2**15), 2**15 - 1
 WORDS: Final = 2**16
+"""Number of words of 16 bits."""
 
 MG: Final = PER_UNIT["mG"]
 """µT in one mG."""
@@ -74,7 +75,7 @@ STEPS: Final = np.array([HARD_IRON_STEP_MG] * 3 + [SOFT_IRON_STEP] * 9)
 
 @dataclass(frozen=True, slots=True)
 class Register:
-    """One register and what it holds."""
+    """One register and its content."""
 
     name: str  #: as in the data sheet
     page: int
@@ -88,7 +89,7 @@ class Register:
 
     @property
     def value(self) -> float:
-        """What the code stands for: mG of hard iron, percent of soft iron."""
+        """Value of the code: mG of hard iron, percent of soft iron."""
         return self.code * (HARD_IRON_STEP_MG if self.unit == "mG" else 100 * SOFT_IRON_STEP)
 
     @property
@@ -97,7 +98,7 @@ class Register:
         return "mG" if self.name.startswith("HARD") else "%"
 
     def as_row(self) -> str:
-        """A line of columns, as `HEADING` names them."""
+        """Line of text with the columns of `HEADING`."""
         value, address = f"{self.value:+.{1 if self.unit == 'mG' else 3}f} {self.unit}", f"0x{self.address:02X}"
         return f"{self.name:<17}{self.page:>2}  {address:>7}  {self.code:>6}  0x{self.word:04X}  {value:>9}"
 
@@ -109,7 +110,7 @@ class Register:
 
 @dataclass(frozen=True, slots=True)
 class Registers:
-    """What the twelve registers hold."""
+    """Contents of the twelve registers."""
 
     codes: tuple[int, ...]  #: (12,): −32768 to 32767, in the order of `NAMES`
 
@@ -120,26 +121,26 @@ class Registers:
         Raises
         ------
         UnitError, NotExportable
-            For a calibration in counts; where a register cannot hold its value: which, and what is lost.
+            For a calibration in counts; if a value is beyond the range of its register.
         """
         if calibration.unit != MICROTESLA:
             raise UnitError(
                 "the calibration is in counts, and the registers are in mG: calibrate again in mG (or G, uT …), or "
-                "with a scale of 0.01 µT where a count is the 0.1 mG of x_MAGN_OUT",
+                "with a scale of 0.01 µT if a count is the 0.1 mG of x_MAGN_OUT",
                 hint={"unit": "mG", "scale": 0.01},
             )
-        wanted = _wanted(calibration)
+        wanted = _register_values(calibration)
         codes = np.clip(np.rint(wanted), LOWEST, HIGHEST)
         registers = cls(tuple(int(code) for code in codes))
         if not np.array_equal(codes, np.rint(wanted)):
-            raise _refused(calibration, wanted, registers)
+            raise _refusal(calibration, wanted, registers)
         return registers
 
     @classmethod
     def from_words(cls, words: Iterable[int]) -> Self:
-        """Take what was read from a device: twelve words, 0 to 65535, or signed, in the order of `NAMES`.
+        """Registers from twelve words read from a device, 0 to 65535 or signed, in the order of `NAMES`.
 
-        Unless there are twelve of them, of 16 bits each, `UsageError` is raised.
+        Raises `UsageError` unless there are twelve words of 16 bits.
 
         >>> Registers.from_words([2, 0xFFFF, 0x8000] + [0] * 9).hard_iron.round(1)
         array([ 2.000e-01, -1.000e-01, -3.2768e+03])
@@ -151,7 +152,7 @@ class Registers:
 
     @property
     def rows(self) -> tuple[Register, ...]:
-        """Each with its name, page and address."""
+        """Registers with names, pages and addresses."""
         return tuple(
             Register(name, PAGE, FIRST_ADDRESS + 2 * index, code)
             for index, (name, code) in enumerate(zip(NAMES, self.codes, strict=True))
@@ -176,10 +177,10 @@ class Registers:
         return corrected
 
     def to_calibration(self, field_strength: float, *, known: bool = False) -> Calibration:
-        """The calibration that the codes stand for, in the axes of the device.
+        """Calibration that the codes stand for, in the axes of the device.
 
-        They do not hold the length of corrected readings, `field_strength` in µT, which is `known` where it was given.
-        Codes that flatten all readings into a plane raise `ArrayError`.
+        The codes do not contain the length of corrected readings: `field_strength` in µT, and whether it is `known`.
+        Raises `ArrayError` for codes that flatten all readings into a plane.
         """
         matrix = np.eye(3) + self.soft_iron
         try:
@@ -190,8 +191,8 @@ class Registers:
         return Calibration(matrix, offset, field_strength, known, rotation, raw=Unit.of("mG"))
 
 
-def _wanted(calibration: Calibration) -> Floats:
-    """(12,) what the registers should hold, in steps."""
+def _register_values(calibration: Calibration) -> Floats:
+    """(12,) values of a calibration for the registers, in steps."""
     matrix, offset = in_recorded_axes(calibration)
     with np.errstate(over="ignore", invalid="ignore"):
         hard_iron = -(matrix @ offset) / MG
@@ -199,15 +200,15 @@ def _wanted(calibration: Calibration) -> Floats:
     return wanted
 
 
-def _refused(calibration: Calibration, wanted: Floats, registers: Registers) -> NotExportable:
-    """Say which registers cannot hold their value, what is lost of each, and what that would do."""
+def _refusal(calibration: Calibration, wanted: Floats, registers: Registers) -> NotExportable:
+    """Error about registers that cannot hold their value, with the loss of each and the resulting error."""
     beyond = [index for index, code in enumerate(registers.codes) if np.rint(wanted[index]) != code]
     worst = _largest_error(calibration, registers)
     angle = np.rad2deg(np.arcsin(min(worst / calibration.field_strength, 1.0))) if np.isfinite(worst) else 90.0
     off = f"by up to {figures(worst / MG, 3)} mG and {figures(float(angle))}°" if angle < 90 else "in any direction"
     losses = "; ".join(_loss(index, float(wanted[index])) for index in beyond)
     return NotExportable(
-        f"{losses}. Cut to that, corrected readings would be off {off}. {_advice(calibration)}",
+        f"{losses}. With clipped registers, corrected readings would be off {off}. {_advice(calibration)}",
         beyond=[NAMES[index] for index in beyond],
         wanted={NAMES[index]: float(wanted[index] * STEPS[index]) for index in beyond},
         lost={NAMES[index]: float((wanted[index] - registers.codes[index]) * STEPS[index]) for index in beyond},
@@ -216,7 +217,7 @@ def _refused(calibration: Calibration, wanted: Floats, registers: Registers) -> 
 
 
 def _loss(index: int, wanted: float) -> str:
-    """Say what a register should hold, what it can hold, and what of it is lost.
+    """Words about one register: the value for it, its range, and the loss.
 
     >>> _loss(0, -34120.0)
     'HARD_IRON_X would be -3,412 mG and holds -3276.8 to +3276.7 mG, 135 mG are lost'
@@ -236,7 +237,7 @@ def _loss(index: int, wanted: float) -> str:
 
 
 def _largest_error(calibration: Calibration, registers: Registers) -> float:
-    """A bound in µT of how far corrected readings would be off: of |F (W' W⁻¹ − I) u + W' b + H|, field F u."""
+    """Bound in µT on the error of corrected readings, |F (W' W⁻¹ − I) u + W' b + H| in a field F u."""
     matrix, offset = in_recorded_axes(calibration)
     effective = np.eye(3) + registers.soft_iron
     with np.errstate(all="ignore"):
@@ -248,23 +249,23 @@ def _largest_error(calibration: Calibration, registers: Registers) -> float:
 
 
 def _advice(calibration: Calibration) -> str:
-    """What to do: leave the scale open where that is all there is to it, else change what is magnetic."""
+    """Advice: calibrate without the field strength if that is enough, else remove magnetic parts."""
     scale = float(np.exp(np.linalg.slogdet(calibration.matrix)[1] / 3))
-    relative = np.rint(_wanted(replace(calibration, matrix=calibration.matrix / scale)))
+    relative = np.rint(_register_values(replace(calibration, matrix=calibration.matrix / scale)))
     if calibration.field_strength_known and relative.min() >= LOWEST and relative.max() <= HIGHEST:
         return "Calibrated without the field strength it fits: headings stay the same, lengths become relative"
     return "Take away or demagnetise what is near the sensor, or correct its readings outside the device"
 
 
 def write(calibration: Calibration, _asked: ExportOptions) -> Written:
-    """Write the twelve registers; raises as `Registers.of`, and for steps that are too coarse."""
+    """Write the twelve registers; raises as `Registers.of`, and `NotExportable` for steps that are too coarse."""
     registers = Registers.of(calibration)
     try:
         decoded = registers.to_calibration(calibration.field_strength)
     except ArrayError:
         raise NotExportable(
             "rounded to the steps of the registers, all readings would lie in a plane: check the unit of the "
-            "recording, and the field strength where it was given",
+            "recording, and the field strength if it was given",
             hint={"unit": None, "site": None},
             beyond=(),
         ) from None

@@ -1,8 +1,8 @@
-"""How much stray field a compass may meet, and what makes it: heading error, wires, pairs of wires, magnets.
+"""Magnetic budget of a compass: the stray field for a heading error, and its sources: wires, pairs, magnets.
 
 A field that is fixed to the vehicle, of horizontal component b, turns the earth's horizontal field H by at most
-asin(b/H), whatever the heading. Wires, pairs of wires and magnets make such fields. Each relation is a value, solved
-for the one quantity that is left out:
+asin(b/H) over all headings. Wires, pairs of wires and magnets make such fields. Each relation is a value, solved for
+its one missing quantity:
 
 >>> allowed = Heading.solve(field=parse("field", "150 mG"), error_deg=1.0)
 >>> round(allowed.stray / parse("field", "1 mG"), 2)
@@ -14,8 +14,8 @@ for the one quantity that is left out:
 15.3
 
 Fields are in µT, lengths in m, currents in A, moments in A·m². The formulas are those of magnetostatics in free space,
-for straight wires that are long and magnets that are small beside their distance. A calibration takes off what never
-changes: the budget is for what comes, goes or is switched.
+for straight wires that are long, and magnets that are small, compared with their distance. A calibration removes
+constant fields: the budget is for fields that change or are switched.
 """
 
 from __future__ import annotations
@@ -47,7 +47,7 @@ UNITS: Final[Mapping[Kind, Mapping[str, float]]] = {
     "moment": {"Am2": 1.0, "mAm2": 1e-3, "uAm2": 1e-6, "emu": 1e-3},
     "volume": {"m3": 1.0, "cm3": 1e-6, "mm3": 1e-9},
 }
-"""What one of each unit is in the unit used here; the first is that unit itself."""
+"""Factors from each unit to the unit used here, which is the first."""
 
 OTHER_SPELLINGS: Final = {
     "°": "deg", "degree": "deg", "degrees": "deg", "µm": "um", "inch": "in", "inches": "in", "amp": "A", "amps": "A",
@@ -71,11 +71,11 @@ class UnitValue:
 
     @classmethod
     def of(cls, kind: Kind, text: str, name: str = "") -> Self:
-        """Read a number with its unit: ``2.62mG``, ``1 cm``, ``0.2A``, ``0.1 A·m²``; an angle may do without.
+        """Read a number with its unit: ``2.62mG``, ``1 cm``, ``0.2A``, ``0.1 A·m²``; an angle may lack the unit.
 
-        `name`: what messages call it, by default its kind.
-        Raises `UnitError` for a unit that is missing, not known or of another kind; `UsageError` for what is no
-        positive number.
+        `name`: name of the quantity in messages, by default its kind.
+        Raises `UnitError` for a unit that is missing, not known or of another kind; `UsageError` for a text that is not
+        a positive number.
 
         Examples
         --------
@@ -95,7 +95,7 @@ class UnitValue:
 
 
 def parse(kind: Kind, text: str) -> float:
-    """Read a quantity into the unit used here; as `UnitValue.of`.
+    """Read a quantity in the unit used here; raises the errors of `UnitValue.of`.
 
     >>> parse("length", "2.5in"), parse("angle", "1°"), parse("current", "200 mA")
     (0.0635, 1.0, 0.2)
@@ -105,23 +105,23 @@ def parse(kind: Kind, text: str) -> float:
 
 @dataclass(frozen=True, slots=True)
 class Heading:
-    """Outlier field b and worst heading error δ in a horizontal field H: b = H sin δ.
+    """Stray field b and worst heading error δ in a horizontal field H: b = H sin δ.
 
-    At an angle φ between both the error is atan(b sin φ/(H + b cos φ)), and asin(b/H) at its worst. Small ones are
-    b/H in radians: 1° at 150 mG is 2.62 mG either way. Beyond b = H a compass shows any heading.
+    At an angle φ between both the error is atan(b sin φ/(H + b cos φ)), and asin(b/H) at its worst. Small errors are
+    b/H in radians: 1° at 150 mG is 2.62 mG either way. Beyond b = H a compass may show any heading.
     """
 
     formula: ClassVar[str] = "b = H sin δ"
 
     field: float  # µT, horizontal part of the earth's field
-    stray: float  # µT, horizontal part of what is added to it, fixed to the vehicle
-    error_deg: float  # worst over all headings, at most 90
+    stray: float  # µT, horizontal part of the stray field, fixed to the vehicle
+    error_deg: float  # worst heading error over all headings, at most 90
 
     @classmethod
     def solve(cls, *, field: float | None = None, stray: float | None = None, error_deg: float | None = None) -> Self:
-        """Find the one that is left out.
+        """Solve for the missing quantity.
 
-        Raises `UsageError` unless exactly one is left out, the others are positive, the error is no more than 90° and
+        Raises `UsageError` unless exactly one is missing, the others are positive, the error is no more than 90° and
         the stray field no more than the horizontal one.
 
         Examples
@@ -129,20 +129,20 @@ class Heading:
         >>> [round(Heading.solve(field=25.0, stray=b).error_deg, 2) for b in (1.0, 5.0, 10.0)]
         [2.29, 11.54, 23.58]
         """
-        known = _known(field=field, stray=stray, error_deg=error_deg)
+        known = _known_quantities(field=field, stray=stray, error_deg=error_deg)
         if known.get("error_deg", 0.0) > RIGHT_ANGLE:
-            raise UsageError(f"a heading error of {error_deg:g}°: need no more than 90°, where any heading is shown")
+            raise UsageError(f"a heading error of {error_deg:g}°: need no more than 90°")
         match known:
             case {"field": h, "error_deg": error}:
-                return cls(h, _sound(h * math.sin(math.radians(error))), error)
+                return cls(h, _require_positive(h * math.sin(math.radians(error))), error)
             case {"stray": b, "error_deg": error}:
                 sine = math.sin(math.radians(error))
-                return cls(_sound(b / sine if sine else math.inf), b, error)
+                return cls(_require_positive(b / sine if sine else math.inf), b, error)
             case {"field": h, "stray": b} if b <= h:
-                return cls(h, b, _sound(math.degrees(math.asin(b / h))))
+                return cls(h, b, _require_positive(math.degrees(math.asin(b / h))))
         raise UsageError(
-            f"a stray field {known['stray'] / known['field']:.3g} times the horizontal field turns the compass "
-            "anywhere: no heading error can be given; keep the source farther away"
+            f"a stray field {known['stray'] / known['field']:.3g} times the horizontal field can turn the compass to "
+            "any heading: keep the source farther away"
         )
 
 
@@ -154,32 +154,33 @@ class Wire:
 
     current: float  # A
     distance: float  # m, from the middle of the wire
-    stray: float  # µT, its whole field; how much of it is horizontal depends on how the wire runs
+    stray: float  # µT, whole field of the wire; its horizontal part depends on the direction of the wire
 
     @classmethod
     def solve(cls, *, current: float | None = None, distance: float | None = None, stray: float | None = None) -> Self:
-        """Find the one that is left out; `UsageError` unless that is exactly one and the others are positive.
+        """Solve for the missing quantity; raises `UsageError` unless one is missing and the others are positive.
 
         >>> [round(Wire.solve(current=i, distance=r).stray, 9) for i, r in ((1, 0.01), (10, 0.02), (30, 0.05))]
         [20.0, 100.0, 120.0]
         """
-        match _known(current=current, distance=distance, stray=stray):
+        match _known_quantities(current=current, distance=distance, stray=stray):
             case {"current": i, "distance": r}:
-                return cls(i, r, _sound(MU0_2PI * i / r))
+                return cls(i, r, _require_positive(MU0_2PI * i / r))
             case {"current": i, "stray": b}:
-                return cls(i, _sound(MU0_2PI * i / b), b)
+                return cls(i, _require_positive(MU0_2PI * i / b), b)
             case {"distance": r, "stray": b}:
-                return cls(_sound(b * r / MU0_2PI), r, b)
-        raise AssertionError  # `_known` lets two of three through
+                return cls(_require_positive(b * r / MU0_2PI), r, b)
+        raise AssertionError  # `_known_quantities` returns two of three
 
 
 @dataclass(frozen=True, slots=True)
 class Pair:
-    """A wire and its return beside it, both long and straight: B = µ₀ I s/(2π (r² − s²/4)).
+    """A wire and its parallel return, both long and straight: B = µ₀ I s/(2π (r² − s²/4)).
 
-    That is the worst place, in the plane of both wires; out of it the field is less, down to µ₀ I s/(2π (r² + s²/4)).
-    Far away either is µ₀ I s/(2π r²). A **twisted** pair makes less by far: its field falls off exponentially with
-    distance, and 1.5 pitches away it is 50 dB below that of a straight pair (Moser and Spencer 1968).
+    This holds in the plane of both wires, the worst place; elsewhere the field is smaller, down to
+    µ₀ I s/(2π (r² + s²/4)). Far away both are µ₀ I s/(2π r²). The field of a **twisted** pair is far smaller: it falls
+    off exponentially with distance, and 1.5 pitches away it is 50 dB below that of a straight pair (Moser and Spencer
+    1968).
     """
 
     formula: ClassVar[str] = "B = µ₀ I s / (2π (r² − s²/4))"
@@ -198,10 +199,10 @@ class Pair:
         distance: float | None = None,
         stray: float | None = None,
     ) -> Self:
-        """Find the one that is left out.
+        """Solve for the missing quantity.
 
-        Raises `UsageError` unless exactly one is left out and the others are positive, or where the distance is not
-        more than half the separation.
+        Raises `UsageError` unless exactly one is missing and the others are positive, or if the distance is not more
+        than half the separation.
 
         Examples
         --------
@@ -209,29 +210,29 @@ class Pair:
         >>> round(near.stray, 3), Wire.solve(current=10, distance=0.1).stray
         (2.005, 20.0)
         """
-        known = _known(current=current, separation=separation, distance=distance, stray=stray)
+        known = _known_quantities(current=current, separation=separation, distance=distance, stray=stray)
         if known.get("distance", math.inf) <= known.get("separation", 0.0) / 2:
             raise UsageError(
-                f"a distance of {distance:g} m from the middle of two wires {separation:g} m apart is no farther out "
-                "than the wires: need more than half their separation"
+                f"a distance of {distance:g} m from the middle of two wires {separation:g} m apart is between the "
+                "wires: need more than half their separation"
             )
         match known:
             case {"current": i, "separation": s, "distance": r}:
-                return cls(i, s, r, _sound(MU0_2PI * i * (s / (r - s / 2)) / (r + s / 2)))
+                return cls(i, s, r, _require_positive(MU0_2PI * i * (s / (r - s / 2)) / (r + s / 2)))
             case {"current": i, "separation": s, "stray": b}:
-                return cls(i, s, _sound(math.hypot(s / 2, math.sqrt(MU0_2PI * i / b) * math.sqrt(s))), b)
+                return cls(i, s, _require_positive(math.hypot(s / 2, math.sqrt(MU0_2PI * i / b) * math.sqrt(s))), b)
             case {"current": i, "distance": r, "stray": b}:
                 # s²/4 + k s − r² = 0 with k = µ₀ I/(2π B), in the form that loses no digits
                 k = MU0_2PI * i / b
-                return cls(i, _sound(2 * r * (r / (k + math.hypot(k, r)))), r, b)
+                return cls(i, _require_positive(2 * r * (r / (k + math.hypot(k, r)))), r, b)
             case {"separation": s, "distance": r, "stray": b}:
-                return cls(_sound(b / MU0_2PI * ((r - s / 2) * ((r + s / 2) / s))), s, r, b)
-        raise AssertionError  # `_known` lets three of four through
+                return cls(_require_positive(b / MU0_2PI * ((r - s / 2) * ((r + s / 2) / s))), s, r, b)
+        raise AssertionError  # `_known_quantities` returns three of four
 
 
 @dataclass(frozen=True, slots=True)
 class Magnet:
-    """A magnet as a dipole: B = µ₀ m/(2π r³) on its axis, half as much beside it.
+    """A magnet as a dipole: B = µ₀ m/(2π r³) on its axis, half of that beside it.
 
     The axis is the worst direction. Within three times its size a magnet is no dipole.
     """
@@ -239,11 +240,11 @@ class Magnet:
     moment: float  # A·m²
     distance: float  # m, from the middle of the magnet
     stray: float  # µT
-    position: Position = "axial"  # off its poles, or "equatorial": off its side
+    position: Position = "axial"  # position of the sensor: off the poles, or "equatorial", off the side
 
     @property
     def formula(self) -> str:
-        """The formula, for people."""
+        """The formula as text."""
         return f"B = µ₀ m / ({'2π' if self.position == 'axial' else '4π'} r³)"
 
     @classmethod
@@ -255,7 +256,7 @@ class Magnet:
         stray: float | None = None,
         position: Position = "axial",
     ) -> Self:
-        """Find the one that is left out; `UsageError` unless that is exactly one and the others are positive.
+        """Solve for the missing quantity; raises `UsageError` unless one is missing and the others are positive.
 
         A magnet of neodymium, 1 cm across and 3 mm thick, at 30 cm:
 
@@ -266,52 +267,52 @@ class Magnet:
         if position not in ("axial", "equatorial"):
             raise UsageError(f"position is {position!r}: need 'axial' or 'equatorial'")
         constant = MU0_2PI if position == "axial" else MU0_2PI / 2
-        match _known(moment=moment, distance=distance, stray=stray):
+        match _known_quantities(moment=moment, distance=distance, stray=stray):
             case {"moment": m, "distance": r}:
-                return cls(m, r, _sound(constant * (m / r / r / r)), position)
+                return cls(m, r, _require_positive(constant * (m / r / r / r)), position)
             case {"moment": m, "stray": b}:
-                return cls(m, _sound(math.cbrt(constant * (m / b))), b, position)
+                return cls(m, _require_positive(math.cbrt(constant * (m / b))), b, position)
             case {"distance": r, "stray": b}:
-                return cls(_sound(b * r * r * r / constant), r, b, position)
-        raise AssertionError  # `_known` lets two of three through
+                return cls(_require_positive(b * r * r * r / constant), r, b, position)
+        raise AssertionError  # `_known_quantities` returns two of three
 
 
 def magnet_moment(*, remanence: float, volume: float) -> float:
-    """A·m²: the moment of a magnet from its remanence in µT and its volume in m³, m = B_r V/µ₀.
+    """Moment of a magnet in A·m², from its remanence in µT and its volume in m³: m = B_r V/µ₀.
 
     >>> round(magnet_moment(remanence=1.3e6, volume=1e-6), 3)
     1.035
     """
-    return _sound(remanence * (volume / (2 * math.pi * MU0_2PI)))
+    return _require_positive(remanence * (volume / (2 * math.pi * MU0_2PI)))
 
 
-def _known(**given: float | None) -> dict[str, float]:
-    """Let through quantities of which exactly one is left out."""
+def _known_quantities(**given: float | None) -> dict[str, float]:
+    """The given quantities; raises `UsageError` unless exactly one is missing and all are positive."""
     known = {name: float(value) for name, value in given.items() if value is not None}
     if len(known) != len(given) - 1:
         names = ", ".join(name.removesuffix("_deg") for name in given)
-        raise UsageError(f"{len(known)} of {names} are given: leave out exactly one, which is then found")
+        raise UsageError(f"{len(known)} of {names} are given: leave out exactly the one to be found")
     for name, value in known.items():
         if not (math.isfinite(value) and value > 0):
             raise UsageError(f"{name.removesuffix('_deg')} is {value:g}: need a positive number")
     return known
 
 
-def _sound(value: float) -> float:
-    """Let through what came out, unless the numbers given are so far apart that it over- or underflowed."""
+def _require_positive(value: float) -> float:
+    """The value itself; raises `UsageError` if it over- or underflowed."""
     if not (math.isfinite(value) and value > 0):
-        raise UsageError("these numbers are too far apart to reckon with: check their units")
+        raise UsageError("the result of these numbers is too large or too small: check their units")
     return value
 
 
 def _unit(kind: Kind, text: str, what: str) -> str:
-    """Find a unit of one kind by any of its spellings; `what`: the quantity in a message."""
+    """Unit of one kind for any of its spellings; `what`: the quantity in a message."""
     units = UNITS[kind]
     spelled = re.sub(r"[ ·⋅*^]", "", text).replace("²", "2").replace("³", "3").replace("μ", "µ")
     if not spelled and kind == "angle":
         return "deg"
     known = SPELLINGS if kind == "field" else OTHER_SPELLINGS
-    # Capitals do not matter but for currents and moments, where M and m are a thousand million apart.
+    # Case is ignored, except for currents and moments, where M and m differ by a factor of 1e9.
     lower = spelled if kind in ("current", "moment") else spelled.casefold()
     for name in (spelled, known.get(spelled, ""), lower, known.get(lower, ""), lower.replace("µ", "u")):
         if name in units:
@@ -331,14 +332,14 @@ QUANTITIES: Final[Mapping[str, tuple[Kind, str]]] = {
     "remanence": ("field", "remanence_uT"),
     "volume": ("volume", "volume_m3"),
 }
-"""What each quantity of a budget is measured as, and its name with its unit."""
+"""Kind of each quantity of a budget, and its name with the unit."""
 
 Solver: TypeAlias = "Callable[..., Wire | Pair | Magnet]"
 
 
 @dataclass
 class Budget:
-    """A chain of relations: what was given, and what was derived from it.
+    """A chain of relations: given quantities, and quantities derived from them.
 
     Examples
     --------
@@ -350,20 +351,20 @@ class Budget:
     """
 
     kind: str  #: ``heading``, ``wire``, ``pair`` or ``magnet``
-    given: dict[str, UnitValue]  #: name to UnitValue: in the order in which they are shown
-    position: Position | None = None  #: of the sensor beside a magnet
-    #: name to number: in the units used here; an error of None is any
+    given: dict[str, UnitValue]  #: given quantities by name, in the order in which they are shown
+    position: Position | None = None  #: position of the sensor near a magnet
+    #: derived quantities by name, in the units used here; an error of None means any heading
     derived: dict[str, float | None] = field(default_factory=dict)
-    why: dict[str, str] = field(default_factory=dict)  #: name to the formula it was found by
+    why: dict[str, str] = field(default_factory=dict)  #: formula of each derived quantity, by name
 
     @property
     def known(self) -> dict[str, float]:
-        """All that is known by now."""
+        """Given and derived quantities by name, in the units used here."""
         solved = {name: value for name, value in self.derived.items() if value is not None}
         return {name: quantity.value for name, quantity in self.given.items()} | solved
 
     def find_heading(self) -> None:
-        """Find the third of field, stray field and error where two are known."""
+        """Find the third of field, stray field and error if two are known."""
         known = self.known
         if {"field", "stray"} <= known.keys() and known["stray"] > known["field"]:
             self.derived["error"] = None
@@ -374,9 +375,9 @@ class Budget:
                 self.derived[name], self.why[name] = value, solved.formula
 
     def find_moment(self) -> None:
-        """Find the moment of a magnet from its remanence and volume, where they are given.
+        """Find the moment of a magnet from its remanence and volume, if they are given.
 
-        Raises `UsageError` where one of them is missing, or the moment is given as well.
+        Raises `UsageError` if one of them is missing, or the moment is given too.
         """
         made = [self.given[name].value for name in ("remanence", "volume") if name in self.given]
         if len(made) == 1 or (made and "moment" in self.given):
@@ -388,21 +389,21 @@ class Budget:
     def find_source(self, solve: Solver, names: tuple[str, ...]) -> None:
         """Solve for the one unknown of a source: its field, its distance, its current or the heading error.
 
-        Raises `UsageError` where too much or too little is given.
+        Raises `UsageError` for too many or too few quantities.
         """
         heading = [name for name in ("field", "stray", "error") if name in self.given]
         if len(heading) > 2:
-            raise UsageError("field, stray and error are all given, and two of them make the third: leave out one")
+            raise UsageError("field, stray and error are all given, and two of them determine the third: leave out one")
         if len(heading) == 2:
             self.find_heading()
         missing = [name for name in (*names, "stray") if name not in self.known]
         options = " and ".join(names)
         if not missing:
-            raise UsageError(f"{options} make a stray field, and another is given: leave out what is to be found")
+            raise UsageError(f"{options} determine the stray field, and another one is given: leave out one of them")
         if len(missing) > 1:
             raise UsageError(
-                f"too little is given: need {options} to find the stray field, or all but one of them and stray, "
-                "or field and error, to find that one"
+                f"too few quantities: need {options} to find the stray field; to find one of these, give the others "
+                "and stray, or field and error"
             )
         solved = solve(**{name: self.known.get(name) for name in (*names, "stray")})
         self.derived[missing[0]], self.why[missing[0]] = getattr(solved, missing[0]), solved.formula
@@ -410,7 +411,7 @@ class Budget:
             self.find_heading()
 
     def as_dict(self) -> dict[str, Any]:
-        """JSON-ready: each quantity under its name with its unit, and which were found; an error of null is any."""
+        """JSON-ready: quantities by name with unit, and the names of derived ones; an error of null is any heading."""
         known = self.known
         shown = known.keys() | self.derived.keys()
         values = {key: known.get(name) for name, (_, key) in QUANTITIES.items() if name in shown}
@@ -418,6 +419,6 @@ class Budget:
         derived = [QUANTITIES[name][1] for name in self.derived]
         # keys of the quantities that were solved for
         fields["derived"] = derived
-        # those that were used
+        # formulas that were used
         fields["formulas"] = [*dict.fromkeys(self.why.values())]
         return fields

@@ -1,4 +1,4 @@
-"""The page of a magnetic budget: what was given, what was found, by which formula, and for what that holds."""
+"""Page of the terminal for a magnetic budget: given quantities, results with formulas, and their validity."""
 
 from __future__ import annotations
 
@@ -21,14 +21,14 @@ if TYPE_CHECKING:
 
 TITLES: Final = {"field": "horizontal field", "stray": "stray field", "error": "heading error"}
 
-HANDY: Final[Mapping[Kind, tuple[str, ...]]] = {
+RESULT_UNITS: Final[Mapping[Kind, tuple[str, ...]]] = {
     "field": ("uT",),
     "length": ("cm", "mm", "m", "km"),
     "current": ("A", "mA", "kA", "uA"),
     "moment": ("Am2", "mAm2", "uAm2"),
     "angle": ("deg",),
 }
-"""Units to write a result in where none was typed: the first that makes it a number from 0.1 to 1000."""
+"""Units of a result if no unit was typed; the first one is used that gives a number from 0.1 to 1000."""
 
 SIGNS: Final = {
     "cm3": "cm³", "mm3": "mm³", "m3": "m³", "uT": "µT", "deg": "°", "um": "µm", "uA": "µA", "Am2": "A·m²",
@@ -36,21 +36,23 @@ SIGNS: Final = {
 }  # fmt: skip
 
 NOTES: Final = {
-    "wire": "The whole field of the wire, its return far away; what of it is vertical turns no level compass.",
-    "pair": "In the plane of both wires, which is the worst place. Twisted, they make far less.",
+    "wire": "The whole field of the wire, with its return far away; its vertical part does not turn a level compass.",
+    "pair": "In the plane of both wires, which is the worst place. The field of a twisted pair is far smaller.",
     "axial": "Off its poles, which is the worst direction. Nearer than three times its size a magnet is no dipole.",
-    "equatorial": "Off its side; off its poles it is twice as much. Nearer than three times its size it is no dipole.",
+    "equatorial": "Off its side; off its poles the field is twice as large. Valid from three times its size on.",
 }
 
 
 def of_budget(budget: Budget) -> RenderableType:
-    """Lay out a budget for a rich console."""
+    """Lay out a budget for the terminal."""
     grid = Table.grid(padding=(0, 2))
     for _ in range(2):
         grid.add_column(no_wrap=True)
     grid.add_column()
     for name, quantity in budget.given.items():
-        grid.add_row(TITLES.get(name, name), written(QUANTITIES[name][0], quantity.value, [quantity.unit], typed=True))
+        grid.add_row(
+            TITLES.get(name, name), format_quantity(QUANTITIES[name][0], quantity.value, [quantity.unit], typed=True)
+        )
     for name in budget.derived:
         grid.add_row(Text(TITLES.get(name, name), "bold"), Text(_value(budget, name), "bold"), _remark(budget, name))
     note = NOTES.get(budget.position or budget.kind)
@@ -58,16 +60,16 @@ def of_budget(budget: Budget) -> RenderableType:
 
 
 def _value(budget: Budget, name: str) -> str:
-    """What was found, in the unit of what was typed."""
+    """A result, in the unit of a typed quantity of the same kind."""
     kind, value = QUANTITIES[name][0], budget.derived[name]
     if value is None:
         return "any"
     alike = [other for other in budget.given if QUANTITIES[other][0] == kind and other != "remanence"]
-    return written(kind, value, [budget.given[other].unit for other in alike])
+    return format_quantity(kind, value, [budget.given[other].unit for other in alike])
 
 
 def _remark(budget: Budget, name: str) -> str:
-    """The formula; of a heading error also what it means, and where the rule of thumb misses it."""
+    """The formula; for a heading error, also its meaning, and the value of the rule of thumb if that differs."""
     if name != "error":
         return budget.why[name]
     known, value = budget.known, budget.derived[name]
@@ -78,11 +80,11 @@ def _remark(budget: Budget, name: str) -> str:
     return f"worst over all headings, {budget.why[name]}{rough}"
 
 
-def written(kind: Kind, value: float, units: Sequence[str], *, typed: bool = False) -> str:
-    """Write a quantity with its unit: one that was typed where that suits, else a handy one.
+def format_quantity(kind: Kind, value: float, units: Sequence[str], *, typed: bool = False) -> str:
+    """Format a quantity with its unit: a typed unit if that suits, else one of `RESULT_UNITS`.
 
-    >>> written("length", 0.1528, ["mm"]), written("length", 15.28, ["mm"]), written("field", 4.0, [])
-    ('153 mm', '15.3 m', '4.00 µT = 40.0 mG')
+    >>> [format_quantity("length", length, ["mm"]) for length in (0.1528, 15.28)], format_quantity("field", 4.0, [])
+    (['153 mm', '15.3 m'], '4.00 µT = 40.0 mG')
     """
 
     def number(unit: str) -> str:
@@ -92,5 +94,5 @@ def written(kind: Kind, value: float, units: Sequence[str], *, typed: bool = Fal
 
     if typed or kind == "field":
         return number(units[0]) if units else f"{number('uT')} = {number('mG')}"
-    suits = (unit for unit in (*units, *HANDY[kind]) if 0.1 <= value / UNITS[kind][unit] < 1000)
-    return number(next(suits, (*units, *HANDY[kind])[0]))
+    suits = (unit for unit in (*units, *RESULT_UNITS[kind]) if 0.1 <= value / UNITS[kind][unit] < 1000)
+    return number(next(suits, (*units, *RESULT_UNITS[kind])[0]))

@@ -1,4 +1,4 @@
-"""One relation of a magnetic budget, solved for what is left out: a heading error, a wire, a pair of wires or a magnet.
+"""One relation of a magnetic budget, solved for its missing quantity: a heading error, a wire, a pair or a magnet.
 
 >>> stray_budget("wire", {"current": "0.2A", "distance": "1cm"}).derived
 {'stray': 4.0}
@@ -27,33 +27,33 @@ SOURCES: Final[Mapping[Relation, tuple[str, ...]]] = {
     "pair": ("current", "separation", "distance"),
     "magnet": ("moment", "distance"),
 }
-"""Quantities of each source of a stray field, beside that field."""
+"""Quantities of each source of a stray field, without that field."""
 
 HEADING: Final = ("field", "stray", "error")
-MADE_OF: Final[Mapping[Relation, tuple[str, ...]]] = {"magnet": ("remanence", "volume")}
+MOMENT_SOURCES: Final[Mapping[Relation, tuple[str, ...]]] = {"magnet": ("remanence", "volume")}
 
 
 def stray_budget(relation: Relation, given: Mapping[str, UnitValue | str], *, side: bool = False) -> Budget:
-    """Find what is left out of a relation between a source, its stray field, and the heading error that it makes.
+    """Solve for the missing quantity of a source of a stray field: its field, distance, current or heading error.
 
     Parameters
     ----------
     relation : ``heading``, ``wire``, ``pair`` or ``magnet``
     given : mapping of str to UnitValue or str
-        Quantities with their units, such as ``{"current": "0.2A"}``: ``field``, ``stray`` and ``error`` of the heading,
-        two of them; ``current``, ``separation`` and ``distance`` of wires; ``moment``, or ``remanence`` and ``volume``,
+        Quantities with their units, such as ``{"current": "0.2A"}``: two of ``field``, ``stray`` and ``error`` for the
+        heading; ``current``, ``separation`` and ``distance`` of wires; ``moment``, or ``remanence`` and ``volume``,
         and ``distance`` of a magnet.
     side : bool
-        The sensor is off the side of the magnet, not off its poles: half the field.
+        Whether the sensor is beside the magnet and not off its poles, in half the field.
 
     Raises
     ------
     UnitError
         For a unit that is missing, not known or of another kind.
     UsageError
-        For other quantities, and too many or too few of them.
+        For unknown quantities, and for too many or too few of them.
     """
-    names = (*SOURCES.get(relation, ()), *MADE_OF.get(relation, ()), *HEADING)
+    names = (*SOURCES.get(relation, ()), *MOMENT_SOURCES.get(relation, ()), *HEADING)
     if relation != "heading" and relation not in SOURCES:
         raise UsageError(f"no relation {relation!r}: need one of heading, {', '.join(SOURCES)}")
     if wrong := [name for name in given if name not in names]:

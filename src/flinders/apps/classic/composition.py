@@ -1,15 +1,16 @@
-"""Plane after plane: the calibration of a turn composed with the one that was loaded, and the error that this leaves.
+"""Plane after plane: the calibration of a turn composed with the loaded one, and the remaining error.
 
-Each turn gives a symmetric matrix, and the product of symmetric matrices is not symmetric. Its rotation is of second
-order in the soft iron; no turn in a plane sees it. With the composed matrix W = R S, R the rotation and S symmetric, a
-sensor whose soft iron is symmetric has the inverse of S, so that R is what the composition makes of it. What R lends
-from the vertical field to the axes of a turn, the offset of that turn has removed: along each of its axes i, turned
-about k, it is wrong by −R_ik sin I in units of the field. A level vehicle sees what is left of both.
+Each turn gives a symmetric matrix, and the product of symmetric matrices is not symmetric. The rotation in it is of
+second order in the soft iron, and cannot be observed by a turn in a plane. Let the composed matrix be W = R S, with R a
+rotation and S symmetric. For a sensor with symmetric soft iron S⁻¹ is the soft iron, and R is an error of the
+composition. R adds a part of the vertical field to the axes of a turn, and the offset of that turn removes this part:
+along each axis i of a turn about k the offset is wrong by −R_ik sin I in units of the field. The heading error of a
+level vehicle is the sum of both effects.
 
 >>> tilted = np.array([[1.0, 0.0, 0.02], [0.0, 1.0, 0.0], [-0.02, 0.0, 1.0]])
 >>> rotation_error(tilted, ("xy", "yz", "zx"), dip_deg=60.0)      # 0.02 of the vertical field, 1.7 of the level one
 HeadingError(rms=1.40°, worst=1.98°, dip=60°)
->>> rotation_error(tilted, ("yz", "zx", "xy"), dip_deg=60.0).worst < 0.01      # the last turn has taken it off
+>>> rotation_error(tilted, ("yz", "zx", "xy"), dip_deg=60.0).worst < 0.01      # removed by the offset of the last turn
 True
 """
 
@@ -37,21 +38,21 @@ if TYPE_CHECKING:
     from flinders.fitting.result import Fit
     from flinders.geometry.plane import Plane, Turn
 
-FAR: Final = 0.2
-"""Of the field: an offset that is smaller does not tell whether it has been removed, as soft iron lends as much."""
+MIN_OFFSET_SHARE: Final = 0.2
+"""Smallest offset, in units of the field, whose removal can be recognised; soft iron causes smaller ones."""
 
-TOO_FAR: Final = 0.5
-"""Of the field: what soft iron does not lend to a turn that follows others; a vehicle has more for a sensor put in."""
+MAX_CENTRE_SHARE: Final = 0.5
+"""Largest centre of a turn with a calibration loaded, in units of the field, that soft iron can cause."""
 
-OTHER_SCALE: Final = 3.0
-"""Readings larger or smaller by this are in another unit, or corrected by something else; no dip explains it."""
+MAX_SCALE_RATIO: Final = 3.0
+"""Largest ratio of expected and read amplitude; beyond it the unit or the loaded calibration is another one."""
 
-ANY_ANGLE: Final = 180.0
-"""What a heading may be off by where nothing is claimed of it."""
+UNKNOWN_ANGLE_DEG: Final = 180.0
+"""Heading error of an unknown heading."""
 
 
 def turns_of(fit: Fit) -> tuple[str, ...]:
-    """The plane of each turn that a fit rests on, in their order; an empty one for what is no turn."""
+    """Planes of the turns that a fit is based on, in their order; empty text for a fit that is no turn."""
     composition = next((finding for finding in fit.findings if finding.code == "composed"), None)
     planes: tuple[str, ...] = (
         (fit.claim.plane or "",) if composition is None else composition.values.get("planes", ("",))
@@ -60,27 +61,26 @@ def turns_of(fit: Fit) -> tuple[str, ...]:
 
 
 def rotation_error(matrix: Floats, turns: Sequence[str], *, dip_deg: float) -> HeadingError:
-    """What the rotation of a composed matrix costs a level vehicle; see above.
+    """Heading error of a level vehicle from the rotation in a composed matrix, see above.
 
-    Of a plane that has not been turned in, soft iron is taken to be as strong there as in the others (rms), of either
-    sign.
+    In a plane without a turn, the soft iron is assumed to be as strong as in the others (rms), with either sign.
 
     Parameters
     ----------
     matrix : (3, 3) float
     turns : of str
-        Planes of the turns, in their order, each with its third axis down; others than planes change no offset.
+        Planes of the turns, in their order, each with its third axis down; entries that are no plane change no offset.
     dip_deg : float
         Inclination of the field.
 
     Returns
     -------
     HeadingError
-        To second order in the soft iron; not 1 σ, but what it is if the soft iron is symmetric.
+        To second order in the soft iron; not 1 σ, but the actual error if the soft iron is symmetric.
     """
     heading, directions = level_turn(dip_deg)
     squares, worst = [], 0.0
-    for made in _made(matrix, turns):
+    for made in _products(matrix, turns):
         offset = np.zeros(3)
         for plane in filter(None, turns):
             first, second, third = order_of(cast("Plane", plane))
@@ -91,8 +91,8 @@ def rotation_error(matrix: Floats, turns: Sequence[str], *, dip_deg: float) -> H
     return HeadingError(math.sqrt(sum(squares) / len(squares)), worst, float(dip_deg))
 
 
-def _made(matrix: Floats, turns: Sequence[str]) -> Iterator[Floats]:
-    """(3, 3) products of a composed matrix with each sensor that it may be for: a rotation, and the error left."""
+def _products(matrix: Floats, turns: Sequence[str]) -> Iterator[Floats]:
+    """Yield (3, 3) products of a composed matrix with each possible sensor: a rotation and the remaining error."""
     squares, axes = np.linalg.eigh(matrix.T @ matrix)
     sensor = (axes / np.sqrt(squares)) @ axes.T
     known = [sensor[order_of(plane)[:2]] for plane in PLANES if plane in turns]
@@ -108,20 +108,20 @@ def _made(matrix: Floats, turns: Sequence[str]) -> Iterator[Floats]:
 def refuse_unloaded(first: Fit, turn: Turn, *, dip_deg: float, source: str) -> None:
     """Refuse a turn that was not recorded with a calibration loaded.
 
-    Along the axes that the calibration knows, a loaded turn goes as far up and down as the level part of its field,
-    and about zero but for what soft iron lends from the vertical field.
+    Along the axes that the calibration corrects, readings of a loaded turn have the amplitude of the level field and a
+    mean near zero, except for a part of the vertical field that soft iron adds.
 
-    Raises `UsageError` where the readings are larger or smaller by three, lie nearer to the offset of the calibration
-    than to zero, or, after other turns, far from zero.
+    Raises `UsageError` if the amplitude is wrong by a factor of three, or if the mean is nearer to the offset of the
+    calibration than to zero, or, after other turns, far from zero.
 
     Parameters
     ----------
     first : Fit
-        What should have been loaded.
+        Fit whose calibration should have been loaded.
     dip_deg : float
         Inclination of the field.
     source : str
-        What the message calls the recording.
+        Name of the recording in messages.
     """
     turns = turns_of(first)
     known = "xyz" if "" in turns else "".join(turns)
@@ -134,26 +134,28 @@ def refuse_unloaded(first: Fit, turn: Turn, *, dip_deg: float, source: str) -> N
     farthest = float(reach[np.abs(np.log(reach / level)).argmax()])
     name = first.provenance.name
     again = f"record it with {name} loaded, or correct a raw recording with flinders apply {name}"
-    if not 1.0 / OTHER_SCALE < farthest / level < OTHER_SCALE:
+    if not 1.0 / MAX_SCALE_RATIO < farthest / level < MAX_SCALE_RATIO:
         raise UsageError(
-            f"{source} goes {figures(farthest)} {unit} up and down along {named}, where readings with "
-            f"{first.provenance.name} loaded go {figures(level)} (level field, dip {dip_deg:g}°): it is in another "
-            f"unit, or was made without; {again}, or name the unit",
+            f"{source} has an amplitude of {figures(farthest)} {unit} along {named}, but with {first.provenance.name} "
+            f"loaded it would be {figures(level)} (level field, dip {dip_deg:g}°): the recording is in another unit, "
+            f"or was made without that calibration; {again}, or name the unit",
             hint={"unit": None},
         )
     centre = turn.ellipse.centre[seen]
     offset = first.calibration.offset[list(order_of(turn.plane))[:2]][seen]
     strength = first.calibration.field_strength
-    if np.linalg.norm(offset) > FAR * strength and np.linalg.norm(centre - offset) < np.linalg.norm(centre):
+    if np.linalg.norm(offset) > MIN_OFFSET_SHARE * strength and np.linalg.norm(centre - offset) < np.linalg.norm(
+        centre
+    ):
         raise UsageError(
-            f"{source} lies about {_listed(centre)} {unit} along {named}, which is the offset that "
-            f"{first.provenance.name} takes off ({_listed(offset)}): it was made without {first.provenance.name} "
-            f"loaded; {again}"
+            f"{source} has a mean of {_number_list(centre)} {unit} along {named}, which is the offset that "
+            f"{first.provenance.name} removes ({_number_list(offset)}): the recording was made without "
+            f"{first.provenance.name} loaded; {again}"
         )
-    if "" not in turns and np.linalg.norm(centre) > TOO_FAR * strength:
+    if "" not in turns and np.linalg.norm(centre) > MAX_CENTRE_SHARE * strength:
         raise UsageError(
-            f"{source} lies about {_listed(centre)} {unit} along {named}, where readings with {first.provenance.name} "
-            f"loaded lie about 0: it was made without, or of another sensor; {again}"
+            f"{source} has a mean of {_number_list(centre)} {unit} along {named}, but with {first.provenance.name} "
+            f"loaded it would be near 0: the recording was made without it, or of another sensor; {again}"
         )
 
 
@@ -163,17 +165,17 @@ def composed(first: Fit, fit: Fit) -> Fit:
     Parameters
     ----------
     first : Fit
-        What was loaded.
+        Fit of the loaded calibration.
     fit : Fit
-        Of the turn.
+        Fit of the turn.
 
     Returns
     -------
     Fit
-        To be loaded in place of the first; `turns_of` it are all turns so far. The heading error of a level
-        vehicle is what the turns claim together, and what the rotation of the matrix costs: it rests on the last turn
-        in xy and those after it. 180° where nobody can say: there was no turn in xy yet, or what was loaded claims
-        nothing. It has no covariance, as offset and matrix of several turns are correlated.
+        Calibration to load in place of the first; `turns_of` gives all turns so far. Its heading error, for a level
+        vehicle, combines the claims of the turns and the error from the rotation of the matrix: that of the last turn
+        in xy and of the turns after it. It is 180° if it is not known: without a turn in xy so far, or if the loaded
+        calibration has no claim. There is no covariance, as offset and matrix of several turns are correlated.
 
     Examples
     --------
@@ -185,7 +187,7 @@ def composed(first: Fit, fit: Fit) -> Fit:
     >>> loaded = replace(sweep.samples, field=first.calibration.apply(sweep.samples.field))
     >>> site = Site(strength=first.calibration.field_strength)
     >>> second = calibrate.fit(loaded, method="ellipse", site=site)
-    >>> both = composed(first, second)      # the same turn once more, which changes nothing
+    >>> both = composed(first, second)      # the same turn again, which changes nothing
     >>> turns_of(both), both.calibration.isclose(first.calibration, tolerance=1e-3)
     (('xy', 'xy'), True)
     """
@@ -199,7 +201,7 @@ def composed(first: Fit, fit: Fit) -> Fit:
         fit.claim,
         calibration=calibration,
         covariance=np.zeros((9, 9)),
-        heading_error_deg=_claimed(first, fit, turns, left),
+        heading_error_deg=_claimed_error(first, fit, turns, left),
         plane=None,
     )
     evidence = replace(
@@ -211,7 +213,7 @@ def composed(first: Fit, fit: Fit) -> Fit:
 
 
 def as_dict(both: Fit) -> dict[str, Any]:
-    """JSON-ready, of `composed`: the calibration, what is claimed of it, and what is open."""
+    """JSON-ready result of `composed`: the calibration, its claim, and its findings."""
     error, turns = both.heading_error_deg, turns_of(both)
     return {
         **both.calibration.as_dict(),
@@ -222,13 +224,13 @@ def as_dict(both: Fit) -> dict[str, Any]:
     }
 
 
-def _claimed(first: Fit, fit: Fit, turns: Sequence[str], left: HeadingError) -> HeadingError:
-    """What is claimed of a level heading; the rotation of the matrix counts as it is now, not as it was before."""
+def _claimed_error(first: Fit, fit: Fit, turns: Sequence[str], left: HeadingError) -> HeadingError:
+    """Claimed heading error of a level vehicle, with the rotation error of the new matrix instead of the old one."""
     own, stated = fit.heading_error_deg, first.heading_error_deg
     if fit.claim.plane == "xy":
         return own
     if math.isnan(stated.worst) or not {"xy", ""} & set(turns[:-1]):
-        return HeadingError(ANY_ANGLE, ANY_ANGLE, own.dip_deg)
+        return HeadingError(UNKNOWN_ANGLE_DEG, UNKNOWN_ANGLE_DEG, own.dip_deg)
     before = rotation_error(first.calibration.matrix, turns[:-1], dip_deg=own.dip_deg)
     rms, worst = (
         math.sqrt(max(was**2 - gone**2, 0.0) + now**2 + new**2)
@@ -241,12 +243,12 @@ def _claimed(first: Fit, fit: Fit, turns: Sequence[str], left: HeadingError) -> 
 
 
 def _finding(turns: Sequence[str], left_deg: float, target_deg: float) -> Finding:
-    """Say what the turns so far leave open."""
-    left_deg = left_deg if {"xy", ""} & set(turns) else ANY_ANGLE
+    """Finding about the error that the turns so far leave."""
+    left_deg = left_deg if {"xy", ""} & set(turns) else UNKNOWN_ANGLE_DEG
     numbers = {"is_composed": 1.0, "rotation_left_deg": left_deg, "target_deg": target_deg}
     return certain({**numbers, "planes": turns}, "composed")
 
 
-def _listed(values: Floats) -> str:
-    """Numbers with three digits, for a message."""
+def _number_list(values: Floats) -> str:
+    """Numbers with three digits, joined by commas."""
     return ", ".join(figures(value, 3) for value in values.tolist())

@@ -1,4 +1,4 @@
-"""Every method on one recording, side by side: what each finds, claims and is worth on readings that it has not seen.
+"""Every method on one recording, side by side: calibration, claimed error, and cross-validated error of each.
 
 >>> from flinders import simulate
 >>> contest = compare_methods(simulate.tumble(seed=1).samples, methods=["auto", "minmax"])
@@ -53,14 +53,14 @@ if TYPE_CHECKING:
     from flinders.summary.summary import Summary
     from flinders.workflows.recordings import AnyReadings
 
-VALIDATED: Final = 20_000
-"""Readings of a longer recording that are cross-validated, evenly spread over it."""
+MAX_VALIDATED: Final = 20_000
+"""Largest number of readings that are cross-validated, evenly spread over a longer recording."""
 
 ROUNDING_DEG: Final = 1e-4
-"""Degrees of heading that come from rounding alone."""
+"""Largest difference of heading, in degrees, that comes from rounding alone."""
 
-OVERCLAIMS: Final = 2.0
-"""Cross-validated heading error over the claimed one beyond which a method does not know how wrong it is.
+MAX_CLAIM_RATIO: Final = 2.0
+"""Largest ratio of cross-validated and claimed heading error; with a larger one, the claim is too small.
 
 In `tests/comparison/test_validation.py` the cross-validated error of unbiased methods is 0.8 to 1.3 of the true one.
 """
@@ -68,44 +68,44 @@ In `tests/comparison/test_validation.py` the cross-validated error of unbiased m
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
 class Entry(ShortRepr):
-    """What one method makes of a recording."""
+    """Result of one method on a recording."""
 
-    method: str  #: as it was asked for; `fit.evidence.method` says what was run
-    seconds: float  #: the method alone, without the sums of the readings, which all share, and without judging it
-    fit: Fit | None = None  #: None where it gives no ellipsoid
-    #: None where one block of time less leaves nothing to fit, or the readings are too few
+    method: str  #: name as it was given; `fit.evidence.method` is the method that was run
+    seconds: float  #: duration of the method alone, without the sums of readings, which all share, and its judgement
+    fit: Fit | None = None  #: None if the method gives no ellipsoid
+    #: None if the readings are too few, or cannot be fitted without one block of time
     validation: Validation | None = None
     #: heading difference from the first method that was compared; None for that one
     difference_deg: HeadingError | None = None
-    refusal: FitError | None = None  #: why there is no fit
-    unvalidated: FitError | None = None  #: why there is no validation
-    #: how much larger an error may come out of the readings that were cross-validated, which are not all
+    refusal: FitError | None = None  #: reason why there is no fit
+    unvalidated: FitError | None = None  #: reason why there is no validation
+    #: factor by which the cross-validated error may be larger because only some of the readings were used
     coarser: float = 1.0
 
     @property
     def verdict(self) -> Verdict:
-        """That of the fit; ``refused`` where there is none; never better than ``limited`` where it overclaims."""
+        """Verdict of the fit; ``refused`` without one; at best ``limited`` if the method overclaims."""
         if self.fit is None:
             return "refused"
         return "limited" if self.fit.verdict == "good" and self.overclaims else self.fit.verdict
 
     @property
     def overclaims(self) -> bool:
-        """Readings held back show an error far beyond the claimed one, and beyond the target."""
+        """Whether the cross-validated error is far beyond the claimed one, and beyond the target."""
         if self.fit is None or self.validation is None:
             return False
         claimed, shown = self.fit.heading_error_deg, self.validation.heading_error_deg
-        return shown.rms > OVERCLAIMS * self.coarser * claimed.rms and shown.worst > self.fit.claim.target_deg
+        return shown.rms > MAX_CLAIM_RATIO * self.coarser * claimed.rms and shown.worst > self.fit.claim.target_deg
 
     @property
     def objections(self) -> tuple[tuple[str, str], ...]:
-        """Stable name and words of each reason not to trust it on this recording, or not without limits."""
+        """Stable code and words of each reason against trusting the method on this recording."""
         if self.fit is None:
             return () if self.refusal is None else ((self.refusal.code, self.refusal.message),)
         each = [(finding.code, finding.advice) for finding in self.fit.findings if finding.severity != "note"]
         if self.overclaims and self.validation is not None:
             shown, claimed = self.validation.heading_error_deg, self.fit.heading_error_deg
-            words = f"claims {claimed.rms:.2g}° of heading, rms; readings held back show {shown.rms:.2g}°"
+            words = f"claims {claimed.rms:.2g}° of heading, rms; cross-validation shows {shown.rms:.2g}°"
             each.append(("overclaims", words))
         if self.unvalidated is not None:
             each.append((self.unvalidated.code, str(self.unvalidated)))
@@ -113,22 +113,22 @@ class Entry(ShortRepr):
 
     @property
     def reasons(self) -> tuple[str, ...]:
-        """Why it is not to be trusted on this recording, or not without limits."""
+        """Words of each reason against trusting the method on this recording."""
         return tuple(words for _, words in self.objections)
 
     @property
     def codes(self) -> tuple[str, ...]:
-        """Stable names of the reasons, in their order."""
+        """Stable codes of the reasons, in their order."""
         return tuple(code for code, _ in self.objections)
 
     @property
     def cells(self) -> tuple[str, str, str, str, str, str]:
-        """Its row of a table, as `Contest.headings` has it."""
+        """Row of a table with the columns of `Contest.headings`."""
         claimed, validated, difference = (_rms(MEASURES[name](self)) for name in ("claimed", "validated", "difference"))
         return self.method, claimed, validated, difference, duration(self.seconds), self.verdict
 
     def as_dict(self) -> dict[str, Any]:
-        """JSON-ready. Numbers of a refused calibration are given here, since they are compared and not used."""
+        """JSON-ready fields; a refused calibration has numbers too, since they are for comparison only."""
         fitted, checked = self.fit, self.validation
         return {
             "method": self.method,
@@ -137,27 +137,27 @@ class Entry(ShortRepr):
             **dict.fromkeys(("offset", "matrix", "field_strength", "heading_error_deg")),
             **({} if fitted is None else printed(fitted.calibration, "offset", "matrix", "field_strength")),
             **({} if fitted is None else printed(fitted, "heading_error_deg")),
-            # `rms` and `worst` that blocks of time kept out of the fit show
+            # `rms` and `worst` of the cross-validated heading error
             "validated_heading_error_deg": None if checked is None else checked.heading_error_deg.as_dict(),
-            # the part of it that is the same for all blocks
+            # part of that error that is common to all blocks
             "validated_bias_deg": None if checked is None else checked.bias_deg,
-            # the part of it that differs from block to block
+            # part of that error that differs from block to block
             "validated_scatter_deg": None if checked is None else checked.scatter_deg,
-            # residuals of the blocks kept out over those of the fit
+            # ratio of residuals of left-out blocks and of the fit
             "misfit": None if checked is None else checked.misfit,
             **printed(self, "difference_deg", "seconds", "codes", "reasons"),
         }
 
 
 def _rms(error_deg: float | None) -> str:
-    """A heading error of a table."""
+    """Cell of a heading error."""
     if error_deg is None:
         return "–"
     return degrees(error_deg) if error_deg > ROUNDING_DEG else "0°"
 
 
 def duration(seconds: float) -> str:
-    """Write how long something took, to two digits.
+    """Format a duration with two digits.
 
     >>> duration(0.00421), duration(12.5)
     ('4.2 ms', '12 s')
@@ -171,27 +171,27 @@ MEASURES: Final[Mapping[str, Callable[[Entry], float | None]]] = {
     "difference": lambda entry: None if entry.difference_deg is None else entry.difference_deg.rms,
     "seconds": lambda entry: entry.seconds,
 }
-"""What methods are sorted by: rms heading errors in degrees, and the time that each took."""
+"""Measures by which methods are sorted: rms heading errors in degrees, and the duration of each in s."""
 
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
 class Contest:
     """All methods on one recording."""
 
-    entries: tuple[Entry, ...]  #: in the order of `flinders.estimators.METHODS`, or as they were named
-    readings: int  #: of the recording
-    blocks: int  #: of time, for cross-validation; 0 where the readings were too few
-    stride: int = 1  #: every how many of the readings were cross-validated
+    entries: tuple[Entry, ...]  #: in the order of `flinders.estimators.METHODS`, or of the given names
+    readings: int  #: number of readings in the recording
+    blocks: int  #: number of blocks of time for cross-validation; 0 for too few readings
+    stride: int = 1  #: every so many-th reading was cross-validated
 
     @property
     def verdict(self) -> Verdict:
-        """The best of all."""
+        """The best verdict of all methods."""
         verdicts = {entry.verdict for entry in self.entries}
         return next(verdict for verdict in reversed(VERDICTS.values()) if verdict in verdicts)
 
     @property
     def reference(self) -> str:
-        """The method that the others are held against: the first that gives a fit."""
+        """The method with which the others are compared: the first that gives a fit."""
         return next((entry.method for entry in self.entries if entry.fit is not None), self.entries[0].method)
 
     def __len__(self) -> int:
@@ -222,7 +222,7 @@ class Contest:
 
     @property
     def headings(self) -> tuple[str, ...]:
-        """What stands above the columns of its table; errors are rms over all headings of a level vehicle."""
+        """Headings of the table's columns; errors are rms over all headings of a level vehicle."""
         return ("method", "claimed", "cross-validated", f"from {self.reference}", "time", "verdict")
 
     def __repr__(self) -> str:
@@ -237,9 +237,9 @@ class Contest:
         )
 
     def as_dict(self) -> dict[str, Any]:
-        """JSON-ready: what ``--json`` prints."""
+        """JSON-ready fields, as ``--json`` prints them."""
         known = printed(self, "verdict", "reference", "readings", "blocks", "stride")
-        return known | {"methods": [entry.as_dict() for entry in self.entries]}  # what each makes of the recording
+        return known | {"methods": [entry.as_dict() for entry in self.entries]}  # result of each method
 
 
 @spell_checked(ELSEWHERE)
@@ -257,11 +257,11 @@ def compare_methods(
     Parameters
     ----------
     source : Samples, Recording, (N, 3) array-like, path, open file or data frame
-        In the order of time; what `flinders.read` reads is read.
+        Readings in the order of time, or a source of `flinders.read`.
     methods : sequence of str, optional
-        Of `flinders.estimators.METHODS`, all by default; the first is what the others are held against.
+        Names of `flinders.estimators.METHODS`, all by default; the others are compared with the first.
     blocks : int
-        Of time; fewer where there are not four readings in each.
+        Number of blocks of time; reduced so that each has at least four readings.
     target_deg, site
         As for `flinders.fit`.
     tell : callable, optional
@@ -274,15 +274,15 @@ def compare_methods(
     ArrayError
         For readings of the wrong shape.
     FitError
-        That of the first method, where none gives an ellipsoid.
+        The error of the first method, if no method gives an ellipsoid.
     """
     names = known(methods)
     if blocks < 2:
         raise UsageError(f"{blocks} blocks of time: need 2 or more")
     recording, _ = recording_of(source)
     readings = within_range(Readings.of(recording))
-    stride = max(1, -(-len(readings) // VALIDATED))
-    samples = _thinned(readings, stride)
+    stride = max(1, -(-len(readings) // MAX_VALIDATED))
+    samples = _thin(readings, stride)
     request = Request.of(site, target_deg=target_deg)
     inliers, facing = _inliers_and_dip(readings, samples, request.dip_deg)
     held_back = min(blocks, len(samples) // LEAST)
@@ -291,9 +291,9 @@ def compare_methods(
         if tell is not None:
             tell(name)
         estimator = estimator_of(name, request)
-        entry = _fitted(estimator, readings, recording, target_deg=target_deg, site=site)
+        entry = _timed_fit(estimator, readings, recording, target_deg=target_deg, site=site)
         if entry.fit is not None and held_back > 1:
-            entry = _validated(entry, estimator, samples, blocks=held_back, dip_deg=facing, counted=inliers)
+            entry = _validate(entry, estimator, samples, blocks=held_back, dip_deg=facing, counted=inliers)
             entry = replace(entry, coarser=math.sqrt(stride))
         reference = next((other.fit for other in entries if other.fit is not None), None)
         if entry.fit is not None and reference is not None:
@@ -306,22 +306,22 @@ def compare_methods(
 
 
 def known(methods: Sequence[str] | None) -> Sequence[str]:
-    """All methods, or those that were named.
+    """Names of all methods, or the given names after a check.
 
-    Raises `UsageError` for one that is not known, or named twice.
+    Raises `UsageError` for a method that is not known, or named twice.
     """
     names = list(METHODS) if methods is None else list(methods)
     for name in names:
         method_of(name)
     if len(set(names)) < len(names) or not names:
-        raise UsageError(f"methods are {', '.join(names) or 'none'}: name each once, and one at the least")
+        raise UsageError(f"methods are {', '.join(names) or 'none'}: name at least one, and each only once")
     return names
 
 
-def _fitted(
+def _timed_fit(
     estimator: Estimator, readings: Readings, recording: Recording | Summary, *, target_deg: float, site: Site | None
 ) -> Entry:
-    """Fit by one method, and take the time that the method itself needs."""
+    """Fit by one method, and measure the duration of the method itself."""
     begun = time.perf_counter()
     try:
         estimator.estimate(readings)
@@ -334,7 +334,7 @@ def _fitted(
     return Entry(estimator.name, seconds, fitted)
 
 
-def _validated(entry: Entry, estimator: Estimator, samples: Samples, **options: Any) -> Entry:
+def _validate(entry: Entry, estimator: Estimator, samples: Samples, **options: Any) -> Entry:
     """Cross-validate one method."""
     try:
         return replace(entry, validation=cross_validated(estimator, samples, **options))
@@ -342,8 +342,8 @@ def _validated(entry: Entry, estimator: Estimator, samples: Samples, **options: 
         return replace(entry, unvalidated=error)
 
 
-def _thinned(readings: Readings, stride: int) -> Samples:
-    """Every so many readings, in memory."""
+def _thin(readings: Readings, stride: int) -> Samples:
+    """Every `stride`-th reading, in memory."""
     recording = readings.recording
     if recording is None:
         raise NeedsSamples("compare_methods")
@@ -355,8 +355,8 @@ def _thinned(readings: Readings, stride: int) -> Samples:
 
 
 def _inliers_and_dip(readings: Readings, samples: Samples, dip_deg: float) -> tuple[NDArray[np.bool_] | None, float]:
-    """Readings that `Auto` keeps, which all methods are held against, and the dip with the sign that they show."""
-    # Where the strength of the field is told and varies, `Auto` has no say in what belongs to it.
+    """(N,) inliers of `Auto`, which validate all methods, and the dip with the sign that the readings show."""
+    # If the recording has a field strength that varies, `Auto` cannot identify outliers.
     if samples.strength is not None and np.ptp(samples.strength) > 0.0:
         return None, dip_deg
     try:

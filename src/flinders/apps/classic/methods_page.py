@@ -29,10 +29,9 @@ if TYPE_CHECKING:
 
 
 def of_contest(contest: Contest) -> RenderableType:
-    """Lay out all methods on one recording: worth, numbers, and why some are not to be trusted.
+    """Lay out all methods on one recording: errors, calibrations, and reasons against trusting some.
 
-    Numbers of refused calibrations are here, dim, because they are compared with those of a spreadsheet or a paper;
-    nothing is written.
+    Refused calibrations are shown dim, for comparison with a spreadsheet or a paper; nothing is written.
     """
     entries = [entry for entry in contest.entries if entry.fit is not None]
     result = _method_numbers(entries) if entries else None
@@ -40,7 +39,7 @@ def of_contest(contest: Contest) -> RenderableType:
 
 
 def _worth(contest: Contest) -> Table:
-    """Rms heading errors of each method: claimed, cross-validated, and from the first."""
+    """Table of rms heading errors of each method: claimed, cross-validated, and relative to the first method."""
     names = ("\nclaimed", "cross-\nvalidated", f"from\n{contest.reference}", "\ntime", "\nverdict")
     headings = [Column("heading error,\nrms", no_wrap=True), *whole_columns(names)]
     return table(headings, [_method_row(entry) for entry in contest.entries])
@@ -59,7 +58,7 @@ def _basis(contest: Contest) -> Text:
 
 
 def _method_numbers(entries: list[Entry]) -> Text:
-    """Offsets, and matrices as their diagonal and what is above it, one line for each method."""
+    """Offset and upper triangle of the matrix of each method, one line for each."""
     calibrations = [entry.fit.calibration for entry in entries if entry.fit is not None]
     columns = [on_the_point(list(column)) for column in zip(*map(_entries, calibrations), strict=True)]
     rows = [(" ".join(cells[:3]), " ".join(cells[3:])) for cells in zip(*columns, strict=True)]
@@ -80,7 +79,7 @@ def _entries(calibration: Calibration) -> list[str]:
 
 
 def _reasons(contest: Contest) -> list[tuple[str, str]]:
-    """Why a method is not to be trusted here: the gravest reason in words, the others by their code; each said once."""
+    """Severity and reasons for methods not to be trusted: the gravest in words, others by code; equal ones joined."""
     said: dict[str, list[Entry]] = {}
     for entry in contest.entries:
         if entry.reasons:

@@ -1,4 +1,4 @@
-"""Pages of the terminal: a turn in one plane, a swung compass beside its truth, and all methods side by side.
+"""Pages of the terminal: a turn in one plane, and a simulated swing compared with its truth.
 
 >>> from flinders.geometry.plane import PlaneEllipse, Turn
 >>> heading = np.radians(np.arange(0, 360, 10))
@@ -48,14 +48,14 @@ if TYPE_CHECKING:
     from flinders.errors import Spelling
     from flinders.geometry.plane import PlaneEllipse, Turn
 
-NEGLIGIBLE: Final = 0.1
-"""Of the target: what costs less is not worth a word."""
+NEGLIGIBLE_SHARE: Final = 0.1
+"""Heading error of the mean, as a share of the target, below which no remark is made."""
 
 
 def of_turn(
     fit: Fit, turn: Turn, spell: Spelling = in_python, *, composed: Fit | None, after: str | None
 ) -> RenderableType:
-    """Lay out a turn in one plane, its calibration, and what it makes of the one that was loaded before."""
+    """Lay out a turn in one plane, its calibration, and its composition with the loaded one."""
     mean_style, least_style = ("bold", "") if is_mean(fit) else ("", "bold")
     headings = (
         f"plane {turn.plane}, turned about {across(turn.plane)}",
@@ -64,7 +64,7 @@ def of_turn(
     )
     recipe = table(headings, plane_rows(turn, label(fit.calibration.unit)))
     words = spacing_words(turn, fit.claim.target_deg, is_mean=is_mean(fit))
-    more = [] if composed is None else [_composed(composed, after, spell)]
+    more = [] if composed is None else [_composition(composed, after, spell)]
     return Group(page(recipe, words), of_fit(fit, spell), *more)
 
 
@@ -74,7 +74,7 @@ def is_mean(fit: Fit) -> bool:
 
 
 def plane_rows(turn: Turn, unit: str) -> list[tuple[str, str, str]]:
-    """Name, what mean and scatter give and what least squares give, of each number of the recipe."""
+    """Rows of the recipe: name, value from mean and scatter, and value from least squares."""
     points, axes = f"{turn.spacing.points:,}", ["xyz".index(axis) + 1 for axis in turn.plane]
     entries = [f"S{row}{column}" for row in axes for column in axes]
     means = [f"mean H{axis}" for axis in turn.plane]
@@ -84,7 +84,7 @@ def plane_rows(turn: Turn, unit: str) -> list[tuple[str, str, str]]:
 
 
 def _ellipse_cells(ellipse: PlaneEllipse, unit: str) -> list[str]:
-    """Write an ellipse as the recipe has it."""
+    """Cells of an ellipse, in the quantities of the recipe."""
     first, second = (figures(value, 6) for value in ellipse.eigenvalues.tolist())
     long, short = (figures(axis, 6) for axis in ellipse.semi_axes.tolist())
     return [
@@ -98,7 +98,7 @@ def _ellipse_cells(ellipse: PlaneEllipse, unit: str) -> list[str]:
 
 
 def spacing_words(turn: Turn, target_deg: float, *, is_mean: bool) -> str:
-    """Say how the points are spaced, and whether their mean is the centre."""
+    """Sentence about the spacing of the points, and whether their mean is the centre."""
     spacing = turn.spacing
     instead = "" if spacing.is_even(within_deg=target_deg) or not is_mean else "; use --method ellipse"
     return (
@@ -109,18 +109,19 @@ def spacing_words(turn: Turn, target_deg: float, *, is_mean: bool) -> str:
 
 
 def evenness(turn: Turn, target_deg: float, *, is_mean: bool) -> str:
-    """Say what the spacing of the points costs, or would cost, those who take the mean."""
+    """Words about the heading error that the spacing of the points gives the mean."""
     spacing = turn.spacing
-    if spacing.cost_deg < NEGLIGIBLE * target_deg:
+    if spacing.cost_deg < NEGLIGIBLE_SHARE * target_deg:
         return "evenly spaced, the mean can be trusted"
-    cost = f"the mean {'costs' if is_mean else 'would cost'} up to {degrees(spacing.cost_deg)} of heading"
+    verb = "makes" if is_mean else "would make"
+    cost = f"the mean {verb} the heading wrong by up to {degrees(spacing.cost_deg)}"
     if spacing.is_even(within_deg=target_deg):
         return f"{cost}, within the target of {target_deg:g}°"
     return f"not evenly spaced, {cost}"
 
 
-def _composed(composed: Fit, after: str | None, spell: Spelling) -> RenderableType:
-    """Lay out the numbers to be loaded, what is claimed of them, and what is open."""
+def _composition(composed: Fit, after: str | None, spell: Spelling) -> RenderableType:
+    """Lay out the composed calibration to load, its claim, and its findings."""
     error = composed.heading_error_deg
     basis = f"{turns(turns_of(composed))}; level, dip {error.dip_deg:.3g}°"
     said = graded(composed.verdict, lead(composed), basis)
@@ -159,6 +160,6 @@ def recovery_rows(true: TwoAxis, estimate: TwoAxis) -> list[tuple[str, float, fl
 
 
 def _heading_cells(errors: Floats, radius: Floats) -> tuple[str, str, str]:
-    """Errors, rms and worst, and the range of the radius."""
+    """Cells of rms and worst error, and of the range of the radius."""
     rms, worst = float(np.sqrt(np.mean(errors**2))), float(np.abs(errors).max())
     return angle(rms), angle(worst), f"{radius.min():.2f} to {radius.max():.2f} µT"

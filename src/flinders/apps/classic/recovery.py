@@ -1,4 +1,4 @@
-"""A two-axis compass that is swung in a simulation: what the recipe finds of it, beside what is true.
+"""A simulated swing of a two-axis compass: parameters that the recipe finds, compared with the truth.
 
 >>> from flinders.apps.classic.simulate_two_axis import TwoAxis
 >>> recovery = recover(TwoAxis((1.2, 0.9), (12.0, -8.0), skew_deg=5.0, noise=0.25), seed=1)
@@ -27,19 +27,19 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Recovery:
-    """A swing of a simulated compass, and what a calibration makes of it."""
+    """A swing of a simulated compass, and its calibration."""
 
     true: TwoAxis
     estimate: TwoAxis
     swung: Simulated  #: the recording
     polar: Polar  #: the recording around the compass rose, before and after correction
-    fit: Fit  #: of the method ``level``, also one that is refused
+    fit: Fit  #: fit of the method ``level``, also a refused one
     turn: Turn  #: the points of the recording, and the ellipses through them: of mean and scatter, and of the fit
-    refusal: Refused | None = None  #: why it would be no calibration to use
+    refusal: Refused | None = None  #: reason why the calibration must not be used
 
     @property
     def verdict(self) -> str:
-        """A swing of two axes is never better than limited."""
+        """``limited``, the best verdict for a swing of two axes, or ``refused``."""
         return "limited" if self.refusal is None else "refused"
 
     def as_dict(self) -> dict[str, Any]:
@@ -55,7 +55,7 @@ class Recovery:
         pairs = {name: {"true": true, "estimate": estimate} for name, (true, estimate) in numbers.items()}
         return {
             "verdict": self.verdict,
-            "recovery": pairs,  # of each quantity of the compass its `true` value and the `estimate`
+            "recovery": pairs,  # `true` value and `estimate` of each quantity of the compass
             "turn": self.turn.as_dict(),
             "polar": self.polar.as_dict(),
             "unit": "uT",  # of scales, offsets and noise
@@ -65,9 +65,9 @@ class Recovery:
 def recover(
     compass: TwoAxis, *, seed: int = 0, points: int = 36, field_strength: float = 50.0, dip_deg: float = 60.0
 ) -> Recovery:
-    """Swing a compass around, calibrate it by the method ``level``, and state what was found in its own terms.
+    """Swing a compass, calibrate it by the method ``level``, and convert the result to its parameters.
 
-    Raises `FitError` where there is no calibration at all.
+    Raises `FitError` if there is no calibration at all.
     """
     swung = swing(compass, seed=seed, points=points, field_strength=field_strength, dip_deg=dip_deg)
     refusal = None

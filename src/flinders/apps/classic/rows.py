@@ -1,11 +1,11 @@
-"""What this package adds to tables of the library, by names of its modules; nothing is imported before it is used."""
+"""Rows that this package adds to the tables of the library, with names of its modules, imported at first use."""
 
 CLASSIC = "Classic recipes"
 
 PUBLIC = {"compare_methods": "methods"}
 COMMANDS = {
     "two-axis": (CLASSIC, "cli.two_axis", "Hard and soft iron of one plane, by the two-axis recipe."),
-    "budget": (CLASSIC, "cli.budget", "Say how far a cable must be."),
+    "budget": (CLASSIC, "cli.budget", "Find the distance that a cable must have."),
     "compare-methods": (CLASSIC, "cli.compare_methods", "Run all methods on a recording, side by side."),
 }
 SIMULATIONS = {"two-axis": ("Commands", "cli.simulate", "A two-axis compass, swung around.")}

@@ -1,7 +1,7 @@
-"""A two-axis compass, swung: read at equally spaced headings while it stays level.
+"""Simulated swing of a two-axis compass: readings at equally spaced headings while it stays level.
 
-It has two scales, two offsets and the angle by which its axes are not square. Ten degrees a step are the 36 points of
-the spreadsheets that two-axis compasses are calibrated with.
+The compass has two scales, two offsets and the deviation of its axes from a right angle. Steps of 10° give the 36
+points of the spreadsheets for two-axis compasses.
 
 >>> compass = TwoAxis(scale=(1.1, 0.9), offset=(10.0, -5.0), skew_deg=4.0)
 >>> swung = swing(compass)
@@ -39,9 +39,9 @@ POINTS: Final = 36
 
 @dataclass(frozen=True, slots=True, repr=False)
 class TwoAxis:
-    """A compass with two axes, which are level, x ahead and y to the right.
+    """A compass with two level axes, x ahead and y to the right.
 
-    At the heading ψ, in a field that is H strong across the ground, it reads
+    At the heading ψ, in a horizontal field H, it reads
 
         x = offset₁ + scale₁ H cos ψ
         y = offset₂ − scale₂ H sin(ψ + skew)
@@ -52,10 +52,10 @@ class TwoAxis:
         For scales that are not positive, a skew that makes the axes parallel, or negative noise.
     """
 
-    scale: tuple[float, float] = (1.0, 1.0)  #: pair of float: of each axis
-    offset: tuple[float, float] = (0.0, 0.0)  #: pair of float, µT: what each axis reads in no field
-    skew_deg: float = 0.0  #: degrees: by how much the y axis is turned out of square, clockwise seen from above
-    noise: float = 0.0  #: µT: one σ per axis, white
+    scale: tuple[float, float] = (1.0, 1.0)  #: pair of float: scale of each axis
+    offset: tuple[float, float] = (0.0, 0.0)  #: pair of float, µT: reading of each axis in zero field
+    skew_deg: float = 0.0  #: degrees: deviation of the y axis from a right angle, clockwise seen from above
+    noise: float = 0.0  #: µT: white noise of each axis, 1 σ
 
     def __post_init__(self) -> None:
         """Check the numbers."""
@@ -69,15 +69,15 @@ class TwoAxis:
 
     @classmethod
     def from_ellipse(cls, centre: ArrayLike, shape: ArrayLike, horizontal: float, *, noise: float = 0.0) -> Self:
-        """Take scales and skew out of the ellipse that the readings lie on.
+        """Compass whose readings lie on an ellipse.
 
         Parameters
         ----------
         centre : (2,) array-like, µT
         shape : (2, 2) array-like, µT
-            Maps unit vectors to readings about the centre; which rotation it has on the right does not matter.
+            Maps unit vectors to readings relative to the centre; a rotation on its right does not matter.
         horizontal : float, µT
-            Strength of the field across the ground; one that is not positive raises `UsageError`.
+            Horizontal field strength; raises `UsageError` if it is not positive.
         noise : float, µT
         """
         first, second = square(shape, "shape", 2)
@@ -88,12 +88,12 @@ class TwoAxis:
 
     @property
     def matrix(self) -> Floats:
-        """(2, 2) what the readings are of a field ahead and to the right."""
+        """(2, 2) matrix from the field ahead and to the right to readings without offset."""
         skew = math.radians(self.skew_deg)
         return np.array([[self.scale[0], 0.0], [-self.scale[1] * math.sin(skew), self.scale[1] * math.cos(skew)]])
 
     def sensor(self, vertical: float) -> Sensor:
-        """The same as a sensor with three axes, whose third reads nothing in the vertical field (µT) at the site."""
+        """Equivalent sensor with three axes, whose third axis reads zero in the vertical field (µT) of the site."""
         matrix = np.eye(3)
         matrix[:2, :2] = self.matrix
         return Sensor(matrix, np.array([*self.offset, -vertical]), self.noise)
@@ -105,20 +105,20 @@ class TwoAxis:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Polar:
-    """A swing in polar coordinates, before and after correction: what is drawn around a compass rose."""
+    """A swing in polar coordinates, before and after correction, for a drawing around a compass rose."""
 
     heading_deg: Floats  #: (N,): true headings
-    raw_radius: Floats  #: (N,), µT: length of the readings across the ground
-    raw_heading_deg: Floats  #: (N,): what the compass shows, 0 to 360
-    #: (N,): by how much that is off, −180 to 180, the mean removed: how it is mounted, a swing cannot tell
+    raw_radius: Floats  #: (N,), µT: length of the horizontal readings
+    raw_heading_deg: Floats  #: (N,): heading that the compass shows, 0 to 360
+    #: (N,): error of that heading, −180 to 180, without its mean, as a swing cannot observe the mounting
     raw_error_deg: Floats
-    corrected_radius: Floats  #: (N,), µT: the same after correction
-    corrected_heading_deg: Floats  #: (N,): the same after correction
-    corrected_error_deg: Floats  #: (N,): the same after correction
+    corrected_radius: Floats  #: (N,), µT: length of the corrected horizontal readings
+    corrected_heading_deg: Floats  #: (N,): heading after correction, 0 to 360
+    corrected_error_deg: Floats  #: (N,): error of the heading after correction, −180 to 180, without its mean
 
     @classmethod
     def of(cls, swung: Simulated, matrix: ArrayLike, offset: ArrayLike) -> Self:
-        """Hold the readings of a swing, raw and corrected by ``matrix @ (raw - offset)``, against its headings."""
+        """Compare a swing, raw and corrected by ``matrix @ (raw - offset)``, with its true headings."""
         headings = headings_deg(len(swung.samples))
         raw = swung.samples.field
         corrected = (raw - floats(offset, "offset")) @ square(matrix).T
@@ -130,7 +130,7 @@ class Polar:
 
 
 def headings_deg(points: int = POINTS) -> Floats:
-    """(points,) headings equally spaced around the compass, the first north.
+    """(points,) equally spaced headings in degrees, the first north.
 
     >>> headings_deg(4).tolist()
     [0.0, 90.0, 180.0, 270.0]
@@ -147,14 +147,14 @@ def swing(
     field_strength: float = 50.0,
     dip_deg: float = 60.0,
 ) -> Simulated:
-    """Swing a compass: one reading at each of `headings_deg`, the body level; by default a perfect compass.
+    """Simulate a swing: one reading of a level compass at each of `headings_deg`; by default of a perfect compass.
 
-    The field across the ground is `field_strength`, µT, times the cosine of `dip_deg`. A number out of its range
-    raises `UsageError`; there are at least three `points`.
+    The horizontal field is `field_strength`, in µT, times the cosine of `dip_deg`. Raises `UsageError` for a number out
+    of its range; at least three `points` are needed.
     """
     compass = TwoAxis() if compass is None else compass
     if not abs(dip_deg) <= 89.0:
-        raise UsageError(f"dip is {dip_deg:g}°: need −89° to 89°, as nothing points north where the field is vertical")
+        raise UsageError(f"dip is {dip_deg:g}°: need −89° to 89°, as a vertical field gives no heading")
     rng = np.random.default_rng(seed)
     attitudes = posed(np.radians(headings_deg(points)), 0.0, 0.0)
     world = north_and_down(dip_deg)
@@ -177,14 +177,14 @@ def swing(
 
 
 def _polar(readings: Floats, headings: Floats) -> tuple[Floats, Floats, Floats]:
-    """(N,) radius, heading and its error of (N, 3) readings, in degrees."""
+    """(N,) radius in the unit of the readings, heading and heading error in degrees, of (N, 3) readings."""
     errors, _ = heading_errors(readings.T, np.radians(headings))
     shown = np.degrees(np.arctan2(-readings[:, 1], readings[:, 0])) % 360.0
     return np.hypot(readings[:, 0], readings[:, 1]), shown, np.degrees(errors)
 
 
 def _pair(values: ArrayLike, name: str) -> tuple[float, float]:
-    """Let through two finite numbers."""
+    """Two finite numbers; raises `ArrayError` for other values."""
     array = floats(values, name)
     if array.shape != (2,) or not np.all(np.isfinite(array)):
         raise ArrayError(f"{name} is {np.array2string(array)}: need two finite numbers, for x and y")

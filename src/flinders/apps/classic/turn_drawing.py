@@ -1,7 +1,7 @@
-"""A turn in one plane before and after, drawn in polar coordinates as a file of its own (SVG).
+"""SVG drawing of a turn in one plane, in polar coordinates, before and after correction.
 
-The first axis of its plane points up and the second one to the right, as on a compass card with x ahead and y to the
-right. Rings are lengths of the field.
+The first axis of the plane points up and the second to the right, as on a compass card with x ahead and y to the right.
+Rings mark lengths of the field.
 
 >>> ring_step(38.0), ring_step(0.7), ring_step(4100.0)
 (10.0, 0.2, 1000.0)
@@ -35,19 +35,19 @@ if TYPE_CHECKING:
     from flinders.geometry.plane import PlaneEllipse, Turn
 
 RADIUS, LEFT, RIGHT, MIDDLE = 152, 206.0, 594.0, 288.0
-"""Of the two charts: their radius, where their centres lie across, and how far down."""
-SHOWN: Final = 720
-"""Points that are drawn; more would be a smear."""
-AROUND: Final = np.linspace(0.0, 2.0 * np.pi, 120, endpoint=False)
-CIRCLE: Final = np.stack([np.cos(AROUND), np.sin(AROUND)], axis=1)
+"""Of the two charts: radius, horizontal places of the centres, and their vertical place, in pixels."""
+MAX_POINTS: Final = 720
+"""Largest number of points that are drawn."""
+ANGLES_RAD: Final = np.linspace(0.0, 2.0 * np.pi, 120, endpoint=False)
+CIRCLE: Final = np.stack([np.cos(ANGLES_RAD), np.sin(ANGLES_RAD)], axis=1)
 
 
 def turn_drawing(turn: Turn, fit: Fit) -> str:
-    """Draw a turn before and after the correction of a fit; of a refused one it says so, and gives no number of it."""
+    """Drawing of a turn before and after the correction of a fit; a refused fit is marked, without its numbers."""
     loaded, unit = turn.recipe if is_mean(fit) else turn.ellipse, label(fit.calibration.unit)
     title = f"Turn in the plane {turn.plane}: {turn.spacing.points:,} points"
     subtitle = f"method {fit.evidence.method}; {evenness(turn, fit.claim.target_deg, is_mean=is_mean(fit))}"
-    points, ellipse = thinned(turn.points, SHOWN), loaded.centre + CIRCLE @ loaded.shape
+    points, ellipse = thinned(turn.points, MAX_POINTS), loaded.centre + CIRCLE @ loaded.shape
     return drawing(
         800,
         524,
@@ -63,13 +63,13 @@ def turn_drawing(turn: Turn, fit: Fit) -> str:
 
 
 def ring_step(largest: float) -> float:
-    """Length from ring to ring: 1, 2 or 5 times a power of ten, so that three to seven of them hold a length."""
+    """Distance of rings: 1, 2 or 5 times a power of ten, so that three to seven rings cover the largest length."""
     power = 10.0 ** math.floor(math.log10(largest / 2.0))
     return next((step * power for step in (0.5, 1.0, 2.0, 5.0) if largest / (step * power) <= 5.0), 5.0 * power)
 
 
 def _polar(x: float, points: Floats, plane: str, unit: str) -> tuple[Plot, str]:
-    """Axes around a place of the drawing whose rings hold (n, 2) points; rings with their lengths, spokes and names."""
+    """Polar axes at a place of the drawing, for (n, 2) points: the plot, and SVG of rings, spokes and labels."""
     largest = float(np.linalg.norm(points, axis=1).max())
     step = ring_step(largest)
     rings = math.ceil(largest / step)
@@ -94,7 +94,7 @@ def _polar(x: float, points: Floats, plane: str, unit: str) -> tuple[Plot, str]:
 def _side(
     x: float, kind: str, plane: str, unit: str, points: Floats, outline: Floats, loaded: PlaneEllipse | None = None
 ) -> str:
-    """Points, and the ellipse or circle that they lie on; of what is loaded, the long axis and the offset."""
+    """Points with their ellipse or circle; with `loaded`, also its long axis and offset."""
     plot, grid = _polar(x, np.concatenate([points, outline]), plane, unit)
     size = 4.0 if len(points) <= 72 else 2.5
     places = plot.places(*points.T[::-1]).tolist()
@@ -110,7 +110,7 @@ def _side(
 
 def _words_before(loaded: PlaneEllipse, fit: Fit, unit: str) -> tuple[str, str]:
     if fit.verdict == "refused":
-        return "the ellipse that this method makes of the points", "nothing of it is to be used"
+        return "the ellipse of this method through the points", "its numbers must not be used"
     offset = ", ".join(minus(figures(value, 3)) for value in loaded.centre.tolist())
     return (
         f"offset {offset} {unit}; axis ratio {loaded.ratio:.3f}",
@@ -120,7 +120,7 @@ def _words_before(loaded: PlaneEllipse, fit: Fit, unit: str) -> tuple[str, str]:
 
 def _words_after(loaded: PlaneEllipse, fit: Fit, unit: str) -> tuple[str, str]:
     if fit.verdict == "refused":
-        return f"heading off by up to {heading_words(fit.claim)}", "not to be used"
+        return f"heading off by up to {heading_words(fit.claim)}", "must not be used"
     return (
         f"circle of {figures(loaded.radius, 4)} {unit}, points {figures(fit.evidence.noise)} {unit} off (1 σ)",
         f"heading good to {heading_words(fit.claim)}",

@@ -32,34 +32,34 @@ class TwoAxisRecipe:
         H = m,     semi-axes √(2λ),     S = r V (2Λ)^(−½) Vᵀ,     r² = 2 √det C
 
     so that S (p − H) is a circle of the ellipse's area: the recipe of the frequently asked questions about the
-    ADIS16480 and ADIS16488, with its 36 points 10° apart. S₁₁, S₁₂, S₂₁, S₂₂, H₁ and H₂ are put in three axes with a
-    1 for the axis that is turned about.
+    ADIS16480 and ADIS16488, with its 36 points 10° apart. S₁₁, S₁₂, S₂₁, S₂₂, H₁ and H₂ are extended to three axes with
+    a 1 for the axis of rotation.
 
-    Use it for such points, and for parity with the spreadsheet. Not where the turn stopped, had an
-    uneven rate, or ended before or after a whole number of turns: then the mean is not the centre, and
-    `Ellipse` is right. The two are compared here, and what separates them joins the covariance.
+    Use it for such points, and for parity with the spreadsheet. Do not use it if the turn stopped, had an uneven rate,
+    or was not a whole number of turns: then the mean is not the centre, and `Ellipse` is right. The two are compared
+    here, and their difference is added to the covariance.
 
     Parameters
     ----------
     plane : str
-        ``"xy"``, ``"yz"`` or ``"zx"``: the third axis is the one that is turned about.
+        ``"xy"``, ``"yz"`` or ``"zx"``: the third axis is the axis of rotation.
     dip_deg : float
-        Inclination of the field, towards the axis that is turned about.
+        Inclination of the field, towards the axis of rotation.
     field_strength : float, optional
-        Of the site.
+        Field strength of the site.
 
     Notes
     -----
-    With white noise σ and N points on a circle of radius H the offset is off by σ/√N, less than the least
-    squares' σ √(2/N), since the spacing is taken for granted; a scale by (σ/H) √(2/N) instead of (σ/H) √(3/N), and the
-    skew by 2σ/(H√N) instead of 2√2 σ/(H√N). Noise also makes the ellipse wider by σ²/H, which no more points take
-    away. What is claimed is what `Ellipse` claims of these points, and d dᵀ on top, d what separates the two as far as
-    that does not explain it: with χ² = dᵀP⁻¹d over five parameters, the share max(0, 1 − 5/χ²).
+    With white noise σ and N points on a circle of radius H, the standard deviation of the offset is σ/√N, less than the
+    σ √(2/N) of least squares, since equal spacing is assumed; that of a scale is (σ/H) √(2/N) instead of (σ/H) √(3/N),
+    and that of the skew 2σ/(H√N) instead of 2√2 σ/(H√N). Noise also widens the ellipse by σ²/H, however many the
+    points. The claimed covariance is that of `Ellipse` for these points plus d dᵀ, where d is the difference of the two
+    ellipses beyond their uncertainty: with χ² = dᵀP⁻¹d over five parameters, the share max(0, 1 − 5/χ²) of it.
 
     References
     ----------
-    .. [1] Analog Devices, ADIS16480 and ADIS16488 frequently asked questions, two-axis hard and soft iron. Known to us
-       by its description only.
+    .. [1] Analog Devices, ADIS16480 and ADIS16488 frequently asked questions, two-axis hard and soft iron. We know only
+       descriptions of it.
 
     Examples
     --------
@@ -78,18 +78,18 @@ class TwoAxisRecipe:
     name: ClassVar[str] = "two-axis"
     unknowns: ClassVar[int] = 6
     needs_even_turn: ClassVar[bool] = True
-    is_biased: ClassVar[bool] = False  # it is, where points are uneven: seen in the plane, and claimed already
+    is_biased: ClassVar[bool] = False  # uneven points bias it, which is found here and already in the covariance
 
     def __post_init__(self) -> None:
-        """Refuse what is no plane."""
+        """Refuse a name that is no plane."""
         order_of(self.plane)
 
     def estimate(self, readings: Readings) -> Estimate:
-        """Take mean and scatter, and hold them against the ellipse of least squares.
+        """Estimate from mean and scatter, with a comparison with the ellipse of least squares.
 
         Raises `TooFewSamples`, `OutOfScale`, `StuckAxis` or `Unmoved`: see `require_turn`; `NotAnEllipse` if half of
-        the readings are in one place, or all on a line; `NeedsSamples` if only sums were given: they do not tell how
-        the points are spaced.
+        the readings are in one place, or all on a line; `NeedsSamples` if only sums were given, which do not contain
+        the spacing of the points.
         """
         require_turn(readings, self.unknowns, self.name, self.plane)
         flat = laid_flat(readings, self.plane)
@@ -121,7 +121,7 @@ class TwoAxisRecipe:
 
 
 def _bias(ellipsoid: Ellipsoid, reference: Estimate) -> Floats:
-    """(9,) what separates an ellipse from that of least squares, beyond what the uncertainty of that explains."""
+    """(9,) difference of an ellipse from that of least squares, beyond the uncertainty of the latter."""
     apart = ellipsoid.parameters - reference.ellipsoid.parameters
     bias = np.zeros(9)
     bias[IN_PLANE] = beyond_chance(apart[IN_PLANE], reference.covariance[np.ix_(IN_PLANE, IN_PLANE)])
@@ -129,7 +129,7 @@ def _bias(ellipsoid: Ellipsoid, reference: Estimate) -> Floats:
 
 
 def _noise(points: Floats, ellipsoid: Ellipsoid) -> float:
-    """Standard deviation of the points' distance from the ellipse, in their unit; five parameters were found."""
+    """Standard deviation of the points' distance from the ellipse, in their unit, after a fit of five parameters."""
     distances = magnitude.distances(points, ellipsoid)
     return float(np.sqrt(distances @ distances / max(len(distances) - 5, 1)))
 

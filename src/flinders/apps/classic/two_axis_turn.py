@@ -1,4 +1,4 @@
-"""Hard and soft iron of two axes from a turn about the third one; plane after plane makes three axes.
+"""Hard and soft iron of two axes from a turn about the third one; plane after plane gives three axes.
 
 >>> from flinders.apps.classic.simulate_two_axis import TwoAxis, swing
 >>> compass = TwoAxis((1.1, 0.9), (10.0, -5.0), 4.0, 0.1)
@@ -56,13 +56,13 @@ METHODS: Final[Mapping[str, type[TwoAxisRecipe | Ellipse]]] = {"two-axis": TwoAx
 """Mean and scatter of equally spaced points, and least squares, by name."""
 
 MAX_FLATNESS: Final = 0.05
-"""Variance across over that along, below which readings lie in a plane, and those of a plane on a line."""
+"""Largest ratio of smallest to middle variance of readings in a plane, and of middle to largest for a line."""
 
 SENTENCES: Final[Mapping[str, str]] = {
-    "other-plane": "the readings go round about {about}: this looks like a turn in the plane {lies}, not {plane}",
-    "mean-off": "the mean of these points is not their centre: fitted by least squares, as {method} ellipse does",
+    "other-plane": "the readings turn about {about}: this looks like a turn in the plane {lies}, not {plane}",
+    "mean-off": "the mean of these points is not their centre: fitted by least squares, as with {method} ellipse",
 }
-"""Formats of the values of each code, and of the arguments of `TurnNote.arguments`."""
+"""Sentence of each code, with places for values and for the arguments of `TurnNote.arguments`."""
 
 
 class TurnNote(Note):
@@ -75,15 +75,15 @@ class TurnNote(Note):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class TwoAxisFit:
-    """Calibration of two axes by a turn, and its composition with the one that was loaded before."""
+    """Calibration of two axes by a turn, and its composition with the loaded calibration."""
 
-    fit: Fit  #: of the turn; never better than limited
-    turn: Turn  #: the points, with mean and scatter beside least squares
-    composed: Fit | None = None  #: the calibration that was loaded and this one, in one; None where none was loaded
+    fit: Fit  #: fit of the turn; never better than limited
+    turn: Turn  #: the points, with ellipses from mean and scatter and from least squares
+    composed: Fit | None = None  #: composition of the loaded calibration with this one; None if none was loaded
     notes: tuple[Note, ...] = ()
 
     def as_dict(self) -> dict[str, Any]:
-        """JSON-ready: a fit, the turn, and what is to be loaded where it is composed."""
+        """JSON-ready: the fit, the turn, and the composed calibration to load, if there is one."""
         even = self.turn.spacing.is_even(within_deg=self.fit.claim.target_deg)
         return {
             **json_of(self.fit),
@@ -100,11 +100,11 @@ class TurnReadings:
     readings: Readings
     plane: Plane
     previous: Fit | None = None  #: the calibration that was loaded
-    method: TurnMethod | None = None  #: None: the mean, and least squares where that is not the centre
+    method: TurnMethod | None = None  #: None: the mean, or least squares if the mean is not the centre
 
     @property
     def notes(self) -> tuple[Note, ...]:
-        """That the readings lie flat, but in another plane."""
+        """A note if the readings turn in another plane, else none."""
         summary = self.readings.summary
         if len(summary) < len(PLANES):
             return ()
@@ -118,7 +118,7 @@ class TurnReadings:
 
     @cached_property
     def turn(self) -> Turn:
-        """Points of the plane, of a long recording some of them, and the ellipse through them.
+        """Points in the plane, a selection for a long recording, and the ellipse through them.
 
         Raises `TooFewSamples`, `OutOfScale`, `StuckAxis`, `Unmoved` or `NotAnEllipse`.
         """
@@ -136,30 +136,32 @@ class TurnReadings:
         field_strength: float | None = None,
         sensor: str | None = None,
     ) -> TwoAxisFit:
-        """Fit the turn, and compose it with the calibration that was loaded; parameters as of `two_axis`."""
+        """Fit the turn, and compose it with the loaded calibration; parameters as of `two_axis`."""
         previous = self.previous
         if previous is None:
-            asked = self._asked(target_deg, Site.stated(strength=field_strength, inclination_deg=dip_deg), sensor)
-            fit, notes = self._fitted(**asked)
+            asked = self._fit_arguments(
+                target_deg, Site.stated(strength=field_strength, inclination_deg=dip_deg), sensor
+            )
+            fit, notes = self._fit_with_notes(**asked)
             return TwoAxisFit(fit, self.turn, notes=notes)
         if field_strength is not None:
-            words = f"{previous.provenance.name} has set how long corrected readings are: give no field strength"
+            words = f"{previous.provenance.name} has set the length of corrected readings: give no field strength"
             raise UsageError(words, hint={"field_strength": None})
         dip_deg, calibration = _dip_deg(previous, dip_deg), previous.calibration
         refuse_unloaded(previous, self.turn, dip_deg=dip_deg, source=self.recording.source)
         site = Site.stated(strength=calibration.field_strength, inclination_deg=dip_deg)
-        fit, notes = self._fitted(**self._asked(target_deg, site, sensor))
+        fit, notes = self._fit_with_notes(**self._fit_arguments(target_deg, site, sensor))
         fit = with_calibration(fit, replace(fit.calibration, field_strength_known=calibration.field_strength_known))
         return TwoAxisFit(fit, self.turn, composed(previous, fit), notes)
 
-    def _asked(self, target_deg: float, site: Site | None, sensor: str | None) -> dict[str, Any]:
-        """Arguments of a fit; of a log with several magnetometers the name is that of the one that was read."""
+    def _fit_arguments(self, target_deg: float, site: Site | None, sensor: str | None) -> dict[str, Any]:
+        """Arguments of a fit; for a log with several magnetometers, the name is that of the selected one."""
         read = self.recording.recording if isinstance(self.recording, Wrapped) else self.recording
         name = read.name if isinstance(read, Instrument) else sensor
         return {"target_deg": target_deg, "site": site, "sensor": name}
 
-    def _fitted(self, **asked: Any) -> tuple[Fit, tuple[Note, ...]]:
-        """Fit by the method that was asked for; else by the mean, or least squares where that is not the centre."""
+    def _fit_with_notes(self, **asked: Any) -> tuple[Fit, tuple[Note, ...]]:
+        """Fit by the given method, else by the mean, or by least squares if the mean is not the centre."""
         if self.method is not None:
             return self._fit(self.method, **asked), ()
         try:
@@ -176,7 +178,7 @@ class TurnReadings:
 
 
 def _dip_deg(previous: Fit, dip_deg: float | None) -> float:
-    """The dip of the place, which is that of the calibration that was loaded."""
+    """Dip of the site, which is that of the loaded calibration."""
     known = previous.heading_error_deg.dip_deg
     if math.isnan(known):
         return ASSUMED_DIP_DEG if dip_deg is None else dip_deg
@@ -196,7 +198,7 @@ def read_turn(
     plane: Plane = "xy",
     method: TurnMethod | None = None,
 ) -> TurnReadings:
-    """Read a turn; one of a file in the unit of the calibration that was loaded.
+    """Read a turn; a file is read in the unit of the loaded calibration.
 
     Parameters and errors are those of `two_axis`.
     """
@@ -248,35 +250,35 @@ def two_axis(
     source : Samples, Recording, (N, 3) array-like, path, open file or data frame
         Readings of the turn, as for `flinders.fit`.
     previous : Fit, Calibration or path, optional
-        The calibration that was loaded in the sensor when it was turned: `TwoAxisFit.composed` takes its place. Turn
-        about one axis after the other so, for three axes.
+        The calibration that was loaded in the sensor during the turn; `TwoAxisFit.composed` replaces it. With turns
+        about one axis after the other, all three axes are calibrated.
     plane : ``xy``, ``yz`` or ``zx``
-        The two axes that see the field go round.
+        The two axes in the plane of the turn.
     method : ``two-axis`` or ``ellipse``, optional
-        Mean and scatter, or least squares, which does not care how points are spaced. By default the mean, and least
-        squares where the points turn out not to be equally spaced.
+        Mean and scatter, or least squares, which allows any spacing of the points. By default the mean, or least
+        squares if the points are not equally spaced.
     target_deg : float, degrees
         Worst heading error that is good enough.
     dip_deg : float, degrees
-        Inclination of the field. By default that of the calibration that was loaded, else 60°.
+        Inclination of the field. By default that of the loaded calibration, else 60°.
     field_strength : float
-        Length of corrected readings, in their unit; that of the calibration that was loaded, where there is one.
+        Length of corrected readings, in their unit; not allowed with a loaded calibration, which has set it.
     sensor : str, optional
         Name or serial number to store.
 
     Returns
     -------
     TwoAxisFit
-        With a note where least squares was taken.
+        With a note if least squares replaced the mean.
 
     Raises
     ------
     FitError
-        `TooFewSamples`, `StuckAxis` or `Unmoved` of readings that are no turn, and `Refused` of one that is too poor.
+        `TooFewSamples`, `StuckAxis` or `Unmoved` for readings that are no turn, and `Refused` for a poor turn.
     UsageError
         For a recording that was not made with the calibration loaded, and a field that contradicts it.
     InputError, UnitError, AxesError
-        As `flinders.apply`.
+        As for `flinders.apply`.
     """
     turn = read_turn(source, previous, plane=plane, method=method)
     return turn.fit(target_deg=target_deg, dip_deg=dip_deg, field_strength=field_strength, sensor=sensor)

@@ -6,8 +6,8 @@
 >>> rows.unit.tolist(), rows.verdict.tolist(), rows.code.tolist()
 (['A17', 'B02'], ['good', 'refused'], ['', 'too-few-samples'])
 
-A file, or a range of its row groups, is one unit of work with one output file: what is done stays done. See
-`docs/fleet/fleet.md`.
+A file, or a range of its row groups, is one unit of work with one output file, so that a stopped run continues where it
+stopped. See `docs/fleet/fleet.md`.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Aggregates of a table of a fleet, which its report shows, over a bounded number of rows at a time."""
+"""Aggregates of a fleet's table for its report, computed over a bounded number of rows at a time."""
 
 from __future__ import annotations
 
@@ -26,9 +26,10 @@ COLUMNS: Final = (
     "unit", "recording", "verdict", "code", "message", "method", "worst_deg", "offset", "noise", "field_strength",
     "findings", "unit_of_field",
 )  # fmt: skip
-LISTED: Final = 50
+MAX_LISTED: Final = 50
+"""Units in each list of the worst."""
 MIN_GROUP_UNITS: Final = 2
-"""Fewest units of a group, on average, for a property to be shown: each serial number is a group of one."""
+"""Smallest mean number of units in a group for a property to be shown; serial numbers have groups of one."""
 RANKS: Final = {"heading error": "worst_deg", "offset": "offset", "noise": "noise"}
 """Quantities by which the worst units are listed, and the attributes of `FleetUnit` that hold them."""
 
@@ -57,7 +58,7 @@ def overview_of(
         findings=tally.ordered_findings(),
         codes={code: (count, *tally.examples[code]) for code, count in tally.codes.most_common()},
         methods=dict(tally.methods.most_common()),
-        batches=_useful(rule, tally.batches, tally.rows),
+        batches=_counts_by_group(rule, tally.batches, tally.rows),
         batch_source=rule.words,
         groups={name: shown for name in tally.properties if (shown := tally.groups_by(name))},
         not_good=first_of(rows for path in paths for rows in not_good(path)),
@@ -68,7 +69,7 @@ def overview_of(
 
 @dataclass(slots=True)
 class _Tally:
-    """Counts of the rows seen so far."""
+    """Counts of the rows added so far."""
 
     rule: BatchRule
     properties: Mapping[str, BatchRule]
@@ -106,15 +107,15 @@ class _Tally:
         self._add_numbers(table)
 
     def ordered_findings(self) -> dict[str, int]:
-        """Rows with each finding, the most frequent first and those that all calibrations have last."""
+        """Rows with each finding, the most frequent first, and findings of all calibrations last."""
         common = common_findings(self.findings, self.verdicts)
         return dict(sorted(self.findings.items(), key=lambda each: (each[0] in common, -each[1])))
 
     def groups_by(self, name: str) -> dict[str, dict[str, int]]:
-        """Rows of each verdict by a property; none where it tells no groups of units apart."""
+        """Rows of each verdict by the value of a property; empty if the values do not group the units."""
         counts = self.groups.get(name, {})
         is_group = 2 <= len(counts) <= max(self.units / MIN_GROUP_UNITS, 2)
-        return _useful(self.properties[name], counts, self.rows) if is_group else {}
+        return _counts_by_group(self.properties[name], counts, self.rows) if is_group else {}
 
     def _add_codes(self, table: Any, units: Sequence[str]) -> None:  # noqa: ANN401
         """Add error codes, with the first message of each."""
@@ -146,11 +147,11 @@ class _Tally:
     def _rank(self, table: Any, rank: str, numbers: Floats, shares: dict[str, Floats]) -> None:  # noqa: ANN401
         """Add the rows with the largest numbers; of equal ones the first."""
         value, worst = attrgetter(RANKS[rank]), self.worst[rank]
-        least = value(worst[-1]) if len(worst) >= LISTED else -np.inf
+        least = value(worst[-1]) if len(worst) >= MAX_LISTED else -np.inf
         places = np.flatnonzero(np.isfinite(numbers) & (numbers > least))
-        places = places[np.argsort(-numbers[places], kind="stable")[:LISTED]]
+        places = places[np.argsort(-numbers[places], kind="stable")[:MAX_LISTED]]
         added = [_unit(table, place, shares) for place in places.tolist()]
-        self.worst[rank] = sorted([*worst, *added], key=value, reverse=True)[:LISTED]
+        self.worst[rank] = sorted([*worst, *added], key=value, reverse=True)[:MAX_LISTED]
 
 
 def _add_counts(groups: dict[str, Counter[str]], names: Sequence[str], verdicts: Sequence[str]) -> None:
@@ -160,8 +161,8 @@ def _add_counts(groups: dict[str, Counter[str]], names: Sequence[str], verdicts:
             groups[name][verdict] += count
 
 
-def _useful(rule: BatchRule, groups: Mapping[str, Counter[str]], rows: int) -> dict[str, dict[str, int]]:
-    """Rows of each verdict by group; none if there are too many groups, or a guess finds none."""
+def _counts_by_group(rule: BatchRule, groups: Mapping[str, Counter[str]], rows: int) -> dict[str, dict[str, int]]:
+    """Rows of each verdict by group; empty if there are too many groups, or if a guessed pattern finds none."""
     return {name: dict(groups[name]) for name in sorted(groups)} if rule.are_useful(groups, rows) else {}
 
 

@@ -1,7 +1,7 @@
 """Alerts: units and files that crossed a limit since the last run, of a table that is extended.
 
-A recording is compared with the one before it of the same unit, by date or else by name. The heading is said to have
-changed where `flinders drift` would say so: by more than the target, and by more than chance explains among as many.
+A recording is compared with the previous one of the same unit, by date or else by name. A change of heading is an alert
+by the criterion of `flinders drift`: larger than the target, and significant for the number of pairs compared.
 
 >>> good, bad = (UnitResult(unit="A17", recording=day, verdict=verdict, cause="coverage" * (verdict != "good"))
 ...              for day, verdict in (("2026-03-01", "good"), ("2026-06-01", "limited")))
@@ -38,9 +38,9 @@ ALERTS: Final = {
     "changed-file": "a file is not as it was when it was fitted",
     "vanished-file": "a file that was fitted is no longer there",
 }
-"""What each alert means."""
-LOOK_NEARBY: Final = "look for what was moved or exchanged near the sensor, and use the new calibration"
-"""What to do about a heading that changed."""
+"""Meaning of each alert."""
+HEADING_REMEDY: Final = "look for what was moved or exchanged near the sensor, and use the new calibration"
+"""Remedy for a heading that changed."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -50,19 +50,19 @@ class Alert:
     unit: str  # name of the sensor or vehicle; of a file its name in parentheses
     recording: str  # the new one
     alert: str  # one of those in docs/fleet/growing.md
-    verdict: str  # of the new recording
-    before: str  # verdict of the recording before it; empty where there is none
-    cause: str  # code of the finding or error; empty where the alert says it all
-    number: float  # what crossed the limit: what the finding states, or degrees of heading
-    limit: float  # what the number was compared with
-    message: str  # what was found
-    remedy: str  # what to do
+    verdict: str  # verdict of the new recording
+    before: str  # verdict of the previous recording; empty if there is none
+    cause: str  # code of the finding or error; empty if there is none
+    number: float  # value that crossed the limit: that of the finding, or a heading error or change in degrees
+    limit: float  # the limit, in the unit of `number`
+    message: str  # description of the finding
+    remedy: str  # advice on the cause
 
     @classmethod
     def of(
         cls, alert: str, row: UnitResult, before: UnitResult | None, changed: Mapping[str, Any] | None = None
     ) -> Self:
-        """Alert about a row of the table, with what the row says of itself unless `changed` has other values."""
+        """Alert about a row of the table, with the fields of the row except those in `changed`."""
         fields: dict[str, Any] = {
             "unit": row.unit, "recording": row.recording, "alert": alert, "verdict": row.verdict,
             "before": before.verdict if before else "", "cause": row.cause, "number": row.number,
@@ -76,8 +76,8 @@ class Alert:
 
 
 def alerts_of(new: Sequence[UnitResult], earlier: Iterable[UnitResult], *, target_deg: float) -> list[Alert]:
-    """Compare new rows with those of the same units that the table has, in the order of units and recordings."""
-    found = list(_successive(new, earlier))
+    """Compare new rows with earlier rows of the same units; alerts are sorted by unit and recording."""
+    found = list(_successive_rows(new, earlier))
     alerts = [alert for each in found for alert in _of_verdict(each, target_deg)]
     alerts += _of_headings([each for each in found if each.reference is not None], target_deg)
     return sorted(alerts, key=lambda alert: (alert.unit, alert.recording))
@@ -93,12 +93,12 @@ class _Successive(NamedTuple):
     """A new row and the earlier rows of its unit."""
 
     row: UnitResult
-    before: UnitResult | None  # that of the recording before
-    reference: UnitResult | None  # the calibration before, where the row is one too and their order is known
+    before: UnitResult | None  # row of the previous recording
+    reference: UnitResult | None  # the previous calibration, if this row has one and their order is known
 
 
-def _successive(new: Sequence[UnitResult], earlier: Iterable[UnitResult]) -> Iterator[_Successive]:
-    """Each new row with those before it."""
+def _successive_rows(new: Sequence[UnitResult], earlier: Iterable[UnitResult]) -> Iterator[_Successive]:
+    """Yield each new row with the earlier rows of its unit."""
     units: dict[str, list[UnitResult]] = defaultdict(list)
     for row in (*earlier, *new):
         units[row.unit].append(row)
@@ -136,7 +136,7 @@ def _of_headings(found: Iterable[_Successive], target_deg: float) -> list[Alert]
     dips = np.array([row.dip_deg for row in newer])
     changes = differences(_ellipsoids(older), _ellipsoids(newer), dip_deg=dips)
     beyond = (changes.worst_deg > target_deg) & (changes.p_value < CHANCE / len(pairs))
-    words = {"cause": "", "limit": target_deg, "message": ALERTS["heading-changed"], "remedy": LOOK_NEARBY}
+    words = {"cause": "", "limit": target_deg, "message": ALERTS["heading-changed"], "remedy": HEADING_REMEDY}
     return [
         Alert.of("heading-changed", row, before, {**words, "number": float(worst)})
         for (row, before, _), worst, is_beyond in zip(pairs, changes.worst_deg, beyond, strict=True)

@@ -7,7 +7,7 @@ uncertainty of both and of the random walk over the interval:
     z = sᵀ (P₋ + P₊ + q² Δt)⁻¹ s,     s = b₊ − b₋
 
 which is chi-square with three degrees of freedom if nothing moved. If other intervals show that a unit drifts faster
-than its fleet, it is judged by its own drift, and z/3 is F-distributed. With three recordings or more, a step must also
+than its fleet, its own drift is used, and z/3 is F-distributed. With three recordings or more, a step must also
 be significant on top of a straight line: by the decrease in χ², again with three degrees of freedom.
 
 >>> from flinders.apps.fleet.history import OffsetSeries
@@ -18,9 +18,9 @@ be significant on top of a straight line: by the decrease in χ², again with th
 [(4, True)]
 
 Two recordings Δt apart, with covariances P and P′, differ by a vector with the covariance λ (P + P′) + q² Δt. The
-variance factor λ is what place and motion add to what each recording claims; q is the random walk of sensors of this
-fleet. Both are estimated from medians of chi-square over pairs with small and with large Δt, to which units that moved
-mean little.
+variance factor λ accounts for the place and motion of a recording, which its claimed covariance leaves out; q is the
+random walk of the sensors of this fleet. Both are estimated from medians of chi-square over pairs with small and with
+large Δt, on which the few units that moved have little effect.
 
 >>> rng = np.random.default_rng(1)
 >>> seconds = rng.choice([60.0, 1e6], 4000)
@@ -51,17 +51,18 @@ if TYPE_CHECKING:
 
     Places = NDArray[np.intp]
 
-MEDIAN: Final = 2.366
+CHI_SQUARE_MEDIAN: Final = 2.366
 """Median of chi-square with three degrees of freedom."""
-MOST_PAIRS: Final = 20_000
-"""Pairs of recordings from which the variance of a fleet is estimated, at most."""
+MAX_PAIRS: Final = 20_000
+"""Largest number of pairs of recordings from which the variance of a fleet is estimated."""
 FEWEST: Final = 40
-"""Pairs below which claims are not changed."""
+"""Smallest number of pairs from which a variance is estimated; with fewer, claimed covariances stay as they are."""
 GROUPS: Final = 4
-"""Groups of pairs, by the share of time in their variance."""
+"""Groups of pairs, by the share of their variance that grows with time."""
 FACTORS: Final = np.geomspace(1.0, 100.0, 25)
+"""Variance factors that are tried."""
 WALKS: Final = 24
-"""Sizes of a random walk that are tried, besides none."""
+"""Number of random walks that are tried, besides zero."""
 YEAR: Final = 365.25 * 86400.0
 
 
@@ -70,12 +71,12 @@ class Variance:
     """Variance of offsets between recordings."""
 
     factor: float = 1.0  # λ, by which claimed variances are too small; 1 if they are not
-    # per root second, q of each axis, as a fraction of the field; per root recording if dates are not known
+    # q of each axis, as a fraction of the field per √s; per √recording if dates are not known
     random_walk: float = 0.0
     pairs: int = 0  # number of pairs
 
     def heading_deg(self, seconds: float, *, dip_deg: float = 60.0) -> float:
-        """Worst 1 σ of the heading of a level vehicle, in degrees, that the random walk makes in a time.
+        """Worst 1 σ heading error, in degrees, of a level vehicle after a random walk of so many seconds.
 
         >>> round(Variance(random_walk=1e-6).heading_deg(YEAR), 2)
         0.64
@@ -84,9 +85,10 @@ class Variance:
 
 
 def estimate_variance(changes: Floats, claimed: Floats, seconds: Floats) -> Variance:
-    """Estimate both from pairs: (n, 3) changes as fractions of the field, (n, 3, 3) P + P′ in its square, (n,) times.
+    """Estimate variance factor and random walk from n pairs of recordings.
 
-    Pairs with a time of NaN are left out; without dates a time is a number of recordings.
+    `changes` (n, 3) of the offset are fractions of the field, `claimed` (n, 3, 3) are P + P′ in its square. Pairs with
+    a time of NaN are left out; without dates a time is a number of recordings.
     """
     known = np.isfinite(seconds) & np.isfinite(changes).all(axis=1)
     if np.count_nonzero(known) < FEWEST:
@@ -96,7 +98,7 @@ def estimate_variance(changes: Floats, claimed: Floats, seconds: Floats) -> Vari
     squares = np.einsum("nji,nj->ni", axes, changes[known]) ** 2
     time = np.abs(seconds[known])
     groups = np.array_split(np.argsort(time / values.mean(axis=1), kind="stable"), GROUPS)
-    walks = np.append(0.0, np.geomspace(1e-3, 1e3, WALKS) * _typical(squares, time))
+    walks = np.append(0.0, np.geomspace(1e-3, 1e3, WALKS) * _typical_walk(squares, time))
     pairs = _Pairs(squares, values, time, groups)
     factor, square = pairs.nearest(FACTORS, walks)
     steps = np.geomspace(0.7, 1.4, 9)
@@ -104,35 +106,35 @@ def estimate_variance(changes: Floats, claimed: Floats, seconds: Floats) -> Vari
     return Variance(factor, math.sqrt(square), len(time))
 
 
-def _typical(squares: Floats, time: Floats) -> float:
+def _typical_walk(squares: Floats, time: Floats) -> float:
     """Squared random walk that alone would explain the changes."""
     far = time > 0.0
     if not far.any():
         return 0.0
-    return float(np.median(squares[far].sum(axis=1) / time[far]) / MEDIAN)
+    return float(np.median(squares[far].sum(axis=1) / time[far]) / CHI_SQUARE_MEDIAN)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Pairs:
-    """Pairs of recordings along the axes of their claims."""
+    """Pairs of recordings, along the principal axes of their claimed covariance."""
 
-    squares: Floats  # (n, 3) of the changes
-    values: Floats  # (n, 3) variances that are claimed
+    squares: Floats  # (n, 3) squared changes
+    values: Floats  # (n, 3) claimed variances
     time: Floats  # (n,)
     groups: list[Places]  # rows of pairs with like shares of time in their variance
 
     def nearest(self, factors: Floats, walks: Floats) -> tuple[float, float]:
-        """The pair of a factor and a squared walk with the least misfit."""
+        """Variance factor and squared random walk with the smallest misfit."""
         misfits = np.stack([self._misfits(factors, walk) for walk in walks.tolist()])
         row, column = np.unravel_index(int(np.argmin(misfits)), misfits.shape)
         return float(factors[column]), float(walks[row])
 
     def _misfits(self, factors: Floats, walk: float) -> Floats:
-        """Distance of the medians of chi-square from that of chance, with a slight preference for a small factor."""
+        """Squared log ratio of the medians of chi-square to the expected one, plus a small penalty of the factor."""
         drift, axes = walk * self.time, zip(self.squares.T, self.values.T, strict=True)
         chi_square = np.add.reduce([square / (factors[:, np.newaxis] * value + drift) for square, value in axes])
         medians = np.stack([np.median(chi_square[:, group], axis=1) for group in self.groups]).clip(min=1e-300)
-        misfits: Floats = np.sum(np.log(medians / MEDIAN) ** 2, axis=0) + 1e-4 * np.log(factors)
+        misfits: Floats = np.sum(np.log(medians / CHI_SQUARE_MEDIAN) ** 2, axis=0) + 1e-4 * np.log(factors)
         return misfits
 
 
@@ -144,13 +146,13 @@ class PairSample:
     parts: list[tuple[int, Floats, Floats, Floats]] = field(default_factory=list)
 
     def add(self, number: int, series: OffsetSeries, first: int, count: int) -> None:
-        """Add the unit of this number in the whole fleet."""
+        """Add the pairs of a unit; `number` counts the units of the whole fleet."""
         if number % self.stride == 0:
             self.parts.append((number, *_pairs(series, first, count)))
 
     def bound(self) -> None:
-        """Reduce to `MOST_PAIRS`."""
-        while sum(len(part[3]) for part in self.parts) > MOST_PAIRS and len(self.parts) > 1:
+        """Drop units until at most `MAX_PAIRS` pairs are left."""
+        while sum(len(part[3]) for part in self.parts) > MAX_PAIRS and len(self.parts) > 1:
             self.stride *= 2
             self.parts = [part for part in self.parts if part[0] % self.stride == 0] or self.parts[:1]
 
@@ -167,7 +169,7 @@ class PairSample:
 
 
 def _pairs(series: OffsetSeries, first: int, count: int) -> tuple[Floats, Floats, Floats]:
-    """Pairs of successive recordings of one unit, and the first with the last; a bounded number."""
+    """At most 20 pairs of successive recordings of one unit, and the pair of its first and last."""
     a = np.arange(first, first + count - 1)[:20]
     b = a + 1
     if count > 2:
@@ -176,11 +178,11 @@ def _pairs(series: OffsetSeries, first: int, count: int) -> tuple[Floats, Floats
     return series.offset[b] - series.offset[a], claimed, series.time[b] - series.time[a]
 
 
-SIDE: Final = 6
-"""Recordings on either side of an interval that are used."""
-ODD: Final = 0.05
+MAX_SIDE_RECORDINGS: Final = 6
+"""Largest number of recordings that are used on either side of an interval."""
+OWN_DRIFT_SIGNIFICANCE: Final = 0.05
 """Significance at which the other intervals show that a unit drifts faster than its fleet."""
-EACH: Final = 2
+INTERVAL_FREEDOM: Final = 2
 """Degrees of freedom of an interval for a unit's own drift, which is their lower median."""
 
 
@@ -188,7 +190,7 @@ EACH: Final = 2
 class ChangePoint:
     """A change point."""
 
-    after: int  # the recording before it, in `OffsetSeries`
+    after: int  # index in `OffsetSeries` of the last recording before it
     moved: Floats  # (3,) change of the offset, as a fraction of the field
     p_value: float  # of the test of this interval
 
@@ -198,9 +200,9 @@ class IntervalTests:
     """Test of each of G intervals."""
 
     segment: Places  # (G,) its segment of recordings
-    after: Places  # (G,) the recording before it
-    moved: Floats  # (G, 3) the step
-    p_value: Floats  # (G,) probability that chance makes as large a step
+    after: Places  # (G,) index of the last recording before it
+    moved: Floats  # (G, 3) the step, as a fraction of the field
+    p_value: Floats  # (G,) probability of a step at least as large by chance
     chi_square: Floats  # (G,) of the step
     square: Floats  # (G,) squared random walk for this interval
 
@@ -213,22 +215,22 @@ class IntervalTests:
 
 
 def change_points(series: OffsetSeries, variance: Variance, *, chance: float) -> list[ChangePoint]:
-    """Change points in the order of recordings, significant at `chance`; each side of one is searched again."""
+    """Change points significant at `chance`, in the order of recordings; each side of one is searched again."""
     cuts: list[Places] = []
     begin, end = series.first[:-1], series.first[1:]
     while len(begin):
         tests = interval_tests(series, begin, end, variance)
         best = tests.best(chance)
-        beyond_line = [_beyond_a_line(series, tests, place, (begin, end), variance) for place in best.tolist()]
+        beyond_line = [_step_chi_square(series, tests, place, (begin, end), variance) for place in best.tolist()]
         best = best[chances(np.array(beyond_line), np.full(len(best), 3)) < chance]
         cut, segment = tests.after[best] + 1, tests.segment[best]
         cuts.append(cut)
         begin, end = np.concatenate([begin[segment], cut]), np.concatenate([cut, end[segment]])
-    return _tested_again(series, np.sort(np.concatenate([*cuts, series.first[:0]])), variance, chance)
+    return _test_again(series, np.sort(np.concatenate([*cuts, series.first[:0]])), variance, chance)
 
 
-def _tested_again(series: OffsetSeries, cuts: Places, variance: Variance, chance: float) -> list[ChangePoint]:
-    """Test each step again, between its neighbours: one that was found early may be the shadow of two others."""
+def _test_again(series: OffsetSeries, cuts: Places, variance: Variance, chance: float) -> list[ChangePoint]:
+    """Test each step again between its neighbouring steps; an early one may be an artefact of two later ones."""
     if not len(cuts):
         return []
     ends = np.union1d(cuts, series.first)
@@ -255,7 +257,7 @@ def interval_tests(series: OffsetSeries, begin: Places, end: Places, variance: V
     moved = behind - before
     interval = np.abs(series.time[after + 1] - series.time[after])
     covariance = before_sigma + behind_sigma + (square * interval)[:, np.newaxis, np.newaxis] * np.eye(3)
-    chi_square = _squares(moved, covariance)
+    chi_square = _whitened_squares(moved, covariance)
     p_value = chances(chi_square, np.full(len(after), 3))
     for place in np.flatnonzero(freedom).tolist():
         p_value[place] = chance_of(float(chi_square[place]), 3, others=float(freedom[place]))
@@ -270,10 +272,10 @@ def _estimates(
     square: Floats,
     variance: Variance,
 ) -> tuple[Floats, Floats]:
-    """Kalman estimates (G, 3) of the offset and covariances (G, 3, 3), from recordings and those on one side."""
+    """(G, 3) Kalman estimates of the offset and (G, 3, 3) covariances, from G recordings and those on one side."""
     information, weighted = np.zeros((len(places), 3, 3)), np.zeros((len(places), 3, 1))
     origin = series.offset[places]
-    for steps in range(SIDE - 1, -1, -1):
+    for steps in range(MAX_SIDE_RECORDINGS - 1, -1, -1):
         here = places + direction * steps
         is_there = (here >= ends[0]) & (here < ends[1])
         here = np.where(is_there, here, places)
@@ -288,12 +290,15 @@ def _estimates(
     return origin + (covariance @ weighted)[:, :, 0], covariance
 
 
-def _beyond_a_line(
+def _step_chi_square(
     series: OffsetSeries, tests: IntervalTests, place: int, ends: tuple[Places, Places], variance: Variance
 ) -> float:
-    """Decrease in chi-square by a step on top of a straight line; infinite for two recordings, which cannot tell."""
+    """Decrease in chi-square by a step on top of a straight line; infinite for two recordings: no test is possible."""
     segment, after = tests.segment[place], int(tests.after[place])
-    first, end = max(int(ends[0][segment]), after + 1 - SIDE), min(int(ends[1][segment]), after + 1 + SIDE)
+    first, end = (
+        max(int(ends[0][segment]), after + 1 - MAX_SIDE_RECORDINGS),
+        min(int(ends[1][segment]), after + 1 + MAX_SIDE_RECORDINGS),
+    )
     if end - first < 3:
         return np.inf
     time = series.time[first:end] - series.time[first]
@@ -319,32 +324,32 @@ def _chi_square(offset: Floats, regressors: Sequence[Floats], covariance: Floats
 def _random_walks(
     series: OffsetSeries, after: Places, low: Places, high: Places, variance: Variance
 ) -> tuple[Floats, Floats]:
-    """(G,) q² for each interval, and the degrees of freedom of a unit's own, 0 for that of the fleet."""
-    excess, chi_square = _successive(series, variance)
-    around = np.concatenate([np.arange(1 - SIDE, 0), np.arange(1, SIDE)])
+    """(G,) q² of each interval, and its degrees of freedom: 0 if q is the fleet's, else those of the unit's own q."""
+    excess, chi_square = _successive_walks(series, variance)
+    around = np.concatenate([np.arange(1 - MAX_SIDE_RECORDINGS, 0), np.arange(1, MAX_SIDE_RECORDINGS)])
     others = after[:, np.newaxis] + around
     is_there = (others >= low[:, np.newaxis]) & (others < high[:, np.newaxis] - 1)
     others = np.where(is_there, others, 0)
     is_there &= np.isfinite(excess[others])
     count = is_there.sum(axis=1)
-    odd = chances(np.where(is_there, chi_square[others], 0.0).sum(axis=1), 3 * count) < ODD
+    odd = chances(np.where(is_there, chi_square[others], 0.0).sum(axis=1), 3 * count) < OWN_DRIFT_SIGNIFICANCE
     sizes = np.sort(np.where(is_there, excess[others], np.inf), axis=1)
     own = sizes[np.arange(len(after)), np.maximum(count - 1, 0) // 2]
     faster = odd & (count > 0) & (own > variance.random_walk**2)
-    return np.where(faster, own, variance.random_walk**2), np.where(faster, EACH * count, 0).astype(float)
+    return np.where(faster, own, variance.random_walk**2), np.where(faster, INTERVAL_FREEDOM * count, 0).astype(float)
 
 
-def _successive(series: OffsetSeries, variance: Variance) -> tuple[Floats, Floats]:
+def _successive_walks(series: OffsetSeries, variance: Variance) -> tuple[Floats, Floats]:
     """(R − 1,) squared random walk of each change, NaN between recordings of one time, and its chi-square."""
     changes, interval = np.diff(series.offset, axis=0), np.abs(np.diff(series.time))
     noise = variance.factor * (series.covariance[1:] + series.covariance[:-1])
     beyond = np.sum(changes**2, axis=1) - np.einsum("nii->n", noise)
-    excess = beyond.clip(min=0.0) / np.where(interval > 0.0, interval, np.nan) / MEDIAN
+    excess = beyond.clip(min=0.0) / np.where(interval > 0.0, interval, np.nan) / CHI_SQUARE_MEDIAN
     added = (variance.random_walk**2 * interval)[:, np.newaxis, np.newaxis] * np.eye(3)
-    return excess, _squares(changes, noise + added)
+    return excess, _whitened_squares(changes, noise + added)
 
 
-def _squares(vectors: Floats, covariance: Floats) -> Floats:
-    """(n,) vᵀ C⁻¹ v of (n, 3) vectors."""
+def _whitened_squares(vectors: Floats, covariance: Floats) -> Floats:
+    """(n,) vᵀ C⁻¹ v of (n, 3) vectors v with (n, 3, 3) covariances C."""
     squares: Floats = np.einsum("ni,ni->n", vectors, np.linalg.solve(covariance, vectors[:, :, np.newaxis])[:, :, 0])
     return squares

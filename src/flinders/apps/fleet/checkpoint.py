@@ -1,6 +1,6 @@
-"""The folder of a run that is not finished: a file for each partition that is done.
+"""The folder of an unfinished run: a file for each finished partition.
 
-Beside the table, ``calibrations.parquet``, a folder ``calibrations.parquet.parts`` holds a file for each finished
+Next to the table, ``calibrations.parquet``, a folder ``calibrations.parquet.parts`` holds a file for each finished
 partition, and the plan that they belong to. A run with `append` does the missing ones; the table is the same to the
 last byte, for any number of workers. The folder is removed when the table is written. If the table goes to a store, the
 folder lies in the working directory.
@@ -31,11 +31,11 @@ if TYPE_CHECKING:
 
 PLAN: Final = "plan.json"
 TABLE: Final = "table.parquet"
-"""Table that goes to a store when it is complete."""
-DONE: Final = "part-*.arrow"
-OWNER: Final = "owner"
-"""Which process has the folder."""
-OURS: Final = (DONE, PLAN, TABLE, OWNER, ".flinders-*.tmp")
+"""Table that is copied to a store when it is complete."""
+PARTITION_FILES: Final = "part-*.arrow"
+OWNER_FILE: Final = "owner"
+"""File that names the process which uses the folder."""
+OWN_FILES: Final = (PARTITION_FILES, PLAN, TABLE, OWNER_FILE, ".flinders-*.tmp")
 """Files that a run may leave in its folder."""
 
 
@@ -51,8 +51,8 @@ class Checkpoint:
         """Create the folder, or open that of an earlier run.
 
         Raises UsageError if it holds partitions and neither `append` nor `force` is given, or if it holds other files;
-        OutputError if it cannot be created, or another run uses it. Partitions of files that are not as they were are
-        removed; those of other options are refused.
+        OutputError if it cannot be created, or another run uses it. Partitions of files that have changed are removed;
+        partitions of other options are refused.
         """
         folder = folder_of(out)
         with contextlib.ExitStack() as undo:
@@ -62,7 +62,7 @@ class Checkpoint:
                 undo.callback(checkpoint.close)
                 checkpoint._prepare(append=append, force=force)
                 checkpoint._match(plan)
-                (folder / OWNER).write_text(f"process {os.getpid()} on {platform.node()}", encoding="utf-8")
+                (folder / OWNER_FILE).write_text(f"process {os.getpid()} on {platform.node()}", encoding="utf-8")
             except OSError as error:
                 raise OutputError(f"{folder}: cannot be written: {reason(error)}") from None
             undo.pop_all()
@@ -74,11 +74,11 @@ class Checkpoint:
             os.close(self.lock)
 
     def _prepare(self, *, append: bool, force: bool) -> None:
-        """Refuse what an earlier run or somebody else has left there, or remove it."""
+        """Refuse foreign files; keep, remove or refuse the partitions of an earlier run."""
         self._refuse_foreign()
         if self.done and not append and not force:
             raise UsageError(
-                f"{self.folder} holds what an earlier run has done: go on with it, or begin again",
+                f"{self.folder} holds partitions of an earlier run: continue that run, or begin again",
                 hint={"append": True, "force": True},
             )
         if force or not append:
@@ -91,28 +91,28 @@ class Checkpoint:
 
     @property
     def done(self) -> int:
-        """Number of files of partitions."""
-        return sum(1 for _ in self.folder.glob(DONE))
+        """Number of finished partitions."""
+        return sum(1 for _ in self.folder.glob(PARTITION_FILES))
 
     def _refuse_foreign(self) -> None:
         """Refuse a folder with other files, which would be removed with it."""
         if self.folder.is_dir():
-            foreign = [each.name for each in self.folder.iterdir() if not any(each.match(name) for name in OURS)]
+            foreign = [each.name for each in self.folder.iterdir() if not any(each.match(name) for name in OWN_FILES)]
             if foreign:
                 raise UsageError(
-                    f"{self.folder} is where parts of the table are kept, and holds something else, "
-                    f"{min(foreign)}: move that, or name another table"
+                    f"{self.folder} is the folder for parts of the table, and holds a foreign file, "
+                    f"{min(foreign)}: move that file, or name another table"
                 )
 
     def _match(self, plan: Plan) -> None:
-        """Write the plan, unless the folder has the same one; partitions of another plan are of no use."""
+        """Write the plan, unless the folder has the same one; remove the partitions of another plan."""
         path = self.folder / PLAN
-        known = _planned(path)
+        known = _read_plan(path)
         if known.get("fingerprint") == plan.fingerprint:
             return
         if self.done and known.get("asked") != plan.asked:
             raise UsageError(
-                f"{self.folder} is of a run with other options or another release: name those again to go on with it, "
+                f"{self.folder} belongs to a run with other options or another release: repeat those to continue it, "
                 "or begin again",
                 hint={"force": True},
             )
@@ -121,9 +121,9 @@ class Checkpoint:
         write_text(json.dumps(about) + "\n", path, force=True)
 
     def finished(self) -> dict[int, Path]:
-        """Files of finished partitions; those that are not as they were written are removed."""
+        """Files of finished partitions by number; files that have changed since are removed."""
         files = {}
-        for path in sorted(self.folder.glob(DONE)):
+        for path in sorted(self.folder.glob(PARTITION_FILES)):
             with contextlib.suppress(OSError, ValueError):  # a file of another name is not of a run
                 place = int(path.name.split("-")[1])
                 if path == self._path(place, path.read_bytes()):
@@ -133,7 +133,7 @@ class Checkpoint:
         return files
 
     def _path(self, place: int, content: bytes) -> Path:
-        """File of a partition with this content."""
+        """Path of a partition with this content."""
         return self.folder / f"part-{place:07d}-{len(content)}-{zlib.crc32(content):08x}.arrow"
 
     def commit(self, place: int, content: bytes) -> Path:
@@ -162,10 +162,10 @@ def folder_of(out: str | os.PathLike[str]) -> Path:
 
 def files_begun(out: str | os.PathLike[str]) -> list[str]:
     """Names of the files that a stopped run was to add to this table; empty if no run was stopped."""
-    return list(_planned(folder_of(out) / PLAN).get("files", ()))
+    return list(_read_plan(folder_of(out) / PLAN).get("files", ()))
 
 
-def _planned(path: Path) -> dict[str, Any]:
+def _read_plan(path: Path) -> dict[str, Any]:
     """The plan of the run that wrote a checkpoint folder; empty without one."""
     with contextlib.suppress(OSError, ValueError):
         content = json.loads(path.read_text(encoding="utf-8"))
@@ -181,9 +181,9 @@ def _lock(folder: Path) -> int | None:
     if locked(descriptor):
         return descriptor
     os.close(descriptor)
-    owner = "it has not said which"
+    owner = "process not recorded"
     with contextlib.suppress(OSError):
-        owner = (folder / OWNER).read_text(encoding="utf-8", errors="replace")
+        owner = (folder / OWNER_FILE).read_text(encoding="utf-8", errors="replace")
     raise OutputError(
         f"{folder}: another run is writing into it ({owner}): wait until that one has ended, or name another table"
     )

@@ -1,7 +1,7 @@
-r"""What `flinders info`, `show` and `calibrate` make of a path that is no recording of one sensor.
+r"""Contents of a path that is not a recording of one sensor, for `flinders info`, `show` and `calibrate`.
 
-It is a folder of recordings, a table of readings of many units, or the table that `flinders fleet` wrote: each says
-what it is, and what to type next.
+The path is a folder of recordings, a table of readings of many units, or a table of `flinders fleet`. For each there is
+a description and the commands to type next.
 
 >>> import tempfile
 >>> from pathlib import Path
@@ -35,35 +35,35 @@ if TYPE_CHECKING:
     from flinders.apps.fleet.not_good import NotGood
 
 MAX_SENSORS_OF_A_BODY: Final = 8
-"""Units of a table up to which they may be sensors of one body, and are shown one by one."""
+"""Largest number of units in a table that may be the sensors of one body, which are shown one by one."""
 MAX_NAMES: Final = 3
-"""Units that a message names, at most."""
+"""Largest number of units that a message names."""
 DEFAULT_TABLE: Final = "calibrations.parquet"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Contents:
-    """What a path holds that is no recording of one sensor."""
+    """Contents of a path that is not a recording of one sensor."""
 
     path: str  # as it was given
     kind: str  # `folder`, `readings of many units` or `table of a fleet`
     units: int  # sensors or vehicles
-    recordings: int  # of all units; 0 where only readings are known
-    unit_column: str = ""  # of readings: the column that tells units apart
+    recordings: int  # number of recordings of all units; 0 if only readings are known
+    unit_column: str = ""  # for readings: column with the unit of each row
     names: tuple[str, ...] = ()  # of the first units
     verdicts: dict[str, int] = field(default_factory=dict)  # of a table: recordings by verdict
     properties: tuple[str, ...] = ()  # of a table: columns that were added
     not_good: tuple[NotGood, ...] = ()  # of a table: the first recordings that are not good
-    commands: tuple[str, ...] = ()  # what to type next
+    commands: tuple[str, ...] = ()  # commands to type next
 
     @property
     def is_one_recording(self) -> bool:
-        """Whether it may be read as a recording all the same: few units may be sensors of one body."""
+        """Whether the path may also be read as one recording: a few units may be sensors of one body."""
         return self.kind == "readings of many units" and self.units <= MAX_SENSORS_OF_A_BODY
 
     @property
     def words(self) -> str:
-        """What it is, in a line."""
+        """Description of the contents, in one line."""
         units = counted(self.units, "unit")
         if self.kind == "table of a fleet":
             more = f"; with {', '.join(self.properties)}" if self.properties else ""
@@ -75,7 +75,7 @@ class Contents:
 
     @property
     def instead(self) -> str:
-        """What it is, and what to type in place of a command for one recording."""
+        """Description of the contents, and the command to use instead of one for a single recording."""
         return f"{self.words}: {self.commands[0]}" if self.commands else f"{self.words}: give a recording"
 
     def as_dict(self) -> dict[str, Any]:
@@ -83,7 +83,7 @@ class Contents:
         return asdict(self)
 
     def page(self) -> RenderableType:
-        """Lay it out for the terminal."""
+        """Page of the terminal."""
         from rich.console import Group
 
         from flinders.apps.fleet.run_page import listed, of_verdicts
@@ -98,7 +98,7 @@ class Contents:
 
 
 def recognised(path: str) -> Contents | None:
-    """What a path holds; None for a recording of one sensor, and for what cannot be read."""
+    """Contents of a path; None for a recording of one sensor, and for a path that cannot be read."""
     try:
         if Path(path).is_dir():
             return _of_folder(path)
@@ -106,11 +106,11 @@ def recognised(path: str) -> Contents | None:
             return _of_table(path)
         return _of_csv(path) if path.lower().endswith(CSV) and Path(path).is_file() else None
     except (FlindersError, OSError, ValueError, csv.Error):
-        return None  # whoever reads it as a recording says what is wrong
+        return None  # the reader of recordings reports the fault
 
 
 def _of_folder(path: str) -> Contents | None:
-    """A folder of recordings; None of one that is a recording itself, or has none."""
+    """Contents of a folder of recordings; None for a folder that is itself a recording, or has no recordings."""
     from flinders.apps.fleet.kinds import is_readable
     from flinders.apps.fleet.plan import key_of
     from flinders.apps.fleet.storage import listed
@@ -133,7 +133,7 @@ def _of_folder(path: str) -> Contents | None:
 
 
 def _of_table(path: str) -> Contents | None:
-    """A table of Parquet or Arrow."""
+    """Contents of a Parquet or Arrow table; None for a recording of one sensor."""
     from flinders.apps.fleet.dataset import opened, units_of
     from flinders.apps.fleet.keys import KeyColumns
     from flinders.apps.fleet.options import Options
@@ -150,7 +150,7 @@ def _of_table(path: str) -> Contents | None:
 
 
 def _of_csv(path: str) -> Contents | None:
-    """A table of text: that of a fleet, or one with a column of units."""
+    """Contents of a table of text: that of a fleet, or one with a column of units; None for others."""
     names, delimiter = header_of(Path(path))
     header = [name.casefold() for name in names]
     place = next((header.index(name) for name in UNIT_COLUMNS if name in header), None)
@@ -165,7 +165,7 @@ def _of_csv(path: str) -> Contents | None:
 
 
 def _csv_of_fleet(path: str) -> io.BytesIO | None:
-    """The table of a fleet in a file of CSV, as Parquet; None of another file."""
+    """The table of a fleet in a CSV file, as Parquet; None for another file."""
     from flinders.apps.fleet.results import needs_arrow
     from flinders.apps.fleet.tables import is_csv_of_fleet, read_table
 
@@ -180,12 +180,12 @@ def _csv_of_fleet(path: str) -> io.BytesIO | None:
 
 
 def _cells(rows: Iterator[list[str]], place: int) -> Iterator[str]:
-    """Cells of a column."""
+    """Yield the cells of a column."""
     return (row[place].strip() for row in rows if place < len(row))
 
 
 def _of_units(path: str, column: str, units: set[str]) -> Contents | None:
-    """Readings of several units."""
+    """Contents of a table with readings of several units; None for one unit."""
     if len(units) < 2:
         return None
     return Contents(
@@ -200,7 +200,7 @@ def _of_units(path: str, column: str, units: set[str]) -> Contents | None:
 
 
 def _of_fleet(path: str, table: Any) -> Contents:  # noqa: ANN401 - a path, or an open file
-    """The table that `flinders fleet` wrote."""
+    """Contents of a table of `flinders fleet`."""
     from pyarrow import parquet
 
     from flinders.apps.fleet.merging import table_counts

@@ -60,11 +60,11 @@ if TYPE_CHECKING:
 Pair: TypeAlias = tuple[str, str]
 """Unit and recording."""
 
-BUFFER: Final = 1 << 20
-"""Bytes of a column that are read at a time: a row group may hold any number of rows."""
-BATCH: Final = 131_072
+BUFFER_BYTES: Final = 1 << 20
+"""Bytes of a column that are read at a time, as a row group may hold any number of rows."""
+BATCH_ROWS: Final = 131_072
 """Rows that are converted at a time."""
-PREVIEW: Final = 1_024
+PREVIEW_ROWS: Final = 1_024
 """Rows from which columns are recognised."""
 USED: Final = (TIME, STRENGTH, TEMPERATURE, CURRENT, THROTTLE, CURRENTS, THROTTLES)
 """Kinds of columns that a fit without aiding sensors uses; others are not read."""
@@ -75,11 +75,11 @@ class TableFile:
     """An open file of rows."""
 
     name: str  # for messages
-    kind: str
+    kind: str  # Parquet, Arrow or CSV
     schema: Any
     groups: tuple[int, ...]  # rows of each row group or record batch
     read: Callable[..., Iterator[Any]]  # as `batches`
-    # least and greatest value of a column in each group, None if the file does not say
+    # least and greatest value of a column in each group, None if the file does not state them
     extents: Callable[[str], list[tuple[str, str] | None]]
 
     @property
@@ -87,15 +87,15 @@ class TableFile:
         """Name of a group of rows in this kind of file."""
         return "row group" if self.kind == "Parquet" else "record batch"
 
-    def batches(self, groups: Sequence[int], columns: list[str], rows: int = BATCH) -> Iterator[Any]:
-        """Yield record batches of some groups and columns, of one to so many rows; raises UnreadableInput."""
+    def batches(self, groups: Sequence[int], columns: list[str], rows: int = BATCH_ROWS) -> Iterator[Any]:
+        """Yield record batches of some groups and columns, of 1 to `rows` rows; raises UnreadableInput."""
         with reading(self.name, f"a table of {self.kind}"):
             yield from (batch for batch in self.read(groups, columns, rows) if batch.num_rows)
 
 
 @contextlib.contextmanager
 def opened(file: StoredFile, options: Options) -> Iterator[TableFile]:
-    """Open a Parquet or Arrow file, of this machine or in a store; raises UnreadableInput if it is broken or gone.
+    """Open a Parquet or Arrow file, local or in a store; raises UnreadableInput if the file is broken or gone.
 
     A CSV of many units is read into memory, as one group of rows.
     """
@@ -110,10 +110,10 @@ def opened(file: StoredFile, options: Options) -> Iterator[TableFile]:
 
 
 def _parquet(name: str, where: Any, size: int, options: Options) -> TableFile:  # noqa: ANN401
-    """Open a Parquet file; keys stay the dictionaries that they were written as."""
+    """Open a Parquet file; columns of keys stay dictionaries if they were written as such."""
     from pyarrow import parquet
 
-    bounded = {"buffer_size": BUFFER, "pre_buffer": False, "page_checksum_verification": True}
+    bounded = {"buffer_size": BUFFER_BYTES, "pre_buffer": False, "page_checksum_verification": True}
     file = parquet.ParquetFile(where, **bounded)
     texts: list[str] = []
     with contextlib.suppress(FlindersError):  # raised where the keys are used
@@ -169,7 +169,7 @@ def _extent(ends: Extent | None, kind: Any) -> tuple[str, str] | None:  # noqa: 
 
 
 def _arrow(name: str, where: Any, size: int) -> TableFile:  # noqa: ANN401
-    """Open an Arrow file, of which only the columns that are read are unpacked."""
+    """Open an Arrow file; only the columns that are read are unpacked."""
     import pyarrow
     from pyarrow import ipc
 
@@ -202,7 +202,7 @@ class KeyedTable:
         """Recognise the columns.
 
         Raises NoMagnetometer if none, or not clearly three, are the magnetometer, UsageError if there is no column of
-        units, and for options that the file does not fit.
+        units, or if the options do not fit the file.
         """
         names = list(file.schema.names)
         keys = KeyColumns.of_schema(file.name, file.schema, options)
@@ -210,7 +210,7 @@ class KeyedTable:
             raise no_units(file.name, names)
         table = table_of(
             file.kind,
-            _without(file.schema, keys),
+            _schema_without_keys(file.schema, keys),
             sum(file.groups),
             lambda names: _first_rows(file, names),
             file.name,
@@ -234,7 +234,10 @@ class KeyedTable:
         return 0.0 if time is None else time.start * time.factor
 
     def batches(self, groups: Sequence[int], names: Interner) -> Iterator[tuple[Runs, list[NDArray[np.floating]]]]:
-        """Yield recordings, as numbers of `names`, which takes their hardware batches, and K columns (B,), in order."""
+        """Yield the runs of recordings, as numbers in `names`, and K columns (B,) of each batch of rows, in order.
+
+        `names` also gets the hardware batch of each recording.
+        """
         places = places_of(self.schema)
         wanted = [places[cell] for cell in self.recording.columns.cells]
         for batch in self.file.batches(groups, sorted({*(column for column, _, _ in wanted), *self.keys.columns})):
@@ -243,21 +246,21 @@ class KeyedTable:
             yield _runs(batch, self.keys, names), values
 
     def samples(self, values: Values, source: str) -> Samples:
-        """Samples of K columns (N,)."""
+        """Samples from K columns (N,)."""
         known = self.recording
         return known.columns.samples(values, unit=known.unit, axes=known.axes, source=source)
 
     @property
     def schema(self) -> Any:  # noqa: ANN401
-        """Columns that are no keys."""
-        return _without(self.file.schema, self.keys)
+        """Schema without the columns of keys."""
+        return _schema_without_keys(self.file.schema, self.keys)
 
 
 def no_units(name: str, columns: Sequence[str]) -> UsageError:
-    """Say that no column tells which unit a row is of."""
+    """Error for a table without a column of units."""
     return UsageError(
-        f"{name} does not say which unit a row is of: there are {', '.join(columns[:24])}; need a column "
-        "such as unit or serial, or its name",
+        f"{name} has no known column of units: its columns are {', '.join(columns[:24])}; need a column "
+        "such as unit or serial, or the name of that column",
         hint={"unit_column": None},
     )
 
@@ -280,7 +283,7 @@ def _first_rows(file: TableFile, names: list[str]) -> Iterator[Any]:
     unreadable = None
     for group in range(len(file.groups)):
         try:
-            yield from file.batches((group,), names, PREVIEW)
+            yield from file.batches((group,), names, PREVIEW_ROWS)
         except UnreadableInput as error:
             unreadable = unreadable or error
     if unreadable is not None:
@@ -288,16 +291,16 @@ def _first_rows(file: TableFile, names: list[str]) -> Iterator[Any]:
 
 
 def _runs(batch: Any, keys: KeyColumns, names: Interner) -> Runs:  # noqa: ANN401
-    """Run lengths of recordings, as numbers of `names`, which takes their hardware batches."""
+    """Run lengths of recordings, as numbers in `names`, which also gets their hardware batches."""
     every = (keys.unit, keys.recording, keys.batch)
     coded = [_dictionary(batch, key.column) if key.column else ([key.value], None) for key in every]
     return runs_of(coded, batch.num_rows, names)
 
 
 def runs_of(coded: Sequence[tuple[list[str], NDArray[np.integer] | None]], rows: int, names: Interner) -> Runs:
-    """Run lengths of recordings, of the texts of unit, recording and batch and (N,) the index of each row's.
+    """Run lengths of recordings, from three columns: unit, recording and hardware batch.
 
-    Indices are None where all rows have the first text.
+    Each column is its distinct texts and (N,) the index of each row's text, or None if all rows have the first text.
     """
     is_first = np.ones(rows, dtype=bool)
     changes = [places[1:] != places[:-1] for _, places in coded if places is not None]
@@ -316,23 +319,23 @@ def runs_of(coded: Sequence[tuple[list[str], NDArray[np.integer] | None]], rows:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Runs:
-    """Run lengths of the numbers of recordings, of consecutive rows.
+    """Run-length code of the recording of each row.
 
     >>> Runs(np.array([7, 4]), np.array([2, 1])).rows
     array([7, 7, 4])
     """
 
-    numbers: NDArray[np.int64]  # (R,)
+    numbers: NDArray[np.int64]  # (R,) recording of each run, by its number in an `Interner`
     lengths: NDArray[np.int64]  # (R,) rows of each run
 
     @property
     def rows(self) -> NDArray[np.int64]:
-        """(N,) the number of each row."""
+        """(N,) number of the recording of each row."""
         return np.repeat(self.numbers, self.lengths)
 
     @classmethod
     def joined(cls, parts: Sequence[Runs]) -> Self:
-        """Concatenate; a run that continues in the next part is one."""
+        """Concatenate parts; a run that continues in the next part becomes one run."""
         numbers = np.concatenate([np.empty(0, dtype=np.int64), *(part.numbers for part in parts)])
         lengths = np.concatenate([np.empty(0, dtype=np.int64), *(part.lengths for part in parts)])
         first = np.flatnonzero(np.diff(numbers, prepend=-1))
@@ -355,7 +358,7 @@ class Interner:
         self._numbers: dict[Pair, int] = {}
 
     def number(self, pair: Pair, batch: str = "") -> int:
-        """The number of a recording, a new one for a new recording; of several hardware batches the first by name."""
+        """Number of a recording, new for a new one; of several hardware batches, keep the first by name."""
         number = self._numbers.setdefault(pair, len(self.pairs))
         if number == len(self.pairs):
             self.pairs.append(pair)
@@ -365,14 +368,14 @@ class Interner:
 
 
 def extents_of(file: TableFile, keys: KeyColumns) -> list[tuple[str, str] | None]:
-    """Least and greatest unit in each group; None if neither file nor path says."""
+    """Least and greatest unit in each group; None if neither the file nor its path states them."""
     if not keys.unit.column:
         return [(keys.unit.value, keys.unit.value)] * len(file.groups)
     return file.extents(keys.unit.column)
 
 
 def units_of(file: TableFile, keys: KeyColumns, groups: Sequence[int]) -> set[str]:
-    """Units of some groups, from their column alone; of an unreadable group those that the footer names."""
+    """Units of some groups, from their column alone; of an unreadable group, those named in the footer."""
     if not keys.unit.column:
         return {keys.unit.value}
     try:
@@ -397,13 +400,13 @@ def _units_in(file: TableFile, keys: KeyColumns, groups: Sequence[int]) -> set[s
     return units
 
 
-def _without(schema: Any, keys: KeyColumns) -> Any:  # noqa: ANN401
-    """Columns of a schema that are no keys."""
+def _schema_without_keys(schema: Any, keys: KeyColumns) -> Any:  # noqa: ANN401
+    """Schema without the columns of keys."""
     return needs_arrow().schema([field for field in schema if field.name not in keys.columns])
 
 
 def _dictionary(batch: Any, column: str) -> tuple[list[str], NDArray[np.integer]]:  # noqa: ANN401
-    """Distinct texts of a column, and (B,) the index of each row's; null is the empty text."""
+    """Distinct texts of a column, and (B,) the index of each row's text; null is the empty text."""
     arrow = needs_arrow()
     array = batch.column(batch.schema.get_field_index(column))
     if not arrow.types.is_dictionary(array.type):

@@ -1,6 +1,6 @@
 """Dates of recordings, by their clocks or in their names, and the order of the recordings of a unit.
 
-A recording has a date if its clock counts from 1970. A clock that counts from power-on says nothing of the order: then
+A recording has a date if its clock counts from 1970. A clock that counts from power-on does not order recordings: then
 all recordings of the unit need an ISO 8601 date in their names, or none of them has one and they are ordered by name.
 
 >>> date_of("V101/2026-01-10T12-30-05.csv") - date_of("20260110.ulg")
@@ -34,8 +34,8 @@ if TYPE_CHECKING:
 
     from flinders.arrays import Floats
 
-LATEST: Final = 4.0 * EPOCHS[-1][0]
-"""Seconds since 1970 beyond which a time is no date."""
+MAX_DATE_S: Final = 4.0 * EPOCHS[-1][0]
+"""Largest time, in seconds since 1970, that is a date."""
 ISO_DATE: Final = re.compile(
     r"(?<!\d)(?P<day>(?:19[89]|20\d)\d(?P<dash>[-_/]?)\d\d(?P=dash)\d\d)(?!\d)"
     r"(?:(?:(?P<iso>T)|[\s_/-]{1,2})(?P<time>\d\d(?P<colon>[-:_])\d\d(?:(?P=colon)\d\d)?|\d{6}|(?<=T)\d{4})"
@@ -43,18 +43,18 @@ ISO_DATE: Final = re.compile(
 )
 """ISO 8601 with the separators of file names; other digits after a date may number recordings."""
 OTHER_DATE: Final = re.compile(r"(?<!\d)\d{1,2}([-_./])\d{1,2}\1(?:19[89]|20\d)\d(?!\d)")
-"""A date whose day and month cannot be told apart: it gives no order."""
+"""A date whose day and month cannot be distinguished, so that it gives no order."""
 
 
 def is_date(seconds: Floats) -> NDArray[np.bool_]:
-    """(n,) whether times count from 1970, and not from power-on; NaN does not."""
-    counts: NDArray[np.bool_] = (seconds > LONG) & (seconds < LATEST)
+    """(n,) whether times count from 1970 and not from power-on; False for NaN."""
+    counts: NDArray[np.bool_] = (seconds > LONG) & (seconds < MAX_DATE_S)
     return counts
 
 
 def date_of(name: str) -> float:
     """Seconds since 1970 of the date in a recording's name, at midnight without a time of day; or NaN."""
-    date = _dated(name)
+    date = _date_in(name)
     return date.day_s if math.isnan(date.time_s) else date.time_s
 
 
@@ -68,7 +68,7 @@ class _NameDate:
 
 
 @lru_cache(maxsize=65_536)
-def _dated(name: str) -> _NameDate:
+def _date_in(name: str) -> _NameDate:
     """Find date and time of day in a name."""
     for match in ISO_DATE.finditer(name):
         day, time = (re.sub(r"\D", "", match[part] or "") for part in ("day", "time"))
@@ -102,12 +102,12 @@ class Arrangement:
 
 
 def arranged(names: Sequence[str], start_s: Floats, tables: Sequence[int] | None = None) -> Arrangement:
-    """Order the recordings of one unit, of n names, (n,) starts of their clocks, and numbers of their tables.
+    """Order the n recordings of one unit by their names, (n,) start times, and numbers of their tables.
 
-    By their clocks if all know the date, else by the dates in their names if all have one, else by name if none has a
+    By their clocks if all have dates, else by the dates in their names if all have one, else by name if none has a
     date. Recordings of one date are ordered by name, and equal names by their tables. Otherwise the order is not known.
     """
-    keys = list(zip(map(_natural, names), tables or [0] * len(names), strict=True))
+    keys = list(zip(map(_natural_key, names), tables or [0] * len(names), strict=True))
     has_clock = is_date(start_s)
     dates, is_known = (start_s.tolist(), True) if has_clock.all() else _dates_in(names)
     is_known = is_known and not (has_clock.any() and math.isnan(math.fsum(dates)))
@@ -121,8 +121,8 @@ def arranged(names: Sequence[str], start_s: Floats, tables: Sequence[int] | None
 
 def _dates_in(names: Sequence[str]) -> tuple[list[float], bool]:
     """Dates in names, and whether they give an order: all names have one, or none."""
-    each = [_dated(name) for name in names]
-    # such digits are times of day if they can be that in all names; else they number recordings
+    each = [_date_in(name) for name in names]
+    # digits after a date are times of day if all names allow it; else they number recordings
     are_times = all(math.isfinite(date.time_s) for date in each if date.has_time)
     dates = [date.time_s if are_times and date.has_time else date.day_s for date in each]
     if all(map(math.isnan, dates)):
@@ -132,6 +132,6 @@ def _dates_in(names: Sequence[str]) -> tuple[list[float], bool]:
     return dates, not any(map(math.isnan, dates)) and not days_with_time & days_alone
 
 
-def _natural(name: str) -> tuple[str | int, ...]:
+def _natural_key(name: str) -> tuple[str | int, ...]:
     """Key of natural sorting: ``run 9`` before ``run 10``."""
     return tuple(int(part) if place % 2 else part.casefold() for place, part in enumerate(re.split(r"(\d+)", name)))

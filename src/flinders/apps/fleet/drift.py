@@ -1,14 +1,12 @@
 """Drift of the units of a fleet, and change points, from several calibrations of each.
 
-The newest calibration of a unit is compared with the one that the vehicle is taken to carry, its first. Tables are read
-twice, a bounded number of rows at a time: once for the variance between recordings of this fleet, then unit by unit.
-Units whose recordings have no dates are judged by the variance of such units; `flinders.apps.fleet.history` has how
-recordings are ordered.
+The newest calibration of a unit is compared with the one that the vehicle is assumed to carry, its first. Tables are
+read twice, a bounded number of rows at a time: once for the variance between recordings of this fleet, then unit by
+unit. Recordings without dates have a variance of their own; `flinders.apps.fleet.history` orders the recordings.
 
-The rate of false alarms does not grow with the fleet. A change or a step is reported if chance makes as much in fewer
-than `CHANCE` of whole fleets of this size in which nothing moved: an interval is tested at `CHANCE` over the number of
-intervals, a unit at `CHANCE` over the number of units (Bonferroni). What that
-detects and what not is in docs/fleet/drift.md.
+The rate of false alarms does not grow with the fleet. In a fleet of this size in which nothing moved, the probability
+that any change, or any step, is reported is below `CHANCE`: an interval is tested at `CHANCE` over the number of
+intervals, a unit at `CHANCE` over the number of units (Bonferroni). docs/fleet/drift.md has the detectable changes.
 """
 
 from __future__ import annotations
@@ -50,6 +48,7 @@ if TYPE_CHECKING:
 CHANCE: Final = 0.01
 """Probability of a false alarm in a whole fleet, as in a comparison of two calibrations."""
 DIP_DEG: Final = 60.0
+"""Dip of the field, in degrees, if the tables have none."""
 
 Against = Literal["first", "previous"]
 
@@ -94,7 +93,7 @@ def drift_of(
     survey = _Survey.of(paths, rule)
     count = len({name for name, _ in survey.verdicts})
     if batch is not None and count > MOST:
-        raise UsageError(f"batch {batch!r} tells more than {MOST:,} batches: choose what many units have in common")
+        raise UsageError(f"batch {batch!r} gives more than {MOST:,} batches: choose one that many units share")
     dated, undated = _variances(survey)
     rules = _Rules(
         dated=dated,
@@ -112,7 +111,7 @@ def drift_of(
         results.add(units, _steps_of(history, rules))
         if each is not None:
             each(units)
-    return _drift(survey, rules, results, rule)
+    return _fleet_drift(survey, rules, results, rule)
 
 
 # ------------------------------------------------------------------------------------------------------------ survey
@@ -136,7 +135,7 @@ class _Survey:
 
     @classmethod
     def of(cls, paths: Sequence[str | os.PathLike[str]], rule: BatchRule) -> _Survey:
-        """Read the tables."""
+        """Survey of all tables."""
         survey = cls()
         for history in histories(paths, rule=rule):
             survey.add(history)
@@ -144,7 +143,7 @@ class _Survey:
 
     @property
     def dip_deg(self) -> float:
-        """The dip that most recordings were judged at; of two as frequent ones the steeper."""
+        """Most frequent dip of the recordings, in degrees; of equally frequent ones the largest."""
         return max(self.dips, key=lambda dip: (self.dips[dip], dip), default=DIP_DEG)
 
     def add(self, history: Histories) -> None:
@@ -171,7 +170,7 @@ class _Survey:
 
 
 def _variances(survey: _Survey) -> tuple[Variance, Variance]:
-    """Variance of recordings with dates and without; if one kind is too few, its variance factor is the other's."""
+    """Variance of recordings with and without dates; a kind with too few pairs gets the factor of the other."""
     dated, undated = survey.dated.variance(), survey.undated.variance()
     if undated.pairs < FEWEST <= dated.pairs:
         typical = survey.dated.typical_time()
@@ -186,7 +185,7 @@ def _variances(survey: _Survey) -> tuple[Variance, Variance]:
 
 @dataclass(frozen=True, slots=True)
 class _Rules:
-    """Rules for all units."""
+    """Variances and limits that hold for all units."""
 
     dated: Variance
     undated: Variance
@@ -198,12 +197,12 @@ class _Rules:
     step_p_value_limit: float
 
     def dips(self, recorded: Floats) -> Floats:
-        """(n,) dip for each, signed by how its sensor is mounted: the given one, else that of its recording."""
+        """(n,) dip in degrees, with the sign of the sensor's mounting: the given dip, else that of the recording."""
         return np.where(np.isnan(recorded) | self.is_dip_given, self.dip_deg, recorded)
 
 
 def _changes_of(history: Histories, rules: _Rules) -> list[UnitDrift]:
-    """Compare the newest calibration of each unit with the one that it is taken to carry."""
+    """Compare the newest calibration of each unit with the one that the unit is assumed to carry."""
     counts = np.diff(history.first)
     several = np.flatnonzero((counts >= 2) & history.is_known)
     newest = history.first[several + 1] - 1
@@ -223,7 +222,7 @@ def _changes_of(history: Histories, rules: _Rules) -> list[UnitDrift]:
             "newest_s": float(history.date_s[newest[at]]),
             "p_value": float(p_value[at]),
             "unit_of_field": history.unit_of_field[newest[at]],
-        } | {kind: float(getattr(changes, kind)[at]) for kind in SHOWN}
+        } | {kind: float(getattr(changes, kind)[at]) for kind in DIFFERENCE_FIELDS}
     names = enumerate(zip(history.unit.tolist(), history.batch.tolist(), counts.tolist(), strict=True))
     return [
         UnitDrift(unit=name, batch=batch, recordings=count, **compared.get(unit, _not_compared(count)))
@@ -231,7 +230,7 @@ def _changes_of(history: Histories, rules: _Rules) -> list[UnitDrift]:
     ]
 
 
-SHOWN: Final = (
+DIFFERENCE_FIELDS: Final = (
     "worst_deg", "rms_deg", "sigma_deg", "offset_deg", "offset_sigma_deg", "matrix_deg", "matrix_sigma_deg",
     "offset_change",
 )  # fmt: skip
@@ -250,7 +249,7 @@ def _states(changes: Differences, rules: _Rules) -> list[str]:
 def _not_compared(recordings: int) -> dict[str, Any]:
     """Fields of a unit without a comparison: too few recordings, or in no known order."""
     texts = {"reference": "", "newest": "", "unit_of_field": ""}
-    numbers = dict.fromkeys((*SHOWN, "reference_s", "newest_s", "p_value"), math.nan)
+    numbers = dict.fromkeys((*DIFFERENCE_FIELDS, "reference_s", "newest_s", "p_value"), math.nan)
     return {"state": "unordered" if recordings > 1 else "single" if recordings else "none", **texts, **numbers}
 
 
@@ -283,7 +282,7 @@ def _steps_in(series: OffsetSeries, units: NDArray[np.intp], variance: Variance,
 
 
 def _step(history: Histories, step: ChangePoint, moved: list[float], worst: float) -> UnitStep:
-    """A change point, as it is listed."""
+    """Row of the list of change points."""
     at = step.after
     return UnitStep(
         unit=history.unit[history.line[at]],
@@ -303,7 +302,7 @@ def _step(history: Histories, step: ChangePoint, moved: list[float], worst: floa
 
 @dataclass(slots=True)
 class _DriftTally:
-    """Counts of all units, and the worst of each kind, which are listed."""
+    """Counts of all units, and the list of the worst of each kind."""
 
     most: int
     states: Counter[str] = field(default_factory=Counter)
@@ -337,7 +336,7 @@ class _DriftTally:
         self.stepped.update(unit.batch for unit in units if unit.unit in stepped)
 
 
-def _drift(survey: _Survey, rules: _Rules, results: _DriftTally, rule: BatchRule) -> FleetDrift:
+def _fleet_drift(survey: _Survey, rules: _Rules, results: _DriftTally, rule: BatchRule) -> FleetDrift:
     """Put the result together."""
     undated = rules.undated
     return FleetDrift(
@@ -371,16 +370,16 @@ def _drift(survey: _Survey, rules: _Rules, results: _DriftTally, rule: BatchRule
 
 
 def _batches(survey: _Survey, results: _DriftTally, rule: BatchRule) -> tuple[BatchDrift, ...]:
-    """Drift of each batch; none if there are too many, or if names hold none."""
+    """Drift of each hardware batch; empty if there are too many, or if no unit has one."""
     names = sorted(results.batches)
     if not rule.are_useful(names, sum(survey.verdicts.values())):
         return ()
     verdicts: dict[str, dict[str, int]] = {name: {} for name in names}
     for (batch, verdict), count in survey.verdicts.items():
         verdicts[batch][verdict] = count
-    judged = {name: sum(results.batches[name][state] for state in JUDGED) for name in names}
+    judged = {name: sum(results.batches[name][state] for state in COMPARED_STATES) for name in names}
     odd = {
-        "changes": standing_out({name: _shares(judged[name], _changed(results.batches[name])) for name in names}),
+        "changes": standing_out({name: _shares(judged[name], _changed_units(results.batches[name])) for name in names}),
         "steps": standing_out({name: _shares(judged[name], results.stepped[name]) for name in names}),
         "verdicts": standing_out(verdicts),
     }
@@ -397,11 +396,11 @@ def _batches(survey: _Survey, results: _DriftTally, rule: BatchRule) -> tuple[Ba
     )
 
 
-JUDGED: Final = ("recalibrate", "unsure", "changed", "steady")
+COMPARED_STATES: Final = ("recalibrate", "unsure", "changed", "steady")
 """States of units that were compared."""
 
 
-def _changed(states: Mapping[str, int]) -> int:
+def _changed_units(states: Mapping[str, int]) -> int:
     """Units that changed."""
     return states["recalibrate"] + states["changed"]
 

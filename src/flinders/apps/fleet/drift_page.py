@@ -1,8 +1,8 @@
 """Change of a fleet over time, as a page of the terminal.
 
->>> shown_when(1.7e9, "flight 12"), shown_when(float("nan"), "flight 12"), shown_when(float("nan"), "")
+>>> day_or_name(1.7e9, "flight 12"), day_or_name(float("nan"), "flight 12"), day_or_name(float("nan"), "")
 ('2023-11-14', 'flight 12', '–')
->>> shown_when(float("nan"), "returned/session 0017.csv")
+>>> day_or_name(float("nan"), "returned/session 0017.csv")
 '…session 0017.csv'
 """
 
@@ -35,25 +35,25 @@ if TYPE_CHECKING:
 STATE_COLOURS: Final = {
     "recalibrate": "red", "unsure": "yellow", "changed": "yellow", "unordered": "yellow", "steady": "green",
 }  # fmt: skip
-SHOWN: Final = 12
-"""Units, steps and batches that are listed; the report and ``--output`` have more."""
-LONGEST: Final = 17
-"""Characters of a recording's name that are shown."""
+MAX_ROWS: Final = 12
+"""Largest number of units, steps and batches that are listed; the report and ``--output`` have more."""
+MAX_NAME_LENGTH: Final = 17
+"""Largest number of characters of a recording's name that are shown."""
 
 
 def of_drift(drift: FleetDrift) -> RenderableType:
-    """Lay out how a fleet changed: states, the units to recalibrate, what was moved, and batches."""
+    """Lay out the drift of a fleet: states, units to recalibrate, steps, and batches."""
     units = _units(drift) if drift.listed else None
     steps = _steps(drift) if drift.steps else None
     batches = _batches(drift) if drift.batches else None
     return page(_states(drift), units, steps, batches, Group(*_remarks(drift)))
 
 
-def shown_when(seconds: float, recording: str) -> str:
-    """Write the day of a recording; where no date is known, the end of its name."""
+def day_or_name(seconds: float, recording: str) -> str:
+    """Day of a recording; if the date is not known, the end of its name."""
     if math.isfinite(seconds) or not recording:
         return when(seconds)
-    return recording if len(recording) <= LONGEST else f"…{recording[1 - LONGEST :]}"
+    return recording if len(recording) <= MAX_NAME_LENGTH else f"…{recording[1 - MAX_NAME_LENGTH :]}"
 
 
 def _states(drift: FleetDrift) -> Table:
@@ -69,16 +69,16 @@ def _units(drift: FleetDrift) -> Table:
     names = (Column("worst first", overflow="fold"), Column("state", no_wrap=True))
     rows = [
         (one.unit, one.state, *map(_known_angle, (one.worst_deg, one.sigma_deg, one.offset_deg, one.matrix_deg)),
-         shown_when(one.reference_s, one.reference), shown_when(one.newest_s, one.newest))
-        for one in drift.listed[:SHOWN]
+         day_or_name(one.reference_s, one.reference), day_or_name(one.newest_s, one.newest))
+        for one in drift.listed[:MAX_ROWS]
     ]  # fmt: skip
-    count = drift.states["recalibrate"] + drift.states["unsure"] if len(drift.listed) > SHOWN else 0
+    count = drift.states["recalibrate"] + drift.states["unsure"] if len(drift.listed) > MAX_ROWS else 0
     dates = (Column(each, justify="right", no_wrap=True) for each in (drift.against, "newest"))
     return table((*names, "heading", "1 σ", "offset", "matrix", *dates), [*rows, *_more(count)], is_dense=True)
 
 
 def _known_angle(angle_deg: float) -> str:
-    """An angle of a table; nothing where it is not known."""
+    """Cell of an angle in degrees; empty if the angle is not known."""
     return "" if math.isnan(angle_deg) else degrees(angle_deg)
 
 
@@ -89,15 +89,15 @@ def _steps(drift: FleetDrift) -> Table:
     rows = [
         (one.unit, degrees(one.worst_deg),
          f"{figures(math.hypot(*one.offset_change))} {label(one.unit_of_field)}".removesuffix(f" {unit}"),
-         chance(one.p_value), shown_when(one.before_s, one.before), shown_when(one.after_s, one.after))
-        for one in drift.steps[:SHOWN]
+         chance(one.p_value), day_or_name(one.before_s, one.before), day_or_name(one.after_s, one.after))
+        for one in drift.steps[:MAX_ROWS]
     ]  # fmt: skip
     return table(headings, [*rows, *_more(drift.step_count)], is_dense=True)
 
 
 def _batches(drift: FleetDrift) -> Table:
     headings = (Column("batch", no_wrap=True), "units", "recalibrate", "changed", "steps", "not good")
-    rows = [_batch_row(one) for one in _shown_batches(drift.batches, SHOWN)]
+    rows = [_batch_row(one) for one in _shown_batches(drift.batches, MAX_ROWS)]
     return table((*headings, Column("stands out by")), [*rows, *_more(len(drift.batches))], is_dense=True)
 
 
@@ -108,25 +108,25 @@ def _batch_row(one: BatchDrift) -> list[Text]:
 
 
 def _more(count: int) -> list[tuple[str]]:
-    """A row that says how many are not shown, if there are any."""
-    return [(f"and {count - SHOWN:,} more",)] if count > SHOWN else []
+    """Last row, with the number of rows that are not shown, if there are any."""
+    return [(f"and {count - MAX_ROWS:,} more",)] if count > MAX_ROWS else []
 
 
 def _shown_batches(batches: Sequence[BatchDrift], most: int) -> list[BatchDrift]:
-    """Take so many by name: those that stand out, and of the others those with the largest share that changed."""
+    """Select `most` batches, sorted by name: those that stand out, then those with the largest share of changes."""
     worst = sorted(batches, key=lambda one: (not one.stands_out, -one.changed / max(one.units, 1), one.batch))[:most]
     return sorted(worst, key=lambda one: one.batch)
 
 
 def _remarks(drift: FleetDrift) -> list[str]:
-    """What else there is to know, a line each."""
+    """Remarks below the tables, one line each."""
     against = "its first" if drift.against == "first" else "the one before"
     what = f"{counted(drift.calibrations, 'calibration')} of {counted(drift.units, 'unit')}"
     remarks = [f"{what}; the newest of each against {against}, level vehicle, dip {abs(drift.dip_deg):.3g}°"]
     remarks += about_order(drift)
     if drift.variance_factor > 1.05:
         remarks.append(
-            f"recordings scatter {figures(drift.variance_factor**0.5)} times as far as they claim: allowed for"
+            f"recordings scatter {figures(drift.variance_factor**0.5)} times as far as they claim: tests allow for it"
         )
     if drift.random_walk_deg_per_root_year > 0.005:
         remarks.append(
@@ -135,7 +135,7 @@ def _remarks(drift: FleetDrift) -> list[str]:
     undated = drift.undated
     if undated.units and undated.variance_factor > 1.05:
         times = figures(undated.variance_factor**0.5)
-        remarks.append(f"recordings without dates scatter {times} times as far as they claim: allowed for")
+        remarks.append(f"recordings without dates scatter {times} times as far as they claim: tests allow for it")
     if undated.units and undated.random_walk_deg_per_root_recording > 0.005:
         by = f"{degrees(undated.random_walk_deg_per_root_recording)} of heading from one recording to the next (1 σ)"
         remarks.append(f"slow drift where no dates are known: {by}")
@@ -143,6 +143,6 @@ def _remarks(drift: FleetDrift) -> list[str]:
         rows = counted(drift.without_calibration, "row")
         remarks.append(f"{rows} left out: refused, failed, or in another unit than the others")
     if drift.batches:
-        remarks.append(f"the batch is told by {drift.batch_source}")
+        remarks.append(f"the batch is taken from {drift.batch_source}")
     share = f"{drift.false_alarm_probability:.0%} of fleets of this size in which nothing changed"
     return [*remarks, f"chance alone lists a unit, or a step, in {share}"]

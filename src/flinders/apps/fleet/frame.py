@@ -40,15 +40,15 @@ NAME = "the table"
 
 @dataclass(frozen=True, slots=True, eq=False)
 class KeyedFrame:
-    """A frame of readings of units, as `KeyedTable` has a file."""
+    """A data frame with readings of units: `KeyedTable` for a frame instead of a file."""
 
     keys: KeyColumns
-    words: dict[str, Sequence[object]]  # of the columns of keys
+    words: dict[str, Sequence[object]]  # cells of each column of keys
     recording: TableRecording  # all other columns, unit of field and axes
 
     @classmethod
     def of(cls, frame: Any, options: Options) -> Self:  # noqa: ANN401
-        """Recognise the columns; raises as `KeyedTable.of`."""
+        """Recognise the columns; raises the errors of `KeyedTable.of`."""
         columns = columns_of(frame)
         keys = KeyColumns.of(NAME, [name for name, column in columns.items() if not _is_nested(column)], options)
         if keys is None:
@@ -67,36 +67,39 @@ class KeyedFrame:
 
     @property
     def rows(self) -> int:
-        """How many there are."""
+        """Number of rows."""
         return self.recording.table.length
 
     @property
     def start_s(self) -> float:
-        """Seconds that are subtracted from its times."""
+        """Seconds that are subtracted from the times of this frame."""
         time = self.recording.columns.time
         return 0.0 if time is None else time.start * time.factor
 
     def batches(self, _: Sequence[int], names: Interner) -> Iterator[tuple[Runs, list[NDArray[np.floating]]]]:
-        """Yield recordings, as numbers of `names`, which takes their hardware batches, and K columns (N,), at once."""
+        """Yield once the runs of recordings, as numbers in `names`, and K columns (N,).
+
+        `names` also gets the hardware batch of each recording.
+        """
         every = (self.keys.unit, self.keys.recording, self.keys.batch)
-        coded = [_coded(self.words[key.column]) if key.column else ([key.value], None) for key in every]
+        coded = [_encode(self.words[key.column]) if key.column else ([key.value], None) for key in every]
         blocks = list(self.recording.table.rows(self.recording.columns.cells))
         yield runs_of(coded, self.rows, names), list(np.concatenate(blocks).T)
 
     def samples(self, values: Values, source: str) -> Samples:
-        """Samples of K columns (N,)."""
+        """Samples from K columns (N,)."""
         known = self.recording
         return known.columns.samples(values, unit=known.unit, axes=known.axes, source=source)
 
 
 def _is_nested(column: Any) -> bool:  # noqa: ANN401
-    """Whether values of a column of polars are lists or records, which name nothing."""
+    """Whether a column of polars holds lists or records, which cannot be names."""
     is_nested = getattr(column.dtype, "is_nested", None)
     return bool(is_nested and is_nested())
 
 
-def _coded(words: Sequence[object]) -> tuple[list[str], NDArray[np.integer]]:
-    """Distinct texts of a column, and (N,) the index of each row's."""
+def _encode(words: Sequence[object]) -> tuple[list[str], NDArray[np.integer]]:
+    """Distinct texts of a column, and (N,) the index of each row's text."""
     places: dict[str, int] = {}
     indices = [places.setdefault(_text(word), len(places)) for word in words]
     return list(places), np.array(indices, dtype=np.int64)

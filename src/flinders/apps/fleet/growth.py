@@ -1,7 +1,7 @@
-"""A table that grows: which files it was made from, and which are new, changed or gone.
+"""A table that grows: the files that it was made from, and those that are new, changed or gone.
 
-The table itself says in its footer what was read, so that table and list are replaced in one step. A file is known by
-its name below the input, its size and its time of change (in a store its tag); its content is not read again.
+The footer of the table lists the files, so that table and list are replaced in one step. A file is identified by its
+name below the input, its size and its time of change (in a store its tag); its content is not read again.
 
 >>> from flinders.apps.fleet.options import Options
 >>> from flinders.apps.fleet.storage import StoredFile
@@ -42,7 +42,7 @@ if TYPE_CHECKING:
     from flinders.apps.fleet.options import Options
     from flinders.apps.fleet.storage import StoredFile
 
-    State: TypeAlias = tuple[int, str, str]  # size, time of change or tag, and kind of a file that is no recording
+    State: TypeAlias = tuple[int, str, str]  # size in bytes, time of change or tag, kind if it is no recording
 
 FILES: Final = b"flinders.apps.fleet.files"
 """Key of the list of files in the metadata of a table."""
@@ -51,15 +51,15 @@ OPTIONS: Final = b"options"
 
 
 class ChangedFile(InputError):
-    """A file that is not as it was when it was fitted (`size`: bytes then, `now`)."""
+    """A file that has changed since it was fitted (`size` then and `now`, in bytes)."""
 
     code = "changed-file"
 
     def __init__(self, name: str, size: int, now: int) -> None:
         how = "it was written again" if size == now else f"it had {size:,} bytes, and has {now:,}"
         super().__init__(
-            f"{name} has changed since it was fitted ({how}): its rows are of what it was; give the new recording a "
-            "name of its own, or begin the table again",
+            f"{name} has changed since it was fitted ({how}): its rows are from the old content; give the new "
+            "recording a name of its own, or begin the table again",
             hint={"force": True},
             size=size,
             now=now,
@@ -72,31 +72,31 @@ class VanishedFile(InputError):
     code = "vanished-file"
 
     def __init__(self, name: str) -> None:
-        super().__init__(f"{name} was fitted and is no longer there: its rows stay as they are; look where it went")
+        super().__init__(f"{name} was fitted and is no longer there: its rows stay as they are; look for the file")
 
 
 ABOUT_FILES: Final = (ChangedFile.code, VanishedFile.code)
-"""Codes of rows about files that were fitted before: they are made anew by each run."""
+"""Codes of rows about files that were fitted before; each run writes these rows anew."""
 
 
 @dataclass(frozen=True, slots=True)
 class ReadFiles:
-    """The files that a table was made from, and how they were read."""
+    """The files that a table was made from, and the options of reading them."""
 
     options: Mapping[str, Any]  # of `Options`
     files: Mapping[str, State] = field(default_factory=dict)
-    digest: int = 0  # of the text that it was read from
+    digest: int = 0  # check sum of the text that this list was read from
 
     @classmethod
     def of(cls, files: Iterable[StoredFile], options: Options, others: Mapping[StoredFile, str] | None = None) -> Self:
-        """Note some files; `others` are no recordings, with what they are."""
+        """List of files that are recordings, and of `others` that are none, with their kinds."""
         kinds = others or {}
         read = {each.name: (each.size, each.stamp, kinds.get(each, "")) for each in (*files, *kinds)}
         return cls(asdict(options), dict(sorted(read.items())))
 
     @classmethod
     def of_table(cls, path: str | os.PathLike[str]) -> Self:
-        """Read the list out of a table; raises DocumentError if it is none of a fleet, or has no list."""
+        """Read the list from a table; raises DocumentError if the file is no table of a fleet, or has no list."""
         needs_arrow()
         from pyarrow import parquet
 
@@ -104,7 +104,7 @@ class ReadFiles:
             metadata = parquet.read_metadata(path).metadata or {}
         if metadata.get(SIGN) != VERSION.encode() or FILES not in metadata:
             raise DocumentError(
-                f"{path} does not say which files it was made from: only a table as `flinders fleet` writes it can be "
+                f"{path} has no list of the files that it was made from: only a table of `flinders fleet` can be "
                 "extended; begin it again",
                 hint={"force": True},
             )
@@ -112,14 +112,14 @@ class ReadFiles:
 
     @classmethod
     def loads(cls, text: bytes) -> Self:
-        """From `dumps`."""
+        """Read a text of `dumps`."""
         table = needs_arrow().ipc.open_stream(base64.b64decode(text)).read_all()
         name, *state = (column.to_pylist() for column in table.columns)
         files = dict(zip(name, zip(*state, strict=True), strict=True))
         return cls(json.loads(table.schema.metadata[OPTIONS]), files, zlib.crc32(text))
 
     def dumps(self) -> bytes:
-        """As text for the footer of a table: a stream of Arrow, compressed."""
+        """Text for the footer of a table: a compressed Arrow stream in base 64."""
         arrow = needs_arrow()
         size, stamp, kind = zip(*self.files.values(), strict=True) if self.files else ((), (), ())
         texts = (strings(arrow, cells) for cells in (list(self.files), stamp, kind))
@@ -135,18 +135,18 @@ class ReadFiles:
         return base64.b64encode(sink.getvalue())
 
     def refuse_other_options(self, options: Options, out: str) -> None:
-        """Refuse to extend a table with rows that were read or judged in another way: raises UsageError."""
+        """Refuse to extend a table with other options of reading or judging: raises UsageError."""
         other = {name: value for name, value in asdict(options).items() if self.options.get(name) != value}
         if other:
             name, value = next(iter(other.items()))
             raise UsageError(
-                f"{out} was made with other options ({name} was {self.options.get(name)}, and is {value} now): name "
-                "the same again, or begin the table again",
+                f"{out} was made with other options ({name} was {self.options.get(name)}, and is {value} now): use "
+                "the same options, or begin the table again",
                 hint={"force": True},
             )
 
     def news(self, files: Sequence[StoredFile]) -> tuple[list[StoredFile], dict[str, FlindersError]]:
-        """Files that are new, and why those are not fitted that have changed or are gone, by name."""
+        """New files, and an error for each file that has changed or is gone, by name."""
         new, faults = [], dict[str, FlindersError]()
         for each in files:
             known = self.files.get(each.name)
@@ -169,12 +169,12 @@ class ReadFiles:
         return [name for name, (_, _, kind) in self.files.items() if not kind]
 
     def other_files(self, files: Sequence[StoredFile]) -> list[str]:
-        """Kinds of those of some files that are known to be no recordings."""
+        """Kinds of the files that are known to be no recordings."""
         kinds = {name: kind for name, (_, _, kind) in self.files.items() if kind}
         return [kinds[each.name] for each in files if each.name in kinds] if kinds else []
 
     def __add__(self, later: ReadFiles) -> ReadFiles:
-        """With the files of a later run."""
+        """Add the files of a later run."""
         files = {**self.files, **later.files}
         return replace(self, files={name: files[name] for name in sorted(files)})
 

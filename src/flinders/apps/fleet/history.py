@@ -1,8 +1,8 @@
 """Histories of units: the calibrations of each in the order of time, read a bounded number of rows at a time.
 
 Tables are sorted by unit, as `flinders fleet` writes them, so that several are read in parallel, and a unit is complete
-once all have passed its name. A million rows take no more memory than a hundred thousand. A recording that is in
-several tables counts once, as in the last of them.
+once all tables have passed its name. Memory does not grow with the number of rows. A recording that is in several
+tables counts once, with its row in the last of them.
 
 The hardware batch of a unit comes from a column of the tables, or from a part of the unit's name (`BatchRule`).
 """
@@ -48,11 +48,11 @@ COLUMNS: Final = (
     "unit", "recording", "start_s", "verdict", "offset", "matrix", "covariance", "field_strength",
     "dip_deg", "unit_of_field",
 )  # fmt: skip
-SAME: Final = ("unit", "recording", "start_s", "end_s", "readings", "offset")
-"""Columns that tell whether two rows are of one recording."""
+IDENTITY_COLUMNS: Final = ("unit", "recording", "start_s", "end_s", "readings", "offset")
+"""Columns that identify the recording of a row."""
 TABLE: Final = "table of the row"
-"""An added column: the number of the table, counted from 0."""
-ROWS: Final = 16_384
+"""Name of an added column: the number of the table, counted from 0."""
+BLOCK_ROWS: Final = 16_384
 """Rows that are read at a time, of all tables together."""
 
 
@@ -73,17 +73,17 @@ class Histories:
     unit: NDArray[np.object_]  # (U,) sorted names, of units without a calibration too
     batch: NDArray[np.object_]  # (U,) hardware batch; empty if it is not known
     first: NDArray[np.intp]  # (U + 1,) first calibration of each
-    # (U,) whether the order of a unit's recordings is known; if not, they are sorted by name
+    # (U,) whether the order of a unit's recordings is known; if not, recordings are sorted by name
     is_known: NDArray[np.bool_]
-    is_dated: NDArray[np.bool_]  # (U,) whether the dates of all of them are known
+    is_dated: NDArray[np.bool_]  # (U,) whether the dates of all recordings of the unit are known
     recording: NDArray[np.object_]  # (R,)
     date_s: Floats  # (R,) in s since 1970; NaN if it is not known
-    calibrations: EllipsoidPairs  # R of them
+    calibrations: EllipsoidPairs  # R calibrations
     unit_of_field: NDArray[np.object_]  # (R,)
-    dip_deg: Floats
-    verdicts: Mapping[tuple[str, str], int]  # rows of each batch and verdict, those without a calibration too
-    left_out: int  # rows without a calibration, and those in another unit of field than the first of their unit
-    duplicates: int  # rows that a later table has as well
+    dip_deg: Floats  # (R,)
+    verdicts: Mapping[tuple[str, str], int]  # number of rows by batch and verdict, also of rows without a calibration
+    left_out: int  # rows without a calibration, or in another unit of field than the first row of their unit
+    duplicates: int  # rows of recordings that a later table has too
 
     @property
     def line(self) -> NDArray[np.intp]:
@@ -100,7 +100,7 @@ class Histories:
 
     @classmethod
     def of_table(cls, table: Any, rule: BatchRule | None = None, duplicates: int = 0) -> Histories:  # noqa: ANN401
-        """Sort the rows of whole units, each of a recording of its own."""
+        """Histories from the rows of whole units, one row for each recording."""
         from pyarrow import compute
 
         rows, table = len(table), named_rows(table)
@@ -111,10 +111,10 @@ class Histories:
         verdict = objects(texts(table.column("verdict")))
         usable = table.column("covariance").is_valid().to_numpy() & table.column("offset").is_valid().to_numpy()
         chosen = np.flatnonzero(usable & np.isin(verdict.astype(str), ["good", "limited"]))
-        places, date_s, is_known, is_dated = _ordered(table.take(chosen), line[chosen], len(names))
+        places, date_s, is_known, is_dated = _order_rows(table.take(chosen), line[chosen], len(names))
         chosen = chosen[places]
         field = objects(texts(table.column("unit_of_field")))[chosen]
-        alike = _alike(line[chosen], field)
+        alike = _has_common_unit(line[chosen], field)
         chosen = chosen[alike]
         inside = table.take(chosen)
         offset, matrix, covariance = (
@@ -139,10 +139,10 @@ class Histories:
         )
 
 
-def _ordered(table: Any, line: NDArray[np.intp], units: int) -> tuple[NDArray[np.intp], Floats, _Flags, _Flags]:  # noqa: ANN401
-    """Places of rows in the order of their recordings, their dates, and by unit whether order and dates are known.
+def _order_rows(table: Any, line: NDArray[np.intp], units: int) -> tuple[NDArray[np.intp], Floats, _Flags, _Flags]:  # noqa: ANN401
+    """Indices of rows in the order of recordings, their dates, and for each unit whether order and dates are known.
 
-    Rows are sorted by unit and clock: a unit whose clocks all have dates, and different ones, stays as it is.
+    Rows come sorted by unit and clock. A unit whose clocks all have dates, all different, needs no other order.
     """
     start = numbers(table.column("start_s"))
     is_odd = ~is_date(start)
@@ -162,38 +162,38 @@ def _ordered(table: Any, line: NDArray[np.intp], units: int) -> tuple[NDArray[np
 
 
 def histories(
-    paths: Sequence[str | os.PathLike[str]], *, rule: BatchRule | None = None, rows: int = ROWS
+    paths: Sequence[str | os.PathLike[str]], *, rule: BatchRule | None = None, rows: int = BLOCK_ROWS
 ) -> Iterator[Histories]:
-    """Read Parquet tables of a fleet, whole units at a time, so many rows of all tables together.
+    """Yield histories from Parquet tables of a fleet, whole units at a time, about `rows` rows of all tables together.
 
     Raises DocumentError for a file that is no table of a fleet, or is not sorted by unit.
     """
     columns = (*COLUMNS, rule.column) if rule and rule.column else COLUMNS
-    for table in _side_by_side(paths, columns, rows=rows):
-        whole = _counted_once(table)
+    for table in _unit_tables(paths, columns, rows=rows):
+        whole = _without_duplicates(table)
         yield Histories.of_table(whole, rule, len(table) - len(whole))
 
 
 def whole_units(paths: Sequence[str | os.PathLike[str]], columns: Sequence[str]) -> Iterator[Any]:
     """Yield tables of Arrow with all rows of some units, in the order of their names, each recording once.
 
-    A column that is not of a fleet is null for tables without it; errors as for `histories`.
+    An added column is null for tables without it; errors as for `histories`.
     """
-    for table in _side_by_side(paths, columns):
-        yield _counted_once(table)
+    for table in _unit_tables(paths, columns):
+        yield _without_duplicates(table)
 
 
-def _side_by_side(
-    paths: Sequence[str | os.PathLike[str]], columns: Sequence[str], *, rows: int = ROWS
+def _unit_tables(
+    paths: Sequence[str | os.PathLike[str]], columns: Sequence[str], *, rows: int = BLOCK_ROWS
 ) -> Iterator[Any]:
-    """Tables with all rows of some units, of all paths, in the order of their names."""
+    """Yield tables with all rows of some units, from all paths, in the order of the units' names."""
     arrow = needs_arrow()
-    wanted = tuple(dict.fromkeys((*columns, *SAME)))
-    feeds = [_numbered(number, path, wanted, max(rows // len(paths), 1)) for number, path in enumerate(paths)]
+    wanted = tuple(dict.fromkeys((*columns, *IDENTITY_COLUMNS)))
+    feeds = [_read_numbered(number, path, wanted, max(rows // len(paths), 1)) for number, path in enumerate(paths)]
     waiting: list[Any] = [next(feed, None) for feed in feeds]
     more = [table is not None for table in waiting]
     while any(table is not None for table in waiting):
-        open_ends = [_last(table) for table, goes_on in zip(waiting, more, strict=True) if goes_on]
+        open_ends = [_last_unit(table) for table, goes_on in zip(waiting, more, strict=True) if goes_on]
         limit = min(open_ends) if open_ends else None
         taken = []
         for place, table in enumerate(waiting):
@@ -204,7 +204,7 @@ def _side_by_side(
         if len(whole):
             yield whole
         for place, goes_on in enumerate(more):
-            if goes_on and (waiting[place] is None or _last(waiting[place]) == limit):
+            if goes_on and (waiting[place] is None or _last_unit(waiting[place]) == limit):
                 further = next(feeds[place], None)
                 more[place] = further is not None
                 if further is not None:
@@ -212,8 +212,8 @@ def _side_by_side(
                     waiting[place] = further if left is None else arrow.concat_tables([left, further])
 
 
-def _numbered(number: int, path: str | os.PathLike[str], columns: Sequence[str], rows: int) -> Iterator[Any]:
-    """Read some columns of the table with a number, so many rows at a time."""
+def _read_numbered(number: int, path: str | os.PathLike[str], columns: Sequence[str], rows: int) -> Iterator[Any]:
+    """Yield some columns of a table, `rows` rows at a time, with a column for the number of the table."""
     arrow = needs_arrow()
     from pyarrow import parquet
 
@@ -223,12 +223,12 @@ def _numbered(number: int, path: str | os.PathLike[str], columns: Sequence[str],
         present = [name for name in columns if name in file.schema_arrow.names]
         for batch in file.iter_batches(rows, columns=present):
             if len(batch):
-                last = _sorted(path, batch.column("unit").to_pylist(), last)
-                yield _completed(arrow, arrow.Table.from_batches([batch]), columns, number)
+                last = _check_sorted(path, batch.column("unit").to_pylist(), last)
+                yield _complete_columns(arrow, arrow.Table.from_batches([batch]), columns, number)
 
 
-def _completed(arrow: Any, table: Any, columns: Sequence[str], number: int) -> Any:  # noqa: ANN401
-    """Table with columns in one order, those that are not of a fleet as texts, and the number of the table."""
+def _complete_columns(arrow: Any, table: Any, columns: Sequence[str], number: int) -> Any:  # noqa: ANN401
+    """Table with columns in the given order, added columns as texts, and the number of the table."""
     names = table.column_names
 
     def cells(name: str) -> Any:  # noqa: ANN401
@@ -240,20 +240,20 @@ def _completed(arrow: Any, table: Any, columns: Sequence[str], number: int) -> A
     return arrow.table(arrays, names=[*columns, TABLE])
 
 
-def _counted_once(table: Any) -> Any:  # noqa: ANN401
-    """Rows of whole units without those of recordings that a later table has as well."""
+def _without_duplicates(table: Any) -> Any:  # noqa: ANN401
+    """Rows of whole units, without recordings that a later table has too."""
     from pyarrow import array
 
     tables = table.column(TABLE).to_pylist()
     if len(set(tables)) == 1:
         return table
-    keys = list(map(_key, *(table.column(name).to_pylist() for name in SAME)))
-    newest = dict(zip(keys, tables, strict=True))  # tables follow one another in their order
+    keys = list(map(_key, *(table.column(name).to_pylist() for name in IDENTITY_COLUMNS)))
+    newest = dict(zip(keys, tables, strict=True))  # rows are in the order of their tables
     return table.filter(array([newest[key] == number for key, number in zip(keys, tables, strict=True)]))
 
 
 def _key(unit: str, recording: str | None, start_s: float | None, *others: Any) -> tuple[Any, ...]:
-    """Key of a recording: its start if that is a date, else also end and readings; without a name the offset too."""
+    """Identity of a recording: its start if that is a date, else also end and readings; without a name the offset."""
     if start_s is not None and is_date(np.array([start_s]))[0]:
         return unit, recording, start_s
     *span, offset = others
@@ -261,8 +261,8 @@ def _key(unit: str, recording: str | None, start_s: float | None, *others: Any) 
     return unit, recording, start_s, *span, *own
 
 
-def _sorted(path: str | os.PathLike[str], units: list[str | None], last: str) -> str:
-    """Last unit; refuse a table that is not sorted by unit, or has a row without one."""
+def _check_sorted(path: str | os.PathLike[str], units: list[str | None], last: str) -> str:
+    """Last unit of some rows; refuse a table that is not sorted by unit, or has a row without a unit."""
     for unit in units:
         if unit is None or unit < last:
             fault = "a row has no unit" if unit is None else f"{unit!r} comes after {last!r}"
@@ -271,13 +271,13 @@ def _sorted(path: str | os.PathLike[str], units: list[str | None], last: str) ->
     return last
 
 
-def _last(table: Any) -> str:  # noqa: ANN401
+def _last_unit(table: Any) -> str:  # noqa: ANN401
     """Unit of the last row."""
     return str(table.column("unit")[len(table) - 1].as_py())
 
 
 def _split(table: Any, limit: str | None) -> tuple[Any, Any]:  # noqa: ANN401
-    """Rows of units before a name, and the others; all rows and None without a limit."""
+    """Rows of units before a name, and the other rows; all rows and None without a limit."""
     if limit is None:
         return table, None
     from pyarrow import compute
@@ -287,7 +287,7 @@ def _split(table: Any, limit: str | None) -> tuple[Any, Any]:  # noqa: ANN401
     return table.slice(0, count), left if len(left) else None
 
 
-def _alike(line: NDArray[np.intp], field: NDArray[np.object_]) -> NDArray[np.bool_]:
+def _has_common_unit(line: NDArray[np.intp], field: NDArray[np.object_]) -> NDArray[np.bool_]:
     """(n,) whether rows are in the same unit of field as the first row of their unit."""
     if not len(line):
         return np.zeros(0, dtype=bool)
@@ -298,12 +298,12 @@ def _alike(line: NDArray[np.intp], field: NDArray[np.object_]) -> NDArray[np.boo
 
 # ------------------------------------------------------------------------------------------------------ hardware batch
 
-COLUMN: Final = "batch"
-"""Column that is used by default, unless it is empty."""
+BATCH_COLUMN: Final = "batch"
+"""Default column of the hardware batch, unless it is empty."""
 PREFIX: Final = re.compile(r"^(.+)[-_:/.][^-_:/.]+$")
-"""All but the last part of a unit's name: its batch, if there is no column."""
+"""All but the last part of a unit's name: the hardware batch, if there is no column."""
 MOST: Final = 2_000
-"""More batches than this are taken for none."""
+"""Largest number of hardware batches; with more, none is assumed."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -316,19 +316,22 @@ class BatchRule:
     'board-2024'
     """
 
-    column: str = ""  # empty if the name of the unit holds it
-    pattern: re.Pattern[str] = PREFIX  # its first group, or all that it matches
-    is_guess: bool = False  # whether it is a default
+    column: str = ""  # column of the batch; empty if the name of the unit holds it
+    pattern: re.Pattern[str] = PREFIX  # for the name: the batch is its first group, or the whole match
+    is_guess: bool = False  # whether the rule is a default
 
     @property
     def words(self) -> str:
-        """The rule, for people."""
+        """Description of the rule."""
         if self.column:
             return f"the column {self.column}"
         return "the name of the unit" if self.is_guess else f"{self.pattern.pattern!r} in the name"
 
     def of(self, table: Any) -> list[str]:  # noqa: ANN401 - pyarrow ships no types
-        """Batch of the unit of each row of a table with all rows of its units, the first by name; empty if unknown."""
+        """Batch of the unit of each row, empty if unknown; of several batches of a unit the first by name.
+
+        The table has all rows of its units.
+        """
         units = texts(table.column("unit"))
         known: dict[str, str] = {}
         if self.column:
@@ -346,7 +349,7 @@ class BatchRule:
         return (match[1] if self.pattern.groups else match[0]) or ""
 
     def are_useful(self, names: Collection[str], rows: int) -> bool:
-        """Whether these batches of so many rows are worth showing."""
+        """Whether these batches, of `rows` rows in all, are shown: not too many, and not a poor guess."""
         return any(names) and len(names) <= MOST and (not self.is_guess or 2 <= len(names) <= rows / 4)
 
 
@@ -360,16 +363,16 @@ def batch_rule(paths: Paths, text: str | None) -> BatchRule:
     if columns is None:
         return BatchRule(is_guess=True)  # errors are raised where the files are read
     if text is None:
-        return BatchRule(column=COLUMN) if _holds(paths, COLUMN) else BatchRule(is_guess=True)
+        return BatchRule(column=BATCH_COLUMN) if _has_text(paths, BATCH_COLUMN) else BatchRule(is_guess=True)
     if text in columns:
-        if not _holds(paths, text):
-            raise UsageError(f"batch {text!r}: that column is empty in all rows; {_choice(columns)}")
+        if not _has_text(paths, text):
+            raise UsageError(f"batch {text!r}: that column is empty in all rows; {_advice(columns)}")
         return BatchRule(column=text)
     batches = BatchRule(pattern=pattern_of(text, columns))
     if not any(batches.of_name(unit) for unit in _cells(paths, "unit") if not UNNAMED.search(unit)):
         raise UsageError(
-            f"batch {text!r} is no column of the table, and as a regular expression finds nothing in the name of any "
-            f"unit; {_choice(columns)}"
+            f"batch {text!r} is no column of the table, and as a regular expression matches no name of a unit; "
+            f"{_advice(columns)}"
         )
     return batches
 
@@ -380,20 +383,20 @@ def pattern_of(text: str, columns: Sequence[str]) -> re.Pattern[str]:
         return re.compile(text)
     except re.error as error:
         raise UsageError(
-            f"batch {text!r} is neither a column of the table nor a regular expression ({error}); {_choice(columns)}"
+            f"batch {text!r} is neither a column of the table nor a regular expression ({error}); {_advice(columns)}"
         ) from None
 
 
-def _choice(columns: Sequence[str]) -> str:
+def _advice(columns: Sequence[str]) -> str:
     """Advice on how to name a batch."""
     return (
-        f"name a column ({', '.join(columns)}), or write what to find in the names of units, such as '^[A-Z]+'; "
-        "flinders fleet --batch-column NAME takes a column of the readings into its table"
+        f"name a column ({', '.join(columns)}), or give a pattern for the names of units, such as '^[A-Z]+'; "
+        "flinders fleet --batch-column NAME copies a column of the readings to its table"
     )
 
 
 def _columns(paths: Paths) -> list[str] | None:
-    """Columns of all tables that are not nested; None if a table cannot be read."""
+    """Names of the columns of all tables, without nested ones; None if a table cannot be read."""
     arrow = needs_arrow()
     from pyarrow import parquet
 
@@ -408,17 +411,17 @@ def _columns(paths: Paths) -> list[str] | None:
 
 
 def added_columns(paths: Paths) -> list[str]:
-    """Columns of tables that hold properties of units."""
+    """Names of the columns with properties of units."""
     return [name for name in _columns(paths) or () if name not in NAMES]
 
 
-def _holds(paths: Paths, name: str) -> bool:
+def _has_text(paths: Paths, name: str) -> bool:
     """Whether a column has a text that is not empty."""
     return any(cell for cell in _cells(paths, name))
 
 
 def _cells(paths: Paths, name: str) -> Iterator[str]:
-    """Texts of a column, each at least once, of all tables that have it."""
+    """Yield the distinct texts of a column, of each part of all tables that have it."""
     arrow = needs_arrow()
     from pyarrow import parquet
 

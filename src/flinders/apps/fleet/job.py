@@ -1,4 +1,4 @@
-r"""A fleet run: plan partitions, calibrate them, commit each as it is done, and merge them into one table.
+r"""A fleet run: plan partitions, calibrate each and write its file, and merge the files into one table.
 
 >>> import tempfile
 >>> from pathlib import Path
@@ -50,22 +50,22 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True)
 class Outputs:
-    """What a run writes."""
+    """Files that a run writes."""
 
     table: str  # Parquet or CSV, or the URL of an object
     bad: str | None = None  # table of the recordings that are not good
-    alerts: str | None = None  # table of what crossed a limit since the last run
+    alerts: str | None = None  # table of units and files that crossed a limit since the last run
 
     def check(self, *, append: bool, force: bool) -> None:
-        """Refuse what could not be written: raises UsageError or OutputError."""
+        """Refuse outputs that cannot be written: raises UsageError or OutputError."""
         if is_remote(self.table):
             refuse_object(self.table, force=force or append)
         refuse_ending(self.table, "the table")
         if append and is_csv(self.table):
-            raise UsageError(f"{self.table}: CSV does not say which files it was made from: extend a table of Parquet")
+            raise UsageError(f"{self.table}: a CSV table has no list of its input files: extend a Parquet table")
         if self.alerts is not None and not append:
             raise UsageError(
-                "alerts compare with the last run: extend a table that is there",
+                "alerts compare with the last run: extend an existing table",
                 hint={"append": True},
             )
         if not is_remote(self.table):
@@ -91,9 +91,9 @@ def run(
 ) -> RunSummary:
     """Calibrate a fleet.
 
-    Raises `UnreadableInput` if there is nothing to read; `UsageError` for options that cannot be used, before anything
-    is done; if an earlier run has left partitions, or those of another plan; `OutputError` if results cannot be
-    written; partitions that are done stay done; `LinkError` if the scheduler is not there.
+    Raises `UnreadableInput` if there is nothing to read; `UsageError` before any work, for options that cannot be used,
+    or if an earlier run has left partitions, or partitions of another plan; `OutputError` if results cannot be written
+    (finished partitions are kept); `LinkError` if the scheduler cannot be reached.
 
     Parameters
     ----------
@@ -104,15 +104,15 @@ def run(
     workers, scheduler
         As for `flinders.apps.fleet.scheduler.map_units`.
     append : bool
-        Go on with what is there: an earlier run that did not finish, and a table, which gets the rows of new files.
+        Continue an earlier run that did not finish, and add the rows of new files to an existing table.
     force : bool
-        Overwrite `out`, and what an earlier run has left.
+        Overwrite `out`, and remove the partitions of an earlier run.
     properties : Properties, optional
         Columns that are added by the names of units.
     watch : callable, optional
         A `ProgressCallback`.
     notice : callable, optional
-        Called with the reason why the work does not go on, and with what is done of a run that is interrupted.
+        Called with a line of text: the reason why the run waits, or the progress of a run that is interrupted.
     """
     begun = time.monotonic()
     outputs = out if isinstance(out, Outputs) else Outputs(os.fspath(out))
@@ -122,19 +122,19 @@ def run(
         found = _stamp(outputs.table)
         if scheduler is None and workers != 0:
             begin_processes()
-        earlier = ending.enter_context(_earlier(outputs.table, options)) if append else None
-        plan = _planned(where, outputs, options, earlier, append=append)
+        earlier = ending.enter_context(_open_earlier(outputs.table, options)) if append else None
+        plan = _make_plan(where, outputs, options, earlier, append=append)
         checkpoint = Checkpoint.of(outputs.table, plan, append=append, force=force)
         ending.callback(checkpoint.close)
         if not force and _stamp(outputs.table) != found:
-            raise OutputError(f"{outputs.table}: another run has written it since this one began: run it again")
+            raise OutputError(f"{outputs.table}: another run has written this table since this run began: run it again")
         if earlier is not None:
             earlier.rows.read_ahead()
         files = checkpoint.finished()
         resumed = len(files)
         progress.planned(plan, checkpoint, set(files), input=where, output=outputs.table)
         over = partial(_map, progress=progress, workers=workers, scheduler=scheduler)
-        parts = _calibrated(plan, files, checkpoint, options, over, progress)
+        parts = _calibrate(plan, files, checkpoint, options, over, progress)
         alerts = _alerts(earlier, parts, plan, options) if earlier else []
         with record_table(outputs.alerts, Alert, force=True) as each:
             if each is not None:
@@ -162,7 +162,7 @@ def run(
 
 
 def _prepare(outputs: Outputs, options: Options, scheduler: str | None, *, append: bool, force: bool) -> None:
-    """Refuse what cannot be done before a recording is opened."""
+    """Check options, outputs and scheduler before a recording is opened."""
     needs_arrow()
     options.check()
     if append and force:
@@ -175,7 +175,7 @@ def _prepare(outputs: Outputs, options: Options, scheduler: str | None, *, appen
 
 
 def _stamp(table: str) -> tuple[int, int, int] | None:
-    """What tells a table from another one that took its place; None without one, and of an object."""
+    """Inode, size in bytes and time of change of a table, by which a replaced one is noticed; None without a file."""
     try:
         status = None if is_remote(table) else os.stat(table)  # noqa: PTH116 - a text, which may be a URL
     except OSError:
@@ -185,15 +185,15 @@ def _stamp(table: str) -> tuple[int, int, int] | None:
 
 @dataclass(frozen=True, slots=True)
 class _Earlier:
-    """A table that is extended."""
+    """The table to extend: its rows, and the files that it was made from."""
 
     rows: TableRows
     read: ReadFiles
 
 
 @contextlib.contextmanager
-def _earlier(table: str, options: Options) -> Iterator[_Earlier | None]:
-    """The table that is there; None without one."""
+def _open_earlier(table: str, options: Options) -> Iterator[_Earlier | None]:
+    """Open the table to extend; None if it does not exist."""
     if not exists(table):
         yield None
         return
@@ -203,14 +203,14 @@ def _earlier(table: str, options: Options) -> Iterator[_Earlier | None]:
         yield _Earlier(TableRows(path), read)
 
 
-def _planned(where: str, outputs: Outputs, options: Options, earlier: _Earlier | None, *, append: bool) -> Plan:
-    """Plan partitions: of all files, or of those that are new."""
+def _make_plan(where: str, outputs: Outputs, options: Options, earlier: _Earlier | None, *, append: bool) -> Plan:
+    """Plan partitions of all files, or of new ones if a table is extended."""
     begun = files_begun(outputs.table) if append else ()
     return plan_of(where, options, earlier=earlier.read if earlier else None, begun=begun)
 
 
 def _alerts(earlier: _Earlier, parts: Sequence[Path], plan: Plan, options: Options) -> list[Alert]:
-    """What crossed a limit: of new rows by those that the table has of their units, and of files."""
+    """Alerts about new rows, compared with earlier rows of their units, and about changed or vanished files."""
     new = UnitResults.joined(UnitResults.from_bytes(path.read_bytes()) for path in parts)
     known_units = set(earlier.rows.units())
     told = [
@@ -235,7 +235,7 @@ def _write_table(
     outputs: Outputs,
     properties: Properties | None,
 ) -> dict[str, Any]:
-    """Merge all rows into the table, count them, and write what else is wanted of them."""
+    """Merge all rows into the table, and write the table of units that are not good; return counts for the summary."""
     about_files = rows_about(plan.faults).to_bytes()
     sources: list[Path | bytes | TableRows] = [*([earlier.rows] if earlier else []), *parts, about_files]
     is_direct = not is_remote(outputs.table) and not is_csv(outputs.table)
@@ -243,7 +243,7 @@ def _write_table(
     merge(sources, table, properties=properties, files=plan.read)
     counts = table_counts(table)
     with record_table(outputs.bad, NotGood, force=True) as each:
-        listed = first_of(_passed_on(not_good(table), each))
+        listed = first_of(_copy_rows(not_good(table), each))
     if is_remote(outputs.table):
         put(table, outputs.table)
     elif is_csv(outputs.table):
@@ -251,10 +251,10 @@ def _write_table(
     return {**counts, "not_good": listed}
 
 
-def _passed_on(
+def _copy_rows(
     some: Iterable[list[NotGood]], each: Callable[[Sequence[NotGood]], None] | None
 ) -> Iterator[list[NotGood]]:
-    """Hand what is not good to a table, and yield it."""
+    """Yield the recordings that are not good, after passing them to the writer of their table."""
     for rows in some:
         if each is not None:
             each(rows)
@@ -272,16 +272,16 @@ def _map(
 ) -> Iterator[tuple[int, bytes | Abandoned]]:
     """Calibrate partitions, or the parts of a `whole` one, and log workers that die."""
 
-    def died(death: WorkerDeath) -> None:
+    def log_death(death: WorkerDeath) -> None:
         progress.died(death, None if death.place is None else partitions[death.place], whole)
 
-    return map_units(do, partitions, workers=workers, scheduler=scheduler, notice=progress.waits, died=died)
+    return map_units(do, partitions, workers=workers, scheduler=scheduler, notice=progress.waits, died=log_death)
 
 
-def _calibrated(
+def _calibrate(
     plan: Plan, files: dict[int, Path], checkpoint: Checkpoint, options: Options, over: Map, progress: Progress
 ) -> list[Path]:
-    """Calibrate the partitions that have no file yet, and return the file of each, in their order."""
+    """Calibrate the partitions that have no file yet; return the files of all partitions, in their order."""
     do = partial(worker.calibrate_partition, options=options)
     missing = [place for place in range(len(plan.partitions)) if place not in files]
     for place, content, was_lost in _results(plan, missing, do, over):
@@ -293,7 +293,10 @@ def _calibrated(
 def _results(
     plan: Plan, missing: Sequence[int], do: Callable[[Partition], bytes], over: Map
 ) -> Iterator[tuple[int, bytes, bool]]:
-    """Yield missing partitions with their rows, and whether their workers died; those last, file by file."""
+    """Yield the number of each missing partition, its rows, and whether its workers died.
+
+    Partitions whose workers died come last, and are calibrated file by file.
+    """
     partitions = [plan.partitions[place] for place in missing]
     abandoned = []
     for place, result in over(do, partitions):
@@ -306,7 +309,7 @@ def _results(
 
 
 def _file_by_file(partition: Partition, attempts: int, do: Callable[[Partition], bytes], over: Map) -> bytes:
-    """Rows of a partition that no worker survived: only those of the file to blame are lost."""
+    """Rows of a partition whose workers died, file by file; only the rows of the fatal file are lost."""
     parts = partition.split()
     rows = [] if parts else [UnitResults.of(worker.lost(partition, attempts))]
     for place, result in over(do, parts, whole=partition):
@@ -322,34 +325,34 @@ class RunSummary:
     """Summary of a fleet run: rows written, units refused, files left out, duration."""
 
     output: str  # the table that was written
-    files: int  # that were read in this run
-    files_changed: int  # that were fitted before and are not as they were
-    files_vanished: int  # that were fitted before and are no longer there
-    files_later: int  # new ones that wait for the next run, since this one finished what another had begun
-    is_extended: bool  # whether rows were added to a table that was there
-    partitions: int  # parts that the run was cut into
+    files: int  # files that were read in this run
+    files_changed: int  # files that have changed since they were fitted
+    files_vanished: int  # files that were fitted and are no longer there
+    files_later: int  # new files that wait for the next run, since this run completed a stopped one
+    is_extended: bool  # whether rows were added to an existing table
+    partitions: int  # parts into which the run was split
     units: int  # sensors or vehicles in the table
     rows: int  # recordings, which are the rows of the table
     readings: int  # of all recordings
-    failed_readings: int  # readings of recordings that failed; an unreadable one has as many as its footer says
+    failed_readings: int  # readings of recordings that failed; for unreadable ones the number in the footer
     verdicts: dict[str, int]  # rows by verdict
     codes: dict[str, int]  # rows by error code
-    findings: dict[str, int]  # rows that have each
+    findings: dict[str, int]  # rows by finding
     units_of_field: dict[str, int]  # rows by unit of field
     # ``median``, ``p95`` and ``largest`` of the worst heading error of rows that are good or limited
     worst_deg: dict[str, float]
     not_good: tuple[NotGood, ...]  # the first recordings that are not good, refused and failed ones before limited ones
-    alerts: tuple[Alert, ...]  # what crossed a limit since the last run; none where no table was there
-    other_files: dict[str, int]  # files that are no recordings, by their suffix, or by what Flinders wrote them as
-    resumed: int  # partitions that an earlier run had done
+    alerts: tuple[Alert, ...]  # units and files that crossed a limit since the last run; empty for a new table
+    other_files: dict[str, int]  # number of files that are no recordings, by suffix, or by kind if Flinders wrote them
+    resumed: int  # partitions that an earlier run had finished
     workers_lost: int  # workers that died, or left the cluster
-    # partitions that were run again because their worker died; a cluster reports only those that it gave up
+    # partitions that were run again because their worker died; a cluster reports only those that it abandoned
     retried: int
     seconds: float  # duration of the run
 
     @property
     def is_whole(self) -> bool:
-        """Whether every recording has a calibration; of a table that was extended, whether nothing crossed a limit."""
+        """Whether every recording has a calibration; for an extended table, whether nothing crossed a limit."""
         return not (self.alerts if self.is_extended else self.codes)
 
     @property
@@ -363,7 +366,7 @@ class RunSummary:
         """JSON-ready fields."""
         fields = {name: getattr(self, name) for name in self.__slots__}
         fields |= {name: [row.as_dict() for row in fields[name]] for name in ("not_good", "alerts")}
-        # what verdicts rest on that are no refusals
+        # conditions that a good or limited verdict assumes
         fields["conditions"] = list(OF_A_TUMBLE) if self.verdicts.get("good") or self.verdicts.get("limited") else []
         # units calibrated in a second
         fields["units_per_s"] = self.units / self.seconds if self.seconds else None

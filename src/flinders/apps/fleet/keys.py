@@ -1,4 +1,4 @@
-"""Columns of a table, or values in its path, that say of which unit, recording and hardware batch its rows are."""
+"""Columns of a table, or values in its path, that identify unit, recording and hardware batch of its rows."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ NO_VALUE: Final = "__HIVE_DEFAULT_PARTITION__"
 
 
 class Key(NamedTuple):
-    """A key: the column that holds it, or its value in the path; both are empty if there is none."""
+    """A key: its column, or its value in the path; both are empty if there is none."""
 
     column: str = ""
     value: str = ""
@@ -42,9 +42,9 @@ class KeyColumns:
 
     @classmethod
     def of(cls, name: str, columns: Sequence[str], options: Options, *, needs_batch: bool = True) -> Self | None:
-        """Find them among columns and in a path such as ``unit=A17/part-0.parquet``; None without a unit.
+        """Find the keys among columns and in a path such as ``unit=A17/part-0.parquet``; None without a unit.
 
-        Raises UsageError if one that the options name is in neither.
+        Raises UsageError if a key that the options name is in neither.
 
         >>> from flinders.apps.fleet.options import Options
         >>> keys = KeyColumns.of("serial=7/date=2026-11-21/part-0.parquet", ["t", "x", "y", "z", "lot"], Options())
@@ -61,9 +61,9 @@ class KeyColumns:
 
     @classmethod
     def of_schema(cls, name: str, schema: Any, options: Options) -> Self | None:  # noqa: ANN401
-        """Find them as `of`; a nested column is no batch, and a table may lack the batch that the options name.
+        """Find the keys as `of` does; the hardware batch is optional, and never a nested column.
 
-        Raises UsageError if the unit or the recording that the options name is nowhere, UnreadableInput if a column of
+        Raises UsageError if the unit or the recording that the options name is missing, UnreadableInput if a column of
         keys is nested or duplicate.
         """
         own = (options.recording_column, RECORDING_COLUMNS), (options.batch_column, BATCH_COLUMNS)
@@ -84,7 +84,7 @@ class KeyColumns:
 
     @property
     def columns(self) -> tuple[str, ...]:
-        """Keys that are columns."""
+        """Names of the columns of keys."""
         return tuple(key.column for key in (self.unit, self.recording, self.batch) if key.column)
 
     @property
@@ -95,7 +95,7 @@ class KeyColumns:
 
 @functools.lru_cache(maxsize=256)
 def _is_text(kind: Any) -> bool:  # noqa: ANN401
-    """Whether values of a type of Arrow can be texts: those of a struct or a list cannot."""
+    """Whether values of an Arrow type can be converted to texts; those of a struct or a list cannot."""
     arrow = needs_arrow()
     try:
         texts_of(arrow.nulls(0, kind)).dictionary_encode()
@@ -112,13 +112,13 @@ def _refuse_column(name: str, schema: Any, column: str) -> None:  # noqa: ANN401
     kind = schema.field(column).type
     if not _is_text(kind):
         raise UnreadableInput(
-            f"{name}: column {column} holds {kind}, which names nothing: make it a column of texts or numbers, or give "
-            "it another name"
+            f"{name}: column {column} holds {kind}, which cannot be a name: make it a column of texts or numbers, or "
+            "give it another name"
         )
 
 
 def in_path(name: str) -> dict[str, str]:
-    """Values in the folders of a path, as Hive writes it; null is the empty text.
+    """Values in the folders of a path in the notation of Hive; null is the empty text.
 
     >>> in_path("unit=A%2017/date=__HIVE_DEFAULT_PARTITION__/part-0.parquet")
     {'unit': 'A 17', 'date': ''}
@@ -148,7 +148,7 @@ def _key(
     *,
     needed: bool = True,
 ) -> Key | None:
-    """Column that holds a key, or its value in the path; UsageError if one that is named and needed is in neither."""
+    """Column of a key, or its value in the path; raises UsageError if a named and needed key is in neither."""
     lowered = {each.casefold(): each for each in reversed(columns)}
     for wanted in usual if column is None else (column,):
         if wanted in values:

@@ -1,4 +1,4 @@
-"""Which files of an input are recordings, by their names and, of what Flinders wrote itself, by what is in them.
+"""Files of an input that are recordings: by their names or, for files that Flinders wrote, by their contents.
 
 >>> is_readable("A17/monday.csv"), is_readable("A17/notes.md")
 (True, False)
@@ -24,21 +24,21 @@ if TYPE_CHECKING:
     from flinders.apps.fleet.storage import StoredFile
 
 TABLES_OF_FLEETS: Final = "tables of fleets"
-"""Kind of the tables that a run wrote: an output may lie among the recordings."""
+"""Kind of the tables that a run wrote, as an output may lie among the recordings."""
 OWN_FILES: Final = {"truth": "truth files", "calibration": "calibration files"}
-"""Other files that Flinders writes beside recordings, by the kind that the file states."""
+"""Other files that Flinders writes next to recordings, by the kind that the file states."""
 MAX_OWN_BYTES: Final = 1 << 20
-"""Size of such a file: the truth of a recording has two thousand bytes, a calibration a few times that."""
+"""Largest size of such a file; a truth file has about 2000 bytes, a calibration a few times that."""
 
 
 @cache
 def _endings() -> tuple[str, ...]:
-    """Endings of what is read from a folder: of readers, of tables, and of folders that cannot be listed."""
+    """Endings of names that are read from a folder: of readers, of tables, and of folders that cannot be listed."""
     return (*{suffix for reader in registry() for suffix in reader.suffixes}, *TABLES, "/")
 
 
 def is_readable(name: str) -> bool:
-    """Whether a file of a folder is read; a pattern reads whatever it matches."""
+    """Whether a file of a folder is read, by its name; a pattern as input reads every file that it matches."""
     return name.lower().endswith(_endings())
 
 
@@ -55,7 +55,7 @@ def is_csv_of_units(file: StoredFile, options: Options) -> bool:
 
 
 def own_kind(file: StoredFile) -> str:
-    """Kind of a file of CSV or JSON that Flinders wrote, by what is in it; nothing of others."""
+    """Kind of a CSV or JSON file that Flinders wrote, by its contents; empty for other files."""
     if file.name.lower().endswith(CSV) and not is_remote(file.where) and is_csv_of_fleet(file.where):
         return TABLES_OF_FLEETS
     if not file.name.lower().endswith(".json") or file.size > MAX_OWN_BYTES:

@@ -1,4 +1,4 @@
-"""The table of a fleet: parts of rows, and a table that is extended, merged in order in the memory of a row group."""
+"""The table of a fleet: parts of rows, and the table to extend, merged in order with the memory of one row group."""
 
 from __future__ import annotations
 
@@ -46,8 +46,8 @@ if TYPE_CHECKING:
 
 GROUP: Final = 65_536
 """Rows in a row group of the table."""
-LEVEL: Final = 3
-"""Level of compression; settings of the writer are fixed, so that the same rows are the same bytes."""
+COMPRESSION_LEVEL: Final = 3
+"""Compression level of Zstandard; all settings of the writer are fixed, so that equal rows give equal bytes."""
 
 
 def merge(
@@ -57,21 +57,21 @@ def merge(
     properties: Properties | None = None,
     files: ReadFiles | None = None,
 ) -> None:
-    """Merge rows, each part of them sorted by `KEY`, into a Parquet file; of equal rows the first come first.
+    """Merge parts, each with its rows sorted by `KEY`, into a Parquet file; equal rows stay in the order of parts.
 
-    A file is opened when its first row comes next, and a row group is taken from a few files, so that memory is that of
-    a row group. Raises OutputError.
+    A file is read when its first row comes next, and a row group comes from a few files, so that the memory needed is
+    that of one row group. Raises OutputError.
 
     Parameters
     ----------
     parts : sequence
-        Arrow files of rows, or their content, and a table that is extended.
+        Arrow files of rows, or their content, and the table to extend.
     out : str or path
         The Parquet file to write.
     properties : Properties, optional
-        Columns that are added by the names of units; by default those that a part has.
+        Columns that are added by the names of units; by default those that any part has.
     files : ReadFiles, optional
-        What the rows were made from, for the footer.
+        Files that the rows were made from, for the footer.
 
     >>> import tempfile
     >>> from pathlib import Path
@@ -101,7 +101,7 @@ def _write(groups: Iterator[Any], file: Any, properties: Properties, files: Read
 
     options: dict[str, Any] = {
         "compression": "zstd",
-        "compression_level": LEVEL,
+        "compression_level": COMPRESSION_LEVEL,
         "version": "2.6",
         "use_dictionary": [*TEXTS, *properties.names, "findings.list.element"],
         "write_page_checksum": True,
@@ -114,7 +114,7 @@ def _write(groups: Iterator[Any], file: Any, properties: Properties, files: Read
 
 
 def _groups(sources: Sequence[Rows], properties: Properties) -> Iterator[Any]:
-    """Tables of the rows of one row group each, in order."""
+    """Yield tables of one row group each, in order."""
     waiting, count = [np.empty((0, 2), dtype=np.int64)], 0
     for rows in _order(sources):
         waiting.append(rows)
@@ -123,24 +123,24 @@ def _groups(sources: Sequence[Rows], properties: Properties) -> Iterator[Any]:
             every = np.concatenate(waiting)
             whole = count - count % GROUP
             for first in range(0, whole, GROUP):
-                yield properties.joined(_gathered(sources, every[first : first + GROUP], properties.names))
+                yield properties.joined(_gather(sources, every[first : first + GROUP], properties.names))
             waiting, count = [every[whole:]], count - whole
     if count:
-        yield properties.joined(_gathered(sources, np.concatenate(waiting), properties.names))
+        yield properties.joined(_gather(sources, np.concatenate(waiting), properties.names))
 
 
 def _order(sources: Sequence[Rows]) -> Iterator[NDArray[np.int64]]:
-    """Yield (n, 2) numbers of sources and of rows in them, in order of the rows: those of a table in long runs."""
+    """Yield (n, 2) numbers of sources and of rows in them, in order of the rows; rows of a table come in long runs."""
     parts = [(place, source) for place, source in enumerate(sources) if isinstance(source, PartRows)]
-    rows = heapq.merge(*(_keyed(place, source) for place, source in parts))
+    rows = heapq.merge(*(_numbered_keys(place, source) for place, source in parts))
     for place, source in enumerate(sources):
         if isinstance(source, TableRows):
-            yield from _between(place, source, rows)
+            yield from _merge_into(place, source, rows)
     while some := [(place, row) for _, place, row in islice(rows, GROUP)]:
         yield np.array(some)
 
 
-def _between(place: int, table: TableRows, rows: Iterator[tuple[RowKey, int, int]]) -> Iterator[NDArray[np.int64]]:
+def _merge_into(place: int, table: TableRows, rows: Iterator[tuple[RowKey, int, int]]) -> Iterator[NDArray[np.int64]]:
     """Merge new rows into the rows of a table, in their order."""
     waiting = next(rows, None)
     for group in table.groups():
@@ -159,12 +159,12 @@ def _run(place: int, rows: NDArray[np.int64]) -> NDArray[np.int64]:
     return np.stack([np.full_like(rows, place), rows], axis=1)
 
 
-def _keyed(place: int, source: PartRows) -> Iterator[tuple[RowKey, int, int]]:
-    """Rows of a source with their keys."""
-    yield from ((key, place, row) for key, row in source.keyed())
+def _numbered_keys(place: int, source: PartRows) -> Iterator[tuple[RowKey, int, int]]:
+    """Yield key, number of the source and number of the row, for each row of a source."""
+    yield from ((key, place, row) for key, row in source.row_keys())
 
 
-def _gathered(sources: Sequence[Rows], rows: NDArray[np.int64], added: Sequence[str]) -> Any:  # noqa: ANN401
+def _gather(sources: Sequence[Rows], rows: NDArray[np.int64], added: Sequence[str]) -> Any:  # noqa: ANN401
     """Table of (G, 2) rows, each the number of a source and of a row in it."""
     arrow = needs_arrow()
     order = np.argsort(rows[:, 0], kind="stable")
@@ -177,23 +177,23 @@ def _gathered(sources: Sequence[Rows], rows: NDArray[np.int64], added: Sequence[
 
 
 class PartRows:
-    """Sorted rows of an Arrow file, mapped into memory and not read; all but the first when its turn comes."""
+    """Sorted rows of an Arrow file, mapped into memory; rows after the first are read when their turn comes."""
 
     added: tuple[str, ...] = ()
 
     def __init__(self, content: Path | bytes) -> None:
         self._content = content
 
-    def keyed(self) -> Iterator[tuple[RowKey, int]]:
-        """Cells of `KEY` and number of each row."""
-        yield from ((key, 0) for key in _keys(self._mapped().slice(0, 1)))
-        yield from ((key, row) for row, key in enumerate(_keys(self._mapped().slice(1)), 1))
+    def row_keys(self) -> Iterator[tuple[RowKey, int]]:
+        """Yield the cells of `KEY` and the number of each row."""
+        yield from ((key, 0) for key in _keys(self._table().slice(0, 1)))
+        yield from ((key, row) for row, key in enumerate(_keys(self._table().slice(1)), 1))
 
     def take(self, numbers: NDArray[np.int64]) -> Any:  # noqa: ANN401
         """Table of some rows, in the order of their numbers."""
-        return self._mapped().take(integers(needs_arrow(), numbers))
+        return self._table().take(integers(needs_arrow(), numbers))
 
-    def _mapped(self) -> Any:  # noqa: ANN401
+    def _table(self) -> Any:  # noqa: ANN401
         arrow = needs_arrow()
         content = self._content if isinstance(self._content, bytes) else arrow.memory_map(str(self._content))
         return arrow.ipc.open_file(content).read_all()
@@ -203,7 +203,7 @@ class PartRows:
 
 
 class TableRows:
-    """Sorted rows of a table that was written before, without those about files; one row group is in memory."""
+    """Sorted rows of an earlier table, without rows about files; one row group is in memory."""
 
     def __init__(self, path: str | os.PathLike[str]) -> None:
         needs_arrow()
@@ -216,12 +216,12 @@ class TableRows:
         self.added = tuple(name for name in names if name not in NAMES)
         metadata = self._file.metadata
         self._ends = np.cumsum([metadata.row_group(group).num_rows for group in range(metadata.num_row_groups)])
-        self._held: tuple[int, Any] = (-1, None)
+        self._last_group: tuple[int, Any] = (-1, None)
         self._path = path
         self._ahead: Future[Any] | None = None
 
     def read_ahead(self) -> None:
-        """Begin to read the first row group, while this process waits for its workers."""
+        """Begin to read the first row group in a thread, while this process waits for its workers."""
         from pyarrow import parquet
 
         def first() -> Any:  # noqa: ANN401
@@ -232,12 +232,12 @@ class TableRows:
             self._ahead = ThreadPoolExecutor(1).submit(first)
 
     def groups(self) -> Iterator[_KeyGroup]:
-        """Keys of the row groups, without rows about files."""
+        """Yield the keys of each row group, without rows about files."""
         for group, end in enumerate(self._ends.tolist()):
             table = self._group(group)
             is_about = _is_in(table.column("code"), ABOUT_FILES)
             rows = np.arange(end - len(table), end)[~flags(is_about)]
-            yield _KeyGroup(rows, table if len(rows) == len(table) else table.filter(_inverted(is_about)))
+            yield _KeyGroup(rows, table if len(rows) == len(table) else table.filter(_invert(is_about)))
 
     def take(self, numbers: NDArray[np.int64]) -> Any:  # noqa: ANN401
         """The rows of these numbers as a table; the numbers are in ascending order."""
@@ -282,12 +282,12 @@ class TableRows:
             return self._file.read(columns=list(names))
 
     def _group(self, group: int) -> Any:  # noqa: ANN401
-        if self._held[0] != group:
+        if self._last_group[0] != group:
             ahead, self._ahead = self._ahead, None
             with reading_table(self._path):
                 table = ahead.result() if ahead is not None and group == 0 else self._file.read_row_group(group)
-            self._held = group, table
-        return self._held[1]
+            self._last_group = group, table
+        return self._last_group[1]
 
 
 Rows: TypeAlias = "PartRows | TableRows"
@@ -302,7 +302,7 @@ class _KeyGroup:
         self._units = np.array(texts(self._table.column("unit")))
 
     def place_of(self, key: RowKey) -> int:
-        """Place of the first row behind a key."""
+        """Index of the first row after a key."""
         first, end = (int(np.searchsorted(self._units, key[0], side)) for side in ("left", "right"))
         return first + bisect_right(_keys(self._table.slice(first, end - first)), key) if first < end else first
 
@@ -315,16 +315,16 @@ def _keys(table: Any) -> list[RowKey]:  # noqa: ANN401
 
 # --------------------------------------------------------------------------------------------------------------- counts
 
-COUNTED: Final = {
+COUNT_NAMES: Final = {
     "verdict": "verdicts", "code": "codes", "findings": "findings", "unit_of_field": "units_of_field"
 }  # fmt: skip
-"""Columns of few texts that occur often, and what their counts are called."""
+"""Columns of a few frequent texts, and the names of their counts."""
 
 
 def table_counts(path: str | os.PathLike[str]) -> dict[str, Any]:
-    """Units, rows and readings of a table sorted by unit, and counts of verdicts; memory is that of a batch.
+    """Numbers of units, rows and readings of a table sorted by unit, and counts of verdicts, codes and findings.
 
-    Rows about files are counted among the codes alone.
+    Rows about files are counted in the codes only. The memory needed is that of one batch of rows.
 
     >>> import tempfile
     >>> from pathlib import Path
@@ -341,13 +341,13 @@ def table_counts(path: str | os.PathLike[str]) -> dict[str, Any]:
     needs_arrow()
     from pyarrow import parquet
 
-    counters = {name: Counter[str]() for name in COUNTED}
+    counters = {name: Counter[str]() for name in COUNT_NAMES}
     totals, last = Counter[str](), None
     errors: list[Floats] = [np.empty(0)]
     with parquet.ParquetFile(path, page_checksum_verification=True) as file:
-        for every in file.iter_batches(columns=["unit", "readings", "worst_deg", *COUNTED]):
+        for every in file.iter_batches(columns=["unit", "readings", "worst_deg", *COUNT_NAMES]):
             counters["code"].update(_value_counts(every.column("code")))
-            batch = every.filter(_inverted(_is_in(every.column("code"), ABOUT_FILES)))
+            batch = every.filter(_invert(_is_in(every.column("code"), ABOUT_FILES)))
             for name in ("verdict", "findings", "unit_of_field"):
                 counters[name].update(_value_counts(batch.column(name)))
             errors.append(_heading_errors(batch))
@@ -362,13 +362,15 @@ def table_counts(path: str | os.PathLike[str]) -> dict[str, Any]:
     return {
         **{name: totals[name] for name in ("units", "rows", "readings", "failed_readings")},
         "verdicts": {name: verdicts[name] for name in VERDICTS if verdicts[name]},
-        **{COUNTED[name]: _by_frequency(counter) for name, counter in counters.items()},
-        "worst_deg": _spread(errors),
+        **{COUNT_NAMES[name]: _by_frequency(counter) for name, counter in counters.items()},
+        "worst_deg": _error_quantiles(errors),
     }
 
 
 def common_findings(findings: Mapping[str, int], verdicts: Mapping[str, int]) -> list[str]:
-    """Findings that all calibrations of a fleet have, by the rows with each finding and verdict; none of one alone.
+    """Findings that all calibrations of a fleet share, from numbers of rows by finding and by verdict.
+
+    Empty for a single calibration.
 
     >>> common_findings({"scale-unknown": 6, "outliers": 2}, {"good": 5, "limited": 1, "refused": 2})
     ['scale-unknown']
@@ -377,7 +379,7 @@ def common_findings(findings: Mapping[str, int], verdicts: Mapping[str, int]) ->
     return [code for code, count in findings.items() if count >= calibrations > 1]
 
 
-def _spread(errors: Sequence[Floats]) -> dict[str, float]:
+def _error_quantiles(errors: Sequence[Floats]) -> dict[str, float]:
     """Median, 95th percentile and maximum of heading errors; empty without any."""
     known = np.concatenate(errors)
     if not len(known):
@@ -386,7 +388,7 @@ def _spread(errors: Sequence[Floats]) -> dict[str, float]:
 
 
 def _value_counts(column: Any) -> dict[str, int]:  # noqa: ANN401 - pyarrow ships no types
-    """Count each text of a column, or of the lists in one."""
+    """Count each text of a column, or of the lists in a column."""
     values = column.flatten() if hasattr(column, "flatten") else column
     return {each["values"]: each["counts"] for each in values.value_counts().to_pylist()}
 
@@ -400,21 +402,21 @@ def _heading_errors(batch: Any) -> Floats:  # noqa: ANN401
 
 
 def _is_in(column: Any, words: Sequence[str]) -> Any:  # noqa: ANN401
-    """(R,) of Arrow: whether cells of a column are among some texts."""
+    """(R,) Arrow mask: whether cells of a column are among some texts."""
     from pyarrow import compute
 
     return compute.is_in(column, value_set=strings(needs_arrow(), words))
 
 
-def _inverted(mask: Any) -> Any:  # noqa: ANN401
-    """(R,) of Arrow."""
+def _invert(mask: Any) -> Any:  # noqa: ANN401
+    """(R,) Arrow mask, inverted."""
     from pyarrow import compute
 
     return compute.invert(mask)
 
 
 def _is_among(batch: Any, verdicts: Sequence[str]) -> Any:  # noqa: ANN401
-    """(R,) of Arrow: whether rows of a batch have one of these verdicts."""
+    """(R,) Arrow mask: whether rows of a batch have one of these verdicts."""
     return _is_in(batch.column("verdict"), verdicts)
 
 

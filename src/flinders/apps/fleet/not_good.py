@@ -1,4 +1,4 @@
-"""The units of a table that are not good: what was found, by how much, and what to do; a row for each recording.
+"""The recordings of a table that are not good: the main finding, its number, and the remedy.
 
 >>> row = UnitResult(unit="A17", verdict="limited", cause="coverage", message="some directions are …", number=72.0)
 >>> NotGood.of(row).remedy
@@ -20,25 +20,25 @@ if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator
 
 MAX_LISTED: Final = 100
-"""Recordings that a summary has; a table of them has all."""
+"""Largest number of recordings that a summary lists; a table has all of them."""
 
 
 @dataclass(frozen=True, slots=True)
 class NotGood:
-    """A recording that is not good, and why."""
+    """A recording that is not good, and the reason."""
 
     unit: str  # name of the sensor or vehicle
     recording: str  # its name
     verdict: str  # `limited`, `refused` or `failed`
-    cause: str  # code of the finding that comes first, or of the error
-    number: float  # what that finding states; docs/findings.md has its meaning and unit
-    limit: float  # what the number was compared with
-    message: str  # what was found and what to do for this one
-    remedy: str  # what to do where many have the same cause
+    cause: str  # code of the first finding, or of the error
+    number: float  # number of that finding; docs/findings.md has its meaning and unit
+    limit: float  # limit for the number, in the same unit
+    message: str  # finding and remedy for this recording
+    remedy: str  # remedy for all recordings with this cause
 
     @classmethod
     def of(cls, row: UnitResult) -> Self:
-        """Take it from a row of the table."""
+        """Make one from a row of the table."""
         own = (row.unit, row.recording, row.verdict, row.cause, row.number, row.limit, row.message)
         return cls(*own, action(row.cause))
 
@@ -56,11 +56,11 @@ def not_good(path: str | os.PathLike[str]) -> Iterator[list[NotGood]]:
     with parquet.ParquetFile(path, page_checksum_verification=True) as file:
         for batch in file.iter_batches(columns=columns):
             rows = batch.filter(compute.is_in(batch.column("verdict"), value_set=bad)).to_pylist()
-            yield [NotGood.of(UnitResult(**{name: _known(cell) for name, cell in row.items()})) for row in rows]
+            yield [NotGood.of(UnitResult(**{name: _cell_value(cell) for name, cell in row.items()})) for row in rows]
 
 
 def first_of(some: Iterable[list[NotGood]], most: int = MAX_LISTED) -> tuple[NotGood, ...]:
-    """The first of each verdict, the worst verdicts first, no more than `most`."""
+    """The first recordings of each verdict, at most `most`, with the worst verdicts first."""
     kept: dict[str, list[NotGood]] = {verdict: [] for verdict in reversed(VERDICTS[1:])}
     for rows in some:
         for row in rows:
@@ -69,5 +69,5 @@ def first_of(some: Iterable[list[NotGood]], most: int = MAX_LISTED) -> tuple[Not
     return tuple(islice((row for rows in kept.values() for row in rows), most))
 
 
-def _known(cell: Any) -> Any:  # noqa: ANN401 - a text, or a number
+def _cell_value(cell: Any) -> Any:  # noqa: ANN401 - a text, or a number
     return math.nan if cell is None else cell

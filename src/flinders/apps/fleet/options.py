@@ -1,4 +1,4 @@
-"""Options of a fleet: how its recordings are read, and how their fits are judged."""
+"""Options of a fleet: reading of its recordings, and judgement of their fits."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from flinders.readers._asked_columns import asked_columns
 
 @dataclass(frozen=True, slots=True)
 class Options:
-    """Options of `flinders fleet` and `flinders.fit_many`: how recordings are read, and how their fits are judged.
+    """Options of `flinders fleet` and `flinders.fit_many`: reading of recordings, and judgement of fits.
 
     >>> Options(axes="x,x,z").check()
     Traceback (most recent call last):
@@ -35,7 +35,7 @@ class Options:
     dip_deg: float = 60.0
 
     def check(self) -> None:
-        """Refuse options that no recording can be read with.
+        """Refuse options that are not valid for any recording.
 
         Raises `UsageError`.
         """

@@ -1,13 +1,13 @@
-"""What a report of a fleet shows: its table in numbers that fit on a page, and how its units changed.
+"""Contents of a report of a fleet: its table in numbers that fit on a page, and the drift of its units.
 
-Counts add, so that a table of any length is gone through in parts:
+Counts add, so that a table of any length is read in parts:
 
 >>> whole = Histogram.over(0.01, 100.0, 40).counted([0.2, 0.3, 5.0])
 >>> parts = Histogram.over(0.01, 100.0, 40).counted([0.2]) + Histogram.over(0.01, 100.0, 40).counted([0.3, 5.0])
 >>> whole.counts == parts.counts, whole.total
 (True, 3)
 
-A batch stands out where its share of rows without a good verdict is more than chance explains:
+A batch stands out if its share of rows without a good verdict is significantly larger than that of the others:
 
 >>> standing_out({"A": {"good": 950, "refused": 50}, "B": {"good": 60, "refused": 40}})
 {'B': True}
@@ -30,19 +30,19 @@ if TYPE_CHECKING:
 
 STATES: Final = {
     "recalibrate": "the heading changed by more than the target, and by more than chance explains",
-    "unsure": "changed by more than the target as far as was seen, or recorded too poorly to tell: record again",
+    "unsure": "seems to have changed by more than the target, but the recordings are too poor to decide: record again",
     "changed": "changed by more than chance explains, and less than the target",
-    "unordered": "nothing tells in what order it was recorded: put dates into the names of recordings",
+    "unordered": "the order of its recordings is not known: put dates into the names of recordings",
     "steady": "did not change by more than chance explains",
-    "single": "has one calibration alone",
+    "single": "has only one calibration",
     "none": "has no calibration",
 }
-"""What each state of a unit means, in the order of urgency."""
+"""Meaning of each state of a unit, the most urgent first."""
 
 
 @dataclass(frozen=True, slots=True)
 class Histogram:
-    """Numbers counted in classes whose ends grow by one factor; what lies beyond counts in the outermost."""
+    """Counts of numbers in logarithmic classes; numbers beyond the ends count in the outermost classes."""
 
     low: float  # end of the first class
     high: float  # end of the last class
@@ -50,21 +50,21 @@ class Histogram:
 
     @classmethod
     def over(cls, low: float, high: float, classes: int) -> Self:
-        """Nothing counted yet."""
+        """Histogram without counts."""
         return cls(low, high, (0,) * classes)
 
     @property
     def edges(self) -> tuple[float, ...]:
-        """Ends of the classes, one more than there are classes."""
+        """Edges of the classes, one more than there are classes."""
         return tuple(np.geomspace(self.low, self.high, len(self.counts) + 1).tolist())
 
     @property
     def total(self) -> int:
-        """How many were counted."""
+        """Number of numbers that were counted."""
         return sum(self.counts)
 
     def counted(self, numbers: ArrayLike) -> Self:
-        """With more numbers; those that are not known are left out."""
+        """Histogram with more numbers counted; NaN and infinity are left out."""
         values = np.asarray(numbers, float)
         values = values[np.isfinite(values)].clip(self.low, self.high)
         counts, _ = np.histogram(values, np.array(self.edges))
@@ -76,7 +76,7 @@ class Histogram:
         return above / self.total if self.total else 0.0
 
     def quantile(self, share: float) -> float:
-        """The number that a share of all lies below, to the width of a class; NaN where there is none.
+        """Quantile: the number below which this share of all lies, to the width of a class; NaN without numbers.
 
         >>> round(Histogram.over(1.0, 100.0, 200).counted(np.linspace(1.0, 99.0, 981)).quantile(0.5))
         50
@@ -91,19 +91,19 @@ class Histogram:
         return Histogram(self.low, self.high, counts)
 
     def as_dict(self) -> dict[str, Any]:
-        """JSON-ready: median and tails."""
+        """JSON-ready count, median and upper quantiles."""
         quantiles = {
-            "median": 0.5,  # half are below
-            "p95": 0.95,  # 95 of 100 are below
-            "p99": 0.99,  # 99 of 100 are below
+            "median": 0.5,  # half of the numbers are below
+            "p95": 0.95,  # 95 % of the numbers are below
+            "p99": 0.99,  # 99 % of the numbers are below
         }
-        count = {"count": self.total}  # of numbers
+        count = {"count": self.total}  # number of numbers
         return count | {name: self.quantile(share) for name, share in quantiles.items()}
 
 
 @dataclass(frozen=True, slots=True)
 class FleetUnit:
-    """One row that a table of the report shows."""
+    """One row of a table of the report."""
 
     unit: str
     recording: str
@@ -111,7 +111,7 @@ class FleetUnit:
     worst_deg: float
     offset: float  # length, as a share of the field
     noise: float  # as a share of the field
-    radius: float
+    radius: float  # field strength
     unit_of_field: str
     findings: tuple[str, ...]
 
@@ -123,17 +123,17 @@ class Overview:
     tables: tuple[str, ...]  # names of the files
     rows: int
     units: int
-    verdicts: Mapping[str, int]  # rows of each
+    verdicts: Mapping[str, int]  # rows of each verdict
     heading_deg: Histogram  # worst heading error
     offset: Histogram  # length, as a share of the field
     noise: Histogram  # as a share of the field
     field: Mapping[str, Histogram]  # field strengths, by their unit
-    findings: Mapping[str, int]  # rows that have each
-    codes: Mapping[str, tuple[int, str, str]]  # of those refused or failed: rows, one of the units, what was said of it
-    methods: Mapping[str, int]
-    batches: Mapping[str, Mapping[str, int]]  # rows of each verdict; empty where no hardware batches are known
-    batch_source: str  # where the batch is taken from, in words
-    groups: Mapping[str, Mapping[str, Mapping[str, int]]]  # the same by each property that tells groups of units apart
+    findings: Mapping[str, int]  # rows with each finding
+    codes: Mapping[str, tuple[int, str, str]]  # by error code: number of rows, one of the units, its message
+    methods: Mapping[str, int]  # rows of each method
+    batches: Mapping[str, Mapping[str, int]]  # rows by batch and verdict; empty if no hardware batches are known
+    batch_source: str  # source of the batch, in words
+    groups: Mapping[str, Mapping[str, Mapping[str, int]]]  # rows by property, its value and verdict
     not_good: tuple[NotGood, ...]  # the first recordings that are not good, refused and failed ones first
     worst: Mapping[str, tuple[FleetUnit, ...]]  # rows with the largest "heading error", "offset" and "noise"
     target_deg: float
@@ -141,25 +141,25 @@ class Overview:
 
 @dataclass(frozen=True, slots=True)
 class UnitDrift:
-    """How one unit's newest calibration differs from its reference; angles are at the worst level heading."""
+    """Difference of one unit's newest calibration from its reference; angles are at the worst level heading."""
 
     unit: str  # name of the unit
     batch: str  # its hardware batch; empty if it is not known
     state: str  # one of the states in docs/fleet/drift.md
-    recordings: int  # of which there is a calibration
+    recordings: int  # number of recordings with a calibration
     reference: str  # name of the recording that it is compared with
     newest: str  # name of the newest recording
-    reference_s: float  # when that was made, since 1970; NaN where no date is known
-    newest_s: float  # when that was made, since 1970
-    worst_deg: float  # difference in heading
-    rms_deg: float  # over all headings
-    sigma_deg: float  # 1 σ of the worst
-    offset_deg: float  # of the change of the offset alone
-    offset_sigma_deg: float  # 1 σ
-    matrix_deg: float  # of the change of the matrix alone
-    matrix_sigma_deg: float  # 1 σ
-    offset_change: float  # how far the offset went, in `unit_of_field`
-    p_value: float  # how often chance makes as much
+    reference_s: float  # date of the reference recording, since 1970; NaN if it is not known
+    newest_s: float  # date of the newest recording, since 1970; NaN if it is not known
+    worst_deg: float  # largest difference in heading
+    rms_deg: float  # RMS difference over all headings
+    sigma_deg: float  # 1 σ of the largest difference
+    offset_deg: float  # difference from the change of the offset alone
+    offset_sigma_deg: float  # 1 σ of that difference
+    matrix_deg: float  # difference from the change of the matrix alone
+    matrix_sigma_deg: float  # 1 σ of that difference
+    offset_change: float  # length of the change of the offset, in `unit_of_field`
+    p_value: float  # probability of such a change, or a larger one, by chance
     unit_of_field: str  # ``uT`` or ``counts``
 
 
@@ -170,88 +170,89 @@ class UnitStep:
     unit: str  #: name of the unit
     before: str  # name of the recording before the step
     after: str  #: name of the recording after the step
-    before_s: float  # when that was made, since 1970; NaN where no date is known
-    after_s: float  #: when that was made, since 1970
-    worst_deg: float  # what it turns the heading by, at the worst heading
+    before_s: float  # date of the recording before, since 1970; NaN if it is not known
+    after_s: float  #: date of the recording after, since 1970; NaN if it is not known
+    worst_deg: float  # change of heading by the step, at the worst heading
     offset_change: tuple[float, ...]  # x, y, z, in `unit_of_field`
-    p_value: float  #: how often chance alone makes as much
+    p_value: float  #: probability of such a step, or a larger one, by chance
     unit_of_field: str  #: ``uT`` or ``counts``
 
 
 @dataclass(frozen=True, slots=True)
 class BatchDrift:
-    """How the units of one hardware batch changed."""
+    """Drift of the units of one hardware batch."""
 
-    batch: str  # empty for the units of which it is not known
-    units: int  #: of the batch
-    states: Mapping[str, int]  # units in each state that some are in
-    step_units: int  # units that have a step
-    verdicts: Mapping[str, int]  # recordings of each
-    stands_out: tuple[str, ...]  # of what it has more than chance explains: "changes", "steps", "verdicts" not good
+    batch: str  # name of the batch; empty for units whose batch is not known
+    units: int  #: number of units in the batch
+    states: Mapping[str, int]  # number of units by state
+    step_units: int  # units with a step
+    verdicts: Mapping[str, int]  # recordings by verdict
+    stands_out: tuple[str, ...]  # kinds that are significantly frequent: "changes", "steps", "verdicts" not good
 
     @property
     def changed(self) -> int:
-        """Units that changed by more than chance explains."""
+        """Number of units that changed by more than chance explains."""
         return self.states.get("recalibrate", 0) + self.states.get("changed", 0)
 
     @property
     def not_good(self) -> tuple[int, int]:
-        """Recordings without a good verdict, of how many."""
+        """Number of recordings without a good verdict, and number of all."""
         return count_bad(self.verdicts), sum(self.verdicts.values())
 
 
 @dataclass(frozen=True, slots=True)
 class Undated:
-    """Units whose recordings have an order and no dates, and how these scatter."""
+    """Units whose recordings have an order but no dates, and the scatter of these recordings."""
 
-    units: int  # with two calibrations or more
+    units: int  # units with two calibrations or more
     variance_factor: float  # factor on claimed variances
-    random_walk_deg_per_root_recording: float  # 1 σ of the heading that slow drift makes from one recording to the next
-    pairs: int  # of recordings that both rest on
+    random_walk_deg_per_root_recording: float  # 1 σ change of heading by slow drift from one recording to the next
+    pairs: int  # pairs of recordings from which both are estimated
 
 
 @dataclass(frozen=True, slots=True)
 class FleetDrift:
-    """How a fleet changed."""
+    """Drift of a fleet."""
 
-    units: int  #: in the tables
-    calibrations: int  #: of all units
-    without_calibration: int  # rows that give no calibration
-    duplicates: int  # rows that a later table has as well
+    units: int  #: number of units in the tables
+    calibrations: int  #: number of calibrations of all units
+    without_calibration: int  # rows without a calibration
+    duplicates: int  # rows of recordings that a later table has too
     states: Mapping[str, int]  # units in each of `STATES`
     change_deg: Histogram  # worst heading difference of units with two calibrations or more
-    listed: tuple[UnitDrift, ...]  # to recalibrate, and unsure ones; the worst first, no more than were asked for
-    steps: tuple[UnitStep, ...]  # the largest, no more than were asked for
-    step_count: int  #: how many there are
-    step_units: int  #: units that have one
-    intervals: int  # between recordings, each tested for a step
-    step_p_value_limit: float  # a step is reported below that
-    change_p_value_limit: float  # a change is reported below that
-    #: how often chance alone reports a change of a fleet in which nothing moved; and so of steps
+    listed: tuple[UnitDrift, ...]  # the first units to recalibrate, then unsure ones, the worst first
+    steps: tuple[UnitStep, ...]  # the largest steps
+    step_count: int  #: number of all steps
+    step_units: int  #: number of units with a step
+    intervals: int  # number of intervals between recordings, each tested for a step
+    step_p_value_limit: float  # a step with a smaller p value is reported
+    change_p_value_limit: float  # a change with a smaller p value is reported
+    #: probability of any reported change in a fleet in which nothing moved; the same for steps
     false_alarm_probability: float
-    variance_factor: float  # factor on claimed variances, of units whose recordings have dates
-    random_walk_deg_per_root_year: float  # 1 σ of the heading that their slow drift makes in a year
-    pairs: int  # of recordings that both rest on
+    variance_factor: float  # factor on claimed variances, for units whose recordings have dates
+    random_walk_deg_per_root_year: float  # 1 σ change of heading by slow drift in a year, for these units
+    pairs: int  # pairs of recordings from which both are estimated
     undated: Undated  #: units whose recordings have no dates
-    unordered: tuple[str, ...]  # units whose order of recordings is not known, no more than were asked for
-    batches: tuple[BatchDrift, ...]  # by name; empty where none are known
-    batch_source: str  # where the batch is taken from, in words
+    unordered: tuple[str, ...]  # the first units whose order of recordings is not known
+    batches: tuple[BatchDrift, ...]  # drift by batch, sorted by name; empty if no batches are known
+    batch_source: str  # source of the batch, in words
     target_deg: float  #: heading difference that is good enough
-    dip_deg: float  #: of the field that it is judged at
+    dip_deg: float  #: dip of the field at which headings are compared
     against: str  # "first" or "previous"
 
     def as_dict(self) -> dict[str, Any]:
-        """JSON-ready: what ``--json`` prints."""
+        """JSON-ready fields, as ``--json`` prints them."""
         return asdict(self) | {"change_deg": self.change_deg.as_dict()}
 
 
-CHANCE: Final = 0.01
+FALSE_ALARM_PROBABILITY: Final = 0.01
+"""Probability that any batch stands out by chance."""
 
 
 def standing_out(batches: Mapping[str, Mapping[str, int]]) -> dict[str, bool]:
-    """Batches whose share without a good verdict is larger than that of all others, beyond what chance explains.
+    """Batches whose share without a good verdict is significantly larger than that of all others.
 
-    Fisher's exact test of two shares, on the side of more, at `CHANCE` over the number of batches.
+    One-sided Fisher's exact test of two shares, at `FALSE_ALARM_PROBABILITY` over the number of batches.
     """
     total = sum(sum(counts.values()) for counts in batches.values())
     bad = sum(count_bad(counts) for counts in batches.values())
@@ -263,13 +264,13 @@ def _is_odd(counts: Mapping[str, int], total: int, bad: int, batches: int) -> bo
     rest = total - here
     if not here or not rest or ours / here <= (bad - ours) / rest:
         return False
-    return _as_many(ours, here, bad, total) < CHANCE / batches
+    return _tail_probability(ours, here, bad, total) < FALSE_ALARM_PROBABILITY / batches
 
 
-def _as_many(ours: int, here: int, bad: int, total: int) -> float:
-    """How often chance puts at least `ours` of the `bad` rows among `here` of `total`: the hypergeometric tail."""
+def _tail_probability(ours: int, here: int, bad: int, total: int) -> float:
+    """Hypergeometric tail: probability of at least `ours` of the `bad` rows among `here` of `total` rows by chance."""
     fine = total - bad
-    first = math.exp(_choices(bad, ours) + _choices(fine, here - ours) - _choices(total, here))
+    first = math.exp(_log_binomial(bad, ours) + _log_binomial(fine, here - ours) - _log_binomial(total, here))
     term = summed = 1.0
     for more in range(ours, min(here, bad)):
         term *= (bad - more) * (here - more) / ((more + 1.0) * (fine - here + more + 1.0))
@@ -279,11 +280,11 @@ def _as_many(ours: int, here: int, bad: int, total: int) -> float:
     return first * summed
 
 
-def _choices(many: int, few: int) -> float:
+def _log_binomial(many: int, few: int) -> float:
     """Logarithm of the binomial coefficient."""
     return math.lgamma(many + 1.0) - math.lgamma(few + 1.0) - math.lgamma(many - few + 1.0)
 
 
 def count_bad(counts: Mapping[str, int], fine: Container[str] = ("good",)) -> int:
-    """Rows of other kinds than the `fine` ones."""
+    """Number of rows of other kinds than the `fine` ones."""
     return sum(count for kind, count in counts.items() if kind not in fine)

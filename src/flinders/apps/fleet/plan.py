@@ -1,8 +1,8 @@
-r"""Plan of a run: recordings split into partitions, each of which is calibrated by itself and written as one file.
+r"""Plan of a run: recordings split into partitions, each calibrated by itself and written as one file.
 
 A partition is some log files, some files of rows, or a range of row groups of one. It depends on the input alone, so
-that a run which is resumed, or uses more workers, has the same partitions. A unit with rows in several of them gets
-a partition of its own, which takes its rows alone.
+that a resumed run, or a run with more workers, has the same partitions. Units with rows in several slices get
+partitions of their own, which take only the rows of these units.
 
 >>> import tempfile
 >>> from pathlib import Path
@@ -51,27 +51,27 @@ Item = TypeVar("Item")
 Answer = TypeVar("Answer")
 
 LARGEST: Final = 1_000_000
-"""Rows that a partition holds in memory: 64 MB with times and intermediate results."""
-SMALLEST: Final = 400_000
-"""Rows below which small files share a partition, which costs a few milliseconds."""
-MOST_SLICES: Final = 64
-"""Files in a partition."""
+"""Largest number of rows of a partition: 64 MB of memory with times and intermediate results."""
+MIN_ROWS: Final = 400_000
+"""Rows below which small files share a partition, as a partition costs a few milliseconds."""
+MAX_SLICES: Final = 64
+"""Largest number of files in a partition."""
 LEAST_PARTITIONS: Final = 64
-"""Partitions of a small job, whose workers would otherwise wait for each other."""
-SHORT: Final = 100_000
-"""Rows that take a worker a tenth of a second: smaller partitions are not made,"""
+"""Number of partitions to aim for in a small job, so that all workers have work."""
+SHORT_ROWS: Final = 100_000
+"""Rows that take a worker 0.1 s: partitions of tables are not smaller, if there are `FEW_PARTITIONS` of them."""
 SHORT_BYTES: Final = 1 << 18
-"""nor of log files of fewer bytes, which take as long,"""
+"""Bytes of log files that take a worker 0.1 s: partitions of logs are not smaller, with the same exception."""
 FEW_PARTITIONS: Final = 16
-"""unless there would be fewer than this."""
+"""Number of partitions below which partitions may take less than 0.1 s."""
 LOG_BYTES: Final = 1 << 24
-"""Bytes of log files in a partition."""
+"""Largest number of bytes of log files in a partition."""
 LOOKS: Final = 32
-"""Files that are opened at a time: most of it is waiting for a store."""
+"""Files that are opened in parallel, since most of the time is spent waiting for a store."""
 BATCHES: Final = tuple([column] for column in BATCH_COLUMNS)
 """Names of folders with the hardware batch."""
-AHEAD: Final = 8 * LOOKS
-"""Files that are submitted at a time: memory is bounded for any number of files."""
+MAX_SUBMITTED_FILES: Final = 8 * LOOKS
+"""Largest number of files that are submitted at a time, which bounds the memory."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -79,11 +79,11 @@ class FileSlice:
     """A log file, or some row groups of a file of rows."""
 
     file: StoredFile
-    groups: tuple[int, ...] = ()  # None for a log
-    rows: int = 0  # of the groups
-    # why its row groups are not known: the file could not be opened as a table
+    groups: tuple[int, ...] = ()  # row groups; empty for a log
+    rows: int = 0  # number of rows in the groups
+    # error of a file that could not be opened as a table, so that its row groups are not known
     error: FlindersError | None = field(default=None, compare=False)
-    is_table: bool = False  # whether such a file is a table of several units, which are not known
+    is_table: bool = False  # whether a file that could not be opened is a table of several units
 
     @property
     def weight(self) -> int:
@@ -102,15 +102,15 @@ def open_as_planned(part: FileSlice, options: Options) -> Iterator[TableFile]:
 
 @dataclass(frozen=True, slots=True)
 class Partition:
-    """Unit of work: what a worker calibrates at a time."""
+    """Unit of work that a worker calibrates at a time."""
 
     slices: tuple[FileSlice, ...]
-    only: tuple[str, ...] | None = None  # units that are taken; None for all but `without`
-    without: tuple[str, ...] = ()  # units that another partition takes
-    _named: frozenset[str] = field(init=False, repr=False, compare=False)
+    only: tuple[str, ...] | None = None  # units whose rows are taken; None for all units but `without`
+    without: tuple[str, ...] = ()  # units whose rows another partition takes
+    _listed_units: frozenset[str] = field(init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "_named", frozenset(self.without if self.only is None else self.only))
+        object.__setattr__(self, "_listed_units", frozenset(self.without if self.only is None else self.only))
 
     @property
     def rows(self) -> int:
@@ -124,10 +124,10 @@ class Partition:
 
     def takes(self, unit: str) -> bool:
         """Whether readings of a unit are taken."""
-        return (unit in self._named) != (self.only is None)
+        return (unit in self._listed_units) != (self.only is None)
 
     def split(self) -> list[Partition]:
-        """A partition for each slice, to find the one that kills its worker; none if they belong together."""
+        """A partition for each slice, to find the slice that kills its worker; empty if slices belong together."""
         if self.only is not None or len(self.slices) == 1:
             return []
         return [replace(self, slices=(part,)) for part in self.slices]
@@ -139,14 +139,14 @@ class Plan:
 
     partitions: tuple[Partition, ...]
     files: int  # files that are read
-    # files of other kinds by their suffix, entries that are no files, and files that Flinders wrote
+    # number of other files: by suffix, entries that are no files, and files that Flinders wrote
     other_files: dict[str, int]
-    fingerprint: str  # hash of files, options and release: partitions with another one belong to another run
+    fingerprint: str  # hash of files, options and release, which identifies the run of a partition
     asked: str  # options and release
     read: ReadFiles  # files of this run, and of the table that it extends
-    names: tuple[str, ...] = ()  # of the files that are looked at
-    faults: Mapping[str, FlindersError] = field(default_factory=dict)  # of files that were read before, by name
-    later: int = 0  # new files that wait for the next run, since this one goes on with what another began
+    names: tuple[str, ...] = ()  # names of the files that are considered
+    faults: Mapping[str, FlindersError] = field(default_factory=dict)  # errors of files that were read before, by name
+    later: int = 0  # number of new files that wait for the next run, since this run completes a stopped one
 
 
 @dataclass(frozen=True, slots=True)
@@ -160,17 +160,17 @@ class _TableSlice:
 
 
 def plan_of(where: str, options: Options, *, earlier: ReadFiles | None = None, begun: Collection[str] = ()) -> Plan:
-    """List the input, and split what is to be read into partitions.
+    """List the input, and split the files to read into partitions.
 
     Raises UnreadableInput if nothing can be read, and UsageError if no file has the columns that the options name, or
-    nothing of what a table was made from is there.
+    if none of the files is there that the table to extend was made from.
 
     Parameters
     ----------
     earlier : ReadFiles, optional
-        Of the table that is extended: only files that are new to it are read.
+        Files of the table to extend; only new files are read.
     begun : collection of str
-        Files of a run that was stopped: where all are there, only these are read.
+        Files of a stopped run; if all of them are there, only these are read.
     """
     files = listed(where)
     new, faults = (files, {}) if earlier is None else earlier.news(files)
@@ -186,7 +186,7 @@ def plan_of(where: str, options: Options, *, earlier: ReadFiles | None = None, b
         raise UnreadableInput(
             f"{where}: none of {len(files)} files is a recording: they end in {', '.join(other_files)}"
         )
-    tables, logs, own = _sorted_out(taken, options)
+    tables, logs, own = _classify(taken, options)
     other_files.update(own.values())
     other_files.update(() if earlier is None else earlier.other_files(files))
     taken = [file for file in taken if file not in own]
@@ -205,7 +205,7 @@ def plan_of(where: str, options: Options, *, earlier: ReadFiles | None = None, b
         len(taken),
         dict(sorted(other_files.items())),
         _fingerprint(taken, options, earlier),
-        _asked(options),
+        _options_text(options),
         read if earlier is None else earlier + read,
         tuple(file.name for file in chosen),
         faults,
@@ -214,7 +214,7 @@ def plan_of(where: str, options: Options, *, earlier: ReadFiles | None = None, b
 
 
 def _refuse_other_input(where: str, earlier: ReadFiles, files: Sequence[StoredFile]) -> None:
-    """Refuse to extend a table from where nothing is left of what it was made from."""
+    """Refuse to extend a table from an input without any of the files that it was made from."""
     if not any(file.name in earlier.files for file in files) and (known := earlier.recordings):
         raise UsageError(
             f"{where}: none of the {counted(len(known), 'file')} that the table was made from is there, such as "
@@ -223,20 +223,20 @@ def _refuse_other_input(where: str, earlier: ReadFiles, files: Sequence[StoredFi
 
 
 def _refuse_options(where: str, tables: Sequence[_TableSlice], logs: Sequence[FileSlice], options: Options) -> None:
-    """Refuse options about columns where no file has any."""
+    """Refuse options that name columns if no file has these columns."""
     if options.unit_column is not None and not tables and not any(part.error for part in logs):
         raise UsageError(
-            f"{where}: no table of Parquet or Arrow and no CSV has a column {options.unit_column}: name another, or "
+            f"{where}: no Parquet, Arrow or CSV table has a column {options.unit_column}: name another column, or "
             "give each unit a file or folder of its own",
             hint={"unit_column": None},
         )
     _refuse_batch(where, tables, logs, options)
 
 
-def _sorted_out(
+def _classify(
     files: Sequence[StoredFile], options: Options
 ) -> tuple[list[_TableSlice], list[FileSlice], dict[StoredFile, str]]:
-    """Slices of tables; logs, and files that cannot be opened, which get a row; kinds of files that Flinders wrote."""
+    """Slices of tables; slices of logs and of files that cannot be opened; kinds of files that Flinders wrote."""
     tables: list[_TableSlice] = []
     logs: list[FileSlice] = []
     own: dict[StoredFile, str] = {}
@@ -263,28 +263,28 @@ def _refuse_batch(where: str, tables: Sequence[_TableSlice], logs: Sequence[File
         return
     if not any(part.error or options.batch_column in in_path(part.file.name) for part in slices):
         raise UsageError(
-            f"{where}: no file has a column {options.batch_column} or lies in a folder named after it: name another, "
-            "or leave that out",
+            f"{where}: no file has a column {options.batch_column} or lies in a folder {options.batch_column}=…: name "
+            "another column, or leave that out",
             hint={"batch_column": None},
         )
 
 
 def _in_threads(function: Callable[[Item], Answer], items: Iterable[Item]) -> Iterator[Answer]:
-    """Results in the order of the items, a bounded number of them computed ahead.
+    """Yield results in the order of the items, with a bounded number of them computed in advance.
 
     >>> list(_in_threads(abs, [-1, 2, -3]))
     [1, 2, 3]
     """
     waiting = iter(items)
     with ThreadPoolExecutor(LOOKS) as pool:
-        while batch := list(islice(waiting, AHEAD)):
+        while batch := list(islice(waiting, MAX_SUBMITTED_FILES)):
             yield from pool.map(function, batch)
 
 
 def key_of(name: str) -> tuple[str, str]:
-    """Unit and recording of a log file, by where it lies: the first folder is the unit, else the file itself.
+    """Unit and recording of a log file, from its path: the first folder is the unit, else the file itself.
 
-    A folder that names the batch of hardware is passed over. No unit, in a folder of null, is the empty text.
+    A folder that names the hardware batch is skipped. In a folder for null, the unit is the empty text.
 
     >>> key_of("A17/2026/monday.bin"), key_of("unit=A17/monday.csv"), key_of("A17.csv.gz")
     (('A17', '2026/monday.bin'), ('A17', 'monday.csv'), ('A17', 'A17.csv.gz'))
@@ -299,7 +299,7 @@ def key_of(name: str) -> tuple[str, str]:
 
 
 def _survey(file: StoredFile, options: Options) -> list[_TableSlice] | FileSlice | str:
-    """Slices of a file of rows, none for a log; the kind of what Flinders wrote; a slice with a broken one's error."""
+    """Slices of a file of rows, empty for a log; the kind of a file that Flinders wrote; a slice with an error."""
     if not file.name.lower().endswith(TABLES) and not is_csv_of_units(file, options):
         return own_kind(file) or []
     is_table = False
@@ -322,7 +322,7 @@ def _survey(file: StoredFile, options: Options) -> list[_TableSlice] | FileSlice
 
 
 def _slices(file: StoredFile, table: TableFile, keys: KeyColumns) -> Iterator[_TableSlice]:
-    """Slices of a file of rows, each with its first and last unit."""
+    """Yield slices of a file of rows, each with its first and last unit."""
     extents = extents_of(table, keys)
     for groups in _ranges(table.groups):
         part = FileSlice(file, groups, sum(table.groups[group] for group in groups))
@@ -334,7 +334,7 @@ def _slices(file: StoredFile, table: TableFile, keys: KeyColumns) -> Iterator[_T
 
 
 def _runs_that_fit(items: Iterable[Item], fits: Callable[[list[Item], Item], bool]) -> Iterator[list[Item]]:
-    """Split items into runs: a new one begins with an item that does not fit the run before it.
+    """Split items into runs; an item that does not fit into a run begins the next one.
 
     >>> list(_runs_that_fit([1, 2, 3, 9, 1], lambda run, item: sum(run) + item <= 5))
     [[1, 2], [3], [9], [1]]
@@ -361,8 +361,8 @@ def _ranges(rows: Sequence[int]) -> Iterator[tuple[int, ...]]:
 
 
 def _tables(tables: Sequence[_TableSlice], options: Options) -> Iterator[Partition]:
-    """Partitions of files of rows: first units that lie in one slice, then units that lie in several."""
-    across = _across(tables, options)
+    """Yield partitions of files of rows: first for units in one slice, then for units in several."""
+    across = _shared_units(tables, options)
     shared = defaultdict(list)
     for unit, places in across.items():
         for place in places:
@@ -370,44 +370,46 @@ def _tables(tables: Sequence[_TableSlice], options: Options) -> Iterator[Partiti
     alone = {
         table.part: shared[place] for place, table in enumerate(tables) if table.keys.unit.column or not shared[place]
     }
-    for slices in _packed(list(alone)):
+    for slices in _pack(list(alone)):
         without = {unit for part in slices for unit in alone[part]}
         yield Partition(tuple(slices), without=tuple(sorted(without)))
     together = defaultdict(list)
     for unit, places in sorted(across.items()):
         together[places].append(unit)
-    yield from _joined(together, tables)
+    yield from _shared_partitions(together, tables)
 
 
-def _enough(total: int, short: int) -> int:
-    """Rows or bytes from which on a partition takes no more files."""
+def _full_size(total: int, short: int) -> int:
+    """Rows or bytes at which a partition is full."""
     return max(total // LEAST_PARTITIONS, min(short, total // FEW_PARTITIONS))
 
 
-def _packed(slices: Sequence[FileSlice]) -> Iterator[list[FileSlice]]:
+def _pack(slices: Sequence[FileSlice]) -> Iterator[list[FileSlice]]:
     """Pack small slices of tables together, in order.
 
     >>> files = [FileSlice(StoredFile(str(part), "", 0), (0,), 20_000) for part in range(200)]
-    >>> [len([*_packed(files[:count])]) for count in (3, 32, 100, 200)]
+    >>> [len([*_pack(files[:count])]) for count in (3, 32, 100, 200)]
     [3, 16, 20, 40]
     """
     rows = [part.rows for part in slices]
-    return _filled(slices, rows, min(SMALLEST, _enough(sum(rows), SHORT)), LARGEST)
+    return _fill(slices, rows, min(MIN_ROWS, _full_size(sum(rows), SHORT_ROWS)), LARGEST)
 
 
-def _filled(slices: Sequence[FileSlice], sizes: Sequence[int], enough: int, largest: int) -> Iterator[list[FileSlice]]:
-    """Runs of up to `MOST_SLICES` slices that end where they are large enough, or would be too large."""
+def _fill(slices: Sequence[FileSlice], sizes: Sequence[int], enough: int, largest: int) -> Iterator[list[FileSlice]]:
+    """Runs of up to `MAX_SLICES` slices that end when they are large enough, or would become too large."""
     above = [0, *accumulate(sizes)]
 
     def fits(run: list[int], place: int) -> bool:
         size = above[place] - above[run[0]]
-        return len(run) < MOST_SLICES and size < enough and size + sizes[place] <= largest
+        return len(run) < MAX_SLICES and size < enough and size + sizes[place] <= largest
 
     return ([slices[place] for place in run] for run in _runs_that_fit(range(len(slices)), fits))
 
 
-def _joined(together: dict[tuple[int, ...], list[str]], tables: Sequence[_TableSlice]) -> Iterator[Partition]:
-    """Partitions of units that lie in several slices: each as many units as are likely to fit into memory."""
+def _shared_partitions(
+    together: dict[tuple[int, ...], list[str]], tables: Sequence[_TableSlice]
+) -> Iterator[Partition]:
+    """Yield partitions of units that lie in several slices, each with as many units as should fit into memory."""
     units: list[str] = []
     places: set[int] = set()
 
@@ -420,7 +422,7 @@ def _joined(together: dict[tuple[int, ...], list[str]], tables: Sequence[_TableS
     for own, every in together.items():
         shares = -(-rows(own) // LARGEST) if len(every) > 1 else 1
         for share in range(shares):
-            if units and rows(places | set(own)) > SMALLEST:
+            if units and rows(places | set(own)) > MIN_ROWS:
                 yield partition()
                 units, places = [], set()
             units += every[share::shares]
@@ -429,10 +431,10 @@ def _joined(together: dict[tuple[int, ...], list[str]], tables: Sequence[_TableS
         yield partition()
 
 
-def _across(tables: Sequence[_TableSlice], options: Options) -> dict[str, tuple[int, ...]]:
-    """Units with rows in several slices, and in which."""
+def _shared_units(tables: Sequence[_TableSlice], options: Options) -> dict[str, tuple[int, ...]]:
+    """Units with rows in several slices, and the indices of these slices."""
     across: dict[str, tuple[int, ...]] = {}
-    for cluster in _overlapping(tables):
+    for cluster in _overlapping_slices(tables):
         overlapping = [tables[place] for place in cluster]
         is_sorted = all(one.greatest <= two.least for one, two in pairwise(overlapping))
         if is_sorted:  # only the last unit of one can be the first of the next
@@ -447,8 +449,8 @@ def _across(tables: Sequence[_TableSlice], options: Options) -> dict[str, tuple[
     return across
 
 
-def _overlapping(tables: Sequence[_TableSlice]) -> Iterator[list[int]]:
-    """Slices whose ranges of units overlap, from the least unit on."""
+def _overlapping_slices(tables: Sequence[_TableSlice]) -> Iterator[list[int]]:
+    """Yield groups of slices whose ranges of units overlap, in the order of units."""
     cluster: list[int] = []
     greatest = ""
     for place in sorted(range(len(tables)), key=lambda place: (tables[place].least, tables[place].greatest)):
@@ -467,18 +469,18 @@ def _units(table: _TableSlice, options: Options) -> set[str]:
 
 
 def _logs(slices: Sequence[FileSlice]) -> Iterator[Partition]:
-    """Partitions of log files, in order.
+    """Pack log files into partitions, in order.
 
     >>> files = [FileSlice(StoredFile(str(part), "", 12_000)) for part in range(2000)]
     >>> [len([*_logs(files[:count])]) for count in (3, 32, 600, 2000)]
     [3, 16, 28, 63]
     """
     sizes = [part.weight for part in slices]
-    runs = _filled(slices, sizes, _enough(sum(sizes), SHORT_BYTES), LOG_BYTES)
+    runs = _fill(slices, sizes, _full_size(sum(sizes), SHORT_BYTES), LOG_BYTES)
     return (Partition(tuple(run)) for run in runs)
 
 
-def _asked(options: Options) -> str:
+def _options_text(options: Options) -> str:
     """Options and release, as text."""
     return json.dumps({**dataclasses.asdict(options), "versions": (version("flinders"), VERSION)}, sort_keys=True)
 
@@ -486,5 +488,5 @@ def _asked(options: Options) -> str:
 def _fingerprint(files: Sequence[StoredFile], options: Options, earlier: ReadFiles | None) -> str:
     """Hash of everything that a result depends on."""
     known = None if earlier is None else earlier.digest
-    inputs = [[dataclasses.astuple(file) for file in files], _asked(options), known]
+    inputs = [[dataclasses.astuple(file) for file in files], _options_text(options), known]
     return hashlib.sha256(json.dumps(inputs).encode()).hexdigest()

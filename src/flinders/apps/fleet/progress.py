@@ -1,4 +1,4 @@
-"""State of a run so far, and who is notified: its log, its progress bar, and the person who started it."""
+"""Progress of a run, for its log, its progress bar, and messages to the user."""
 
 from __future__ import annotations
 
@@ -25,21 +25,21 @@ if TYPE_CHECKING:
     from flinders.apps.fleet.plan import Partition, Plan
     from flinders.apps.fleet.scheduler import WorkerDeath
 
-LISTED: Final = 8
-"""Files of a partition that an event lists; it counts them all."""
+MAX_LISTED: Final = 8
+"""Largest number of files of a partition that an event lists; all are counted."""
 UNREAD: Final = 1_000
-"""Events about recordings that could not be read; more are only counted."""
+"""Largest number of events about unreadable recordings; further ones are only counted."""
 
 ProgressCallback: TypeAlias = Callable[[int, int, int], None]
-"""Called with the work done, the total of it, and the recordings so far."""
+"""Called with the work done and the total work, in bytes to read, and the number of recordings so far."""
 
 
 @dataclass(slots=True)
 class Progress:
-    """State of a run so far, and who is notified."""
+    """Progress of a run, and the callbacks that report it."""
 
-    watch: ProgressCallback | None = None  # called as each partition is done
-    notice: Callable[[str], None] = lambda _: None  # called with a line for the person who started the run
+    watch: ProgressCallback | None = None  # called when a partition is finished
+    notice: Callable[[str], None] = lambda _: None  # called with a line of text for the user
     workers_lost: int = 0
     retried: set[Partition] = field(default_factory=set)  # partitions that were run again because their worker died
     unread: int = 0  # recordings that could not be read
@@ -59,7 +59,7 @@ class Progress:
         log_event("planned", **fields, **about, resumed=len(finished))
 
     def waits(self, words: str) -> None:
-        """Log and say why the work does not go on."""
+        """Log and report why the run waits."""
         log_event("waiting", message=words)
         self.notice(words)
 
@@ -68,11 +68,11 @@ class Progress:
         self.workers_lost += 1
         fields: dict[str, Any] = {"worker": death.worker}
         if partition is None:
-            fields["message"] = "a worker left the cluster, which does again what it was doing"
+            fields["message"] = "a worker left the cluster, which repeats the work of that worker"
         else:
             self.retried.add(whole or partition)
             fields |= {**_files_of(partition), "attempt": death.attempts}
-            fields["message"] = "a worker died while it did these files, which are done again"
+            fields["message"] = "a worker died while it calibrated these files, which are calibrated again"
         log_event("worker-lost", **fields)
 
     def committed(self, place: int, partition: Partition, content: bytes, *, was_lost: bool) -> None:
@@ -101,15 +101,15 @@ class Progress:
 
     @contextlib.contextmanager
     def ending(self) -> Iterator[None]:
-        """Log how a run ends that does not finish, and say how many of its partitions are done.
+        """Log the end of a run that does not finish, and report how many of its partitions are finished.
 
-        An OutputError is raised with that added.
+        An OutputError is raised again with that number in its message.
         """
         try:
             yield
         except BaseException as error:
             done = self._work_done()
-            with contextlib.suppress(OutputError):  # the log may be what cannot be written
+            with contextlib.suppress(OutputError):  # the error may be that of the log
                 self._log_end(error, done)
             if isinstance(error, KeyboardInterrupt) and done:
                 self.notice(done)
@@ -129,14 +129,14 @@ class Progress:
             log_event("failed", code="internal", message=f"{type(error).__name__}: {error}", **state)
 
     def _work_done(self) -> str:
-        """Say how many partitions are done; a folder without any is removed."""
+        """Message about the number of finished partitions; a folder without any is removed."""
         if self._checkpoint is None:
             return ""
         done = self._checkpoint.done
         if not done:
             self._checkpoint.remove()
             return ""
-        return f"{done:,} of {counted(self._partitions, 'partition')} are done, and kept: go on with the run"
+        return f"{done:,} of {counted(self._partitions, 'partition')} are finished and kept: continue the run"
 
     def _log_unread(self, rows: Any) -> None:  # noqa: ANN401 - pyarrow ships no types
         """Log each recording that could not be read, up to `UNREAD` of them."""
@@ -148,13 +148,13 @@ class Progress:
             log_event("unread", **row)
         before, self.unread = self.unread, self.unread + failed.num_rows
         if before <= UNREAD < self.unread:
-            log_event("unread-more", message=f"{UNREAD:,} are told; what follows is counted, and in the table")
+            log_event("unread-more", message=f"{UNREAD:,} are logged; further ones are counted, and in the table")
 
 
 def _files_of(partition: Partition) -> dict[str, Any]:
-    """Names of some files of a partition, and how many there are."""
+    """Names of the first files of a partition, and the number of all."""
     names = list(dict.fromkeys(part.file.name for part in partition.slices))
-    return {"files": names[:LISTED], "file_count": len(names)}
+    return {"files": names[:MAX_LISTED], "file_count": len(names)}
 
 
 def _counts_of(rows: Any, name: str) -> dict[str, int]:  # noqa: ANN401
@@ -186,21 +186,21 @@ def log_to(path: str | os.PathLike[str] | None) -> Iterator[None]:
 
 
 def log_event(event: str, **fields: object) -> None:
-    """Log what happened, and its fields; raises OutputError if the file of `log_to` cannot be written."""
+    """Log an event with its fields; raises OutputError if the file of `log_to` cannot be written."""
     LOGGER.info(event, extra={"fields": fields})
 
 
 class _JsonLines(logging.Handler):
-    """Append each event to a file at once; raise an error if the file cannot be written."""
+    """Handler that appends each event to a file at once; raises OutputError if the file cannot be written."""
 
     def __init__(self, path: str | os.PathLike[str]) -> None:
-        """Open the file, and end a line that was cut."""
+        """Open the file, and end an incomplete last line."""
         super().__init__()
         self._path = path
         try:
             self._file = Path(path).open("ab", buffering=0)  # noqa: SIM115 - closed by `close`
         except OSError as error:
-            raise self._refused(error) from None
+            raise self._refusal(error) from None
         if _is_cut(path):
             self._write("\n")
 
@@ -220,9 +220,9 @@ class _JsonLines(logging.Handler):
         try:
             write_all(self._file, line.encode())
         except OSError as error:
-            raise self._refused(error) from None
+            raise self._refusal(error) from None
 
-    def _refused(self, error: OSError) -> OutputError:
+    def _refusal(self, error: OSError) -> OutputError:
         """Error of a log that cannot be written."""
         return OutputError(f"{self._path}: the log cannot be written: {reason(error)}")
 

@@ -26,22 +26,23 @@ if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
 MAX_BYTES: Final = 1 << 28
-"""Bytes of a list of units."""
+"""Largest size of a list of units, in bytes."""
 
 
 @dataclass(frozen=True, slots=True)
 class Properties:
-    """What is known of units beside their recordings."""
+    """Properties of units, such as firmware or place, that do not come from recordings."""
 
-    names: tuple[str, ...]  # of the properties
-    known: Mapping[str, tuple[str, ...]] | None = field(default=None, repr=False)  # by unit; None: those of the rows
+    names: tuple[str, ...]  # names of the properties
+    # values by unit; None if the rows keep their own
+    known: Mapping[str, tuple[str, ...]] | None = field(default=None, repr=False)
 
     @classmethod
     def read(cls, path: str | os.PathLike[str], unit_column: str | None = None) -> Self:
-        """Read a CSV with a column of units and others.
+        """Read a CSV with a column of units and columns of properties.
 
-        Lines without a unit are passed over. Raises `UnreadableInput` if it cannot be read, and `UsageError` if no
-        column names units, a column has the name of one of the table, or a unit is there twice.
+        Lines without a unit are skipped. Raises `UnreadableInput` if the file cannot be read, and `UsageError` if no
+        column names units, a property has the name of a column of the table, or a unit occurs twice.
         """
         content = read_bytes(path, largest=MAX_BYTES, what="list of units", refused=UnreadableInput)
         text = content.decode("utf-8-sig", "replace")
@@ -71,7 +72,7 @@ class Properties:
         return known.get(name, ("",) * len(self.names))
 
     def joined(self, table: Any) -> Any:  # noqa: ANN401 - pyarrow ships no types
-        """A table of Arrow with these columns in place of its own."""
+        """Arrow table with these properties instead of its own added columns."""
         if self.known is None or not self.names:
             return table
         arrow = needs_arrow()
@@ -83,7 +84,7 @@ class Properties:
 
 
 def with_columns(table: Any, added: Sequence[str]) -> Any:  # noqa: ANN401
-    """A table of Arrow with the columns of a fleet and some of texts, null where it has none."""
+    """Arrow table with the columns of a fleet and the `added` ones of texts, null if the table lacks them."""
     arrow = needs_arrow()
     there = table.column_names
     nulls = arrow.nulls(len(table), arrow.string())
@@ -92,20 +93,20 @@ def with_columns(table: Any, added: Sequence[str]) -> Any:  # noqa: ANN401
 
 
 def _unit_place(path: str | os.PathLike[str], columns: Sequence[str], unit_column: str | None) -> int:
-    """Place of the column of units."""
+    """Index of the column of units."""
     lowered = [name.casefold() for name in columns]
     for wanted in (*([unit_column.casefold()] if unit_column else []), *UNIT_COLUMNS):
         if wanted in lowered:
             return lowered.index(wanted)
     raise UsageError(
-        f"{path} does not say which unit a line is of: there are {', '.join(columns[:24]) or 'no columns'}; need a "
-        "header with a column such as unit or serial, or its name",
+        f"{path} has no known column of units: its columns are {', '.join(columns[:24]) or 'none'}; need a "
+        "header with a column such as unit or serial, or the name of that column",
         hint={"unit_column": None},
     )
 
 
 def _refuse_names(path: str | os.PathLike[str], names: Sequence[str]) -> None:
-    """Refuse properties without a name, or with one that the table, or another, has already."""
+    """Refuse properties without a name, or with the name of another property or of a column of the table."""
     for name in names:
         if not name or name in NAMES or names.count(name) > 1:
             raise UsageError(f"{path}: a property cannot be called {name!r}: give the column another name")

@@ -1,9 +1,9 @@
-"""Recordings in slices of tables: side by side in memory, streamed if one is too long for that, or unreadable.
+"""Recordings in slices of tables: all in memory, or streamed if one is too long or unreadable.
 
 >>> from flinders.apps.fleet.plan import Partition
 >>> rows = RowFilter(Partition((), without=("B02",)))
 >>> numbers = np.array([rows.names.number((unit, "")) for unit in ("A17", "B02", "")])
->>> rows.mask(numbers), rows.nameless_in(numbers)
+>>> rows.mask(numbers), rows.is_nameless(numbers)
 (array([ True, False, False]), array([False, False,  True]))
 """
 
@@ -46,7 +46,7 @@ class Job:
     unit: str
     recording: str
     source: Recording
-    readings: int  # its rows, unusable ones too
+    readings: int  # number of its rows, with unusable ones
     start_s: float = 0.0  # s, origin of the times of `source`; NaN if it is not known
     file: str = ""  # name of its file
 
@@ -62,22 +62,22 @@ class RecordingSet:
 
     pairs: Sequence[Pair]  # unit and recording
     lined: Lined  # usable readings
-    rows: NDArray[np.int64]  # (R,) rows of each, unusable ones too
-    start_s: Floats  # (R,) in s, origin of the times of each
-    file: str = ""  # name of their file; empty if they are in several
+    rows: NDArray[np.int64]  # (R,) number of rows of each recording, with unusable ones
+    start_s: Floats  # (R,) in s, origin of the times of each recording
+    file: str = ""  # name of the file; empty for several files
 
     @classmethod
     def joined(cls, sets: Sequence[RecordingSet]) -> list[RecordingSet]:
-        """Join sets that can be fitted together: the larger a set, the less each recording costs."""
+        """Join sets that can be fitted together, as each recording of a larger set costs less time."""
         alike: dict[Hashable, list[RecordingSet]] = defaultdict(list)
         for place, each in enumerate(sets):
             whole = each.lined.whole
             is_bare = whole.strength is None and not whole.skipped
             alike[(whole.unit, whole.axes, whole.time is None, whole.disturbances) if is_bare else place].append(each)
-        return [group[0] if len(group) == 1 else cls._one(group) for group in alike.values()]
+        return [group[0] if len(group) == 1 else cls._concatenate(group) for group in alike.values()]
 
     @classmethod
-    def _one(cls, sets: Sequence[RecordingSet]) -> RecordingSet:
+    def _concatenate(cls, sets: Sequence[RecordingSet]) -> RecordingSet:
         """Concatenate sets in the same unit and axes and with the same auxiliary columns."""
         wholes = [each.lined.whole for each in sets]
         above = np.cumsum([0, *(len(whole) for whole in wholes[:-1])])
@@ -97,7 +97,7 @@ class RecordingSet:
 
     @property
     def spans(self) -> Floats:
-        """(R, 2) earliest and latest time of each."""
+        """(R, 2) earliest and latest time of each recording, in s; NaN without times."""
         spans = np.full((len(self.pairs), 2), math.nan)
         time = self.lined.whole.time
         if time is not None:
@@ -109,30 +109,30 @@ class RecordingSet:
 
 
 class RowFilter:
-    """Which rows of a table are taken, of a partition or of `selected` recordings, and how many name no unit."""
+    """Selects the rows of a partition, or of `selected` recordings, and counts rows without a unit."""
 
     def __init__(self, partition: Partition, selected: Container[Pair] | None = None) -> None:
         self.names = Interner()
         self.nameless = 0
         self._partition, self._selected = partition, selected
-        self._uses: list[int] = []  # of each recording of `names`
+        self._uses: list[int] = []  # use of each recording in `names`
 
     def takes(self, pair: Pair) -> bool:
         """Whether a recording is taken."""
         return self._partition.takes(pair[0]) and (self._selected is None or pair in self._selected)
 
-    def nameless_in(self, numbers: NDArray[np.int64]) -> NDArray[np.bool_]:
-        """(B,) which rows are of no unit, if this partition reports those."""
+    def is_nameless(self, numbers: NDArray[np.int64]) -> NDArray[np.bool_]:
+        """(B,) whether rows have no unit and this partition reports them."""
         nameless: NDArray[np.bool_] = self._uses_of(numbers) == NAMELESS
         return nameless
 
     def mask(self, numbers: NDArray[np.int64]) -> NDArray[np.bool_]:
-        """(B,) which rows are taken."""
+        """(B,) whether rows are taken."""
         taken: NDArray[np.bool_] = self._uses_of(numbers) == TAKEN
         return taken
 
     def _uses_of(self, numbers: NDArray[np.int64]) -> NDArray[np.int8]:
-        """(B,) what happens to rows."""
+        """(B,) use of each row: one of the constants below."""
         for unit, recording in self.names.pairs[len(self._uses) :]:
             is_taken = self.takes((unit, recording if unit else ""))
             self._uses.append((TAKEN if unit else NAMELESS) if is_taken else PASSED_OVER)
@@ -140,11 +140,11 @@ class RowFilter:
 
 
 PASSED_OVER, TAKEN, NAMELESS = range(3)
-"""What happens to rows: nothing; they are fitted; they name no unit, and are counted."""
+"""Use of a row: it is skipped; it is fitted; it has no unit, and is counted."""
 
 
 def read_recordings(table: KeyedTable | KeyedFrame, part: FileSlice, rows: RowFilter) -> RecordingSet:
-    """Read the recordings of a slice, each in the order of time, or of its rows if times are not known."""
+    """Recordings of a slice, each in the order of time, or of its rows if times are not known."""
     columns = table.recording.columns
     runs, values = _read(table, part, rows)
     if len(np.unique(runs.numbers)) < len(runs.numbers):
@@ -161,21 +161,21 @@ def read_recordings(table: KeyedTable | KeyedFrame, part: FileSlice, rows: RowFi
         usable = np.logical_and.reduce([~is_silent, *(np.isfinite(values[place]) for place in field)])
         values, ends = [column[usable] for column in values], np.concatenate([[0], np.cumsum(usable)])[ends]
     if columns.time is not None:
-        values = _sorted_by_time(values, ends, values[columns.cells.index(columns.time.cells[0])])
+        values = _sort_by_time(values, ends, values[columns.cells.index(columns.time.cells[0])])
     pairs = [rows.names.pairs[number] for number in runs.numbers.tolist()]
     lined = Lined(table.samples(values, part.file.name), ends, [" ".join(filter(None, pair)) for pair in pairs])
     return RecordingSet(pairs, lined, runs.lengths, np.full(len(pairs), table.start_s), part.file.name)
 
 
 def _read(table: KeyedTable | KeyedFrame, part: FileSlice, rows: RowFilter) -> tuple[Runs, list[NDArray[np.floating]]]:
-    """Run lengths of the rows of a slice that are taken, and their K columns (N,)."""
+    """Run lengths of the selected rows of a slice, and K columns (N,) of these rows."""
     nameless = 0
     runs: list[Runs] = []
     values: list[list[NDArray[np.floating]]] = []
     for every, block in table.batches(part.groups, rows.names):
         own, columns, mask = every, block, rows.mask(every.numbers)
         if not mask.all():
-            nameless += int(every.lengths[rows.nameless_in(every.numbers)].sum())
+            nameless += int(every.lengths[rows.is_nameless(every.numbers)].sum())
             is_taken = np.repeat(mask, every.lengths)
             own, columns = Runs(every.numbers[mask], every.lengths[mask]), [column[is_taken] for column in block]
         runs.append(own)
@@ -186,12 +186,12 @@ def _read(table: KeyedTable | KeyedFrame, part: FileSlice, rows: RowFilter) -> t
     return Runs.joined(runs), whole
 
 
-def _sorted_by_time(
+def _sort_by_time(
     values: list[NDArray[np.floating]], ends: NDArray[np.int64], time: NDArray[np.floating]
 ) -> list[NDArray[np.floating]]:
-    """Sort columns (N,) of recordings that end at (R,) `ends` by (N,) times, where all are known.
+    """Sort columns (N,) of recordings that end at (R,) `ends` by (N,) times; skip recordings with unknown times.
 
-    >>> _sorted_by_time([np.array([1.0, 2.0, 3.0, 4.0])], np.array([2, 4]), np.array([5.0, 3.0, 7.0, 7.0]))
+    >>> _sort_by_time([np.array([1.0, 2.0, 3.0, 4.0])], np.array([2, 4]), np.array([5.0, 3.0, 7.0, 7.0]))
     [array([2., 1., 3., 4.])]
     """
     back = time[1:] < time[:-1]
@@ -219,15 +219,15 @@ def merged_recording(parts: Sequence[Job]) -> Job | UnitResult:
     except UnitError as error:
         return UnitResult(unit=pair[0], recording=pair[1], readings=rows).with_error(error)
     start = min(part.start_s for part in parts)
-    later = [delayed(each, part.start_s - start) for each, part in zip(samples, parts, strict=True)]
+    later = [delay(each, part.start_s - start) for each, part in zip(samples, parts, strict=True)]
     whole = concatenated(later, later[0])
     if whole.time is not None and np.isfinite(whole.time).all() and (np.diff(whole.time) < 0.0).any():
         whole = whole[np.argsort(whole.time, kind="stable").tolist()]
     return Job(*pair, whole, rows, start)
 
 
-def delayed(samples: Samples, seconds: float) -> Samples:
-    """Samples with later times."""
+def delay(samples: Samples, seconds: float) -> Samples:
+    """Samples with `seconds` added to their times."""
     return samples if samples.time is None or not seconds else replace(samples, time=samples.time + seconds)
 
 
@@ -264,7 +264,7 @@ class StreamedRecording:
         return " ".join(filter(None, self.pair))
 
     def blocks(self) -> Iterator[Samples]:
-        """Read it block by block."""
+        """Yield the readings block by block."""
         for part in self.partition.slices:
             rows = RowFilter(self.partition, (self.pair,))
             with open_as_planned(part, self.options) as file:
@@ -275,4 +275,4 @@ class StreamedRecording:
                     mask = np.repeat(rows.mask(runs.numbers), runs.lengths)
                     if mask.any():
                         samples = table.samples([column[mask] for column in values], self.source)
-                        yield delayed(samples, table.start_s - self.start_s)
+                        yield delay(samples, table.start_s - self.start_s)

@@ -1,8 +1,8 @@
-"""A fleet as one HTML file: what to do first, then how good its compasses are, and what was refused and why.
+"""Report of a fleet as one HTML file: actions first, then the quality of its compasses, and refusals with reasons.
 
-The file needs nothing else: no server, no network, and no script but that of the button for light and dark. Tables are
-sorted by choosing one of several orders, which a browser does without a script. What comes from files is escaped, and a
-Content-Security-Policy lets nothing run but the page's own script. Its size does not grow with the fleet.
+The file is complete: it needs no server and no network, and its only script is that of the button for light and dark.
+The user sorts tables by choosing one of several prepared orders, without a script. Texts from files are escaped, and a
+Content-Security-Policy allows only the page's own script. The size of the file does not grow with the fleet.
 
 >>> from flinders.apps.fleet.overview import Histogram
 >>> whole = Histogram.over(0.01, 100.0, 40).counted([0.2, 0.3, 5.0])
@@ -47,19 +47,19 @@ VERDICTS: Final = {
 }
 CHANGES: Final = ("steady", "single", "none", "unordered", "unsure", "changed", "recalibrate")
 """States of units in the order of a bar; the last two are changes."""
-SHOWN: Final = 4
-"""Findings of a unit that are named; the others are counted."""
-FAIR: Final = 0.02
-"""Share of recordings that are not good up to which a fleet is called good."""
+MAX_FINDINGS: Final = 4
+"""Largest number of findings that are named for a unit; further ones are counted."""
+FAIR_SHARE: Final = 0.02
+"""Largest share of recordings that are not good in a fleet that is called good."""
 
 
 def page(overview: Overview, drift: FleetDrift | None = None) -> str:
-    """Write a fleet as one HTML file, with how its units changed where that is known."""
+    """The report as one HTML file, with the drift of units if it is known."""
     given = {
         "overview": overview,
         "drift": drift,
         "notes": [] if drift is None else [as_sentence(words) for words in about_order(drift)],
-        "fair": FAIR,
+        "fair": FAIR_SHARE,
         "units": None if drift is None else _orders(drift),
         "unit_of_units": "" if drift is None else common_unit(drift.listed),
         "unit_of_steps": "" if drift is None else common_unit(drift.steps),
@@ -68,9 +68,9 @@ def page(overview: Overview, drift: FleetDrift | None = None) -> str:
         "verdicts": VERDICTS,
         "condition": TUMBLE_STATED,
         "changes": CHANGES,
-        "most_findings": SHOWN,
+        "most_findings": MAX_FINDINGS,
         "catalogue": CATALOGUE,
-        "odd_states": [] if drift is None else _odd(drift)[:10],
+        "odd_states": [] if drift is None else _odd_batches(drift)[:10],
         "odd_batches": sorted(standing_out(overview.batches)),
         "groups": [
             (name, batch_rows(counts, ("good",), odd := standing_out(counts)), sorted(odd))
@@ -85,14 +85,14 @@ def page(overview: Overview, drift: FleetDrift | None = None) -> str:
 
 
 def when(seconds: float) -> str:
-    """Write the day of a time since 1970; a dash where none is known."""
+    """Day of a time since 1970; a dash for NaN."""
     if not math.isfinite(seconds):
         return "–"
     return f"{datetime.fromtimestamp(seconds, UTC):%Y-%m-%d}"
 
 
 def chance(p_value: float) -> str:
-    """How often chance makes as much.
+    """Format a p value.
 
     >>> chance(3e-20), chance(0.0312), chance(2.5e-6)
     ('< 1e-12', '0.031', '2.5e-06')
@@ -104,35 +104,35 @@ def chance(p_value: float) -> str:
 
 
 def common_unit(rows: Sequence[UnitDrift | UnitStep | UnitWalk]) -> str:
-    """The unit of field that all rows have, which then stands in the heading; empty where units differ."""
+    """The common unit of field of all rows, for the heading of a table; empty if units differ."""
     units = {label(row.unit_of_field) for row in rows}
     return units.pop() if len(units) == 1 else ""
 
 
 def about_order(drift: FleetDrift) -> list[str]:
-    """Say of which units no dates or no order are known, and what was counted once; a sentence each."""
+    """Sentences about units without dates or without an order, and about duplicate rows."""
     remarks = []
     if drift.undated.units:
         remarks.append(
-            f"no dates are known of {counted(drift.undated.units, 'unit')}: recordings are taken in the order of their "
-            "names, nothing is told by the day, and a step may be drift over a long time"
+            f"no dates are known of {counted(drift.undated.units, 'unit')}: recordings are ordered by name, drift is "
+            "given per recording, and a step may be drift over a long time"
         )
     if count := drift.states["unordered"]:
         some = ", ".join(drift.unordered[:5]) + (" and others" if count > 5 else "")
         remarks.append(
-            f"the order of recordings is not known of {counted(count, 'unit')} ({some}): nothing is told of them; put "
+            f"the order of recordings is not known of {counted(count, 'unit')} ({some}), which are not compared: put "
             "dates into the names of recordings"
         )
     if drift.duplicates:
         remarks.append(
-            f"{counted(drift.duplicates, 'row')} passed over: the same recordings stand in a table named later, or "
-            "further down, and count once"
+            f"{counted(drift.duplicates, 'row')} skipped: their recordings also stand in a later table, or further "
+            "down, and count once"
         )
     return remarks
 
 
 def _orders(drift: FleetDrift) -> list[tuple[str, list[UnitDrift]]]:
-    """The listed units in each order that they can be seen in."""
+    """The listed units in each order that the page offers."""
     listed = list(drift.listed)
     return [
         ("urgency", listed),
@@ -142,13 +142,13 @@ def _orders(drift: FleetDrift) -> list[tuple[str, list[UnitDrift]]]:
     ]
 
 
-def _odd(drift: FleetDrift) -> list[BatchDrift]:
-    """Batches that stand out by how their units changed."""
+def _odd_batches(drift: FleetDrift) -> list[BatchDrift]:
+    """Batches that stand out by changes or steps of their units."""
     return [one for one in drift.batches if {"changes", "steps"} & set(one.stands_out)]
 
 
 def _figures(overview: Overview, drift: FleetDrift | None) -> dict[str, Any]:
-    """Figures, and rows of the maps of batches, by name; None of those that nothing is known for."""
+    """Figures, and rows of the maps of batches, by name; None for a figure without data."""
     shown: dict[str, Any] = {
         "batches": batch_rows(overview.batches, ("good",), standing_out(overview.batches)),
         "change": None,
@@ -157,14 +157,14 @@ def _figures(overview: Overview, drift: FleetDrift | None) -> dict[str, Any]:
     }
     if drift is not None and drift.batches:
         states = {one.batch: one.states for one in drift.batches}
-        shown["batch_states"] = batch_rows(states, CHANGES[:-2], {one.batch for one in _odd(drift)})
+        shown["batch_states"] = batch_rows(states, CHANGES[:-2], {one.batch for one in _odd_batches(drift)})
     if drift is not None and drift.change_deg.total:
         shown["change"] = distribution(drift.change_deg, "degrees", target=drift.target_deg)
     return shown
 
 
 def _distributions(overview: Overview) -> list[tuple[str, str, str]]:
-    """Title, words and figure of each number that a fleet has a distribution of."""
+    """Title, summary and figure of each distribution."""
     fields = [
         (f"Field strength, {label(unit)}", counts, label(unit), "", None) for unit, counts in overview.field.items()
     ]
@@ -182,32 +182,32 @@ def _distributions(overview: Overview) -> list[tuple[str, str, str]]:
 
 
 def _factor(unit: str) -> float:
-    """By which shown numbers are larger than those counted."""
+    """Factor from a counted number to the shown one."""
     return 100.0 if unit == " %" else 1.0
 
 
 def _share(value: float) -> str:
-    """Write a share as a percentage; a dash where none is known."""
+    """Format a share as a percentage; a dash for NaN."""
     return "–" if not math.isfinite(value) else f"{value:.1%}" if value < 1.0 else f"{value:.1f} ×"
 
 
 # -------------------------------------------------------------------------------------------------------------- figures
 
-WIDE, HIGH = 400, 190
-MOST_BATCHES: Final = 240
-"""Batches on the map; of more, those with the largest share without a good verdict."""
-SEEN: Final = 0.004
-"""Least share of a bar that is drawn: of a million, one that failed is seen."""
+WIDTH, HEIGHT = 400, 190
+MAX_BATCHES: Final = 240
+"""Largest number of batches on the map; of more, those with the largest share without a good verdict."""
+MIN_SHARE: Final = 0.004
+"""Smallest share of a bar that is drawn, so that a single failure of a million is visible."""
 
 
 def distribution(histogram: Histogram, words: str, *, target: float | None = None, factor: float = 1.0) -> str:
-    """Numbers counted on a logarithmic axis, with their median, and what is above the target in another colour.
+    """Drawing of a histogram on a logarithmic axis, with its median, and bars above the target in another colour.
 
-    `words` stand below the axis, whose numbers are larger by `factor` than those counted.
+    `words` stand below the axis; its numbers are the counted ones times `factor`.
     """
     low, high = _ends(histogram)
     edges, counts = histogram.edges[low : high + 1], histogram.counts[low:high]
-    plot = Plot(16, 22, WIDE - 28, 124, Axis(edges[0], edges[-1], np.log), Axis(0.0, max(counts, default=1) or 1))
+    plot = Plot(16, 22, WIDTH - 28, 124, Axis(edges[0], edges[-1], np.log), Axis(0.0, max(counts, default=1) or 1))
     is_above = [target is not None and first * last > target**2 for first, last in itertools.pairwise(edges)]
     parts = [plot.columns(_decades(edges[0], edges[-1], factor), gap=27)]
     for kind, is_kind in (("bar", False), ("bar above", True)):
@@ -220,7 +220,7 @@ def distribution(histogram: Histogram, words: str, *, target: float | None = Non
     middle = histogram.quantile(0.5)
     if math.isfinite(middle):
         parts.append(text(plot.x(min(max(middle, edges[0]), edges[-1])), plot.bottom + 14, "▲", kind="name"))
-    return chart(WIDE, HIGH, f"Distribution: {words}", *parts, text(plot.middle, HIGH - 4, words))
+    return chart(WIDTH, HEIGHT, f"Distribution: {words}", *parts, text(plot.middle, HEIGHT - 4, words))
 
 
 def shares(counts: Mapping[str, int], kinds: Sequence[str] = tuple(VERDICTS)) -> list[tuple[str, float, float]]:
@@ -231,14 +231,14 @@ def shares(counts: Mapping[str, int], kinds: Sequence[str] = tuple(VERDICTS)) ->
     """
     known = [kind for kind in kinds if counts.get(kind)]
     total = sum(counts[kind] for kind in known)
-    widths = [max(counts[kind] / total, SEEN) for kind in known]
+    widths = [max(counts[kind] / total, MIN_SHARE) for kind in known]
     whole = sum(widths) or 1.0
     ends = [1000.0 * end / whole for end in itertools.accumulate(widths, initial=0.0)]
     return [(kind, x, end - x) for kind, (x, end) in zip(known, itertools.pairwise(ends), strict=True)]
 
 
 def listed_counts(counts: Mapping[str, int], kinds: Sequence[str] = tuple(VERDICTS)) -> str:
-    """How many there are of each kind, in words.
+    """Counts of each kind, in words.
 
     >>> listed_counts({"refused": 2, "good": 1500})
     '1,500 good, 2 refused'
@@ -249,7 +249,7 @@ def listed_counts(counts: Mapping[str, int], kinds: Sequence[str] = tuple(VERDIC
 def batch_rows(
     batches: Mapping[str, Mapping[str, int]], fine: Container[str], odd: Container[str]
 ) -> list[tuple[str, Mapping[str, int], str, bool]]:
-    """Name, counts, share of what is not fine, and whether it stands out, of each batch that is shown."""
+    """Name, counts, share of rows that are not `fine`, and whether it stands out, for each batch on the map."""
     return [
         (name, batches[name], percent(count_bad(batches[name], fine), sum(batches[name].values())), name in odd)
         for name in shown_batches(batches, fine)
@@ -257,17 +257,17 @@ def batch_rows(
 
 
 def shown_batches(batches: Mapping[str, Mapping[str, int]], fine: Container[str] = ("good",)) -> list[str]:
-    """Names of the batches that the map has room for, sorted."""
+    """Sorted names of the batches on the map, at most `MAX_BATCHES`."""
 
-    def spoilt(name: str) -> float:
+    def bad_share(name: str) -> float:
         return count_bad(batches[name], fine) / max(sum(batches[name].values()), 1)
 
-    worst = sorted(batches, key=lambda name: (-spoilt(name), name))[:MOST_BATCHES]
+    worst = sorted(batches, key=lambda name: (-bad_share(name), name))[:MAX_BATCHES]
     return sorted(worst)
 
 
 def _ends(histogram: Histogram) -> tuple[int, int]:
-    """First class that holds something, and the one after the last; a third of a decade wide at the least."""
+    """Range of classes to draw: those with counts and one on either side, at least a third of a decade wide."""
     filled = [place for place, count in enumerate(histogram.counts) if count]
     low, high = (filled[0], filled[-1] + 1) if filled else (0, len(histogram.counts))
     least = math.ceil(len(histogram.counts) / math.log10(histogram.high / histogram.low) / 3.0)
@@ -277,7 +277,7 @@ def _ends(histogram: Histogram) -> tuple[int, int]:
 
 
 def _decades(low: float, high: float, factor: float) -> list[tuple[float, str]]:
-    """Round numbers of each decade from `low` to `high`, and what stands at each: `factor` times that."""
+    """Ticks from `low` to `high`: places, and labels with round numbers, which are `factor` times the places."""
     first, last = low * factor, high * factor
     decades = range(math.floor(math.log10(first)), math.ceil(math.log10(last)) + 1)
     fine = (1.0, 1.2, 1.5, 2.0, 2.5, 3.0, 4.0, 5.0, 6.0, 7.0, 8.0, 9.0)
@@ -303,4 +303,4 @@ FILTERS: Final = {
     "counted": counted, "figures": figures, "degrees": degrees, "day": when, "share": _share, "label": label,
     "chance": chance, "percent": percent, "shares": shares, "listed": listed_counts, "action": action,
 }  # fmt: skip
-"""How the page writes numbers."""
+"""Filters of the page's template."""

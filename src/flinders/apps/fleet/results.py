@@ -1,4 +1,4 @@
-"""Results of a fleet: a row for each recording of each unit, with its calibration or the reason why there is none.
+"""Results of a fleet: a row for each recording of each unit, with its calibration or the reason for its absence.
 
 >>> from flinders import simulate
 >>> from flinders.fitting import calibrate
@@ -48,15 +48,15 @@ VERSION: Final = "1"
 """Version of the columns, in the metadata of a file."""
 SIGN: Final = b"flinders.apps.fleet"
 """Key of that metadata, by which a table of a fleet is recognised."""
-LONGEST: Final = 500
-"""Characters of a message, at most."""
+MAX_MESSAGE_LENGTH: Final = 500
+"""Largest number of characters of a message."""
 
 UNNAMED: Final = re.compile(r"^(\(.*\))?$", re.DOTALL)
-"""In place of a unit's name, in rows of readings without a unit and of unreadable files."""
+"""Pattern of unit names in rows about readings without a unit or about unreadable files."""
 
 
-def _missing(length: int) -> tuple[float, ...]:
-    """Unknown numbers."""
+def _unknown_numbers(length: int) -> tuple[float, ...]:
+    """So many NaN, for numbers that are not known."""
     return (math.nan,) * length
 
 
@@ -68,26 +68,26 @@ class UnitResult:
     recording: str = ""  #: name of the recording; empty if the unit has one recording without a name
     start_s: float = math.nan  #: earliest time of its readings, s since 1970 if it has dates; NaN without times
     end_s: float = math.nan  # latest time
-    readings: int = 0  #: those there were
-    samples: int = 0  #: those that the fit used
+    readings: int = 0  #: number of readings in the recording
+    samples: int = 0  #: number of readings that the fit used
     #: ``good``, ``limited``, ``refused``, or ``failed`` if it could not be read or calculated at all
     verdict: str = "failed"
-    code: str = ""  #: of the error of a refused or failed one, else empty
-    #: why it is not good: code of the finding that comes first, or that of the error; empty for a good one
+    code: str = ""  #: code of the error of a refused or failed recording, else empty
+    #: reason why it is not good: code of the first finding, or of the error; empty for a good one
     cause: str = ""
-    message: str = ""  #: the first sentence of the verdict, with what to do
-    number: float = math.nan  #: what that finding states: docs/findings.md has meaning and unit
-    limit: float = math.nan  #: what that number was compared with
+    message: str = ""  #: first sentence of the verdict, with the remedy
+    number: float = math.nan  #: number of that finding: docs/findings.md has its meaning and unit
+    limit: float = math.nan  #: limit for that number, in the same unit
     method: str = ""  #: method of the final fit
     worst_deg: float = math.nan  #: heading error of a level vehicle at the worst heading, 1 σ, at a dip of `dip_deg`
     rms_deg: float = math.nan  #: the same over all headings
-    bound_95_deg: float = math.nan  #: heading error that it stays within at all headings with a probability of 95 %
+    bound_95_deg: float = math.nan  #: bound of the heading error over all headings, with a probability of 95 %
     dip_deg: float = math.nan  #: dip of the field that heading errors are for
-    offset: tuple[float, ...] = _missing(3)  #: 3 float, in `unit_of_field`
-    matrix: tuple[float, ...] = _missing(9)  #: 9 float: row by row
+    offset: tuple[float, ...] = _unknown_numbers(3)  #: 3 float, in `unit_of_field`
+    matrix: tuple[float, ...] = _unknown_numbers(9)  #: 9 float, row by row
     #: 45 float: of (b, S₁₁, S₂₂, S₃₃, S₁₂, S₁₃, S₂₃), as `Claim.claimed_covariance`: its upper triangle, row by row
-    covariance: tuple[float, ...] = _missing(45)
-    noise: float = math.nan  #: of the readings about the ellipsoid, in `unit_of_field`
+    covariance: tuple[float, ...] = _unknown_numbers(45)
+    noise: float = math.nan  #: noise of the readings about the ellipsoid, 1 σ, in `unit_of_field`
     field_strength: float = math.nan  # strength of the corrected field, in `unit_of_field`
     coverage: float = math.nan  #: fraction of the sphere that was covered
     findings: tuple[str, ...] = ()  #: codes, by severity
@@ -95,11 +95,11 @@ class UnitResult:
     batch: str = ""  #: hardware batch of the unit; empty if it is not known
 
     def with_fit(self, fit: Fit) -> Self:
-        """Row with a fit; one that is refused gives no calibration."""
-        return replace(self._filled(fit), unit_of_field=fit.calibration.unit)
+        """Row with a fit; a refused fit gives no calibration."""
+        return replace(self._with_columns(fit), unit_of_field=fit.calibration.unit)
 
     def with_error(self, error: Exception) -> Self:
-        """Row with an error: a fit that was refused, readings without one, or a file that cannot be read.
+        """Row with an error: a refused fit, readings that cannot be fitted, or a file that cannot be read.
 
         >>> from flinders.errors import TooFewSamples
         >>> row = UnitResult(unit="A17", readings=5).with_error(TooFewSamples(found=5, needed=10, method="likelihood"))
@@ -107,9 +107,9 @@ class UnitResult:
         ('refused', 'too-few-samples', '5 usable readings,')
         """
         fit = getattr(error, "fit", None)
-        return self._filled(error) if fit is None else self.with_fit(fit)
+        return self._with_columns(error) if fit is None else self.with_fit(fit)
 
-    def _filled(self, result: Fit | Exception) -> Self:
+    def _with_columns(self, result: Fit | Exception) -> Self:
         """Row with the columns of a fit or an error."""
         columns = FitColumns.empty(1)
         fill_row(columns, 0, result)
@@ -121,9 +121,9 @@ class UnitResult:
 
 
 NAMES: Final = tuple(field.name for field in fields(UnitResult))
-"""The columns, in order."""
+"""Names of the columns, in order."""
 LISTS: Final = WIDTHS
-"""Columns of so many numbers, which are missing together."""
+"""Columns of lists, with their lengths; the numbers of a list are known or missing together."""
 TEXTS, COUNTS, NUMBERS = (
     tuple(field.name for field in fields(UnitResult) if field.type == kind) for kind in ("str", "int", "float")
 )
@@ -142,7 +142,7 @@ class UnitResults(FitColumns):
 
     @classmethod
     def of(cls, rows: Sequence[UnitResult]) -> Self:
-        """Make columns of rows."""
+        """Make columns from rows."""
         return cls(**{name: _column(name, [getattr(row, name) for row in rows]) for name in NAMES})
 
     @classmethod
@@ -158,7 +158,7 @@ class UnitResults(FitColumns):
         return f"UnitResults({counts or 'empty'})"
 
     def __getitem__(self, rows: slice | NDArray[Any] | Sequence[int]) -> Self:
-        """Take some rows."""
+        """Select some rows."""
         return type(self)(**{name: getattr(self, name)[rows] for name in NAMES})
 
     def row(self, place: int) -> UnitResult:
@@ -170,13 +170,13 @@ class UnitResults(FitColumns):
         return {name: count for name in VERDICTS if (count := int(np.count_nonzero(self.verdict == name)))}
 
     def sorted(self) -> Self:
-        """Sorted by `KEY`, rows without a time last."""
+        """Rows sorted by `KEY`, those without a time last."""
         start = np.where(np.isnan(self.start_s), np.inf, self.start_s).tolist()
         keys = list(zip(self.unit.tolist(), self.recording.tolist(), start, strict=True))
         return self[np.array(sorted(range(len(keys)), key=keys.__getitem__), dtype=np.intp)]
 
     def to_arrow(self) -> Any:  # noqa: ANN401 - pyarrow ships no types
-        """As a table of Arrow.
+        """Convert to an Arrow table.
 
         Raises `MissingExtra` if pyarrow is not installed.
         """
@@ -189,12 +189,12 @@ class UnitResults(FitColumns):
         return self.to_arrow().__arrow_c_stream__(requested_schema)
 
     def to_pandas(self) -> Any:  # noqa: ANN401
-        """As a data frame of pandas, missing numbers as NaN; raises as `to_arrow`, and ImportError without pandas."""
+        """Convert to a pandas data frame, with NaN for missing numbers; raises as `to_arrow`, and ImportError."""
         return self.to_arrow().to_pandas()
 
     @classmethod
     def from_arrow(cls, table: Any) -> Self:  # noqa: ANN401
-        """From a table of Arrow that has the columns of `schema`.
+        """Convert an Arrow table that has the columns of `schema`.
 
         Raises `DocumentError` if columns are missing.
         """
@@ -208,7 +208,7 @@ class UnitResults(FitColumns):
         Raises
         ------
         DocumentError
-            If it is none.
+            If the file is no table of a fleet.
         """
         needs_arrow()
         from pyarrow import parquet
@@ -218,7 +218,7 @@ class UnitResults(FitColumns):
         return cls.from_arrow(table)
 
     def to_bytes(self) -> bytes:
-        """As an Arrow file, which a worker returns."""
+        """Bytes of an Arrow file, which a worker returns."""
         arrow = needs_arrow()
         table = self.to_arrow()
         sink = arrow.BufferOutputStream()
@@ -228,12 +228,12 @@ class UnitResults(FitColumns):
 
     @classmethod
     def from_bytes(cls, content: bytes) -> Self:
-        """From `to_bytes`."""
+        """Read bytes of `to_bytes`."""
         return cls.from_arrow(needs_arrow().ipc.open_file(content).read_all())
 
 
 VERDICTS: Final = ("good", "limited", "refused", "failed")
-"""From the best to the worst."""
+"""Verdicts of rows, from the best to the worst."""
 
 
 @cache
@@ -245,14 +245,14 @@ def needs_arrow() -> Any:  # noqa: ANN401
 
 @contextlib.contextmanager
 def reading_table(path: str | os.PathLike[str]) -> Iterator[None]:
-    """Turn what a table of a fleet raises that is broken, gone or none into `DocumentError`."""
+    """Turn errors of reading a table of a fleet into `DocumentError`."""
     from pyarrow.lib import ArrowException
 
     try:
         yield
     except (OSError, ArrowException) as error:
         is_of_system = isinstance(error, OSError) and error.errno is not None
-        why = f": {reason(error)}" if is_of_system else f" ({error}): need what `flinders fleet` writes"
+        why = f": {reason(error)}" if is_of_system else f" ({error}): need a table of `flinders fleet`"
         raise DocumentError(f"{path}: cannot be read as a table of a fleet{why}") from None
 
 
@@ -268,7 +268,7 @@ def refuse_other_table(names: Sequence[str], needed: Sequence[str], path: str | 
 
 @cache
 def schema(added: tuple[str, ...] = ()) -> Any:  # noqa: ANN401
-    """Columns and types of the table in Arrow and Parquet; `added` are columns of texts behind them."""
+    """Arrow schema of the table; `added` are columns of texts after the fixed ones."""
     arrow = needs_arrow()
     kinds = {
         **dict.fromkeys(TEXTS, arrow.string()),
@@ -282,7 +282,7 @@ def schema(added: tuple[str, ...] = ()) -> Any:  # noqa: ANN401
 
 
 def _column(name: str, cells: Sequence[Any]) -> NDArray[Any]:
-    """Column of the cells of rows."""
+    """Column from the cells of rows."""
     if name in LISTS:
         return np.array(cells, dtype=float).reshape(len(cells), LISTS[name])
     if name in NUMBERS:
@@ -295,25 +295,25 @@ def _column(name: str, cells: Sequence[Any]) -> NDArray[Any]:
 def objects(cells: Sequence[Any]) -> NDArray[np.object_]:
     """(R,) array of texts, or of tuples of them."""
     column = np.empty(len(cells), dtype=object)
-    for place, cell in enumerate(cells):  # a slice would take tuples of one length for rows of a matrix
+    for place, cell in enumerate(cells):  # a slice would make a matrix of tuples of equal length
         column[place] = cell
     return column
 
 
 def one_line(message: str) -> str:
-    """A message as it stands in the table."""
-    return " ".join(message.split())[:LONGEST]
+    """Message in one line of at most `MAX_MESSAGE_LENGTH` characters."""
+    return " ".join(message.split())[:MAX_MESSAGE_LENGTH]
 
 
 def _cell(cell: Any) -> Any:  # noqa: ANN401
-    """Cell of a column as a value of Python."""
+    """Cell of a column as a Python value."""
     if isinstance(cell, np.ndarray):
         return tuple(cell.tolist())
     return cell.item() if isinstance(cell, np.generic) else cell
 
 
 def _array(arrow: Any, name: str, column: NDArray[Any]) -> Any:  # noqa: ANN401
-    """Column as Arrow, null for NaN; `pyarrow.array` is not used, as it imports pandas: 0.25 s and 30 MB a process."""
+    """Arrow array of a column, null for NaN; not by `pyarrow.array`, which imports pandas: 0.25 s and 30 MB."""
     if name in COUNTS:
         return integers(arrow, column)
     kind = schema().field(name).type
@@ -333,32 +333,32 @@ def _array(arrow: Any, name: str, column: NDArray[Any]) -> Any:  # noqa: ANN401
 
 
 def _primitive(kind: Any, column: NDArray[Any], known: NDArray[np.bool_] | None = None) -> Any:  # noqa: ANN401
-    """Numbers of a type of Arrow from the memory of (R,) a column, null where they are not known."""
+    """Arrow array of an (R,) column of numbers, without a copy; null where `known` is False."""
     arrow = needs_arrow()
     buffers = [None if known is None else _validity(known), arrow.py_buffer(np.ascontiguousarray(column))]
     return arrow.Array.from_buffers(kind, len(column), buffers)
 
 
 def integers(arrow: Any, column: NDArray[Any]) -> Any:  # noqa: ANN401
-    """Whole numbers as Arrow."""
+    """Arrow array of whole numbers."""
     return _primitive(arrow.int64(), column.astype(np.int64, copy=False))
 
 
 def strings(arrow: Any, texts: Sequence[str]) -> Any:  # noqa: ANN401
-    """Texts as Arrow."""
+    """Arrow array of texts."""
     encoded = list(map(str.encode, texts))
     buffers = [None, _offsets(encoded), arrow.py_buffer(b"".join(encoded))]
     return arrow.Array.from_buffers(arrow.string(), len(encoded), buffers)
 
 
 def _offsets(cells: Sequence[Sized]) -> Any:  # noqa: ANN401
-    """Where each of some cells begins in the values of all, and where the last ends."""
+    """Arrow buffer of the start of each cell in the joined values, and the end of the last."""
     ends = accumulate(map(len, cells), initial=0)
     return needs_arrow().py_buffer(np.fromiter(ends, np.int32, len(cells) + 1))
 
 
 def _validity(known: NDArray[np.bool_]) -> Any:  # noqa: ANN401
-    """Which rows are not null, a bit for each."""
+    """Arrow buffer with a bit for each row: 1 if it is not null."""
     return needs_arrow().py_buffer(np.packbits(known, bitorder="little"))
 
 
@@ -377,7 +377,7 @@ def _from_arrow(name: str, column: Any) -> NDArray[Any]:  # noqa: ANN401
 
 def numbers(column: Any) -> Floats:  # noqa: ANN401
     """(R,) cells of a column of numbers, NaN for null."""
-    column = _whole(column)
+    column = _one_chunk(column)
     cells = np.full(len(column), np.nan)
     cells[flags(column.is_valid())] = np.from_dlpack(column.drop_null())
     return cells
@@ -385,17 +385,17 @@ def numbers(column: Any) -> Floats:  # noqa: ANN401
 
 def flags(column: Any) -> NDArray[np.bool_]:  # noqa: ANN401
     """(R,) cells of a column of true and false, none of them null."""
-    return np.array(np.from_dlpack(_whole(column.cast("uint8"))), dtype=bool)
+    return np.array(np.from_dlpack(_one_chunk(column.cast("uint8"))), dtype=bool)
 
 
-def _whole(column: Any) -> Any:  # noqa: ANN401
-    """A column in one piece, which NumPy takes without pandas."""
+def _one_chunk(column: Any) -> Any:  # noqa: ANN401
+    """Column in one chunk, which NumPy can read without pandas."""
     return column.combine_chunks() if hasattr(column, "combine_chunks") else column
 
 
 def lists(column: Any, length: int) -> Floats:  # noqa: ANN401
     """(R, length) cells of a column of lists, NaN for null."""
-    column = _whole(column)
+    column = _one_chunk(column)
     rows = np.full((len(column), length), np.nan)
     cells = np.array(np.from_dlpack(column.drop_null().flatten()), dtype=float)
     rows[flags(column.is_valid())] = cells.reshape(-1, length)
@@ -403,7 +403,7 @@ def lists(column: Any, length: int) -> Floats:  # noqa: ANN401
 
 
 def named_rows(table: Any) -> Any:  # noqa: ANN401
-    """Rows of a table that have a unit: not those of files that failed before one was known."""
+    """Rows of a table that have a unit, without rows of files that failed before their unit was known."""
     from pyarrow import array
 
     units = texts(table.column("unit"))

@@ -1,4 +1,4 @@
-"""A run as a page of the terminal: what was read, how many are good, which are not and what to do."""
+"""Page of the terminal for a run: counts, verdicts, and the recordings that are not good with remedies."""
 
 from __future__ import annotations
 
@@ -24,21 +24,21 @@ if TYPE_CHECKING:
     from flinders.apps.fleet.not_good import NotGood
 
 SUFFIXES: Final = {"none": "without an ending"}
-"""Words for kinds of files that are not their suffix."""
+"""Words for kinds of files that have no suffix."""
 MAX_SHOWN: Final = 20
-"""Recordings that are not good, and alerts, that the page lists; the tables have them all."""
+"""Largest number of recordings that are not good, or of alerts, on the page; the tables have all."""
 MAX_FINDINGS: Final = 8
-"""Findings that the page counts."""
+"""Largest number of findings that the page counts."""
 
 
 def of_run(summary: RunSummary, listed_in: str) -> RenderableType:
-    """Lay out a run: what was read, how many are good, which are not and what to do, and findings.
+    """Lay out a run: counts, verdicts, recordings that are not good with remedies, and findings.
 
-    `listed_in`: the file with all that are not good or, of a table that was extended, with all alerts.
+    `listed_in`: the file with all recordings that are not good or, for an extended table, with all alerts.
     """
     common = common_findings(summary.findings, summary.verdicts)
     others = {code: count for code, count in summary.findings.items() if code not in common}
-    tables = [_listed(summary, listed_in)] if summary.not_good or summary.alerts else []
+    tables = [_run_list(summary, listed_in)] if summary.not_good or summary.alerts else []
     if others:
         frequent = [(code, f"{count:,}") for code, count in list(others.items())[:MAX_FINDINGS]]
         rest = [(f"and {len(others) - MAX_FINDINGS} more", "")] * (len(others) > MAX_FINDINGS)
@@ -48,14 +48,14 @@ def of_run(summary: RunSummary, listed_in: str) -> RenderableType:
 
 
 def _read(summary: RunSummary) -> str:
-    """What was read, and what the table has."""
+    """Numbers of files, units, recordings and readings."""
     content = (counted(summary.units, "unit"), counted(summary.rows, "recording"), counted(summary.readings, "reading"))
     files = counted(summary.files, "new file" if summary.is_extended else "file")
     return f"{files}{'; in the table' if summary.is_extended else ''}: {', '.join(content)}"
 
 
 def of_verdicts(verdicts: Mapping[str, int]) -> RenderableType:
-    """The line that counts good recordings, and the others."""
+    """Line with the share of recordings of each verdict."""
     total = sum(verdicts.values())
     line = Text()
     for place, (verdict, count) in enumerate(verdicts.items()):
@@ -64,8 +64,8 @@ def of_verdicts(verdicts: Mapping[str, int]) -> RenderableType:
     return line
 
 
-def _listed(summary: RunSummary, listed_in: str) -> RenderableType:
-    """Recordings that are not good, or of a table that was extended what crossed a limit since the last run."""
+def _run_list(summary: RunSummary, listed_in: str) -> RenderableType:
+    """Recordings that are not good; for an extended table, alerts since the last run."""
     if summary.is_extended and not summary.alerts:
         return "nothing crossed a limit since the last run"
     if summary.is_extended:
@@ -75,13 +75,17 @@ def _listed(summary: RunSummary, listed_in: str) -> RenderableType:
 
 
 def listed(title: str, every: Sequence[Alert | NotGood], total: int, listed_in: str) -> RenderableType:
-    """List the first of `total` recordings with the cause of each, then what to do about each cause.
+    """List the first of `total` recordings with the cause of each, then the remedy for each cause.
 
-    `listed_in`: the file that has them all.
+    `listed_in`: the file that lists all of them.
     """
     shown = [(row, row.cause or getattr(row, "alert", "")) for row in every[:MAX_SHOWN]]
     rows = [
-        (*styled(COLOURS[row.verdict], row.unit, row.recording, row.verdict), cause, _compared(row.number, row.limit))
+        (
+            *styled(COLOURS[row.verdict], row.unit, row.recording, row.verdict),
+            cause,
+            _number_and_limit(row.number, row.limit),
+        )
         for row, cause in shown
     ]
     names = (Column(title, overflow="fold"), Column("recording", overflow="fold"))
@@ -91,8 +95,8 @@ def listed(title: str, every: Sequence[Alert | NotGood], total: int, listed_in: 
     return Group(table((*columns, "number / limit"), rows), *more, "", facts(list(remedies)))
 
 
-def _compared(number: float, limit: float) -> str:
-    """A number and the limit that it was compared with; nothing where there is none."""
+def _number_and_limit(number: float, limit: float) -> str:
+    """A number and its limit; empty if the number is not known."""
     if math.isnan(number):
         return ""
     return figures(number) if math.isnan(limit) else f"{figures(number)} / {figures(limit)}"
@@ -118,11 +122,11 @@ def _remarks(summary: RunSummary) -> list[str]:
 
 
 def _remarks_on_run(summary: RunSummary) -> list[str]:
-    """Lines about files that were read before, and how the run went."""
+    """Lines about files of earlier runs, resumed partitions and lost workers."""
     lines = []
     if summary.files_changed or summary.files_vanished:
         changed, gone = counted(summary.files_changed, "file"), summary.files_vanished
-        lines.append(f"since they were fitted {changed} changed and {gone:,} vanished: rows say which")
+        lines.append(f"since they were fitted {changed} changed and {gone:,} vanished: the table has a row for each")
     if summary.files_later:
         lines.append(f"{counted(summary.files_later, 'file')} came since the run that this one finished: run it again")
     if summary.resumed:

@@ -1,8 +1,8 @@
 """Run a function over units of work: in this process, in processes of this machine, or on a Dask cluster.
 
-`map_units` yields the index of each unit and its result as soon as there is one; the caller decides about order. A
-worker that dies (killed by a person, or by the system for want of memory) is replaced and its unit is run again; a unit
-whose worker dies `ATTEMPTS` times is yielded as `Abandoned`, and the others go on.
+`map_units` yields the index and the result of each unit when it is done, in any order. A worker that dies (killed by a
+person, or by the system for lack of memory) is replaced and its unit is run again; a unit whose worker dies
+`MAX_ATTEMPTS` times is yielded as `Abandoned`, and the others continue.
 
 >>> dict(map_units(abs, [-1, 2, -3], workers=0))
 {0: 1, 1: 2, 2: 3}
@@ -32,25 +32,25 @@ if TYPE_CHECKING:
 Unit = TypeVar("Unit")
 Result = TypeVar("Result")
 
-ATTEMPTS: Final = 3
-"""Workers that a unit of work may cost; as many as Dask allows."""
-UNSTARTED: Final = (
-    f"{ATTEMPTS} worker processes ended before they began: a script that calls this needs its calls below "
-    '`if __name__ == "__main__":`, and a worker needs memory; with 0 workers this process does it all'
+MAX_ATTEMPTS: Final = 3
+"""Largest number of workers that may die of one unit of work, as in Dask."""
+NO_WORKER_STARTED: Final = (
+    f"{MAX_ATTEMPTS} worker processes ended before they began: put the calls of a script below "
+    '`if __name__ == "__main__":`, free memory for workers, or use 0 workers to do all work in this process'
 )
-"""What to do where no worker can be started."""
+"""Message if no worker can be started."""
 PATIENCE_S: Final = 10.0
 """Seconds within which a scheduler has to answer."""
-RECOUNT_S: Final = 5.0
-"""Seconds after which the workers of a cluster are looked at again: they come and go."""
+RECOUNT_INTERVAL_S: Final = 5.0
+"""Seconds after which the workers of a cluster are counted again."""
 LOGGERS: Final = ("distributed", "distributed.client", "tornado", "tornado.application")
 """Loggers of Dask, with handlers of their own."""
 ONE_THREAD: Final = dict.fromkeys(("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"), "1")
-"""Variables of a worker's threads: its matrices are small, and the other cores have workers of their own."""
+"""Environment variables for one thread in each worker, as the other cores have workers of their own."""
 KEPT_MEMORY: Final = {"MALLOC_MMAP_THRESHOLD_": str(1 << 25), "MALLOC_TRIM_THRESHOLD_": str(1 << 26)}
-"""Bytes up to which glibc keeps freed memory for the next partition: asking again takes a tenth of the time."""
-PROCESS: Final = ONE_THREAD | KEPT_MEMORY
-"""Variables of a worker."""
+"""Bytes of freed memory that glibc keeps for the next partition, which saves a tenth of the time."""
+WORKER_VARIABLES: Final = ONE_THREAD | KEPT_MEMORY
+"""Environment variables of a worker."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -64,13 +64,13 @@ class Abandoned:
 class WorkerDeath:
     """A worker that died, or left a cluster."""
 
-    worker: str  # the number of its process, or its address
-    place: int | None = None  # index of its unit, which is run again; a cluster does not say
-    attempts: int = 0  # workers that this unit has cost so far
+    worker: str  # number of its process, or its address
+    place: int | None = None  # index of its unit, which is run again; None on a cluster
+    attempts: int = 0  # workers that have died of this unit so far
 
 
 def cores() -> int:
-    """Cores that this process may use."""
+    """Number of cores that this process may use."""
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
@@ -83,24 +83,24 @@ def map_units(
     notice: Callable[[str], None] = lambda _: None,
     died: Callable[[WorkerDeath], None] = lambda _: None,
 ) -> Iterator[tuple[int, Result | Abandoned]]:
-    """Run a function over units, and yield the index of each and its result, in the order in which they are done.
+    """Run a function over units; yield the index and the result of each, in the order of completion.
 
-    In this process for no `workers`, in so many processes (by default one for each core), or on the Dask cluster of a
-    `scheduler`; function, units and results have to be picklable. `notice` is called with the reason if the work cannot
-    go on, `died` with each worker that died. Raises LinkError if there is no scheduler, or it goes away, and whatever
-    `work` raises.
+    The function runs in this process for 0 `workers`, in so many processes (by default one for each core), or on the
+    Dask cluster of a `scheduler`; function, units and results have to be picklable. `notice` is called with the reason
+    if the run waits, `died` with each worker that died. Raises LinkError if there is no scheduler, or it goes away, and
+    all errors of `work`.
     """
     if scheduler is not None:
-        yield from _on_cluster(work, units, scheduler, notice, died)
+        yield from _run_on_cluster(work, units, scheduler, notice, died)
     elif workers == 0:
         yield from ((place, work(unit)) for place, unit in enumerate(units))
     else:
-        yield from _in_processes(work, units, workers or cores(), died)
+        yield from _run_in_processes(work, units, workers or cores(), died)
 
 
 def reach(scheduler: str) -> None:
     """Check that a scheduler answers: raises LinkError, or MissingExtra without Dask."""
-    with _quiet(), _client(scheduler):
+    with _silence_loggers(), _client(scheduler):
         pass
 
 
@@ -108,16 +108,16 @@ def reach(scheduler: str) -> None:
 
 
 class _Worker:
-    """An executor of one process: a pool of several does not say which unit a process died of."""
+    """Executor of one process, since a pool of several does not report the unit of which a process died."""
 
     def __init__(self) -> None:
         """Start the process."""
-        with _environment(PROCESS), _interrupts_blocked():
+        with _environment(WORKER_VARIABLES), _block_interrupts():
             self.executor = ProcessPoolExecutor(1, _context(), _prepare)
             self._pid = self.executor.submit(os.getpid)
 
     def submit(self, work: Callable[[Unit], Result], unit: Unit) -> Future[Result]:
-        """Run a unit; if the process is dead already, the future says so."""
+        """Run a unit; if the process has already died, the future has its error."""
         try:
             return self.executor.submit(work, unit)
         except BrokenProcessPool as error:
@@ -127,21 +127,21 @@ class _Worker:
 
     @property
     def pid(self) -> str:
-        """Number of the process; empty if it died before it could say."""
+        """Number of the process; empty if the process died before its number was known."""
         return "" if self._pid.exception() else str(self._pid.result())
 
     def stop(self) -> None:
-        """Kill the process, which holds nothing that is not here yet."""
+        """Kill the process; no result is lost."""
         for process in multiprocessing.active_children():
             if str(process.pid) == self.pid:
                 process.kill()
         self.executor.shutdown(cancel_futures=True)
 
 
-def _in_processes(
+def _run_in_processes(
     work: Callable[[Unit], Result], units: Sequence[Unit], count: int, died: Callable[[WorkerDeath], None]
 ) -> Iterator[tuple[int, Result | Abandoned]]:
-    """Keep so many processes busy, and replace those that die."""
+    """Keep `count` processes busy, and replace those that die."""
     waiting = deque(range(len(units)))
     attempts: Counter[int] = Counter()
     unstarted = 0
@@ -165,12 +165,12 @@ def _in_processes(
                     continue
                 attempts[place] += 1
                 unstarted = 0 if worker.pid else unstarted + 1
-                if unstarted == ATTEMPTS:
-                    raise LinkError(UNSTARTED)
+                if unstarted == MAX_ATTEMPTS:
+                    raise LinkError(NO_WORKER_STARTED)
                 died(WorkerDeath(worker.pid, place, attempts[place]))
                 workers.remove(worker)
                 worker.stop()
-                if attempts[place] < ATTEMPTS:
+                if attempts[place] < MAX_ATTEMPTS:
                     waiting.appendleft(place)
                 else:
                     yield place, Abandoned(attempts[place])
@@ -182,7 +182,7 @@ def _in_processes(
 
 
 def _context() -> Any:  # noqa: ANN401 - one of several classes
-    """Start processes from a server that has imported what they need: safe beside threads, and fast to replace."""
+    """Context that starts processes from a server with their imports done: safe with threads, fast to replace."""
     if "forkserver" not in multiprocessing.get_all_start_methods():
         return multiprocessing.get_context("spawn")
     context = multiprocessing.get_context("forkserver")
@@ -191,15 +191,15 @@ def _context() -> Any:  # noqa: ANN401 - one of several classes
 
 
 def begin_processes() -> None:
-    """Start the server of processes, which imports what they need while this process goes on."""
+    """Start the server of processes, which does their imports while this process continues."""
     if "forkserver" in multiprocessing.get_all_start_methods():
         _context()
-        with _environment(PROCESS), _interrupts_blocked():
+        with _environment(WORKER_VARIABLES), _block_interrupts():
             forkserver.ensure_running()
 
 
 def _prepare() -> None:
-    """Leave Ctrl-C to the parent process, and end with it: a worker without a parent would wait for ever."""
+    """Ignore Ctrl-C, which the parent process handles, and end when the parent ends."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     threading.Thread(target=_end_with_parent, daemon=True).start()
 
@@ -214,7 +214,7 @@ def _end_with_parent() -> None:
 
 @contextlib.contextmanager
 def _environment(values: dict[str, str]) -> Iterator[None]:
-    """Set variables, unless they are set, for processes that are started within the block."""
+    """Set unset environment variables for processes that are started within the block."""
     added = {name: value for name, value in values.items() if name not in os.environ}
     os.environ.update(added)
     try:
@@ -225,12 +225,12 @@ def _environment(values: dict[str, str]) -> Iterator[None]:
 
 
 @contextlib.contextmanager
-def _interrupts_blocked() -> Iterator[None]:
-    """Block Ctrl-C in processes that are started within the block; here it is delivered at its end."""
+def _block_interrupts() -> Iterator[None]:
+    """Block Ctrl-C in processes that are started within the block; in this process it is delivered at the end."""
     if not hasattr(signal, "pthread_sigmask"):
         yield
         return
-    resource_tracker.ensure_running()  # it unblocks what is blocked when it starts, so it has to run by then
+    resource_tracker.ensure_running()  # its start unblocks signals, so it has to run before they are blocked
     before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
     try:
         yield
@@ -241,27 +241,27 @@ def _interrupts_blocked() -> Iterator[None]:
 # ----------------------------------------------------------------------------------------------------------- cluster
 
 
-def _on_cluster(
+def _run_on_cluster(
     work: Callable[[Unit], Result],
     units: Sequence[Unit],
     scheduler: str,
     notice: Callable[[str], None],
     died: Callable[[WorkerDeath], None],
 ) -> Iterator[tuple[int, Result | Abandoned]]:
-    """Run units on a cluster; a scheduler that goes away is one error in one line."""
+    """Run units on a cluster; raises LinkError if the scheduler disappears."""
     distributed = _distributed()
-    with _quiet():
+    with _silence_loggers():
         client = _client(scheduler)
         gone = (OSError, distributed.CancelledError, distributed.client.ClosedClientError)
         try:
             with client:
-                yield from _submitted(client, work, units, scheduler, notice, died)
+                yield from _submit(client, work, units, scheduler, notice, died)
         except gone:
-            raise _is_gone(scheduler) from None
+            raise _gone_error(scheduler) from None
 
 
 def _client(scheduler: str) -> Any:  # noqa: ANN401 - Dask ships no types
-    """Join a cluster; raises LinkError if nobody answers."""
+    """Connect to a cluster; raises LinkError if it does not answer."""
     try:
         return _distributed().Client(scheduler, timeout=PATIENCE_S, set_as_default=False)
     except (OSError, ValueError) as error:
@@ -270,7 +270,7 @@ def _client(scheduler: str) -> Any:  # noqa: ANN401 - Dask ships no types
         ) from None
 
 
-def _submitted(
+def _submit(
     client: Any,  # noqa: ANN401 - Dask ships no types
     work: Callable[[Unit], Result],
     units: Sequence[Unit],
@@ -278,23 +278,23 @@ def _submitted(
     notice: Callable[[str], None],
     died: Callable[[WorkerDeath], None],
 ) -> Iterator[tuple[int, Result | Abandoned]]:
-    """Submit all units, and yield what is done; each result is released once it is read."""
+    """Submit all units, and yield results as they are done; each is released once it is read."""
     places = {future: place for place, future in enumerate(client.map(work, units, pure=False))}
     done = _distributed().as_completed(list(places), loop=client.loop, raise_errors=False)
-    present, looked = _present(client, set(), died), monotonic()
+    present, looked = _current_workers(client, set(), died), monotonic()
     if not present:
         notice(f"{scheduler} has no workers: waiting for one (`dask worker {scheduler}` starts one)")
     for future in done:
         yield places.pop(future), _of_future(future, scheduler)
         future.release()
-        if monotonic() - looked > RECOUNT_S:
-            present, looked = _present(client, present, died), monotonic()
-    with contextlib.suppress(OSError):  # all is done: it does not matter if the scheduler has gone by now
-        _present(client, present, died)
+        if monotonic() - looked > RECOUNT_INTERVAL_S:
+            present, looked = _current_workers(client, present, died), monotonic()
+    with contextlib.suppress(OSError):  # all units are done, so the scheduler may have gone
+        _current_workers(client, present, died)
 
 
-def _present(client: Any, before: set[str], died: Callable[[WorkerDeath], None]) -> set[str]:  # noqa: ANN401
-    """Workers of a cluster; those that were there before and are no more have died."""
+def _current_workers(client: Any, before: set[str], died: Callable[[WorkerDeath], None]) -> set[str]:  # noqa: ANN401
+    """Workers of a cluster; `died` is called with those of `before` that are gone."""
     now = set(client.nthreads())
     for worker in sorted(before - now):
         died(WorkerDeath(worker))
@@ -302,7 +302,7 @@ def _present(client: Any, before: set[str], died: Callable[[WorkerDeath], None])
 
 
 def _of_future(future: Any, scheduler: str) -> Any:  # noqa: ANN401
-    """Result of a future of Dask; what its worker raised is raised here."""
+    """Result of a Dask future; raises the error of its worker."""
     while future.status == "lost":  # its worker died with the result before it was read
         future.exception()  # waits until another worker has run it again
     if future.status == "finished":
@@ -310,16 +310,16 @@ def _of_future(future: Any, scheduler: str) -> Any:  # noqa: ANN401
     if future.status == "error":
         error = future.exception()
         if isinstance(error, _distributed().scheduler.KilledWorker):
-            return Abandoned(ATTEMPTS)
+            return Abandoned(MAX_ATTEMPTS)
         if isinstance(error, OutputError):
             raise OutputError(str(error))
         raise RuntimeError(f"a worker of {scheduler} could not do its work: {type(error).__name__}: {error}")
-    raise _is_gone(scheduler)
+    raise _gone_error(scheduler)
 
 
 @contextlib.contextmanager
-def _quiet() -> Iterator[None]:
-    """Silence the loggers of Dask: about a scheduler that is gone they write pages."""
+def _silence_loggers() -> Iterator[None]:
+    """Silence the loggers of Dask, which write pages about a scheduler that is gone."""
     handlers = [handler for name in LOGGERS for handler in logging.getLogger(name).handlers]
     levels = [handler.level for handler in handlers]
     for handler in handlers:
@@ -331,9 +331,11 @@ def _quiet() -> Iterator[None]:
             handler.setLevel(level)
 
 
-def _is_gone(scheduler: str) -> LinkError:
-    """Error of a scheduler that went away during the run."""
-    return LinkError(f"the Dask scheduler at {scheduler} is gone: start it again, and go on", hint={"append": True})
+def _gone_error(scheduler: str) -> LinkError:
+    """Error about a scheduler that went away during the run."""
+    return LinkError(
+        f"the Dask scheduler at {scheduler} is gone: start it, and continue the run", hint={"append": True}
+    )
 
 
 def _distributed() -> Any:  # noqa: ANN401

@@ -1,20 +1,20 @@
-"""A fleet on the line: units that are as they should be, and a few per cent that are not, each with a label.
+"""Simulated fleet: good units, and a few per cent of faulty ones, each labelled with its fault.
 
-A unit follows from the seed and its number alone, so any of a million can be made again without the others.
+A unit depends on the seed and its number alone, so that any of a million can be made again without the others.
 
 >>> found = unit(7, seed=1)
 >>> again = next(fleet(1, seed=1, first=7))
 >>> found.name, found.fault, bool(np.all(found.samples.field == again.samples.field))
 ('0000007', '', True)
 
-A fault can be asked for by name, the larger of its two severities or the smaller:
+A fault can be selected by name, with the larger of its two severities or the smaller:
 
 >>> unit(7, seed=1, fault="spikes").amount, unit(7, seed=1, fault="spikes", severity=1).amount
 (0.2, 0.05)
 
-What a good unit is, is one decision, made here: hard iron up to 60 µT in any direction, soft iron that stretches by
-up to 15 % along three axes in any direction, noise of 0.1 to 1 µT, a field of 25 to 65 µT that dips by 60°,
-steps of 0.1 µT, and ten seconds of turning at 50 Hz, by a jig or by a hand, that sees nearly all directions.
+A good unit has hard iron up to 60 µT in any direction, soft iron that stretches by up to 15 % along three axes in any
+direction, noise of 0.1 to 1 µT, a field of 25 to 65 µT with a dip of 60°, and a resolution of 0.1 µT. It is turned for
+10 s at 50 Hz, by a jig or by hand, through nearly all directions.
 """
 
 from __future__ import annotations
@@ -42,15 +42,15 @@ if TYPE_CHECKING:
 RATE_HZ: Final = 50.0
 READINGS: Final = 500
 BAD: Final = 0.03
-"""Share of units that something is wrong with."""
+"""Share of units with a fault."""
 
-DRIFTING: Final = 0.05
-"""Share of the units of a line whose offset moves between two recordings,"""
-MOVED_UT: Final = (3.0, 12.0)
-"""and by how much, in µT: some degrees of heading."""
+DRIFTING_SHARE: Final = 0.05
+"""Share of the units of a line whose offset moves between two recordings."""
+OFFSET_CHANGE_UT: Final = (3.0, 12.0)
+"""Range of that change of offset, in µT: some degrees of heading."""
 
 MAX_RECORDINGS: Final = 10
-"""Of a unit: the months of the year from March on."""
+"""Largest number of recordings of a unit: one in each month from March on."""
 
 HARD_UT: Final = 60.0
 SOFT: Final = 0.15
@@ -58,39 +58,39 @@ NOISE_UT: Final = (0.1, 1.0)
 FIELD_UT: Final = (25.0, 65.0)
 STEP_UT: Final = 0.1
 DIP_DEG: Final = 60.0
-BY_JIG: Final = 0.5
-"""Share of units that a jig turns; a hand turns the others."""
+JIG_SHARE: Final = 0.5
+"""Share of units that are turned by a jig; the others are turned by hand."""
 
 CLOSEST_M, PAST_M_S, ARM_M = 0.2, 0.1, 0.04
-"""How a magnet passes: how near, how fast, and how far from the middle of the turning the sensor sits."""
+"""A passing magnet: its closest distance in m, its speed in m/s, and the distance of the sensor from the pivot in m."""
 
 UNITS: Final = (0.01, 0.1, 10.0, 1000.0)
-"""Factors between units that are taken for each other: µT, mG, G, nT."""
+"""Factors between units that are easily confused: µT, mG, G, nT."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Specimen:
-    """A recording of one unit, and what is wrong with it."""
+    """A recording of one unit, and its fault."""
 
-    number: int  #: from 0
+    number: int  #: number of the unit, from 0
     samples: Samples  #: in µT, with time
-    sensor: Sensor  #: the truth, as it is where nothing is wrong
+    sensor: Sensor  #: the true sensor, without the fault
     field_strength: float  #: µT
-    fault: str = ""  #: one of `FAULTS`; nothing for a good unit
-    severity: int = 0  #: 1 for the smaller one, 2 for the larger; 0 for a good unit
-    amount: float = 0.0  #: how much of the fault, as `FAULTS` tells
-    #: (3, 3): what the fault does to every reading, in use as well; nothing but for a lasting one
+    fault: str = ""  #: one of `FAULTS`; empty for a good unit
+    severity: int = 0  #: 1 for the smaller severity, 2 for the larger; 0 for a good unit
+    amount: float = 0.0  #: amount of the fault, in the unit that `FAULTS` states
+    #: (3, 3): matrix of a lasting fault, which multiplies every reading, also in use; else the identity
     lasting: Floats = field(default_factory=lambda: np.eye(3))
 
     @property
     def name(self) -> str:
-        """Its number, so that names sort as numbers do."""
+        """Number of the unit in seven digits, so that names sort as numbers do."""
         return f"{self.number:07d}"
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class TurnedSensor:
-    """A sensor that is turned, before anything goes wrong."""
+    """A sensor and its motion, without a fault."""
 
     sensor: Sensor
     field_strength: float  #: µT
@@ -101,10 +101,10 @@ class TurnedSensor:
     def read(self, *, room: Floats | None = None, shift: Floats | None = None) -> Floats:
         """(N, 3) readings, in µT.
 
-        `room`, (N, 3) north, east, down, adds to the earth's field; `shift`, (N, 3), to the readings.
+        `room`, (N, 3) north, east, down in µT, is added to the earth's field; `shift`, (N, 3) in µT, to the readings.
         """
         world = self.field_strength * north_and_down(DIP_DEG)[:, np.newaxis]
-        body = in_body(world if room is None else world + room.T, self.angles)
+        body = to_body_axes(world if room is None else world + room.T, self.angles)
         raw = (self.sensor.matrix @ body).T + self.sensor.offset + self.noise
         readings: Floats = np.round((raw if shift is None else raw + shift) / STEP_UT) * STEP_UT
         return readings
@@ -112,19 +112,19 @@ class TurnedSensor:
 
 @dataclass(frozen=True, slots=True)
 class Fault:
-    """Something that can be wrong with a unit."""
+    """A kind of fault of a unit."""
 
-    words: str  #: what it is, and what its amount means
-    smaller: float  #: amounts of the two severities
-    larger: float
-    #: of what was turned, an amount and a generator; gives (N, 3) readings in µT; it ends with the recording
+    words: str  #: description of the fault and of its amount
+    smaller: float  #: amount of severity 1
+    larger: float  #: amount of severity 2
+    #: function of the turned sensor, an amount and a generator to (N, 3) faulty readings in µT of this recording only
     strike: Callable[[TurnedSensor, float, Generator], Floats] | None = None
-    #: of an amount and a generator; gives the (3, 3) matrix that every reading is multiplied by, then and in use
+    #: function of an amount and a generator to the (3, 3) matrix of a lasting fault, which multiplies every reading
     lasting: Callable[[float, Generator], Floats] | None = None
-    can_be_told: bool = True  #: False where readings of a magnetometer are those of another good one
+    can_be_told: bool = True  #: False if another good sensor would give the same readings
 
     def amount(self, severity: int) -> float:
-        """How much of it: the smaller amount for 1, the larger for 2."""
+        """Amount of the fault: the smaller for severity 1, the larger for 2."""
         return self.larger if severity == 2 else self.smaller
 
 
@@ -144,13 +144,13 @@ def unit(
     Parameters
     ----------
     number : int
-        From 0; with the seed of the fleet it says all.
+        Number of the unit, from 0; with the seed of the fleet it determines the unit.
     bad : float
-        Share of units that something is wrong with; which fault, and which severity, is drawn evenly.
+        Share of units with a fault; fault and severity are drawn uniformly.
     fault : str, optional
-        One of `FAULTS`, or nothing for a good unit, instead of what would be drawn: the same sensor, turned alike.
+        One of `FAULTS`, or the empty text for a good unit, instead of a drawn fault; sensor and motion stay the same.
     severity : int
-        Of that fault: 1 or 2.
+        Severity of that fault: 1 or 2.
 
     Examples
     --------
@@ -168,19 +168,19 @@ def unit(
         severity = 1 + int(how * 2.0)
     if fault not in {"", *FAULTS} or severity not in {1, 2}:
         raise UsageError(f"fault {fault!r} of severity {severity} is not known: use 1 or 2 of {', '.join(FAULTS)}")
-    turned = _turned(rng, count(readings, 12))
+    turned = _draw_turn(rng, count(readings, 12))
     if not fault:
-        return _recorded(number, turned, turned.read())
+        return _specimen(number, turned, turned.read())
     kind = FAULTS[fault]
     amount = kind.amount(severity)
     readings_ut = turned.read() if kind.strike is None else kind.strike(turned, amount, rng)
     lasting = np.eye(3) if kind.lasting is None else kind.lasting(amount, rng)
-    made = _recorded(number, turned, readings_ut @ lasting.T)
+    made = _specimen(number, turned, readings_ut @ lasting.T)
     return replace(made, fault=fault, severity=severity, amount=amount, lasting=lasting)
 
 
-def _recorded(number: int, turned: TurnedSensor, readings: Floats) -> Specimen:
-    """A unit with nothing wrong, or that is labelled next."""
+def _specimen(number: int, turned: TurnedSensor, readings: Floats) -> Specimen:
+    """Recording of a unit, not yet labelled with a fault."""
     samples = Samples.of(readings, unit="uT", time=turned.time, source=f"unit {number:07d}")
     return Specimen(number, samples, turned.sensor, turned.field_strength)
 
@@ -188,7 +188,7 @@ def _recorded(number: int, turned: TurnedSensor, readings: Floats) -> Specimen:
 def fleet(
     n: int, seed: int = 0, bad: float = BAD, *, readings: int = READINGS, first: int = 0
 ) -> Iterator[Specimen]:  # fmt: skip
-    """Make `n` units one after the other, numbered from `first` on; other parameters and errors as `unit`.
+    """Yield `n` units, numbered from `first` on; other parameters and errors as for `unit`.
 
     >>> sorted({unit.fault for unit in fleet(200, seed=3, readings=20) if unit.fault})[:2]
     ['flipped-throughout', 'level-turn']
@@ -198,16 +198,16 @@ def fleet(
 
 @dataclass(frozen=True, slots=True)
 class LineTruth:
-    """What is true of one recording of a simulated line."""
+    """Truth of one recording of a simulated line."""
 
     unit: str  # name of the unit
     recording: str  # name of its file
     fault: str  # one of those in docs/fleet/faults.md; empty for a good unit
-    amount: float  # how much of it
+    amount: float  # amount of the fault
     offset_change: float  # length of the change of the offset since the first recording of the unit, µT
-    offset: tuple[float, ...]  # 3 float, µT, as it is where nothing is wrong
-    matrix: tuple[float, ...]  # 9 float: row by row, of the sensor
-    field_strength: float  # of the earth where it was recorded, µT
+    offset: tuple[float, ...]  # 3 float: offset of the sensor without the fault, µT
+    matrix: tuple[float, ...]  # 9 float: matrix of the sensor without the fault, row by row
+    field_strength: float  # field strength of the earth at the site, µT
 
 
 def line_of(
@@ -215,21 +215,22 @@ def line_of(
     *,
     seed: int = 1,
     bad: float = BAD,
-    drifting: float = DRIFTING,
+    drifting: float = DRIFTING_SHARE,
     recordings: int = 2,
     readings: int = READINGS,
 ) -> Iterator[tuple[LineTruth, Samples]]:
-    """Simulate the recordings of a line, month by month from March 2026 on: what is true of each, and its readings.
+    """Yield truth and readings of each recording of a simulated line, month by month from March 2026 on.
 
     Parameters
     ----------
     units : int
+        Number of units.
     bad : float
-        Share of units that have a fault at their first recording; it lasts where it is the sensor's.
+        Share of units that have a fault at their first recording; a fault of the sensor itself lasts.
     drifting : float
         Share of units whose offset moves after the first recording.
     recordings : int
-        Of each unit, up to `MAX_RECORDINGS`.
+        Number of recordings of each unit, up to `MAX_RECORDINGS`.
 
     >>> truths = [truth for truth, _ in line_of(40, drifting=0.2, readings=50)]
     >>> len(truths), truths[1].unit, truths[1].recording, sum(truth.offset_change > 0.0 for truth in truths)
@@ -241,11 +242,11 @@ def line_of(
     for number in range(count(units, 1)):
         first = unit(number, seed=seed, bad=bad, readings=readings)
         rng = np.random.default_rng([seed, number, 1])
-        amount = rng.uniform(*MOVED_UT) if rng.random() < drifting else 0.0
+        amount = rng.uniform(*OFFSET_CHANGE_UT) if rng.random() < drifting else 0.0
         moved = amount * uniform(rng, 1)[0]
         for visit in range(recordings):
             shift = moved if visit else np.zeros(3)
-            samples = first.samples if not visit else _again(first, shift, rng, readings)
+            samples = first.samples if not visit else _record_again(first, shift, rng, readings)
             yield (
                 LineTruth(
                     unit=f"U{number:04d}",
@@ -261,18 +262,18 @@ def line_of(
             )
 
 
-def _again(first: Specimen, shift: Floats, rng: Generator, readings: int) -> Samples:
-    """Another recording of a unit whose offset has moved, turned in another way."""
+def _record_again(first: Specimen, shift: Floats, rng: Generator, readings: int) -> Samples:
+    """Another recording of a unit whose offset has moved, with another motion."""
     sensor = replace(first.sensor, offset=first.sensor.offset + shift)
     noise = sensor.noise * rng.standard_normal((readings, 3))
-    turned = replace(_turned(rng, readings), sensor=sensor, field_strength=first.field_strength, noise=noise)
+    turned = replace(_draw_turn(rng, readings), sensor=sensor, field_strength=first.field_strength, noise=noise)
     return Samples.of(turned.read() @ first.lasting.T, unit="uT", time=turned.time, source=f"unit {first.name}")
 
 
-def in_body(world: Floats, angles: Floats) -> Floats:
-    """(3, N) vectors in the axes of a body at (3, N) heading, pitch and roll, of (3, 1) or (3, N) north, east, down.
+def to_body_axes(world: Floats, angles: Floats) -> Floats:
+    """(3, N) vectors in body axes at (3, N) heading, pitch and roll, from (3, 1) or (3, N) north, east, down.
 
-    >>> in_body(np.array([[1.0], [0.0], [0.0]]), np.array([[np.pi / 2], [0.0], [0.0]])).T.round(3) + 0.0
+    >>> to_body_axes(np.array([[1.0], [0.0], [0.0]]), np.array([[np.pi / 2], [0.0], [0.0]])).T.round(3) + 0.0
     array([[ 0., -1.,  0.]])
     """
     (sine, sine_pitch, sine_roll), (cosine, cosine_pitch, cosine_roll) = np.sin(angles), np.cos(angles)
@@ -288,11 +289,11 @@ def in_body(world: Floats, angles: Floats) -> Floats:
     )
 
 
-def in_room(body: Floats, angles: Floats) -> Floats:
-    """(3, N) north, east, down of (3, 1) or (3, N) vectors in the axes of a body at (3, N) angles: undoes `in_body`.
+def to_earth_axes(body: Floats, angles: Floats) -> Floats:
+    """(3, N) north, east, down from (3, 1) or (3, N) vectors in body axes at (3, N) angles: inverts `to_body_axes`.
 
     >>> quarter = np.array([[np.pi / 2], [0.0], [0.0]])
-    >>> in_room(np.array([[0.0], [-1.0], [0.0]]), quarter).T.round(3) + 0.0
+    >>> to_earth_axes(np.array([[0.0], [-1.0], [0.0]]), quarter).T.round(3) + 0.0
     array([[1., 0., 0.]])
     """
     (sine, sine_pitch, sine_roll), (cosine, cosine_pitch, cosine_roll) = np.sin(angles), np.cos(angles)
@@ -308,30 +309,30 @@ def in_room(body: Floats, angles: Floats) -> Floats:
     )
 
 
-def _turned(rng: Generator, n: int) -> TurnedSensor:
-    """Draw a sensor and how it is turned."""
+def _draw_turn(rng: Generator, n: int) -> TurnedSensor:
+    """Draw a sensor and its motion at random."""
     axes = turns(uniform(rng, 1) * rng.uniform(0.0, math.pi))[0]
     matrix = axes @ np.diag(1.0 + rng.uniform(-SOFT, SOFT, 3)) @ axes.T
     offset = uniform(rng, 1)[0] * rng.uniform(0.0, HARD_UT)
     noise = math.exp(rng.uniform(*np.log(NOISE_UT)))
     strength = rng.uniform(*FIELD_UT)
     time = np.arange(n) / RATE_HZ
-    angles = (_by_jig if rng.random() < BY_JIG else _by_hand)(rng, np.linspace(0.0, READINGS / RATE_HZ, n))
+    angles = (_jig_angles if rng.random() < JIG_SHARE else _hand_angles)(rng, np.linspace(0.0, READINGS / RATE_HZ, n))
     return TurnedSensor(
         Sensor(matrix, offset, noise, STEP_UT), strength, time, angles, noise * rng.standard_normal((n, 3))
     )  # fmt: skip
 
 
-def _by_jig(rng: Generator, time: Floats) -> Floats:
-    """(3, N) angles: rolled about once a second while the pitch goes round slowly, at one heading."""
+def _jig_angles(rng: Generator, time: Floats) -> Floats:
+    """(3, N) angles of a jig, rad: a fast roll, about one turn a second, and a slow pitch, at constant heading."""
     fast, slow = rng.uniform(0.8, 1.2), rng.uniform(0.07, 0.13)
     start, pitch, heading = rng.uniform(0.0, 2.0 * math.pi, 3)
     roll = start + 2.0 * math.pi * fast * time
     return np.stack([np.full(len(time), heading), pitch + 2.0 * math.pi * slow * time, roll])
 
 
-def _by_hand(rng: Generator, time: Floats) -> Floats:
-    """(3, N) angles: rolled over and over, pitched up and down, turned around, none of it evenly."""
+def _hand_angles(rng: Generator, time: Floats) -> Floats:
+    """(3, N) angles of a turn by hand, rad: heading, pitch and roll with uneven rates."""
     rates = rng.uniform([0.12, 0.25, 0.5], [0.2, 0.4, 0.9])[:, np.newaxis]
     phases = rng.uniform(0.0, 2.0 * math.pi, (2, 3, 1))
     heading, pitch, roll = 2.0 * math.pi * rates * time + phases[0]
@@ -340,37 +341,37 @@ def _by_hand(rng: Generator, time: Floats) -> Floats:
     return angles
 
 
-def _last(n: int, amount: float) -> slice:
-    """The last readings, of which `amount` is the share."""
+def _last_part(n: int, amount: float) -> slice:
+    """Slice of the last readings, a share `amount` of all."""
     return slice(n - round(amount * n), n)
 
 
-def _swapped(turned: TurnedSensor, amount: float, rng: Generator) -> Floats:
-    """Two axes exchanged for the last part."""
+def _swap_late(turned: TurnedSensor, amount: float, rng: Generator) -> Floats:
+    """(N, 3) readings with two axes exchanged in the last part."""
     readings = turned.read()
     first, second, _ = rng.permutation(3)
-    part = _last(len(readings), amount)
+    part = _last_part(len(readings), amount)
     readings[part, [first, second]] = readings[part, [second, first]]
     return readings
 
 
-def _flipped(turned: TurnedSensor, amount: float, rng: Generator) -> Floats:
-    """One axis with the other sign for the last part."""
+def _flip_late(turned: TurnedSensor, amount: float, rng: Generator) -> Floats:
+    """(N, 3) readings with the sign of one axis inverted in the last part."""
     readings = turned.read()
-    readings[_last(len(readings), amount), rng.integers(3)] *= -1.0
+    readings[_last_part(len(readings), amount), rng.integers(3)] *= -1.0
     return readings
 
 
-def _stuck(turned: TurnedSensor, amount: float, rng: Generator) -> Floats:
-    """One axis that holds its value for the last part."""
+def _stick_late(turned: TurnedSensor, amount: float, rng: Generator) -> Floats:
+    """(N, 3) readings with one axis constant in the last part."""
     readings = turned.read()
-    axis, part = rng.integers(3), _last(len(readings), amount)
+    axis, part = rng.integers(3), _last_part(len(readings), amount)
     readings[part, axis] = readings[part.start, axis]
     return readings
 
 
-def _saturated(turned: TurnedSensor, amount: float, rng: Generator) -> Floats:
-    """One end of an axis cut off."""
+def _saturate(turned: TurnedSensor, amount: float, rng: Generator) -> Floats:
+    """(N, 3) readings with one end of an axis clipped."""
     readings = turned.read()
     axis, sign = rng.integers(3), rng.choice([-1.0, 1.0])
     most = np.quantile(sign * readings[:, axis], 1.0 - amount, method="lower")
@@ -378,19 +379,19 @@ def _saturated(turned: TurnedSensor, amount: float, rng: Generator) -> Floats:
     return readings
 
 
-def _jumped(turned: TurnedSensor, amount: float, rng: Generator) -> Floats:
-    """An offset that changes at once."""
+def _jump(turned: TurnedSensor, amount: float, rng: Generator) -> Floats:
+    """(N, 3) readings with a sudden change of the offset."""
     share_before, direction = rng.uniform(0.2, 0.8), uniform(rng, 1)
     after = np.arange(len(turned.time)) >= share_before * len(turned.time)
     return turned.read(shift=amount * after[:, np.newaxis] * direction)
 
 
-def _magnet(turned: TurnedSensor, amount: float, rng: Generator) -> Floats:
-    """A magnet carried past in a straight line."""
+def _pass_magnet(turned: TurnedSensor, amount: float, rng: Generator) -> Floats:
+    """(N, 3) readings while a magnet is carried past in a straight line."""
     across, along, _ = random_attitude(rng)
     pole = uniform(rng, 1)[0]
     passed = PAST_M_S * (turned.time - rng.uniform(0.3, 0.7) * turned.time[-1])
-    arm = in_room(ARM_M * uniform(rng, 1).T, turned.angles)
+    arm = to_earth_axes(ARM_M * uniform(rng, 1).T, turned.angles)
     away = arm - CLOSEST_M * across[:, np.newaxis] - passed * along[:, np.newaxis]
     distance = np.linalg.norm(away, axis=0)
     towards = away / distance
@@ -398,30 +399,30 @@ def _magnet(turned: TurnedSensor, amount: float, rng: Generator) -> Floats:
     return turned.read(room=(amount * (CLOSEST_M / distance) ** 3 * dipole).T)
 
 
-def _level(turned: TurnedSensor, amount: float, rng: Generator) -> Floats:
-    """A turn about the vertical, leaning a little."""
+def _turn_level(turned: TurnedSensor, amount: float, rng: Generator) -> Floats:
+    """(N, 3) readings of a turn about the vertical with a small tilt."""
     around = turned.angles[2] + rng.uniform(0.0, 2.0 * math.pi)
     lean = math.radians(amount) * np.sin(turned.angles[:2] * 1.7)
     return replace(turned, angles=np.stack([around, *lean])).read()
 
 
-def _unturned(turned: TurnedSensor, amount: float, rng: Generator) -> Floats:
-    """At rest, but for a little leaning."""
+def _rest(turned: TurnedSensor, amount: float, rng: Generator) -> Floats:
+    """(N, 3) readings at rest, with a small tilt only."""
     rest = rng.uniform(0.0, 2.0 * math.pi, (3, 1))
     lean = math.radians(amount) * np.sin(turned.angles * 1.7)
     return replace(turned, angles=rest + lean).read()
 
 
-def _stale(turned: TurnedSensor, amount: float, rng: Generator) -> Floats:
-    """Readings that repeat the one before."""
+def _repeat(turned: TurnedSensor, amount: float, rng: Generator) -> Floats:
+    """(N, 3) readings, some of which repeat the previous one."""
     readings = turned.read()
     fresh = rng.random(len(readings)) >= amount
     fresh[0] = True
     return readings[np.maximum.accumulate(np.where(fresh, np.arange(len(readings)), 0))]
 
 
-def _spikes(turned: TurnedSensor, amount: float, rng: Generator) -> Floats:
-    """Single readings far off."""
+def _add_spikes(turned: TurnedSensor, amount: float, rng: Generator) -> Floats:
+    """(N, 3) readings with single outliers."""
     readings = turned.read()
     struck = rng.choice(len(readings), round(amount * len(readings)), replace=False)
     lengths = turned.field_strength * rng.uniform(0.5, 3.0, (len(struck), 1))
@@ -429,26 +430,26 @@ def _spikes(turned: TurnedSensor, amount: float, rng: Generator) -> Floats:
     return readings
 
 
-def _warmed(turned: TurnedSensor, amount: float, rng: Generator) -> Floats:
-    """An offset that warms up and settles."""
+def _warm_up(turned: TurnedSensor, amount: float, rng: Generator) -> Floats:
+    """(N, 3) readings with an offset that drifts while the sensor warms up."""
     progress = np.arange(len(turned.time)) / len(turned.time)
     warmer = np.expm1(-progress / 0.5) / math.expm1(-2.0)
     return turned.read(shift=amount * warmer[:, np.newaxis] * uniform(rng, 1))
 
 
-def _other_unit(amount: float, rng: Generator) -> Floats:
-    """All readings times a factor."""
+def _scale_all(amount: float, rng: Generator) -> Floats:
+    """(3, 3) matrix that scales all readings."""
     factor: Floats = np.eye(3) * (amount if amount > 0.0 else rng.choice(UNITS))
     return factor
 
 
-def _gain(amount: float, rng: Generator) -> Floats:
-    """One axis that reads so many times as much."""
+def _scale_axis(amount: float, rng: Generator) -> Floats:
+    """(3, 3) matrix that scales one axis."""
     return np.diag(np.where(np.arange(3) == rng.integers(3), amount, 1.0))
 
 
-def _swap(amount: float, rng: Generator) -> Floats:  # noqa: ARG001 - there is no half of it
-    """Two axes exchanged all the time."""
+def _swap_axes(amount: float, rng: Generator) -> Floats:  # noqa: ARG001 - this fault has no amount
+    """(3, 3) matrix that exchanges two axes."""
     first, second, _ = rng.permutation(3)
     order = np.arange(3)
     order[[first, second]] = second, first
@@ -456,30 +457,33 @@ def _swap(amount: float, rng: Generator) -> Floats:  # noqa: ARG001 - there is n
     return exchanged
 
 
-def _flip(amount: float, rng: Generator) -> Floats:  # noqa: ARG001 - there is no half of it
-    """One axis with the other sign all the time."""
-    return _gain(-1.0, rng)
+def _flip_axis(amount: float, rng: Generator) -> Floats:  # noqa: ARG001 - this fault has no amount
+    """(3, 3) matrix that inverts one axis."""
+    return _scale_axis(-1.0, rng)
 
 
 FAULTS: Final[Mapping[str, Fault]] = {
-    "swapped-axes": Fault("two axes exchanged for the last part of the recording, as a share", 0.1, 0.5, _swapped),
-    "flipped-sign": Fault("one axis with the other sign for the last part, as a share", 0.1, 0.5, _flipped),
-    "stuck-axis": Fault("one axis that holds its value for the last part, as a share", 0.2, 1.0, _stuck),
-    "saturated-axis": Fault("one end of an axis cut off, share of the readings", 0.03, 0.15, _saturated),
-    "wrong-unit": Fault("all readings times a factor; 0 for one of 0.01, 0.1, 10, 1000", 2.0, 0.0, lasting=_other_unit),
-    "hard-iron-jump": Fault("an offset that changes at once and stays, µT", 2.0, 15.0, _jumped),
+    "swapped-axes": Fault("two axes exchanged for the last part of the recording, as a share", 0.1, 0.5, _swap_late),
+    "flipped-sign": Fault("one axis with the other sign for the last part, as a share", 0.1, 0.5, _flip_late),
+    "stuck-axis": Fault("one axis that holds its value for the last part, as a share", 0.2, 1.0, _stick_late),
+    "saturated-axis": Fault("one end of an axis cut off, share of the readings", 0.03, 0.15, _saturate),
+    "wrong-unit": Fault("all readings times a factor; 0 for one of 0.01, 0.1, 10, 1000", 2.0, 0.0, lasting=_scale_all),
+    "hard-iron-jump": Fault("an offset that changes at once and stays, µT", 2.0, 15.0, _jump),
     "nearby-magnet": Fault(
-        "a magnet carried past at 20 cm in ten seconds; its field there, across its axis, in µT", 3.0, 30.0, _magnet
+        "a magnet carried past at 20 cm in ten seconds; its field there, across its axis, in µT",
+        3.0,
+        30.0,
+        _pass_magnet,
     ),
-    "level-turn": Fault("turned about the vertical only, leaning by so many degrees", 5.0, 0.0, _level),
-    "no-rotation": Fault("at rest but for so many degrees either way", 20.0, 0.0, _unturned),
-    "stale-repeats": Fault("readings that repeat the one before, as a share", 0.2, 0.6, _stale),
-    "spikes": Fault("single readings off by 0.5 to 3 field strengths, as a share", 0.05, 0.2, _spikes),
-    "thermal-drift": Fault("an offset that warms up and settles, µT from beginning to end", 1.5, 10.0, _warmed),
-    "one-gain": Fault("one axis reads so many times as much", 2.0, 4.0, lasting=_gain),
-    "swapped-throughout": Fault("two axes exchanged all the time", 1.0, 1.0, lasting=_swap, can_be_told=False),
+    "level-turn": Fault("turned about the vertical only, leaning by so many degrees", 5.0, 0.0, _turn_level),
+    "no-rotation": Fault("at rest but for so many degrees either way", 20.0, 0.0, _rest),
+    "stale-repeats": Fault("readings that repeat the one before, as a share", 0.2, 0.6, _repeat),
+    "spikes": Fault("single readings off by 0.5 to 3 field strengths, as a share", 0.05, 0.2, _add_spikes),
+    "thermal-drift": Fault("an offset that warms up and settles, µT from beginning to end", 1.5, 10.0, _warm_up),
+    "one-gain": Fault("one axis reads so many times as much", 2.0, 4.0, lasting=_scale_axis),
+    "swapped-throughout": Fault("two axes exchanged all the time", 1.0, 1.0, lasting=_swap_axes, can_be_told=False),
     "flipped-throughout": Fault(
-        "one axis with the other sign all the time", 1.0, 1.0, lasting=_flip, can_be_told=False
+        "one axis with the other sign all the time", 1.0, 1.0, lasting=_flip_axis, can_be_told=False
     ),
 }
-"""What can be wrong with a unit, by name."""
+"""Kinds of faults of a unit, by name."""

@@ -1,4 +1,4 @@
-r"""Where recordings lie: files of this machine, or objects of ``s3://``, ``gs://`` and ``az://`` through obstore.
+r"""Storage of recordings: local files, or objects of ``s3://``, ``gs://`` and ``az://`` through obstore.
 
 >>> import tempfile
 >>> from pathlib import Path
@@ -36,14 +36,14 @@ if TYPE_CHECKING:
 MAGIC: Final = re.compile(r"[*?\[]")
 STORE: Final = re.compile(r"(s3a?|gs|az|abfss?)://[^/]+")
 """The store in a URL; the path of an object follows."""
-CHUNK: Final = 1 << 22
-WHOLE: Final = 1 << 18
-"""Bytes of an object that is read whole: as many take no longer than another request."""
-PARTS: Final = (".parquet.parts", ".pq.parts")
+CHUNK_BYTES: Final = 1 << 22
+MAX_WHOLE_BYTES: Final = 1 << 18
+"""Largest size of an object that is read whole, which takes no longer than another request."""
+CHECKPOINT_SUFFIXES: Final = (".parquet.parts", ".pq.parts")
 """Suffixes of the folder of a checkpoint."""
 KINDS: Final = {stat.S_IFIFO: "pipe", stat.S_IFSOCK: "socket", stat.S_IFCHR: "device", stat.S_IFBLK: "device"}
 """Entries of a folder that are no files."""
-NAMED_BY: Final = ("AWS_", "AZURE_", "GOOGLE_")
+VARIABLE_PREFIXES: Final = ("AWS_", "AZURE_", "GOOGLE_")
 """Prefixes of environment variables with address and credentials of a store."""
 
 
@@ -52,10 +52,10 @@ class StoredFile:
     """A file or object."""
 
     name: str  # path below the folder that was given, with slashes
-    where: str  # its path or URL
+    where: str  # path or URL
     size: int  # bytes
-    stamp: str = ""  # changes when it does
-    kind: str = ""  # if it is no file, what it is, such as ``pipe``: it is never opened, since that may block
+    stamp: str = ""  # time of change or tag, which differs after the file has changed
+    kind: str = ""  # kind of an entry that is no file, such as ``pipe``, and never opened, since that may block
 
 
 def is_remote(where: str) -> bool:
@@ -70,7 +70,7 @@ def is_remote(where: str) -> bool:
 def listed(where: str) -> list[StoredFile]:
     """List the files of a folder, a pattern, a file or a URL, sorted by name, without hidden ones and checkpoints.
 
-    Raises UnreadableInput if there is nothing, or it cannot be listed, and MissingExtra for a URL without obstore.
+    Raises UnreadableInput if there are no files, or they cannot be listed, and MissingExtra for a URL without obstore.
     """
     files = sorted(_objects(where) if is_remote(where) else _files(where), key=attrgetter("name"))
     if not files:
@@ -79,18 +79,18 @@ def listed(where: str) -> list[StoredFile]:
 
 
 def _is_hidden(name: str) -> bool:
-    """Whether a file is hidden, or of a checkpoint."""
-    return any(part.startswith((".", "_")) or part.endswith(PARTS) for part in PurePosixPath(name).parts)
+    """Whether a file is hidden, or belongs to a checkpoint."""
+    return any(part.startswith((".", "_")) or part.endswith(CHECKPOINT_SUFFIXES) for part in PurePosixPath(name).parts)
 
 
 def _files(where: str) -> Iterator[StoredFile]:
-    """List files of this machine."""
+    """Yield local files."""
     root = Path(where)
     try:
         if root.is_file():
             yield _file(root, root.name)
         elif root.is_dir():
-            yield from _below(root)
+            yield from _files_below(root)
         elif MAGIC.search(where):
             start = Path(*takewhile(lambda part: not MAGIC.search(part), Path(where).parts))
             for found_path in map(Path, glob.glob(where, recursive=True)):  # noqa: PTH207 - a pattern may be absolute
@@ -103,8 +103,8 @@ def _files(where: str) -> Iterator[StoredFile]:
         raise UnreadableInput(f"{where}: cannot be listed: {reason(error)}") from None
 
 
-def _below(root: Path) -> Iterator[StoredFile]:
-    """List files in a folder and below; folders that may not be listed too, for a row of their own."""
+def _files_below(root: Path) -> Iterator[StoredFile]:
+    """Yield files in a folder and below; also folders that cannot be listed, for a row about them."""
     os.scandir(root).close()
     folders = [(str(root), "")]
     while folders:
@@ -116,29 +116,29 @@ def _below(root: Path) -> Iterator[StoredFile]:
             continue
         for entry in entries:
             name = entry.name
-            if name[0] in "._" or name.endswith(PARTS):
+            if name[0] in "._" or name.endswith(CHECKPOINT_SUFFIXES):
                 continue
             if not _is_folder(entry):
                 yield _file(entry, prefix + name)
-            elif not _leads_up(folder, entry):
+            elif not _is_loop(folder, entry):
                 folders.append((entry.path, f"{prefix}{name}/"))
 
 
 def _is_folder(entry: os.DirEntry[str]) -> bool:
-    """Whether an entry is a folder, or a link to one; a link that leads in a circle is none."""
+    """Whether an entry is a folder, or a link to one; False for a link in a loop."""
     try:
         return entry.is_dir()
     except OSError:
         return False
 
 
-def _leads_up(folder: str, entry: os.DirEntry[str]) -> bool:
-    """Whether an entry of a folder is a link to it or to one above, which would be followed without end."""
+def _is_loop(folder: str, entry: os.DirEntry[str]) -> bool:
+    """Whether an entry of a folder is a link to that folder or one above it, which would never end."""
     return entry.is_symlink() and Path(os.path.realpath(folder)).is_relative_to(os.path.realpath(entry.path))
 
 
 def _file(path: Path | os.DirEntry[str], name: str) -> StoredFile:
-    """Describe a file; of a dangling link, and of what may not be read, the name alone."""
+    """Description of a file; only its name for a broken link, or a file that cannot be read."""
     where = os.fspath(path)
     try:
         status = path.stat()
@@ -170,18 +170,20 @@ def _split(where: str) -> tuple[str, str]:
 
 
 def _store(where: str) -> Any:  # noqa: ANN401 - a store of obstore
-    """Open the store of a URL: once for each environment, since it takes 10 ms and a connection."""
-    return _made(where, tuple((name, os.environ[name]) for name in sorted(os.environ) if name.startswith(NAMED_BY)))
+    """Open the store of a URL, once for each environment, since that takes 10 ms and a connection."""
+    return _store_in_environment(
+        where, tuple((name, os.environ[name]) for name in sorted(os.environ) if name.startswith(VARIABLE_PREFIXES))
+    )
 
 
 @functools.lru_cache(maxsize=64)
-def _made(where: str, _: tuple[tuple[str, str], ...]) -> Any:  # noqa: ANN401
+def _store_in_environment(where: str, _: tuple[tuple[str, str], ...]) -> Any:  # noqa: ANN401
     """Open the store of a URL in an environment."""
     return obstore().store.from_url(where)
 
 
 def _objects(where: str) -> Iterator[StoredFile]:
-    """List objects of a store."""
+    """Yield objects of a store."""
     is_folder = not MAGIC.search(where) and (where.endswith("/") or not PurePosixPath(_split(where)[1]).suffix)
     fixed = where.rstrip("/") if is_folder else MAGIC.split(where)[0].rpartition("/")[0]
     pattern = where[len(fixed) :].lstrip("/")
@@ -202,12 +204,12 @@ def _store_errors(where: str, refused: type[FlindersError] = UnreadableInput) ->
         yield
     except (module.exceptions.BaseError, OSError, ValueError) as error:
         message = " ".join(str(error).split())[:200]
-        raise refused(f"{where}: the store says: {message}; check the name, the region and who you are") from None
+        raise refused(f"{where}: error of the store: {message}; check name, region and credentials") from None
 
 
 @contextlib.contextmanager
 def opened(file: StoredFile) -> Iterator[Any]:
-    """Open a file for random access, such as to its footer and some row groups; raises UnreadableInput."""
+    """Open a file or object for random access; yields a local path or a binary file. Raises UnreadableInput."""
     if not is_remote(file.where):
         yield file.where
         return
@@ -217,7 +219,7 @@ def opened(file: StoredFile) -> Iterator[Any]:
 
 
 class _Object(io.RawIOBase):
-    """An object as a file of random access: each read is a request, but a small object is read whole by the first."""
+    """Binary file with random access to an object; each read is a request, but a small object is read whole."""
 
     def __init__(self, store: Any, path: str, size: int) -> None:  # noqa: ANN401
         self._store, self._path, self._size = store, path, size
@@ -227,7 +229,7 @@ class _Object(io.RawIOBase):
     def readinto(self, buffer: Any) -> int:  # noqa: ANN401 - any writable buffer
         begin, end = self._at, min(self._at + len(buffer), self._size)
         if begin < end and not self._first <= begin < end <= self._first + len(self._content):
-            self._first, last = (0, self._size) if self._size <= WHOLE else (begin, end)
+            self._first, last = (0, self._size) if self._size <= MAX_WHOLE_BYTES else (begin, end)
             self._content = bytes(obstore().get_range(self._store, self._path, start=self._first, end=last))
         self._at = max(begin, end)
         buffer[: self._at - begin] = self._content[begin - self._first : self._at - self._first]
@@ -249,9 +251,9 @@ class _Object(io.RawIOBase):
 
 @contextlib.contextmanager
 def fetched(file: StoredFile) -> Iterator[Path]:
-    """Copy an object to a file of this machine, which is removed afterwards; a local file is given as it is.
+    """Copy an object to a temporary local file and yield its path; of a local file, yield its own path.
 
-    Raises UnreadableInput if it cannot be read, and OutputError if there is no room for the copy.
+    Raises UnreadableInput if it cannot be read, and OutputError if the disk has no space for the copy.
     """
     if not is_remote(file.where):
         if file.name.endswith("/"):
@@ -262,7 +264,7 @@ def fetched(file: StoredFile) -> Iterator[Path]:
     with tempfile.TemporaryDirectory(prefix="flinders-") as place:
         copy = Path(place) / PurePosixPath(path).name
         with _store_errors(file.where), copy.open("wb", buffering=0) as written:
-            for chunk in _store(store).get(path).stream(min_chunk_size=CHUNK):
+            for chunk in _store(store).get(path).stream(min_chunk_size=CHUNK_BYTES):
                 try:
                     write_all(written, bytes(chunk))
                 except OSError as error:
@@ -271,7 +273,7 @@ def fetched(file: StoredFile) -> Iterator[Path]:
 
 
 def exists(where: str) -> bool:
-    """Whether there is a file or an object; raises OutputError if the store does not say."""
+    """Whether a file or an object exists; raises OutputError for an error of the store."""
     if not is_remote(where):
         return Path(where).exists()
     store, path = _split(where)
@@ -284,16 +286,16 @@ def exists(where: str) -> bool:
 
 
 def refuse_object(where: str, *, force: bool = False) -> None:
-    """Refuse, before a long run, an object that could not be written at its end: raises OutputExists or OutputError."""
+    """Refuse, before a long run, an object that cannot be written: raises OutputExists or OutputError."""
     _, path = _split(where)
     if not path or where.endswith("/"):
-        raise OutputError(f"{where}: it is a folder: give the name of an object in it, such as calibrations.parquet")
+        raise OutputError(f"{where} is a folder: give the name of an object in it, such as calibrations.parquet")
     if exists(where) and not force:
         raise OutputExists(where)
 
 
 def put(path: Path, where: str) -> None:
-    """Copy a file of this machine to an object, which appears when it is complete; raises OutputError."""
+    """Copy a local file to an object, which appears when it is complete; raises OutputError."""
     store, name = _split(where)
     with _store_errors(where, OutputError):
         obstore().put(_store(store), name, path)

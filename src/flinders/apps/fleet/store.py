@@ -1,7 +1,7 @@
-"""The table of a fleet as a store of calibrations: which one a unit had at a date, as an ordinary calibration file.
+"""The table of a fleet as a store of calibrations: the calibration of a unit at a date, as a calibration file.
 
-A calibration is valid from its recording on until the next one of its unit. Recordings that were refused or failed give
-none, so that the one before them stays valid.
+A calibration is valid from its recording until the next calibration of its unit. Recordings that were refused or failed
+have no calibration, so that the previous one stays valid.
 
 >>> from flinders import simulate
 >>> from flinders.fitting import calibrate
@@ -45,11 +45,11 @@ if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping, Sequence
 
 MAX_PROPOSED: Final = 3
-"""Names of units that are proposed in place of one that is not there."""
+"""Largest number of units that are proposed instead of an unknown one."""
 
 
 class NoCalibration(FitError):
-    """A unit without a calibration at a date (`recordings`: what its recordings were)."""
+    """A unit without a calibration at a date (`recordings`: the verdicts of its recordings)."""
 
     code = "no-calibration"
 
@@ -62,27 +62,27 @@ class NoCalibration(FitError):
 class ValidCalibration:
     """The calibration that a unit had at a date."""
 
-    row: UnitResult  # with the calibration
-    date_s: float  # when it was recorded, s since 1970; NaN if no date is known
-    next_s: float  # when the next one was, from when on that is valid; NaN without one
-    later: tuple[UnitResult, ...]  # recordings between it and the date that gave none
+    row: UnitResult  # row with the calibration
+    date_s: float  # date of its recording, s since 1970; NaN if no date is known
+    next_s: float  # date of the next calibration, when this one ends, s since 1970; NaN without a next one
+    later: tuple[UnitResult, ...]  # recordings without a calibration between this one and the date
 
     def as_dict(self) -> dict[str, Any]:
-        """JSON-ready: what is said beside the calibration file."""
+        """JSON-ready fields, in addition to the calibration file."""
         return {
             "unit": self.row.unit,  # name of the sensor or vehicle
-            "recording": self.row.recording,  # that the calibration is of
-            "recorded_s": self.date_s,  # when that was made, s since 1970
-            "valid_until_s": self.next_s,  # when the next calibration was recorded, s since 1970
+            "recording": self.row.recording,  # recording of the calibration
+            "recorded_s": self.date_s,  # date of that recording, s since 1970
+            "valid_until_s": self.next_s,  # date of the next calibration, s since 1970
             "verdict": self.row.verdict,  # `good` or `limited`
-            "without_calibration": [row.recording for row in self.later],  # recorded later, and refused or failed
+            "without_calibration": [row.recording for row in self.later],  # later recordings, refused or failed
         }
 
 
 def rows_of(table: str | os.PathLike[str], unit: str) -> list[UnitResult]:
     """Rows of a unit in a table, Parquet or CSV.
 
-    Raises `DocumentError` for a file that is no table of a fleet, and `UsageError` for a unit that it does not have.
+    Raises `DocumentError` for a file that is no table of a fleet, and `UsageError` for a unit that is not in the table.
     """
     if is_csv(table):
         every = read_table(table)
@@ -93,7 +93,7 @@ def rows_of(table: str | os.PathLike[str], unit: str) -> list[UnitResult]:
             names = known.units()
             rows = UnitResults.from_arrow(known.of_units({unit}))
     if not len(rows):
-        units = sorted({name for name in names if not name.startswith("(")})  # those in brackets are files
+        units = sorted({name for name in names if not name.startswith("(")})  # names in parentheses are files
         similar = get_close_matches(unit, units, MAX_PROPOSED)
         some = f"it has {', '.join(units[:MAX_PROPOSED])}{' …' * (len(units) > MAX_PROPOSED)}"
         words = f"did you mean {' or '.join(similar)}?" if similar else some
@@ -102,7 +102,7 @@ def rows_of(table: str | os.PathLike[str], unit: str) -> list[UnitResult]:
 
 
 def date_of(text: str) -> datetime:
-    """Read a date or time of ISO 8601, in UTC unless it names a zone; of a day its end. Raises `UsageError`.
+    """Read a date or time in ISO 8601, in UTC unless it names a zone; a day gives its end. Raises `UsageError`.
 
     >>> date_of("2026-04-01").isoformat(), date_of("2026-04-01T12:30+02:00").isoformat()
     ('2026-04-01T23:59:59.999999+00:00', '2026-04-01T12:30:00+02:00')
@@ -119,13 +119,13 @@ def date_of(text: str) -> datetime:
 def valid_at(rows: Sequence[UnitResult], unit: str, date: datetime | None = None) -> ValidCalibration:
     """The calibration of a unit that was valid at a date, by default the newest.
 
-    Raises `NoCalibration` if there is none, and `UsageError` for a date where the recordings have none.
+    Raises `NoCalibration` if the unit has none, and `UsageError` for a date if the recordings have no dates.
     """
     order = arranged([row.recording for row in rows], np.array([row.start_s for row in rows]))
     if not order.is_known or (date is not None and not order.is_dated):
         raise UsageError(
-            f"nothing tells {'when' if order.is_known else 'in what order'} the recordings of {unit} were made: put "
-            f"dates into their names{', or ask for the newest without a date' if order.is_known else ''}"
+            f"the {'dates' if order.is_known else 'order'} of the recordings of {unit} are not known: put dates into "
+            f"their names{', or ask for the newest without a date' if order.is_known else ''}"
         )
     timed = list(zip((rows[place] for place in order.places), order.date_s, strict=True))
     until = [(row, at) for row, at in timed if date is None or at <= date.timestamp()]
@@ -139,7 +139,7 @@ def valid_at(rows: Sequence[UnitResult], unit: str, date: datetime | None = None
 
 
 def document_of(row: UnitResult, options: Mapping[str, Any]) -> Document:
-    """The calibration file of a row; `options` are those of its table, empty where they are not known."""
+    """The calibration file of a row; `options` are those of its table, empty if they are not known."""
     whole = np.zeros((9, 9))
     upper = np.triu_indices(9)
     whole[upper] = whole.T[upper] = row.covariance
@@ -154,12 +154,12 @@ def document_of(row: UnitResult, options: Mapping[str, Any]) -> Document:
             unit=row.unit_of_field,  # type: ignore[arg-type]  # one of the two
         ),
         raw=Recorded(unit=unit.name, scale=unit.scale, axes=axes, sensor=row.unit),  # type: ignore[arg-type]
-        fit=_fitted(row, whole.tolist(), options),
+        fit=_fit_record(row, whole.tolist(), options),
     )
 
 
-def _fitted(row: UnitResult, covariance: Iterable[Sequence[float]], options: Mapping[str, Any]) -> Fitted:
-    """What the file says of the fit; of its findings the table has numbers of the first alone."""
+def _fit_record(row: UnitResult, covariance: Iterable[Sequence[float]], options: Mapping[str, Any]) -> Fitted:
+    """Record of the fit in the file; the table has numbers for the first finding only."""
     number, limit = (None if math.isnan(value) else value for value in (row.number, row.limit))
     cause = [FindingRecord(code=row.cause, severity="limits", number=number, limit=limit)] if row.cause else []
     return Fitted(
@@ -182,7 +182,7 @@ def _fitted(row: UnitResult, covariance: Iterable[Sequence[float]], options: Map
 
 
 def options_of(table: str | os.PathLike[str]) -> Mapping[str, Any]:
-    """Options that a table was made with; empty where it does not say."""
+    """Options that a table was made with; empty if they are not recorded."""
     try:
         return {} if is_csv(table) else ReadFiles.of_table(table).options
     except DocumentError:

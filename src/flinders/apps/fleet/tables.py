@@ -1,7 +1,7 @@
-"""Tables of records that a run writes beside its own: Parquet, or CSV for a spreadsheet, by the name of the file.
+"""Tables of records: Parquet, or CSV for a spreadsheet, by the name of the file.
 
-The table of a fleet is CSV too where its name ends so: each number of a list is a column, as ``offset_x``, and findings
-have spaces between them. Such a file is read back to the bit.
+The table of a fleet is also CSV if its name ends in .csv: each number of a list is a column, such as ``offset_x``, and
+findings are separated by spaces. Reading such a file gives exactly the same numbers.
 
 >>> flat_names()[:7], len(flat_names())
 (('unit', 'recording', 'start_s', 'end_s', 'readings', 'samples', 'verdict'), 80)
@@ -26,12 +26,13 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Mapping, Sequence
 
 SYMMETRIC: Final = [f"{a}_{b}" for a in range(1, 10) for b in range(a, 10)]
+"""Endings of the upper triangle of a 9 × 9 matrix."""
 ENDINGS: Final = {
     "offset": list("xyz"),
     "matrix": [f"{row}{column}" for row in "xyz" for column in "xyz"],
     "covariance": SYMMETRIC,
 }
-"""What the columns of a list end in."""
+"""Endings of the columns of a list."""
 
 
 def is_csv(path: str | os.PathLike[str]) -> bool:
@@ -40,7 +41,7 @@ def is_csv(path: str | os.PathLike[str]) -> bool:
 
 
 def refuse_ending(path: str, what: str) -> None:
-    """Refuse a name that tells no kind of table: raises UsageError."""
+    """Refuse a name that does not end as a table: raises UsageError."""
     if not path.lower().endswith((*PARQUET, CSV)):
         raise UsageError(f"{path}: {what} is Parquet or CSV: give it a name that ends in {PARQUET[0]} or {CSV}")
 
@@ -49,9 +50,9 @@ def refuse_ending(path: str, what: str) -> None:
 def record_table(
     path: str | os.PathLike[str] | None, record: type, *, force: bool = False
 ) -> Iterator[Callable[[Sequence[Any]], None] | None]:
-    """Write a table that appears under its name when the block ends well; raises OutputError.
+    """Write a table, which appears under its name if the block ends without an error; raises OutputError.
 
-    Yields a function that takes some records at a time, each a `record`, a dataclass; None if there is no path.
+    Yields a function that takes some records at a time, each a dataclass `record`; None without a path.
     """
     if path is None:
         yield None
@@ -71,7 +72,7 @@ def record_table(
 
 
 def record_schema(record: type) -> Any:  # noqa: ANN401 - pyarrow ships no types
-    """Fields of a record as columns of Arrow."""
+    """Arrow schema of the fields of a record."""
     arrow = needs_arrow()
     kinds = {"str": arrow.string(), "int": arrow.int64(), "float": arrow.float64()}
     kinds["tuple[float, ...]"] = arrow.list_(arrow.float64())
@@ -79,7 +80,7 @@ def record_schema(record: type) -> Any:  # noqa: ANN401 - pyarrow ships no types
 
 
 def _table_of(rows: Sequence[Any], schema: Any) -> Any:  # noqa: ANN401
-    """Table of some records, null for NaN."""
+    """Arrow table of some records, null for NaN."""
     arrow = needs_arrow()
     columns = [
         arrow.array([getattr(row, field.name) for row in rows], field.type, from_pandas=True) for field in schema
@@ -88,7 +89,7 @@ def _table_of(rows: Sequence[Any], schema: Any) -> Any:  # noqa: ANN401
 
 
 def _cell(value: object) -> object:
-    """A value as it stands in a cell: lists with spaces between, nothing for NaN."""
+    """Value of a cell: a list joined by spaces, empty for NaN."""
     if isinstance(value, tuple):
         return " ".join(map(str, value))
     return "" if isinstance(value, float) and math.isnan(value) else value
@@ -98,14 +99,14 @@ def _cell(value: object) -> object:
 
 
 def flat_names() -> tuple[str, ...]:
-    """Columns of the table of a fleet as CSV."""
+    """Names of the columns of a fleet's table in CSV."""
     return tuple(
         flat for name in NAMES for flat in ([f"{name}_{end}" for end in ENDINGS[name]] if name in LISTS else [name])
     )
 
 
 def write_csv(table: str | os.PathLike[str], out: str | os.PathLike[str]) -> None:
-    """Write the table of a fleet, a Parquet file, as CSV; raises OutputError."""
+    """Write a fleet's table from a Parquet file as CSV; raises OutputError."""
     from pyarrow import parquet
 
     with replacing(out, force=True) as file, parquet.ParquetFile(table) as source:
@@ -113,11 +114,11 @@ def write_csv(table: str | os.PathLike[str], out: str | os.PathLike[str]) -> Non
         writer = csv.writer(file, lineterminator="\n")
         writer.writerow([*flat_names(), *added])
         for batch in source.iter_batches():
-            writer.writerows(_flat(row, added) for row in batch.to_pylist())
+            writer.writerows(_flat_cells(row, added) for row in batch.to_pylist())
 
 
-def _flat(row: Mapping[str, Any], added: Sequence[str]) -> Iterator[object]:
-    """Cells of a row."""
+def _flat_cells(row: Mapping[str, Any], added: Sequence[str]) -> Iterator[object]:
+    """Yield the cells of a row of CSV."""
     for name in NAMES:
         if name in LISTS:
             yield from row[name] or [""] * LISTS[name]
@@ -137,7 +138,7 @@ def is_csv_of_fleet(path: str | os.PathLike[str]) -> bool:
 def read_table(path: str | os.PathLike[str]) -> UnitResults:
     """Read the table of a fleet, Parquet or CSV, into memory.
 
-    Raises `DocumentError` if it is none.
+    Raises `DocumentError` if the file is no such table.
     """
     if not is_csv(path):
         return UnitResults.read(path)
@@ -145,22 +146,22 @@ def read_table(path: str | os.PathLike[str]) -> UnitResults:
         raise DocumentError(f"{path}: this is no table of a fleet: make one with `flinders fleet`")
     try:
         with Path(path).open(encoding="utf-8", newline="") as file:
-            return UnitResults.of([_row(cells) for cells in _whole(csv.DictReader(file))])
+            return UnitResults.of([_row(cells) for cells in _complete_lines(csv.DictReader(file))])
     except (OSError, ValueError, csv.Error) as error:
         words = reason(error) if isinstance(error, OSError) else str(error)
         raise DocumentError(f"{path}: cannot be read as a table of a fleet: {words}") from None
 
 
-def _whole(lines: csv.DictReader[str]) -> Iterator[dict[str, str]]:
-    """Cells of each line; `ValueError` for one that is cut short, as where a copy was not finished."""
+def _complete_lines(lines: csv.DictReader[str]) -> Iterator[dict[str, str]]:
+    """Yield the cells of each line; raises `ValueError` for an incomplete line, as of an unfinished copy."""
     for cells in lines:
         if None in cells.values():
-            raise ValueError(f"line {lines.line_num} is cut short: copy or write the table again")
+            raise ValueError(f"line {lines.line_num} is incomplete: copy or write the table again")
         yield cells
 
 
 def _row(cells: Mapping[str, str]) -> UnitResult:
-    """A row of the cells of a line."""
+    """Row from the cells of a line."""
     values: dict[str, Any] = {}
     for name in NAMES:
         if name in LISTS:

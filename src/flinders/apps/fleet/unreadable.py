@@ -1,8 +1,8 @@
-"""Unreadable row groups of tables: which recordings have rows in them, and what their rows say.
+"""Unreadable row groups of tables: the recordings with rows in them, and the rows of results about these recordings.
 
-Usually a single page of a table is broken, and with it a row group. The recordings in it fail, and the others go on.
-They are read from the columns of keys alone; if those are what is broken, the footer still has the number of rows, and
-perhaps the first and last unit.
+Usually a single page of a table is broken, and with it a row group. The recordings in that group fail, and the others
+are calibrated. The names of its recordings come from the columns of keys alone; if those columns are broken, the footer
+still has the number of rows, and perhaps the first and last unit.
 """
 
 from __future__ import annotations
@@ -24,50 +24,50 @@ if TYPE_CHECKING:
     from flinders.apps.fleet.options import Options
     from flinders.apps.fleet.plan import FileSlice, Partition
 
-LISTED: Final = 4
-"""Groups that a message lists; it counts the others."""
+MAX_LISTED: Final = 4
+"""Largest number of groups that a message lists; further ones are counted."""
 
 
 @dataclass(frozen=True, slots=True)
 class UnreadableGroups:
     """Groups of a file that cannot be read."""
 
-    part: FileSlice  # slice that they belong to
-    group: str  # name of a group in its file
-    groups: tuple[int, ...]  # which of how many groups, counted from 0
-    group_count: int
-    rows: int
+    part: FileSlice  # slice that the groups belong to
+    group: str  # word for a group in such a file
+    groups: tuple[int, ...]  # unreadable groups, counted from 0
+    group_count: int  # number of all groups
+    rows: int  # number of rows in the unreadable groups
     error: Exception
-    # rows of each recording; empty if the keys cannot be read either
+    # number of rows of each recording; empty if the keys cannot be read either
     counts: Counter[Pair] = field(default_factory=Counter)
-    ends: tuple[str, ...] = ()  # if they cannot: units with some of the rows, according to footer or path
-    is_complete: bool = False  # whether no other units have any
+    ends: tuple[str, ...] = ()  # if keys cannot be read: units with some of the rows, according to footer or path
+    is_complete: bool = False  # whether `ends` are all units of the rows
 
     @property
     def place(self) -> str:
-        """Groups, for people: counted from 1; empty if it is all of them."""
+        """Numbers of the groups for a message, counted from 1; empty for all groups."""
         if len(self.groups) == self.group_count:
             return ""
-        named = [str(group + 1) for group in self.groups[:LISTED]]
-        more = [f"{len(self.groups) - LISTED} more"] * (len(self.groups) > LISTED)
+        named = [str(group + 1) for group in self.groups[:MAX_LISTED]]
+        more = [f"{len(self.groups) - MAX_LISTED} more"] * (len(self.groups) > MAX_LISTED)
         *first, last = named + more
         plural = ("es" if self.group.endswith("ch") else "s") * (len(self.groups) > 1)
         return f"{self.group}{plural} {', '.join(first)}{' and ' if first else ''}{last} of {self.group_count}"
 
     @property
     def where(self) -> str:
-        """Groups and file, for people."""
+        """Groups and file for a message."""
         name = self.part.file.name
         return f"{self.place} of {name}" if self.place else name
 
     @property
     def row(self) -> UnitResult:
-        """A row for those whose units are not known; no unit has such a name."""
+        """Row about groups whose units are not known; its unit is the file name in parentheses."""
         rows = f" ({counted(self.rows, 'row')})" if self.rows else ""
         why = self.error.message if isinstance(self.error, FlindersError) else self.error
         message = (
-            f"it cannot be told whose readings are in {self.where}{rows}, and a unit that has some of them and others "
-            f"elsewhere was fitted without them: {why}"
+            f"the units of the readings in {self.where}{rows} are not known, and a unit that also has readings "
+            f"elsewhere was fitted without these: {why}"
         )
         return _row(self.error, (f"({self.part.file.name})", self.place), self.rows, message)
 
@@ -98,36 +98,36 @@ class Unreadable:
         self._readable: dict[FileSlice, tuple[int, ...]] = {}
 
     def readable_groups(self, part: FileSlice) -> tuple[int, ...]:
-        """Groups of a slice that can be read, each by itself; the others are recorded with their recordings."""
+        """Groups of a slice that can be read, each by itself; the others are noted with their recordings."""
         if part not in self._readable:
             self._record(part, lambda file: self._errors(part, file))
         return self._readable[part]
 
     def give_up(self, part: FileSlice, error: Exception) -> None:
-        """Record all of a slice, though each of its groups could be read."""
+        """Note all groups of a slice as unreadable, though each could be read by itself."""
         errors = dict.fromkeys(self._readable.get(part, part.groups), error)
         self._record(part, lambda _: errors)
         self._readable[part] = ()
 
     def _record(self, part: FileSlice, errors_of: Callable[[TableFile], Mapping[int, Exception]]) -> None:
-        """Record the groups of a slice with errors."""
+        """Note the groups of a slice with errors."""
         try:
             with open_as_planned(part, self._options) as file:
                 keys = KeyColumns.of_schema(file.name, file.schema, self._options) or KeyColumns()
                 errors = errors_of(file)
-                self.all += list(self._with_recordings(part, file, keys, errors))
-        except Exception as error:  # noqa: BLE001 - a broken file may raise anything, and costs its recordings alone
+                self.all += list(self._find_recordings(part, file, keys, errors))
+        except Exception as error:  # noqa: BLE001 - a broken file may raise any error, and fails its recordings only
             errors = dict.fromkeys(part.groups, error)
-            self.all = [each for each in self.all if each.part != part]  # all of it, with what was recorded before
-            self.all.append(self._unopened(part, error))
+            self.all = [each for each in self.all if each.part != part]  # replaced by one entry for all groups
+            self.all.append(self._unopened_slice(part, error))
         self._readable[part] = tuple(group for group in part.groups if group not in errors)
 
     def counts_in(self, part: FileSlice) -> Counter[Pair]:
-        """Unreadable rows of each recording in a slice."""
+        """Number of unreadable rows of each recording in a slice."""
         return sum((each.counts for each in self.all if each.part == part), Counter())
 
-    def _unopened(self, part: FileSlice, error: Exception) -> UnreadableGroups:
-        """A slice whose file cannot be opened any more: its rows, and the unit in its path."""
+    def _unopened_slice(self, part: FileSlice, error: Exception) -> UnreadableGroups:
+        """All groups of a slice whose file cannot be opened any more, with the unit from its path."""
         keys = KeyColumns.of_path(part.file.name, self._options)
         groups = UnreadableGroups(
             part, "", part.groups, len(part.groups), part.rows, error, ends=self._partition.only or ()
@@ -140,7 +140,7 @@ class Unreadable:
         return replace(groups, ends=(keys.unit.value,), is_complete=True)
 
     def _errors(self, part: FileSlice, file: TableFile) -> dict[int, Exception]:
-        """Errors of the groups of a slice that cannot be read."""
+        """Errors of the unreadable groups of a slice."""
         errors: dict[int, Exception] = {}
         try:
             table = KeyedTable.of(file, self._options)
@@ -154,10 +154,10 @@ class Unreadable:
                 errors[group] = error
         return errors
 
-    def _with_recordings(
+    def _find_recordings(
         self, part: FileSlice, file: TableFile, keys: KeyColumns, errors: Mapping[int, Exception]
     ) -> Iterator[UnreadableGroups]:
-        """Groups with errors whose recordings can be read, and those of which the footer has two units at most."""
+        """Yield groups with errors and known recordings, then groups with units that only the footer names."""
         counts: Counter[Pair] = Counter()
         known: list[int] = []
         unknown: list[int] = []
@@ -183,14 +183,14 @@ class Unreadable:
                 yield UnreadableGroups(part, file.group, tuple(groups), every, rows, errors[groups[0]], own, named)
 
     def recordings(self, read: Iterable[Pair]) -> set[Pair]:
-        """Recordings with unreadable rows; of units that the footer names those that were `read`."""
+        """Recordings with unreadable rows; of units that only the footer names, the recordings that were `read`."""
         recordings = {pair for each in self.all for pair in each.counts if pair[0]}
         ends = {unit for each in self.all for unit in each.ends}
         present = {pair for pair in read if pair[0] in ends}
         return recordings | present | {(unit, "") for unit in ends - {unit for unit, _ in present}}
 
     def rows(self, readable: Mapping[Pair, int]) -> list[UnitResult]:
-        """Rows of `recordings`, given how many readings of each can be read."""
+        """Rows about `recordings`, given the number of readable readings of each."""
         groups_of: dict[Pair, list[UnreadableGroups]] = defaultdict(list)
         for each in self.all:
             for pair in readable:
@@ -199,27 +199,27 @@ class Unreadable:
         return [_of_recording(pair, groups, readable[pair]) for pair, groups in groups_of.items()]
 
     def unknown(self) -> list[UnitResult]:
-        """Rows for groups whose units are not known."""
+        """Rows about groups whose units are not known."""
         return [each.row for each in self.all if not each.counts and not each.is_complete]
 
     def batches(self, known: Mapping[Pair, str]) -> dict[Pair, str]:
-        """Hardware batches that are known, and those of unreadable recordings."""
+        """Known hardware batches, and those of unreadable recordings."""
         own = self._names.batches
         return {pair: min(each[pair] for each in (known, own) if pair in each) for pair in {*known, *own}}
 
     @property
     def nameless(self) -> int:
-        """Rows that name no unit."""
+        """Number of rows without a unit."""
         return sum(rows for each in self.all for (unit, _), rows in each.counts.items() if not unit)
 
 
 def _of_recording(pair: Pair, groups: list[UnreadableGroups], readable: int) -> UnitResult:
-    """Row of a recording with unreadable rows."""
+    """Row about a recording with unreadable rows."""
     lost = sum(each.counts[pair] for each in groups)
-    every, where = counted(readable + lost, "reading"), " and ".join(each.where for each in groups[:LISTED])
+    every, where = counted(readable + lost, "reading"), " and ".join(each.where for each in groups[:MAX_LISTED])
     share = f"{lost:,} of its {every}" if lost < readable + lost else f"its {every}"
     if any(each.ends or not each.rows for each in groups):
-        others = f", besides {counted(readable, 'reading')} that can be read," if readable else ""
+        others = f", in addition to {counted(readable, 'reading')} that can be read," if readable else ""
         share = f"some of its readings{others}"
     return _row(groups[0].error, pair, readable + lost, f"{share} lie in {where}: {groups[0].error}")
 

@@ -1,9 +1,10 @@
-"""Units whose calibrations keep themselves: how fast the offset of each walks, which walks faster, and which moved.
+"""Random walks of the offsets of self-calibrating units: the rate of each, units that drift faster, and steps.
 
-Each unit has a history of its offset (`flinders.OffsetHistory`). A step is what moved apart from the unit's own walk,
-as in tables of a fleet. A unit walks faster than the others where its rate is beyond what they scatter by. Chance alone
-reports a step, or a faster unit, of `CHANCE` of whole fleets in which nothing moved: an interval is tested at that over
-the intervals of its unit and over the units, a rate at that over the units (Bonferroni).
+Each unit has a history of its offset (`flinders.OffsetHistory`). A step is a change of the offset beyond the unit's own
+random walk, as in tables of a fleet. A unit is faster than the others if its rate is beyond their scatter. In a fleet
+in which nothing moved, the probability that any step, or any faster unit, is reported is `FALSE_ALARM_PROBABILITY`: an
+interval is tested at that over the intervals of its unit and over the units, a rate at that over the units
+(Bonferroni).
 """
 
 from __future__ import annotations
@@ -30,67 +31,68 @@ if TYPE_CHECKING:
 
     from flinders.core.offset_walk import Walk
 
-CHANCE: Final = 0.01
+FALSE_ALARM_PROBABILITY: Final = 0.01
 """Probability of a false alarm in a whole fleet."""
-FEWEST: Final = 4
-"""Units whose walk is known, below which none is said to walk faster than the others."""
+MIN_UNITS: Final = 4
+"""Smallest number of units with known rates for which a unit can be faster than the others."""
 NORMAL_MEDIAN: Final = 0.6745
-"""Median of the size of a standard normal number."""
+"""Median of the absolute value of a standard normal variable."""
 DAY_S: Final = 86400.0
-LEAST_SIGMA: Final = 1e-6  # Of the field, that an offset is uncertain by
+MIN_SIGMA: Final = 1e-6
+"""Smallest standard deviation of an offset, as a fraction of the field."""
 
 STATES: Final = {
-    "moved": "the offset moved at once, apart from its walk, and turned the heading by more than the target",
+    "moved": "the offset changed at once, beyond its walk, and turned the heading by more than the target",
     "faster": "the offset walks faster than those of the other units, by more than chance explains",
-    "steady": "neither",
-    "short": "too little time to tell how fast it walks",
+    "steady": "neither moved nor faster",
+    "short": "the history is too short to find how fast the offset walks",
 }
-"""What each state of a unit means, in the order of urgency."""
+"""Meaning of each state of a unit, the most urgent first."""
 
 
 @dataclass(frozen=True, slots=True)
 class UnitWalk:
-    """How the offset of a unit went."""
+    """Random walk and steps of the offset of a unit."""
 
     unit: str  # name of the unit
     state: str  # one of the states in docs/fleet/drift.md
-    estimates: int  # of the offset that are two hours apart or more
-    begin_s: float  # time of the first, by the clock of the readings, from 1970 where that is known
-    end_s: float  # time of the last
-    walk: float  # by which the offset moves in an hour, 1 σ, in `unit_of_field`; it grows with the root of time
-    walk_low: float  # of its 95 % interval
-    walk_high: float  # of that
-    walk_deg: float  # 1 σ of a level heading, at the worst one, that it makes in a day
-    p_value: float  # how often chance makes a unit of this fleet walk as fast
-    steps: int  # in which the offset moved apart from its walk
-    moved: int  # how often its calibration has said `moved`; magnets that stayed for a while are among these
-    offset: tuple[float, ...]  # the newest: x, y, z, in `unit_of_field`
-    offset_sigma: tuple[float, ...]  # 1 σ of each
-    heading_error_deg: float  # that its calibration claims at the end
+    estimates: int  # number of estimates of the offset, two hours apart or more
+    begin_s: float  # time of the first estimate, by the clock of the readings, from 1970 if that is known
+    end_s: float  # time of the last estimate
+    walk: float  # change of the offset in an hour, 1 σ, in `unit_of_field`; it grows with the root of time
+    walk_low: float  # lower end of its 95 % interval
+    walk_high: float  # upper end of its 95 % interval
+    walk_deg: float  # 1 σ change of a level heading in a day by the walk, at the worst heading
+    p_value: float  # probability that a unit of this fleet walks as fast by chance
+    steps: int  # number of steps of the offset beyond its walk
+    moved: int  # number of times that its calibration reported `moved`, which includes magnets that stayed for a while
+    offset: tuple[float, ...]  # newest offset: x, y, z, in `unit_of_field`
+    offset_sigma: tuple[float, ...]  # 1 σ of each axis
+    heading_error_deg: float  # heading error that its calibration claims at the end
     unit_of_field: str  # ``uT`` or ``counts``
 
 
 @dataclass(frozen=True, slots=True)
 class FleetWalk:
-    """How the offsets of a fleet went."""
+    """Random walks and steps of the offsets of a fleet."""
 
-    units: int  # all of them
+    units: int  # number of all units
     states: Mapping[str, int]  # units in each of `STATES`
-    listed: tuple[UnitWalk, ...]  # by urgency, then the fastest first; no more than were asked for
-    steps: tuple[UnitStep, ...]  # the largest, no more than were asked for
-    step_count: int  # how many there are
-    step_units: int  # units that have one
-    intervals: int  # between estimates, each tested for a step
-    false_alarm_probability: float  # how often chance alone reports a step of a fleet; and so of faster units
+    listed: tuple[UnitWalk, ...]  # the first units by urgency, then the fastest first
+    steps: tuple[UnitStep, ...]  # the largest steps
+    step_count: int  # number of all steps
+    step_units: int  # number of units with a step
+    intervals: int  # number of intervals between estimates, each tested for a step
+    false_alarm_probability: float  # probability of any reported step in a fleet by chance; the same for faster units
     typical_walk_deg: float  # median of `walk_deg` of the units
-    walk_spread: float  # factor within which the units scatter about that, 1 σ, beyond what is not known of each
-    target_deg: float  # step of the heading that is good enough
-    dip_deg: float | None  # of the field that headings are judged at; None where that of each unit was used
-    #: of one unit alone its `time_s`, `offset` and `sigma`, each a list
+    walk_spread: float  # factor by which the units scatter about that median, 1 σ, beyond their own uncertainty
+    target_deg: float  # change of the heading that is good enough
+    dip_deg: float | None  # dip of the field for headings; None if that of each unit was used
+    #: for a single unit, its `time_s`, `offset` and `sigma`, each a list
     history: Mapping[str, Sequence[Any]] | None = None
 
     def as_dict(self) -> dict[str, Any]:
-        """JSON-ready: what ``--json`` prints."""
+        """JSON-ready fields, as ``--json`` prints them."""
         return asdict(self)
 
 
@@ -102,16 +104,16 @@ def walks_of(
     most: int = 100,
     each: Callable[[Sequence[UnitWalk]], None] | None = None,
 ) -> FleetWalk:
-    """Compare the walks of units.
+    """Compare the random walks of units.
 
-    Raises `UsageError` for a target that is not positive, `DocumentError` for what holds no history.
+    Raises `UsageError` for a target that is not positive, `DocumentError` for a file without a history.
 
     Parameters
     ----------
     paths : sequence of path
-        What `flinders watch` has written, see `flinders.workflows.offset_history.histories_in`.
+        Files of `flinders watch`, see `flinders.workflows.offset_history.histories_in`.
     target_deg : float
-        Step of the heading that is good enough.
+        Change of the heading by a step that is good enough.
     dip_deg : float, optional
         Inclination of the field; by default that of each unit.
     most : int
@@ -127,14 +129,14 @@ def walks_of(
         history = OffsetHistory.read(path, name=name)
         history = history if dip_deg is None else replace(history, dip_deg=dip_deg)
         estimates = history.estimates
-        changes = _changes_of(estimates, CHANCE / len(found))
+        changes = _changes_of(estimates, FALSE_ALARM_PROBABILITY / len(found))
         moved = np.isin(np.arange(len(estimates.time_s)), [change.after + 1 for change in changes])
         walk = walk_of(estimates.time_s, estimates.offset, estimates.sigma, moved)
         of_unit = [_step(estimates, change) for change in changes]
         units.append(_unit_of(history, estimates, walk, of_unit, target_deg))
         steps += of_unit
         intervals += max(len(estimates.time_s) - 1, 0)
-    units, typical, spread = _compared(sorted(units, key=lambda one: one.unit))
+    units, typical, spread = _compare_rates(sorted(units, key=lambda one: one.unit))
     if each is not None:
         each(units)
     return FleetWalk(
@@ -145,17 +147,17 @@ def walks_of(
         step_count=len(steps),
         step_units=len({step.unit for step in steps}),
         intervals=intervals,
-        false_alarm_probability=CHANCE,
+        false_alarm_probability=FALSE_ALARM_PROBABILITY,
         typical_walk_deg=typical,
         walk_spread=spread,
         target_deg=target_deg,
         dip_deg=dip_deg,
-        history=_listed(estimates) if len(units) == 1 else None,
+        history=_history_columns(estimates) if len(units) == 1 else None,
     )
 
 
-def _listed(estimates: OffsetHistory) -> dict[str, Sequence[Any]]:
-    """The estimates of a unit."""
+def _history_columns(estimates: OffsetHistory) -> dict[str, Sequence[Any]]:
+    """Times, offsets and standard deviations of a unit, as lists."""
     return {name: getattr(estimates, name).tolist() for name in ("time_s", "offset", "sigma")}
 
 
@@ -167,7 +169,7 @@ def _urgency(one: UnitWalk) -> tuple[int, float, str]:
 def _unit_of(
     history: OffsetHistory, estimates: OffsetHistory, walk: Walk | None, steps: Sequence[UnitStep], target_deg: float
 ) -> UnitWalk:
-    """What is known of a unit alone."""
+    """Result of a unit, before it is compared with the others."""
     is_moved = any(step.worst_deg > target_deg for step in steps)
     rate, low, high = (math.nan,) * 3 if walk is None else (walk.rate, walk.low, walk.high)
     newest = -1 if len(history.time_s) else None
@@ -192,12 +194,12 @@ def _unit_of(
 
 
 def _changes_of(estimates: OffsetHistory, chance: float) -> list[ChangePoint]:
-    """Where the offset of a unit moved apart from its walk; none of one whose walk is not known."""
+    """Change points of the offset of a unit beyond its walk; empty if the walk is not known."""
     walk = estimates.walk
     if walk is None:
         return []
     count, radius = len(estimates.time_s), estimates.radius
-    sigma = np.maximum(estimates.sigma / radius, LEAST_SIGMA)
+    sigma = np.maximum(estimates.sigma / radius, MIN_SIGMA)
     covariance = np.square(sigma)[:, :, np.newaxis] * np.eye(3)
     series = OffsetSeries(np.array([0, count]), estimates.time_s, estimates.offset / radius, covariance)
     variance = Variance(random_walk=walk.rate / radius / math.sqrt(HOUR_S))
@@ -205,7 +207,7 @@ def _changes_of(estimates: OffsetHistory, chance: float) -> list[ChangePoint]:
 
 
 def _step(estimates: OffsetHistory, found: ChangePoint) -> UnitStep:
-    """A step, as it is listed."""
+    """Row of the list of steps."""
     moved, sphere = found.moved * estimates.radius, estimates.radius * np.eye(3)
     worst = offset_heading_deg(moved[np.newaxis], sphere[np.newaxis], dip_deg=np.array([estimates.dip_deg]))
     return UnitStep(
@@ -221,17 +223,17 @@ def _step(estimates: OffsetHistory, found: ChangePoint) -> UnitStep:
     )
 
 
-def _compared(units: list[UnitWalk]) -> tuple[list[UnitWalk], float, float]:
-    """Units with the chance that one of this fleet walks as fast, the median rate and the factor that they scatter by.
+def _compare_rates(units: list[UnitWalk]) -> tuple[list[UnitWalk], float, float]:
+    """Units with their p value, the median rate in degrees of heading, and the factor by which rates scatter.
 
-    Rates are compared by what they make of the heading.
+    Rates are compared by the change of heading in a day.
     """
     rates = np.array([one.walk_deg for one in units])
     known = np.flatnonzero(np.isfinite(rates))
     if not len(known):
         return units, math.nan, math.nan
     middle = float(np.median(rates[known]))
-    if len(known) < FEWEST:
+    if len(known) < MIN_UNITS:
         return units, middle, math.nan
     sigma = np.array([math.log(units[place].walk_high / units[place].walk_low) / 3.92 for place in known.tolist()])
     off = np.log(rates[known] / middle)
@@ -240,6 +242,6 @@ def _compared(units: list[UnitWalk]) -> tuple[list[UnitWalk], float, float]:
     compared = list(units)
     for place, beyond in zip(known.tolist(), (off / np.hypot(sigma, spread)).tolist(), strict=True):
         one, chance = units[place], math.erfc(beyond / math.sqrt(2.0)) / 2.0
-        is_faster = chance < CHANCE / len(units) and one.state == "steady"
+        is_faster = chance < FALSE_ALARM_PROBABILITY / len(units) and one.state == "steady"
         compared[place] = replace(one, p_value=chance, state="faster" if is_faster else one.state)
     return compared, middle, math.exp(spread)

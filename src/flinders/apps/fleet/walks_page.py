@@ -1,4 +1,4 @@
-"""How the offsets of units went, as a page of the terminal.
+"""Page of the terminal for the drift of units from their histories.
 
 >>> shown_time(1795946435.0), shown_time(93600.0), shown_time(float("nan"))
 ('2026-11-29 10:00', '26.0 h', '–')
@@ -32,12 +32,12 @@ if TYPE_CHECKING:
     from flinders.apps.fleet.walks import FleetWalk, UnitWalk
 
 STATE_COLOURS: Final = {"moved": "red", "faster": "yellow", "steady": "green"}
-SHOWN: Final = 12
-"""Units, steps and estimates that are listed; ``--output`` and ``--json`` have more."""
+MAX_ROWS: Final = 12
+"""Largest number of units, steps and estimates that are listed; ``--output`` and ``--json`` have more."""
 
 
 def of_walks(fleet: FleetWalk) -> RenderableType:
-    """Lay out how units went: states, walks, what moved; of one alone its offset over time."""
+    """Lay out states, random walks and steps of units; for a single unit, also its offset over time."""
     unit = fleet.listed[0].unit_of_field if fleet.listed else ""
     history = None if fleet.history is None else _history(fleet.history, unit)
     steps = _steps(fleet) if fleet.steps else None
@@ -45,7 +45,7 @@ def of_walks(fleet: FleetWalk) -> RenderableType:
 
 
 def shown_time(seconds: float) -> str:
-    """Write a time: a date and hour where it counts from 1970, else hours."""
+    """Format a time: date and hour if it counts from 1970, else hours."""
     if not math.isfinite(seconds):
         return "–"
     if seconds < FROM_1970_S:
@@ -54,15 +54,15 @@ def shown_time(seconds: float) -> str:
 
 
 def walk_words(one: UnitWalk) -> str:
-    """The rate of a unit with its 95 % interval."""
+    """Random walk of a unit in an hour, with its 95 % interval."""
     if math.isnan(one.walk):
         return "–"
     return f"{figures(one.walk)} ({figures(one.walk_low)} to {figures(one.walk_high)})"
 
 
 def remarks(fleet: FleetWalk) -> list[str]:
-    """What else there is to know, a line each."""
-    found = ["walk: what an offset moves by in an hour, 1 σ, with its 95 % interval; it grows with the root of time"]
+    """Remarks below the tables, one line each."""
+    found = ["walk: change of an offset in an hour, 1 σ, with its 95 % interval; it grows with the root of time"]
     if math.isfinite(fleet.walk_spread):
         found.append(
             f"a unit walks {degrees(fleet.typical_walk_deg)} of heading in a day in the median; units are within a "
@@ -92,7 +92,7 @@ def _units(fleet: FleetWalk) -> Table:
         (one.unit, one.state, walk_words(one) if unit else f"{walk_words(one)} {label(one.unit_of_field)}",
          "" if math.isnan(one.walk_deg) else degrees(one.walk_deg), str(one.steps),
          shown_time(one.begin_s), shown_time(one.end_s))
-        for one in fleet.listed[:SHOWN]
+        for one in fleet.listed[:MAX_ROWS]
     ]  # fmt: skip
     return table(headings, [*rows, *_more(fleet.units)], is_dense=True)
 
@@ -104,16 +104,16 @@ def _steps(fleet: FleetWalk) -> Table:
         (one.unit, degrees(one.worst_deg),
          f"{figures(math.hypot(*one.offset_change))} {label(one.unit_of_field)}".removesuffix(f" {unit}"),
          chance(one.p_value), shown_time(one.before_s), shown_time(one.after_s))
-        for one in fleet.steps[:SHOWN]
+        for one in fleet.steps[:MAX_ROWS]
     ]  # fmt: skip
     headings = (Column("moved", no_wrap=True), "heading", by, "chance", "after", "before")
     return table(headings, [*rows, *_more(fleet.step_count)], is_dense=True)
 
 
 def _history(history: Mapping[str, Sequence[Any]], unit: str) -> Table:
-    """A dozen estimates of a unit, the first and the last among them."""
+    """Table of up to `MAX_ROWS` estimates of a unit, with the first and the last."""
     count = len(history["time_s"])
-    places = np.unique(np.linspace(0, count - 1, min(count, SHOWN)).round().astype(int)).tolist() if count else []
+    places = np.unique(np.linspace(0, count - 1, min(count, MAX_ROWS)).round().astype(int)).tolist() if count else []
     rows = [
         (shown_time(history["time_s"][place]),
          *map(with_uncertainty, history["offset"][place], history["sigma"][place]))
@@ -124,5 +124,5 @@ def _history(history: Mapping[str, Sequence[Any]], unit: str) -> Table:
 
 
 def _more(count: int) -> list[tuple[str]]:
-    """A row that says how many are not shown, if there are any."""
-    return [(f"and {count - SHOWN:,} more",)] if count > SHOWN else []
+    """Last row, with the number of rows that are not shown, if there are any."""
+    return [(f"and {count - MAX_ROWS:,} more",)] if count > MAX_ROWS else []

@@ -1,4 +1,4 @@
-"""How the offsets of units went, as one HTML file: states, walks, what moved, and the offset of some over time."""
+"""Report of the drift of units from their histories, as one HTML file: states, rates, steps, offsets over time."""
 
 from __future__ import annotations
 
@@ -25,14 +25,14 @@ if TYPE_CHECKING:
     from flinders.apps.fleet.walks import FleetWalk
     from flinders.report.charts import Canvas
 
-DRAWN: Final = 12
-"""Units whose offset is drawn: the most urgent."""
-WIDE: Final = 720.0
+MAX_DRAWN: Final = 12
+"""Largest number of units whose offset is drawn, the most urgent first."""
+WIDTH: Final = 720.0
 
 
 def page_of(fleet: FleetWalk, paths: Sequence[str | os.PathLike[str]]) -> str:
-    """Write units as one HTML file; the histories of some are read again."""
-    urgent = [one.unit for one in fleet.listed[:DRAWN]]
+    """The report as one HTML file; the histories of units that are drawn are read again."""
+    urgent = [one.unit for one in fleet.listed[:MAX_DRAWN]]
     drawn = {name: OffsetHistory.read(path, name=name) for path, name in histories_in(paths).items() if name in urgent}
     given = {
         "fleet": fleet,
@@ -48,7 +48,7 @@ def page_of(fleet: FleetWalk, paths: Sequence[str | os.PathLike[str]]) -> str:
 
 
 def offset_over_time(history: OffsetHistory) -> str:
-    """The offset along each axis over time, less its median, with the band of one standard deviation."""
+    """Drawing of the offset along each axis over time, minus its median, with a band of one standard deviation."""
     estimates = history.estimates
     hours = (estimates.time_s - estimates.time_s[0]) / 3600.0
     off = estimates.offset - np.median(estimates.offset, axis=0)
@@ -73,4 +73,4 @@ def offset_over_time(history: OffsetHistory) -> str:
         across = Axis(0.0, float(when[-1]) or 1.0)
         return Panel(across, Axis(-end, end), draw, words, title=title, y_ticks=numbers)
 
-    return stacked(f"Offset of {history.name} over time", [panel(*each) for each in columns], wide=WIDE, high=72.0)
+    return stacked(f"Offset of {history.name} over time", [panel(*each) for each in columns], wide=WIDTH, high=72.0)

@@ -63,31 +63,31 @@ Value = TypeVar("Value")
 
 
 class LostWorker(InputError):
-    """A file whose reading or fitting ends the worker that does it, time and again (`attempts`)."""
+    """A file that kills each worker which reads or fits it (`attempts`: number of workers)."""
 
     code = "lost-worker"
 
     def __init__(self, name: str, attempts: int) -> None:
         self.attempts = attempts
         super().__init__(
-            f"{name}: {attempts} workers died of it, one after the other: left out. Fit it by itself with flinders "
-            "calibrate, and look at the memory of the machine",
+            f"{name}: {attempts} workers died one after the other while they read or fitted this file: left out. Fit "
+            "it by itself with flinders calibrate, and check the memory of the machine",
             attempts=attempts,
         )
 
 
 class NoUnit(InputError):
-    """Readings of which nothing says which unit they are of (`rows` of a table, or a log in a folder of null)."""
+    """Readings without a unit (`rows` of a table, or a log in a folder for null)."""
 
     code = "no-unit"
 
     def __init__(self, where: str, rows: int = 0) -> None:
         self.rows = rows
         super().__init__(
-            f"{counted(rows, 'row')} of {where} name no unit: fitted to none; fill the column of units in, or name "
-            "another column of them"
+            f"{counted(rows, 'row')} of {where} without a unit: not fitted; fill in the column of units, or name "
+            "another column of units"
             if rows
-            else f"{where} lies in a folder of no unit: give that folder a name",
+            else f"{where} lies in a folder without the name of a unit: give that folder a name",
             hint={"unit_column": None} if rows else {},
             rows=rows,
         )
@@ -95,16 +95,16 @@ class NoUnit(InputError):
 
 def calibrate_partition(partition: Partition, *, options: Options) -> bytes:
     """Calibrate a partition; returns its sorted rows as the bytes of an Arrow file."""
-    rows = _of_tables(partition, options) if partition.slices[0].groups else _of_logs(partition, options)
+    rows = _fit_tables(partition, options) if partition.slices[0].groups else _fit_logs(partition, options)
     return rows.sorted().to_bytes()
 
 
 def lost(partition: Partition, attempts: int) -> list[UnitResult]:
-    """Rows of a partition that no worker survived: of its units if they are known, else of its files."""
+    """Rows about a partition that killed its workers: one for each unit if they are known, else for each file."""
     error = LostWorker(", ".join(part.file.name for part in partition.slices), attempts)
     if partition.only is not None:
         return [UnitResult(unit=unit).with_error(error) for unit in partition.only]
-    return [_failed(part, LostWorker(part.file.name, attempts)) for part in partition.slices]
+    return [_failure_row(part, LostWorker(part.file.name, attempts)) for part in partition.slices]
 
 
 # --------------------------------------------------------------------------------------------------------- in memory
@@ -124,21 +124,21 @@ def fit_many(
     target_deg: float = 1.0,
     dip_deg: float = 60.0,
 ) -> UnitResults:
-    """Calibrate many units, each as `flinders.fit` would by itself; what cannot be fitted is a row that says why.
+    """Calibrate many units, each as `flinders.fit` does; a unit that cannot be fitted is a row with the reason.
 
-    Raises `UsageError` for a table without a column of units, and columns or units of field that there are not;
-    `UnreadableInput` for a column of units that is nested, or there twice; `NoMagnetometer` where it is not clear which
+    Raises `UsageError` for a table without a column of units, and for unknown columns or units of field;
+    `UnreadableInput` for a column of units that is nested or duplicate; `NoMagnetometer` if it is not clear which
     columns are the magnetometer; `MissingExtra` without pyarrow, for a table that is not of pandas or polars.
 
     Parameters
     ----------
     table : mapping, or table
-        Units by name, each what `flinders.fit` takes but sums, in `unit`; or a table of all their readings with a
-        column that says which unit a row is of: of pyarrow, or anything with ``__arrow_c_stream__`` (pandas, polars).
+        Readings by name of the unit, each a source of `flinders.fit` (but not sums) in `unit`; or a table of all
+        readings with a column of units: of pyarrow, or anything with ``__arrow_c_stream__`` (pandas, polars).
     columns, unit, scale, axes
         As `flinders.read`.
     unit_column, recording_column, batch_column : str, optional
-        Of a table: the columns that say whose reading a row is, and of which batch of hardware; by default such as
+        For a table: the columns with unit, recording and hardware batch of each row; by default names such as
         ``unit`` or ``serial``, ``recording`` or ``session``, and ``batch`` or ``lot``.
     target_deg, dip_deg : float
         As `flinders.fit`.
@@ -165,19 +165,19 @@ def fit_many(
         dip_deg=dip_deg,
     )
     if isinstance(table, Mapping):
-        jobs = [_of_unit(str(name), source, options) for name, source in table.items()]
+        jobs = [_unit_job(str(name), source, options) for name, source in table.items()]
         refused = UnitResults.of([row for row in jobs if isinstance(row, UnitResult)])
         return UnitResults.joined([refused, fit_jobs([job for job in jobs if isinstance(job, Job)], options)]).sorted()
-    keyed, length = _in_memory(table, options)
+    keyed, length = _open_in_memory(table, options)
     whole = Partition((FileSlice(StoredFile("table", "", 0), (0,), length),))
     rows = RowFilter(whole)
     fits = _fit_set(read_recordings(keyed, whole.slices[0], rows), options)
     nameless = UnitResults.of(_nameless(whole, rows.nameless, Unreadable(whole, options)))
-    return _with_batches(UnitResults.joined([fits, nameless]), rows.names.batches).sorted()
+    return _add_batches(UnitResults.joined([fits, nameless]), rows.names.batches).sorted()
 
 
-def _of_unit(name: str, source: Any, options: Options) -> Job | UnitResult:  # noqa: ANN401
-    """Job of one unit of a mapping, or the row of its error."""
+def _unit_job(name: str, source: Any, options: Options) -> Job | UnitResult:  # noqa: ANN401
+    """Job of one unit of a mapping, or the row about its error."""
     try:
         unit = None if options.unit is None else Unit.of(options.unit, options.scale)
         source, _ = recording_of(source, unit, Axes.of(options.axes))
@@ -186,10 +186,10 @@ def _of_unit(name: str, source: Any, options: Options) -> Job | UnitResult:  # n
     return Job(name, "", source, 0)
 
 
-def _in_memory(table: Any, options: Options) -> tuple[KeyedTable | KeyedFrame, int]:  # noqa: ANN401
-    """Recognise the columns of a table in memory, and count its rows; `UsageError` if it is no table.
+def _open_in_memory(table: Any, options: Options) -> tuple[KeyedTable | KeyedFrame, int]:  # noqa: ANN401
+    """A table in memory with recognised columns, and its number of rows; raises `UsageError` if it is no table.
 
-    Without pyarrow a frame of pandas or polars hands out its columns; any other table raises `MissingExtra`.
+    Without pyarrow only frames of pandas or polars can be read; any other table raises `MissingExtra`.
     """
     if not is_frame(table):
         raise UsageError(
@@ -204,7 +204,7 @@ def _in_memory(table: Any, options: Options) -> tuple[KeyedTable | KeyedFrame, i
         frame = KeyedFrame.of(table, options)
         return frame, frame.rows
     file = in_memory("the table", "Arrow", table if isinstance(table, arrow.Table) else arrow.table(table))
-    KeyColumns.of(file.name, file.schema.names, options)  # refuses options that name a column it has not got
+    KeyColumns.of(file.name, file.schema.names, options)  # refuses options that name a missing column
     return KeyedTable.of(file, options), file.groups[0]
 
 
@@ -212,21 +212,21 @@ def _in_memory(table: Any, options: Options) -> tuple[KeyedTable | KeyedFrame, i
 
 
 def fit_jobs(jobs: Sequence[Job], options: Options) -> UnitResults:
-    """Fit recordings together, each with the numbers that `flinders.fit` gives it by itself."""
+    """Fit recordings together, with the same numbers as `flinders.fit` for each."""
     if not jobs:
         return UnitResults.of(())
     sources = [job.source if isinstance(job.source, Samples) else CountedRecording(job.source) for job in jobs]
     try:
         columns = fit_batch(cast("list[Samples]", sources), target_deg=options.target_deg, dip_deg=options.dip_deg)
     except Exception as error:  # noqa: BLE001 - one recording must not cost the others
-        return _one_by_one(jobs, options, error)
+        return _fit_one_by_one(jobs, options, error)
     readings = [job.readings or len(source) for job, source in zip(jobs, sources, strict=True)]
     spans = [np.add(job.start_s, source.span) for job, source in zip(jobs, sources, strict=True)]
     return _rows(columns, [job.pair for job in jobs], np.array(readings, dtype=np.int64), np.array(spans))
 
 
-def _one_by_one(jobs: Sequence[Job], options: Options, error: Exception) -> UnitResults:
-    """Fit recordings of which one ends the fit of all with an error."""
+def _fit_one_by_one(jobs: Sequence[Job], options: Options, error: Exception) -> UnitResults:
+    """Fit recordings one by one, after one of them has ended the joint fit with an error."""
     if len(jobs) > 1:
         return UnitResults.joined(fit_jobs([job], options) for job in jobs)
     row = UnitResult(unit=jobs[0].unit, recording=jobs[0].recording, readings=jobs[0].readings)
@@ -234,7 +234,7 @@ def _one_by_one(jobs: Sequence[Job], options: Options, error: Exception) -> Unit
 
 
 def _fit_set(recordings: RecordingSet, options: Options) -> UnitResults:
-    """Fit a set of recordings that lie in the same columns."""
+    """Fit a set of recordings in common columns."""
     try:
         columns = fit_batch(recordings.lined, target_deg=options.target_deg, dip_deg=options.dip_deg)
     except Exception:  # noqa: BLE001 - one recording must not cost the others
@@ -259,8 +259,8 @@ def _rows(columns: FitColumns, pairs: Sequence[Pair], readings: NDArray[np.int64
     )
 
 
-def _failed(part: FileSlice, error: Exception) -> UnitResult:
-    """Row of a file that cannot be read."""
+def _failure_row(part: FileSlice, error: Exception) -> UnitResult:
+    """Row about a file that cannot be read."""
     name = part.file.name
     if part.groups:
         return UnitResult(unit=f"({name})", readings=part.rows).with_error(error)
@@ -270,7 +270,7 @@ def _failed(part: FileSlice, error: Exception) -> UnitResult:
     return UnitResult(unit=unit, recording=recording).with_error(error)
 
 
-def _with_batches(rows: UnitResults, batches: Mapping[Pair, str]) -> UnitResults:
+def _add_batches(rows: UnitResults, batches: Mapping[Pair, str]) -> UnitResults:
     """Rows with the hardware batches of their units."""
     if not batches:
         return rows
@@ -281,23 +281,23 @@ def _with_batches(rows: UnitResults, batches: Mapping[Pair, str]) -> UnitResults
 # -------------------------------------------------------------------------------------------------------------- logs
 
 
-def _of_logs(partition: Partition, options: Options) -> UnitResults:
-    """Rows of log files."""
+def _fit_logs(partition: Partition, options: Options) -> UnitResults:
+    """Rows of the log files of a partition."""
     with contextlib.ExitStack() as copies:
         jobs = [(part, each) for part in partition.slices for each in _log(part, options, copies)]
         failed = UnitResults.of([each for _, each in jobs if isinstance(each, UnitResult)])
         rows = UnitResults.joined([failed, fit_jobs([each for _, each in jobs if isinstance(each, Job)], options)])
     pairs = {(each.unit, each.recording): batch_in(part.file.name, options) for part, each in jobs}
-    return _with_batches(rows, {pair: batch for pair, batch in pairs.items() if batch})
+    return _add_batches(rows, {pair: batch for pair, batch in pairs.items() if batch})
 
 
 def _log(part: FileSlice, options: Options, copies: contextlib.ExitStack) -> Sequence[Job | UnitResult]:
-    """Open the magnetometers of a log file; a copy of one from a store stays until the fits are done."""
+    """Jobs for the magnetometers of a log file; a copy of an object stays until the fits are done."""
     unit, recording = key_of(part.file.name)
     if not unit and not part.is_table:
-        return [_failed(part, NoUnit(part.file.name))]
+        return [_failure_row(part, NoUnit(part.file.name))]
     if part.error is not None:
-        return [_failed(part, part.error)]
+        return [_failure_row(part, part.error)]
     try:
         log = open_log(
             copies.enter_context(storage.fetched(part.file)),
@@ -308,23 +308,23 @@ def _log(part: FileSlice, options: Options, copies: contextlib.ExitStack) -> Seq
             as_logged=options.as_logged,
         )
         begun = 0.0 if log.begun is None else log.begun.timestamp()
-        return [Job(name, recording, _short(each), 0, begun) for name, each in _instruments(log, unit, options)]
-    except OutputError:  # no room for a copy: that is no fault of the file, and the next has none either
+        return [Job(name, recording, _first_block(each), 0, begun) for name, each in _instruments(log, unit, options)]
+    except OutputError:  # no space for a copy, which is no fault of the file
         raise
     except Exception as error:  # noqa: BLE001 - one file must not cost the others
-        return [_failed(part, error)]
+        return [_failure_row(part, error)]
 
 
 def _instruments(log: Log, unit: str, options: Options) -> list[tuple[str, Instrument]]:
-    """The magnetometer that the options name, by default all, each with its unit: the first has that of the log."""
+    """Magnetometers that the options select, by default all, with their units; the first has the unit of the log."""
     if options.sensor is not None and not (log.is_table and len(log.instruments) == 1):
         return [(unit, log.sensor(options.sensor))]
     first, *others = log.instruments
     return [(unit, first), *((f"{unit} {other.name}", other) for other in others)]
 
 
-def _short(source: Recording) -> Recording:
-    """A recording of one block as that block; a longer one as it is."""
+def _first_block(source: Recording) -> Recording:
+    """The only block of a recording, or the recording itself if it has several."""
     blocks = source.blocks()
     first = next(blocks, None)
     return source if first is None or next(blocks, None) is not None else first
@@ -333,8 +333,8 @@ def _short(source: Recording) -> Recording:
 # ------------------------------------------------------------------------------------------------------------ tables
 
 
-def _of_tables(partition: Partition, options: Options) -> UnitResults:
-    """Rows of files of rows; a partition of more than `LARGEST` rows is read several times."""
+def _fit_tables(partition: Partition, options: Options) -> UnitResults:
+    """Rows of the tables of a partition; a partition of more than `LARGEST` rows is read several times."""
     unreadable = Unreadable(partition, options)
     if partition.rows <= LARGEST:
         return _fit_in_memory(partition, options, unreadable)
@@ -349,25 +349,25 @@ def _of_tables(partition: Partition, options: Options) -> UnitResults:
     for pair, count in wanted.items():
         if pair[0] and pair not in short:
             slices = tuple(part for part, own in counts_of_slices if own[pair])
-            rows.append(_streamed(replace(partition, slices=slices), pair, count, options, unreadable))
+            rows.append(_fit_long(replace(partition, slices=slices), pair, count, options, unreadable))
     others = unreadable.recordings(wanted) - wanted.keys()
     rows += unreadable.rows({pair: 0 for pair in others if partition.takes(pair[0])})
     rows += _nameless(partition, nameless, unreadable)
-    return _with_batches(UnitResults.joined([*fits, UnitResults.of(rows)]), unreadable.batches(names.batches))
+    return _add_batches(UnitResults.joined([*fits, UnitResults.of(rows)]), unreadable.batches(names.batches))
 
 
 def _counts(part: FileSlice, options: Options, unreadable: Unreadable, names: Interner) -> Counter[Pair]:
-    """Rows of each recording in a slice, as far as its columns of keys can be read."""
+    """Number of rows of each recording in a slice, as far as its columns of keys can be read."""
 
     def count(file: TableFile, groups: Sequence[int]) -> Counter[Pair]:
         keys = KeyColumns.of_schema(file.name, file.schema, options) or KeyColumns()
         return counts_of(file, keys, groups, names)
 
-    return (_of_readable(part, options, unreadable, count) or Counter()) + unreadable.counts_in(part)
+    return (_read_readable(part, options, unreadable, count) or Counter()) + unreadable.counts_in(part)
 
 
 def _nameless(partition: Partition, rows: int, unreadable: Unreadable) -> list[UnitResult]:
-    """Rows for readings without a unit, and for those whose unit cannot be read, which are reported once."""
+    """Rows about readings without a unit, and about readings whose unit cannot be read, which are reported once."""
     report = unreadable.unknown() if partition.only is None else []
     if rows:
         names = [part.file.name for part in partition.slices]
@@ -396,7 +396,7 @@ def _sets_in_memory(counts: dict[Pair, int]) -> list[set[Pair]]:
 def _fit_in_memory(
     partition: Partition, options: Options, unreadable: Unreadable, selected: Container[Pair] | None = None
 ) -> UnitResults:
-    """Read a partition into memory, or the `selected` ones of its recordings, and fit them."""
+    """Read a partition, or its `selected` recordings, into memory, and fit them."""
     filtered = RowFilter(partition, selected)
     sets = [each for part in partition.slices for each in _read(part, options, filtered, unreadable)]
     occurrences = Counter(pair for each in sets for pair in each.pairs)
@@ -420,23 +420,23 @@ def _fit_in_memory(
     fits = UnitResults.joined(
         [UnitResults.of(rows), rest, *(_fit_set(each, options) for each in RecordingSet.joined(whole))]
     )
-    return _with_batches(fits, unreadable.batches(filtered.names.batches))
+    return _add_batches(fits, unreadable.batches(filtered.names.batches))
 
 
 def _read(part: FileSlice, options: Options, filtered: RowFilter, unreadable: Unreadable) -> list[RecordingSet]:
-    """Recordings of a slice, as far as it can be read."""
+    """Recordings of a slice, as far as the slice can be read."""
 
     def read(file: TableFile, groups: Sequence[int]) -> RecordingSet:
         return read_recordings(KeyedTable.of(file, options), replace(part, groups=tuple(groups)), filtered)
 
-    recordings = _of_readable(part, options, unreadable, read)
+    recordings = _read_readable(part, options, unreadable, read)
     return [] if recordings is None else [recordings]
 
 
-def _of_readable(
+def _read_readable(
     part: FileSlice, options: Options, unreadable: Unreadable, read: Callable[[TableFile, Sequence[int]], Value]
 ) -> Value | None:
-    """Read the groups of a slice; if that fails, those that can be read; None if there are none."""
+    """Read the groups of a slice, or if that fails its readable groups; None if there are none."""
     for is_whole in (True, False):
         groups = part.groups if is_whole else unreadable.readable_groups(part)
         if not groups:
@@ -450,7 +450,7 @@ def _of_readable(
     return None
 
 
-def _streamed(partition: Partition, pair: Pair, rows: int, options: Options, unreadable: Unreadable) -> UnitResult:
+def _fit_long(partition: Partition, pair: Pair, rows: int, options: Options, unreadable: Unreadable) -> UnitResult:
     """Fit a recording of more rows than fit into memory, reading its files on each pass."""
     row = _fit_streamed(partition, pair, rows, options)
     if row.verdict != VERDICTS[-1]:
@@ -467,7 +467,7 @@ def _streamed(partition: Partition, pair: Pair, rows: int, options: Options, unr
 
 
 def _fit_streamed(partition: Partition, pair: Pair, rows: int, options: Options) -> UnitResult:
-    """Fit a recording from its files; if they cannot be read, its row says why."""
+    """Fit a recording from its files; if they cannot be read, the row has the reason."""
     try:
         source = StreamedRecording.of(partition, pair, options)
     except Exception as error:  # noqa: BLE001 - as in `_row`

@@ -22,6 +22,7 @@ import msgspec
 import numpy as np
 
 from flinders.apps.live.buffer import rows_of
+from flinders.apps.live.chip_notice import ChipNotice
 from flinders.apps.live.messages import (
     Edits,
     FromServer,
@@ -120,6 +121,7 @@ class Hub:
         self.log, self.timeline = supply.log, supply.timeline
         self.generation = 1
         self.unrecorded = ""
+        self.chip_notice = ChipNotice()
         self.logs: dict[str, tuple[str, Log]] = {}
         self.finished: dict[str, Finished] = {}
         self.failure: Exception | None = None
@@ -338,6 +340,8 @@ class Hub:
             buffer=self.log.buffer.extended(rows), unit=Unit.of(batches[-1].unit.inside), frame=batches[-1].frame
         )
         self._record_edits()
+        if words := self.chip_notice.words(self.log):
+            self._tell(Notice("info", words))
         if self.source.link != "connected":
             self._link("connected", "")
         for page in self.pages:

@@ -69,6 +69,7 @@ PACKED: Final = (Middleware(GZipMiddleware, compresslevel=6),)
 MAX_SILENCE_S: Final = 2.0  # Longest time between messages: a page treats a silent connection as lost
 JSON: Final = "application/json"
 MAX_PAGES: Final = 20
+MAX_NOISE_LETTERS: Final = 20  # Longest number that a page sends
 CALIBRATION_BYTES: Final = 1 << 20  # Largest calibration file, sent to each page; 100 times the usual size
 STALLED_S: Final = 10.0  # Longest time without data in an upload
 
@@ -125,6 +126,7 @@ def application(
         WebSocketRoute("/socket", _socket),
         Route("/page.json", _data, middleware=PACKED),
         Route("/flinders.wasm", _engine, middleware=PACKED),
+        Route("/plan", _plan),
         Route("/finish", _finish, methods=["POST"]),
         Route("/calibration.json", _calibration),
         Route("/session.csv", _recording),
@@ -184,6 +186,16 @@ async def _engine(_: Request) -> Response:
     except build.NoCompiler as error:
         raise HTTPException(501, str(error)) from error
     return FileResponse(module, media_type="application/wasm")
+
+
+async def _plan(request: Request) -> Response:
+    """A plan for a body and a noise in µT."""
+    from flinders.apps.live.planned import planned_recording
+
+    asked = request.query_params
+    noise = f"{asked.get('noise', '')[:MAX_NOISE_LETTERS]} uT"
+    planned = await asyncio.to_thread(planned_recording, asked.get("body", ""), noise)
+    return Response(msgspec.json.encode(planned), media_type=JSON)
 
 
 async def _finish(request: Request) -> Response:

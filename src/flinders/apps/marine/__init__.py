@@ -1,12 +1,12 @@
-"""Boats and aircraft that are swung: logs of their instruments, the deviation of a compass, rules and certificates.
+"""Compass swings of boats and aircraft: logs of their instruments, the deviation of a compass, rules, certificates.
 
-For whoever adjusts a compass: a swing, as a table or a log under way, gives coefficients A to E and a deviation card.
+A swing, as a table or a log under way, gives coefficients A to E and a deviation card.
 
-- `compass_swing`: the use cases, from a table, a boat's log or a recording to a judged `swing_result`
+- `compass_swing`: the use cases, from a table, a boat's log or a recording to a `swing_result` with its verdict
 - `deviation`, `legs`, `compensation`, `standards`: coefficients, straight legs, correctors, rules
 - `swing_table`, `swing_recording`: tables of headings, and recordings with rests
 - `compass_log`, with `nmea0183`, `nmea2000` and `signalk`: logs of a boat
-- `swing_notes`, `swing_words`, `swing_pages`, `certificate`: what a swing says, on the terminal and on paper
+- `swing_notes`, `swing_words`, `swing_pages`, `certificate`: results of a swing on the terminal and on paper
 - ``cli``: the command
 """
 

@@ -1,4 +1,4 @@
-"""The certificate of a swing as one HTML file: how the compass keeps its limit, its card, and fields to sign.
+"""The certificate of a swing as one HTML file: conformity with a limit, the deviation card, and fields to sign.
 
 >>> from flinders.apps.marine.deviation import fit
 >>> from flinders.apps.marine.swing_result import Swing
@@ -30,27 +30,27 @@ if TYPE_CHECKING:
     from flinders.apps.marine.swing_words import Statement, SwingAccount
 
 FIELDS: Final = ("Place and date", "Swung by, licence", "Reference of headings", "Next swing due", "Signature")
-"""What is filled in by hand."""
+"""Fields that are filled in by hand."""
 
-GRAVITY: Final = ("refused", "limited", "good")
+VERDICT_ORDER: Final = ("refused", "limited", "good")
 """Verdicts, the gravest first."""
 
 
 def certificate(account: SwingAccount, facts: Mapping[str, str] | None = None) -> str:
-    """Write a swing as a certificate; one without a curve has none.
+    """HTML of the certificate of a swing; raises `UsageError` for a swing without a curve.
 
     Parameters
     ----------
     account : SwingAccount
-        What it says; the error of the base is in its uncertainty.
+        The swing with its statements; its uncertainty includes the error of the compass base.
     facts : mapping of str to str, optional
-        What else to tell, such as vehicle and compass.
+        Further facts, such as vehicle and compass.
     """
     swing = account.swing
     if swing.deviation is None:
-        raise UsageError("without known headings there is no curve, and nothing to certify")
+        raise UsageError("a certificate needs the curve of a swing: give the known headings")
     drawing = base64.b64encode(swing_drawing(swing.deviation).encode()).decode()
-    first, *others = sorted(account.statements, key=_gravity)
+    first, *others = sorted(account.statements, key=_statement_order)
     site = {} if swing.site is None else {"Declination": str(swing.site)}
     table, card = account.coefficients(swing.deviation), account.card(swing.deviation)
     (_, *columns, _), rows = table, zip(*table.values(), strict=True)
@@ -73,13 +73,13 @@ def certificate(account: SwingAccount, facts: Mapping[str, str] | None = None) -
     return html_file(template, given, style=style, script=script_of(), filters={"minus": minus})
 
 
-def _gravity(statement: Statement) -> tuple[int, bool]:
-    """Order of statements: the gravest first, and of those the limit, which is why a certificate is asked for."""
-    return GRAVITY.index(statement.verdict), statement.title not in TITLES.values()
+def _statement_order(statement: Statement) -> tuple[int, bool]:
+    """Sort key of statements: the gravest first, and of equal ones the statement on the limit first."""
+    return VERDICT_ORDER.index(statement.verdict), statement.title not in TITLES.values()
 
 
 def _notes(account: SwingAccount) -> list[tuple[str, str]]:
-    """What limits the swing, then what else there is to know."""
+    """Kind and words of notes: limits of the swing first, then other notes."""
     logged = account.swing.logged
     said = [note for one in account.statements for note in one.notes]
     said += [("note", str(note)) for note in (*(logged.notes if logged else ()), *account.rule_notes)]
@@ -87,7 +87,7 @@ def _notes(account: SwingAccount) -> list[tuple[str, str]]:
 
 
 def _rule_facts(swing: Swing) -> dict[str, str]:
-    """Rule, limit, and what was seen of the rule."""
+    """Rule, limit, and the texts of the rule that were seen."""
     limit = {} if swing.conformity is None else {"Limit": f"{swing.conformity.limit_deg:g}° on any heading"}
     if swing.rule is None:
         return limit

@@ -1,7 +1,7 @@
-r"""Logs of a boat's instruments by time: its compass beside another heading, or speed and course over ground.
+r"""Logs of a boat's instruments: its compass with another heading, or with speed and course over ground.
 
-NMEA 0183 sentences, NMEA 2000 frames as candump prints them, and deltas of Signal K; each has a module beside this one,
-which yields a `Message` for each number that counts here.
+The formats are NMEA 0183 sentences, NMEA 2000 frames as candump prints them, and deltas of Signal K. Each has a module
+of its own, which yields a `Message` for each relevant number.
 
 >>> import tempfile
 >>> from pathlib import Path
@@ -16,7 +16,7 @@ Signal K; 9 headings of the compass (navigation.headingMagnetic), true headings 
 >>> print(log.compass_deg[0].round(2), log.reference_deg[0].round(2), log.is_course, log.day)
 85.94 91.67 False 2026-06-01
 
-Speed and course alone are what a calibration is renewed by on the way, from the readings of another recording:
+Speed and course alone are used to renew a calibration under way, with the readings of another recording:
 
 >>> course = ",".join(['{"path":"navigation.courseOverGroundTrue","value":1}',
 ...                    '{"path":"navigation.speedOverGround","value":5}'])
@@ -54,18 +54,18 @@ if TYPE_CHECKING:
     from flinders.readers._source import Source
 
 FORMATS: Final = {"NMEA 0183": nmea0183, "NMEA 2000": nmea2000, "Signal K": signalk}
-"""By name; each has `SIGN`, which finds it in the first lines, and `messages`."""
+"""Modules of formats by name; each has `SIGN`, a pattern for the first lines, and `messages`."""
 
 Reference: TypeAlias = Literal["auto", "heading", "course"]
 
-LEAST: Final = 8
-"""Headings of a compass, and of the reference, in a log."""
-WIDEST_S: Final = 3.0
-"""Between two messages of the reference, to be interpolated."""
-DERIVED_DEG: Final = 0.2
-"""Scatter of a true heading about that of the compass: of less it was calculated from it."""
-EARLIEST_S, LATEST_S = 31_536_000.0, 4_102_444_800.0
-"""1971 and 2100: what a clock says outside is no date."""
+MIN_HEADINGS: Final = 8
+"""Smallest number of headings of the compass, and of the reference, in a log."""
+MAX_GAP_S: Final = 3.0
+"""Largest interval between two messages of the reference for interpolation."""
+MAX_DERIVED_SCATTER_DEG: Final = 0.2
+"""Largest scatter of a true heading about the compass heading if it was calculated from the latter."""
+MIN_DATE_S, MAX_DATE_S = 31_536_000.0, 4_102_444_800.0
+"""First and last time that is a date, 1971 and 2100, in s since 1970."""
 NEED: Final = (
     "need the compass (HDG, HDM; PGN 127250; navigation.headingMagnetic) and a true heading of another instrument "
     "(HDT, THS; headingTrue) or the course over ground (RMC, VTG; PGN 129026; courseOverGroundTrue)"
@@ -78,21 +78,21 @@ class CompassLog:
     """Headings by a compass and by its reference at the same times."""
 
     source: str  # name of the file
-    words: str  # what is read of it
+    words: str  # description of its contents
     time: Floats  # (N,) s
-    compass_deg: Floats  # (N,) in [0, 360)
-    reference_deg: Floats  # (N,) true; NaN where there is none
-    speed: Floats  # (N,) over ground, m/s; NaN where there is none
-    is_course: bool  # the reference is the course over ground, not a heading
+    compass_deg: Floats  # (N,) compass headings in [0, 360)
+    reference_deg: Floats  # (N,) true headings or courses; NaN if missing
+    speed: Floats  # (N,) speed over ground, m/s; NaN if missing
+    is_course: bool  # whether the reference is the course over ground, not a heading
     place: tuple[float, float] | None  # latitude and longitude, degrees
-    day: date | None
+    day: date | None  # day of the log
 
     def __str__(self) -> str:
-        """What was read."""
+        """Name and contents of the log."""
         return f"{self.source}: {self.words}"
 
     def site(self) -> SiteField:
-        """The field where and when the log was made; `UsageError` where it does not say."""
+        """Field at the place and day of the log; raises `UsageError` if the log does not state them."""
         if self.place is None or self.day is None:
             missing = "position" if self.place is None else "date"
             raise UsageError(
@@ -103,7 +103,7 @@ class CompassLog:
 
 
 def is_compass_log(path: str | os.PathLike[str]) -> bool:
-    """Whether the first lines of a file are those of such a log."""
+    """Whether the first lines of a file are those of a boat's log."""
     head = find(path).head()
     if is_binary(head):
         return False
@@ -121,14 +121,14 @@ def read_compass_log(path: str | os.PathLike[str], reference: Reference = "auto"
     path : str or path
         NMEA 0183, candump of NMEA 2000, or Signal K deltas.
     reference : ``auto``, ``heading`` or ``course``
-        What the compass is held against: a true heading of another instrument, where there is one that was not
-        calculated from the compass, else the course over ground.
+        Reference for the compass: a true heading of another instrument, or the course over ground. ``auto`` uses the
+        heading if it was not calculated from the compass, else the course.
     """
     if reference not in {"auto", "heading", "course"}:
         raise UsageError(f"reference is {reference!r}: need auto, heading or course")
     source = find(path)
     name, series = _messages(source, NEED)
-    compass = series.required("compass", source.name)
+    compass = series.require_stream("compass", source.name)
     chosen = _reference(series, compass, reference, source.name)
     time, headings = compass.time, compass.value
     speed = series.stream("speed")
@@ -138,7 +138,7 @@ def read_compass_log(path: str | os.PathLike[str], reference: Reference = "auto"
         time,
         wrapped(headings),
         chosen.at(time),
-        np.full(len(time), np.nan) if speed is None else _interpolated(time, speed.time, speed.value),
+        np.full(len(time), np.nan) if speed is None else _interpolate(time, speed.time, speed.value),
         chosen.kind == "course",
         series.place(),
         _day(float(time[0])),
@@ -147,23 +147,23 @@ def read_compass_log(path: str | os.PathLike[str], reference: Reference = "auto"
 
 @dataclass(frozen=True, slots=True, eq=False)
 class CourseLog:
-    """Velocity over ground of a boat, and where and when that was."""
+    """Velocity over ground of a boat, with place and time."""
 
     source: str  # name of the file
-    words: str  # what is read of it
+    words: str  # description of its contents
     velocity: TimeSeries  # north and east, m/s, by s since 1970
     position: Position | None
     begun: datetime | None
 
     def by_clock(self, start: float) -> TimeSeries:
-        """The velocity by a clock that starts at so many s since 1970."""
+        """Velocity with times on a clock that starts at `start`, in s since 1970."""
         return replace(self.velocity, time=self.velocity.time - start)
 
 
 def read_courses(path: str | os.PathLike[str]) -> CourseLog:
-    """Read speed and course over ground of a log of a boat.
+    """Read speed and course over ground from a boat's log.
 
-    Raises `UnreadableInput` for another file, or one without them, or without a clock.
+    Raises `UnreadableInput` for another file, or a log without speed, course or clock.
     """
     source = find(path)
     name, series = _messages(source, NEED_COURSE)
@@ -177,19 +177,19 @@ def read_courses(path: str | os.PathLike[str]) -> CourseLog:
         f"{name}; {len(velocity.time):,} courses over ground ({course.source})",
         velocity,
         None if place is None else Position(*place),
-        datetime.fromtimestamp(since, UTC) if EARLIEST_S < since < LATEST_S else None,
+        datetime.fromtimestamp(since, UTC) if MIN_DATE_S < since < MAX_DATE_S else None,
     )
 
 
 def _velocity(course: _Stream, speed: _Stream) -> TimeSeries | None:
-    """North and east, m/s, at the times of the courses."""
+    """North and east velocity in m/s, at the times of the courses."""
     along = np.deg2rad(course.value)
     directions = np.column_stack([np.cos(along), np.sin(along)])
-    return TimeSeries.of(course.time, _interpolated(course.time, speed.time, speed.value)[:, np.newaxis] * directions)
+    return TimeSeries.of(course.time, _interpolate(course.time, speed.time, speed.value)[:, np.newaxis] * directions)
 
 
 def _messages(source: Source, need: str) -> tuple[str, _Series]:
-    """The format of a log, and what it says; `need` tells what another file lacks."""
+    """Format and messages of a log; `need` is the advice in the error for another file."""
     encoding = encoding_of(source.head())
     name = _format_of(source.head().decode(encoding, errors="replace"))
     if name is None:
@@ -199,7 +199,7 @@ def _messages(source: Source, need: str) -> tuple[str, _Series]:
 
 
 def _format_of(text: str) -> str | None:
-    """The format whose sign the first lines show."""
+    """Name of the format of some first lines; None if no format matches."""
     return next((name for name, module in FORMATS.items() if module.SIGN.search(text)), None)
 
 
@@ -213,13 +213,13 @@ class _Stream(NamedTuple):
 
     @property
     def words(self) -> str:
-        """What they are."""
+        """Word for the messages."""
         return "true headings" if self.kind == "heading" else "courses over ground"
 
     def at(self, time: Floats) -> Floats:
-        """Angles at other times, in [0, 360); NaN where messages are too far apart."""
+        """Angles at other times, in [0, 360); NaN in gaps between messages."""
         around = np.rad2deg(np.unwrap(np.deg2rad(self.value)))
-        return wrapped(_interpolated(time, self.time, around))
+        return wrapped(_interpolate(time, self.time, around))
 
 
 @dataclass(frozen=True, slots=True)
@@ -236,7 +236,7 @@ class _Series:
         return cls(by_source)
 
     def stream(self, kind: str) -> _Stream | None:
-        """The source of a kind that says most; None where none says enough."""
+        """Stream of a kind from the source with most messages; None if they are too few."""
         counts = {key: len(members) for key, members in self.by_source.items() if key[0] == kind}
         if not counts:
             return None
@@ -244,17 +244,17 @@ class _Series:
         pairs = np.array([(message.time, message.value) for message in self.by_source[key]])
         time, value = pairs[np.argsort(pairs[:, 0], kind="stable")].T
         is_new = np.diff(time, prepend=-np.inf) > 0.0
-        return _Stream(*key, time[is_new], value[is_new]) if is_new.sum() >= LEAST else None
+        return _Stream(*key, time[is_new], value[is_new]) if is_new.sum() >= MIN_HEADINGS else None
 
-    def required(self, kind: str, name: str) -> _Stream:
-        """The same, refused where there is none."""
+    def require_stream(self, kind: str, name: str) -> _Stream:
+        """Stream of a kind as `stream`; raises `UnreadableInput` if there is none."""
         stream = self.stream(kind)
         if stream is None:
             raise UnreadableInput(f"{name} has no heading of a compass with a time: {NEED}")
         return stream
 
     def place(self) -> tuple[float, float] | None:
-        """Middle of the positions."""
+        """Median latitude and longitude of the positions, degrees; None without positions."""
         latitude, longitude = self.stream("latitude"), self.stream("longitude")
         if latitude is None or longitude is None:
             return None
@@ -262,34 +262,37 @@ class _Series:
 
 
 def _reference(series: _Series, compass: _Stream, wanted: Reference, name: str) -> _Stream:
-    """What the compass is held against."""
+    """Stream of the reference for the compass; raises `UnreadableInput` if there is none."""
     heading, course = series.stream("heading"), series.stream("course")
     if heading is not None and wanted == "auto" and _is_derived(heading, compass):
         heading = None
     chosen = {"auto": heading or course, "heading": heading, "course": course}[wanted]
     if chosen is None:
-        raise UnreadableInput(f"{name} has nothing to hold its compass against: {NEED}")
+        raise UnreadableInput(f"{name} has no reference for its compass: {NEED}")
     return chosen
 
 
 def _is_derived(heading: _Stream, compass: _Stream) -> bool:
-    """A true heading that differs by a constant from the compass just before, or just after, was calculated from it."""
+    """Whether a true heading was calculated from the compass: it differs by a constant from the nearest heading."""
     after = np.searchsorted(compass.time, heading.time, "right").clip(1, len(compass.time) - 1)
-    return min(_scatter_deg(heading.value - compass.value[place]) for place in (after - 1, after)) < DERIVED_DEG
+    return (
+        min(_scatter_deg(heading.value - compass.value[place]) for place in (after - 1, after))
+        < MAX_DERIVED_SCATTER_DEG
+    )
 
 
 def _scatter_deg(angles_deg: Floats) -> float:
-    """Standard deviation of angles about their middle."""
+    """Standard deviation of angles about their median."""
     return float(np.std(folded(angles_deg - np.median(angles_deg))))
 
 
-def _interpolated(time: Floats, known: Floats, value: Floats) -> Floats:
-    """Values at other times; NaN where two known ones are too far apart, and beyond the ends."""
+def _interpolate(time: Floats, known: Floats, value: Floats) -> Floats:
+    """Values at other times, by interpolation; NaN in gaps longer than `MAX_GAP_S`, and beyond the ends."""
     after = np.searchsorted(known, time).clip(1, len(known) - 1)
-    is_near = (known[after] - known[after - 1] <= WIDEST_S) & (time >= known[0]) & (time <= known[-1])
+    is_near = (known[after] - known[after - 1] <= MAX_GAP_S) & (time >= known[0]) & (time <= known[-1])
     return np.where(is_near, np.interp(time, known, value), np.nan)
 
 
 def _day(time: float) -> date | None:
-    """The day of a time since 1970; None of a clock that starts elsewhere."""
-    return datetime.fromtimestamp(time, UTC).date() if EARLIEST_S < time < LATEST_S else None
+    """Day of a time since 1970; None for a clock that does not count from 1970."""
+    return datetime.fromtimestamp(time, UTC).date() if MIN_DATE_S < time < MAX_DATE_S else None

@@ -69,54 +69,54 @@ def swing(
     base_error_deg: float = 0.0,
     before: AnyTable | None = None,
 ) -> Swing:
-    """Find the deviation of a compass: coefficients A to E with their uncertainty, and how they keep a limit.
+    """Find the deviation of a compass: coefficients A to E with their uncertainty, and conformity with a limit.
 
-    Without known headings a recording is tested by half turns alone: where the sensor was turned by 180°, so should its
-    heading have been.
+    Without known headings, a recording is tested by half turns alone: a turn of the sensor by 180° has to change its
+    heading by 180°.
 
     Parameters
     ----------
     source : path, SwingTable, CompassLog, SwingRecording, Samples, Recording or (N, 3) array-like
         A table with one heading a line; a boat's log of NMEA 0183, NMEA 2000 or Signal K; or a recording in which the
-        sensor rests on one heading after another. `read_swing`, `read_compass_log` and `read_rests` read each with more
-        options.
+        sensor rests on one heading after another. `read_swing`, `read_compass_log` and `read_rests` have more options
+        for each.
     calibration : Fit, Calibration or path, optional
-        Corrects a recording, which by default is taken as it is.
+        Calibration that corrects a recording; by default readings are used as they are.
     headings_deg : sequence of float, degrees
         Known heading of each rest of a recording, in order: magnetic, or true with `site`.
     site : SiteField, optional
-        Its declination turns true headings into magnetic ones. By default that which the log of a boat states.
+        Field whose declination converts true headings to magnetic ones; by default that of the log of a boat.
     sigma_deg : float, degrees
         1 σ of a heading; by default from the residuals. A boat's log states its own.
     stationary_s : float, s
         Shortest rest of a recording, by default 2 s; shortest leg of a boat, by default 20 s.
     level : bool
-        The sensor of the recording was never tilted, and needs no accelerometer.
+        Whether the sensor was never tilted, so that no accelerometer is needed.
     min_speed, crab_deg : float, m/s and degrees
-        Of a boat that is compared with its course: slowest leg, and 1 σ of leeway.
+        For a boat that is compared with its course: smallest speed of a leg, and 1 σ of leeway.
     target_deg : float, degrees
-        What a turn by 180° may miss, and 1 σ of the curve may be.
+        Largest error of a turn by 180°, and largest 1 σ of the curve, that is good enough.
     rule : Standard or name of one, optional
         Rule for compasses, of `flinders.marine.STANDARDS`.
     limit_deg : float, degrees
         Largest deviation allowed. By default that of the rule.
     base_error_deg : float, degrees
-        1 σ of an error that all known headings share: that of the compass base.
+        1 σ of an error that all known headings share, such as that of the compass base.
     before : SwingTable or path, optional
         Readings on N, E, S and W before the compass was compensated.
 
     Raises
     ------
     InputError
-        For a file that cannot be read, or is none of these.
+        For a file that cannot be read, or is of another kind.
     FitError
         For fewer than five headings or less than half a circle of them; for a recording without known headings and
         half turns, or with another number of rests than headings; for fewer than five straight legs.
     UsageError
-        For arguments that do not go together, and true headings without a site.
+        For arguments that conflict, and for true headings without a site.
     """
     standard = standard_of(rule) if isinstance(rule, str) else rule
-    opened = _opened(source, calibration, site=site, stationary_s=stationary_s, level=level)
+    opened = _read_source(source, calibration, site=site, stationary_s=stationary_s, level=level)
     if isinstance(opened, SwingRecording):
         found = _of_recording(opened, headings_deg, site or opened.stream.site, sigma_deg)
     elif isinstance(opened, SwingTable):
@@ -142,27 +142,27 @@ def swing(
 
 
 def compensate(source: AnyTable, *, site: SiteField | None = None) -> Compensation:
-    """Find what to turn on N, E, S and W, by a table with a reading on each.
+    """Find the corrections on N, E, S and W, from a table with a reading on each.
 
     Parameters
     ----------
     source : SwingTable or path
     site : SiteField, optional
-        Its declination turns true headings into magnetic ones.
+        Field whose declination converts true headings to magnetic ones.
 
     Raises
     ------
     FitError
-        Where no reading is within 5° of one of these headings.
+        If no reading is within 5° of one of these headings.
     InputError, UsageError
-        As `swing`.
+        As for `swing`.
     """
     table = source if isinstance(source, SwingTable) else read_swing(source)
     return compensation(*table.deviations(site))
 
 
 def kind_of(path: str | os.PathLike[str]) -> Kind:
-    """What a file holds: the log of a boat, a recording, or else a table; standard input is a table."""
+    """Kind of a file: the log of a boat, a recording, or else a table; standard input is a table."""
     if path == "-":  # which can be read once
         return "table"
     if is_compass_log(path):
@@ -175,24 +175,24 @@ def kind_of(path: str | os.PathLike[str]) -> Kind:
 
 
 def standard_of(name: str) -> Standard:
-    """A rule for compasses by its name; `UsageError` for another."""
+    """Rule for compasses with this name; raises `UsageError` for an unknown name."""
     if name not in STANDARDS:
         raise UsageError(f"no rule {name!r}{did_you_mean(name, STANDARDS)}: need one of {', '.join(STANDARDS)}")
     return STANDARDS[name]
 
 
 def _is_recording(path: str | os.PathLike[str]) -> bool:
-    """Whether a file has a magnetometer in it."""
+    """Whether a file is a recording of a magnetometer."""
     try:
         return bool(open_recording(path))
     except FlindersError:
         return False
 
 
-def _opened(
+def _read_source(
     source: AnySwing, calibration: AnyCalibration | None, *, site: SiteField | None, **rests: Any
 ) -> SwingTable | CompassLog | SwingRecording:
-    """Read what a swing was made of, if it was not read yet; `rests` goes to `read_rests`."""
+    """Read the source of a swing, unless it has been read; `rests` are arguments of `read_rests`."""
     if isinstance(source, SwingTable | CompassLog | SwingRecording):
         is_read = isinstance(source, SwingRecording)
         unused = {"level": rests["level"] or None, "stationary_s": rests["stationary_s"] if is_read else None}
@@ -205,14 +205,14 @@ def _opened(
 
 
 def _refuse(name: object, **given: object) -> None:
-    """Refuse arguments that what was given has no use for."""
+    """Refuse arguments that do not apply to the source with this name."""
     unused: Mapping[str, object] = {word: None for word, value in given.items() if value is not None}
     if unused:
-        raise UsageError(f"{name} has no use for some of the arguments: leave them out", hint=unused)
+        raise UsageError(f"{name} does not use some of the arguments: leave them out", hint=unused)
 
 
 def _of_table(table: SwingTable, site: SiteField | None, sigma_deg: float | None) -> Swing:
-    """Fit a table."""
+    """Swing from a table."""
     compass, deviations = table.deviations(site)
     stated = table.columns.get("sigma")
     if stated is not None and sigma_deg is not None:
@@ -224,7 +224,7 @@ def _of_table(table: SwingTable, site: SiteField | None, sigma_deg: float | None
 
 
 def _of_boat(log: CompassLog, site: SiteField, limits: Mapping[str, float]) -> Swing:
-    """Fit the straight legs of a log; where there are too few, its turns, if the reference is a heading."""
+    """Swing from the straight legs of a log; if they are too few and the reference is a heading, from its turns."""
     magnetic = wrapped(log.reference_deg - site.declination_deg)
     try:
         logged = legs(log.time, log.compass_deg, magnetic, log.speed, is_course=log.is_course, **limits)
@@ -242,7 +242,7 @@ def _of_boat(log: CompassLog, site: SiteField, limits: Mapping[str, float]) -> S
 def _of_recording(
     recording: SwingRecording, headings_deg: Sequence[float] | None, site: SiteField | None, sigma_deg: float | None
 ) -> Swing:
-    """Fit the deviations of rests on known headings, and pair the rests."""
+    """Swing from rests on known headings, with their half turns."""
     halves = recording.half_turns()
     if headings_deg is None and not halves:
         raise FitError(
@@ -257,7 +257,7 @@ def _of_recording(
 
 
 def _half_turns(compass: Floats, magnetic: Floats, sigma_deg: Floats | float | None) -> tuple[HalfTurn, ...]:
-    """Pair the headings of a table that are half a turn apart."""
+    """Pairs of headings of a table that are half a turn apart."""
     sigmas = np.broadcast_to(np.nan if sigma_deg is None else sigma_deg, compass.shape).tolist()
     rows = enumerate(zip(compass.tolist(), sigmas, strict=True))
     rests = [Rest(place, place + 1, heading, sigma, sigma) for place, (heading, sigma) in rows]

@@ -1,12 +1,12 @@
-"""What to turn on N, E, S and W so that the correctors of a compass take out B and C.
+"""Corrections on N, E, S and W, with which the correctors of a compass remove B and C.
 
 With the deviation on the four cardinal headings, magnetic less compass,
 
     A = (N + E + S + W)/4,   B = (E − W)/2,   C = (N − S)/2,
 
-as on the worksheets of UK CAA CAP 562 and, with the opposite sign, of MIL-STD-765A. The north–south corrector takes
-out C: on N the compass is made to read C more, on S as much less; the east–west corrector takes out B. A stays, and is
-taken out by turning the compass in its mount.
+as on the worksheets of UK CAA CAP 562 and, with the opposite sign, of MIL-STD-765A. The north–south corrector removes
+C: it is adjusted until the compass reads C more on N, or C less on S. The east–west corrector removes B. A is removed
+by turning the compass in its mount.
 
 >>> swing = compensation([3.0, 85.0, 170.0, 265.0], [-4.0, 6.0, 8.0, 2.0])          # CAP 562, worksheet 1
 >>> swing.a_deg, swing.b_deg, swing.c_deg
@@ -30,22 +30,22 @@ if TYPE_CHECKING:
     from numpy.typing import ArrayLike
 
 CARDINALS: Final = "NESW"
-WITHIN_DEG: Final = 5.0
-"""Of a cardinal heading, by the reference: as near as the vehicle is to be put."""
+MAX_CARDINAL_ERROR_DEG: Final = 5.0
+"""Largest angle between a reading and its cardinal heading, by the reference."""
 
 
 @dataclass(frozen=True, slots=True)
 class Corrector:
-    """One cardinal heading: what the compass read, what it is to be made to read, and the deviation left there."""
+    """One cardinal heading: the reading of the compass, its reading after correction, and the remaining deviation."""
 
     name: str  # N, E, S or W
-    compass_deg: float  # what the compass read
-    make_deg: float  # what it is to be made to read
-    left_deg: float  # deviation left there
+    compass_deg: float  # reading of the compass
+    make_deg: float  # reading to set with the corrector
+    left_deg: float  # remaining deviation
 
     @property
     def change_deg(self) -> float:
-        """By how much the reading is to grow."""
+        """Change of the reading by the corrector, in degrees."""
         return float(folded(self.make_deg - self.compass_deg))
 
     def as_dict(self) -> dict[str, Any]:
@@ -56,12 +56,12 @@ class Corrector:
 
 @dataclass(frozen=True, slots=True)
 class Compensation:
-    """Coefficients on the cardinal headings, and what to turn there."""
+    """Coefficients from the cardinal headings, and the corrections there."""
 
-    a_deg: float
-    b_deg: float
-    c_deg: float
-    rows: tuple[Corrector, ...]  # on N, E, S and W
+    a_deg: float  # mean deviation
+    b_deg: float  # hard iron fore-and-aft
+    c_deg: float  # hard iron athwartships
+    rows: tuple[Corrector, ...]  # corrections on N, E, S and W
 
     def as_dict(self) -> dict[str, Any]:
         """JSON-ready."""
@@ -69,16 +69,15 @@ class Compensation:
             "A_deg": self.a_deg,  # mean of the deviations on the cardinal headings
             "B_deg": self.b_deg,  # hard iron fore-and-aft
             "C_deg": self.c_deg,  # hard iron athwartships
-            # of N, E, S and W what the compass read, `make_deg` that it is to read, and the deviation left
+            # for N, E, S and W: reading of the compass, reading to set (`make_deg`), and remaining deviation
             "correctors": [row.as_dict() for row in self.rows],
         }
 
 
 def compensation(compass_deg: ArrayLike, deviation_deg: ArrayLike) -> Compensation:
-    """Find what to turn, from readings of which one is near each cardinal heading.
+    """Corrections from readings, with one near each cardinal heading.
 
-    Raises `FitError` where no reading is within 5° of one of N, E, S and W; `ArrayError` for arrays of different
-    lengths.
+    Raises `FitError` if no reading is within 5° of one of N, E, S and W; `ArrayError` for arrays of different lengths.
 
     Parameters
     ----------
@@ -104,10 +103,10 @@ def compensation(compass_deg: ArrayLike, deviation_deg: ArrayLike) -> Compensati
 
 def _refuse_missing(apart_deg: list[float]) -> None:
     """Refuse a swing without one of the cardinal headings."""
-    missing = [name for name, apart in zip(CARDINALS, apart_deg, strict=True) if not apart <= WITHIN_DEG]
+    missing = [name for name, apart in zip(CARDINALS, apart_deg, strict=True) if not apart <= MAX_CARDINAL_ERROR_DEG]
     if missing:
         raise FitError(
-            f"no reading within {WITHIN_DEG:.0f}° of {' and '.join(missing)}: a correction swing has one on each of "
-            "N, E, S and W by the reference",
+            f"no reading within {MAX_CARDINAL_ERROR_DEG:.0f}° of {' and '.join(missing)}: a correction swing needs one "
+            "on each of N, E, S and W by the reference",
             missing=tuple(missing),
         )

@@ -1,7 +1,7 @@
-"""The deviation of a compass on its ship: five coefficients from a swing, and the card made from them.
+"""The deviation of a compass: five coefficients from a swing, and the deviation card.
 
 ``δ(ζ) = A + B sin ζ + C cos ζ + D sin 2ζ + E cos 2ζ``: magnetic less compass heading, east positive, over the *compass*
-heading ζ. A is a turned compass or a wrong reference, B and C are hard iron fore-and-aft and athwartships (and soft
+heading ζ. A is a misaligned compass or a wrong reference, B and C are hard iron fore-and-aft and athwartships (and soft
 iron that the vertical field magnetises), D and E are soft iron.
 
 >>> swing = fit(range(0, 360, 45), [10.5, 20.0, 11.5, -1.2, -5.5, -8.0, -12.5, -6.8])      # H.O. 226, figure 501
@@ -34,47 +34,48 @@ if TYPE_CHECKING:
 
 NAMES: Final = "ABCDE"
 LEAST: Final = 5
-"""Headings without which five coefficients are open."""
-SURE: Final = 2.0
-"""Standard deviations of the curve that have to fit inside the limit too."""
+"""Smallest number of headings for five coefficients."""
+MARGIN_SIGMAS: Final = 2.0
+"""Standard deviations by which a curve has to be within a limit."""
 ADVISED: Final = 8
-"""Headings that a swing should have."""
+"""Number of headings that a swing should have."""
 LARGE_DEG: Final = 15.0
-"""Deviation beyond which the small-angle formula leaves more out than it is good for."""
+"""Deviation beyond which the small-angle formula is inaccurate."""
 WIDEST_GAP_DEG: Final = 120.0
-"""Between headings that follow each other: a wider gap leaves the curve inside it open."""
-HALF_DEG: Final = 180.0
-"""A wider gap leaves less than half a circle: five coefficients of it are no more than a guess."""
-APART_DEG: Final = 1.0
-"""Headings closer than this are one."""
-UNLIKE_DEG: Final = 30.0
-"""Scatter about the curve that is none of a compass: unrelated headings scatter by 60° and more."""
-PLACED_DEG: Final = 1.0
-"""How near to the cardinal and intercardinal points headings must be for the eight-point formulas."""
+"""Largest gap between neighbouring headings in which the curve is determined."""
+MAX_ARC_GAP_DEG: Final = 180.0
+"""Largest gap between neighbouring headings of a swing; with a wider one, coefficients are not determined."""
+MIN_SEPARATION_DEG: Final = 1.0
+"""Smallest difference between headings that count as different."""
+MAX_SCATTER_DEG: Final = 30.0
+"""Largest scatter of a compass about the curve; unrelated headings scatter by 60° and more."""
+MAX_POINT_ERROR_DEG: Final = 1.0
+"""Largest distance of headings from the cardinal and intercardinal points for the eight-point formulas."""
 CARD_STEP_DEG: Final = 15.0
+"""Default step of a card."""
 CHANCE: Final = 1e-3
-"""A swing that is less likely than that says that its calibration no longer holds."""
+"""Probability of a swing below which it contradicts its calibration."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Deviation:
-    """A deviation curve, and the swing that it came from.
+    """A deviation curve, with the observations of its swing.
 
-    Where residuals are larger than chance makes them of the 1 σ that was given, the covariance is enlarged by the ratio
-    of χ² to the degrees of freedom.
+    If residuals are larger than expected from the given 1 σ, the covariance is enlarged by the ratio of χ² to the
+    degrees of freedom.
     """
 
     coefficients_deg: Floats  # (5,) A, B, C, D and E
-    covariance: Floats | None  # (5, 5) degrees²; None where nothing says how well a heading was read
-    sigma_deg: float | None  # scatter of one observation about the curve, or what was given for it
+    covariance: Floats | None  # (5, 5) degrees²; None if the uncertainty of headings is not known
+    sigma_deg: float | None  # scatter of one observation about the curve, or its given 1 σ
     compass_deg: Floats  # (N,) headings by the compass
-    observed_deg: Floats  # (N,) the deviation seen there
+    observed_deg: Floats  # (N,) observed deviations
     residual_deg: Floats  # (N,) observed less curve
-    chi_square: float | None = None  # of the residuals against what was given as their 1 σ
+    chi_square: float | None = None  # χ² of the residuals for their given 1 σ
 
     @property
     def freedom(self) -> int:
-        """Headings more than there are coefficients."""
+        """Degrees of freedom: number of headings less number of coefficients."""
         return len(self.compass_deg) - len(NAMES)
 
     @property
@@ -88,7 +89,7 @@ class Deviation:
         return deviation
 
     def sigma_at(self, compass_deg: ArrayLike) -> Floats | None:
-        """1 σ of the curve at compass headings, or None where it is not known."""
+        """1 σ of the curve at compass headings, or None if it is not known."""
         if self.covariance is None:
             return None
         rows = design(compass_deg)
@@ -100,13 +101,13 @@ class Deviation:
         return wrapped(floats(compass_deg, "compass_deg") + self.at(compass_deg))
 
     def compass(self, magnetic_deg: ArrayLike) -> Floats:
-        """Compass headings in [0, 360) to steer for magnetic ones: the inverse of `magnetic`, to a millionth of 1°.
+        """Compass headings in [0, 360) to steer for magnetic ones: the inverse of `magnetic`, to 1e-6°.
 
         >>> swing = fit(range(0, 360, 45), [10.5, 20.0, 11.5, -1.2, -5.5, -8.0, -12.5, -6.8])
         >>> round(float(swing.compass(swing.magnetic(100.0))), 6)
         100.0
 
-        Raises `FitError` where deviations are so large that two compass headings mean one magnetic heading.
+        Raises `FitError` if deviations are so large that two compass headings give the same magnetic heading.
         """
         wanted = floats(magnetic_deg, "magnetic_deg")
         if not self.is_one_to_one:
@@ -121,13 +122,13 @@ class Deviation:
 
     @property
     def is_one_to_one(self) -> bool:
-        """The heading grows with the compass heading all round, so that each magnetic heading has one by compass."""
+        """Whether each magnetic heading has only one compass heading."""
         around = np.arange(0.0, 361.0)
         return bool(np.diff(around + self.at(around)).min() > 0.0)
 
     @property
     def largest_deg(self) -> float:
-        """Largest deviation of the curve, whichever way, at whole degrees."""
+        """Largest absolute deviation of the curve at whole degrees."""
         return float(np.abs(self.at(np.arange(360.0))).max())
 
     @property
@@ -137,18 +138,18 @@ class Deviation:
 
     @property
     def eight(self) -> Floats | None:
-        """The eight-point coefficients, where the swing was made on just these points; else None."""
+        """The eight-point coefficients if the swing was made on exactly these points, else None."""
         places = np.round(self.compass_deg / 45.0).astype(int) % 8
-        near = np.abs(folded(self.compass_deg - 45.0 * places)) <= PLACED_DEG
+        near = np.abs(folded(self.compass_deg - 45.0 * places)) <= MAX_POINT_ERROR_DEG
         if len(places) != 8 or not near.all() or len(set(places.tolist())) != 8:
             return None
         return eight_points(self.observed_deg[np.argsort(places)])
 
     def widened(self, covariance: ArrayLike) -> Deviation:
-        """The curve with an error added that is common to all its headings: (5, 5) degrees² of A to E.
+        """Curve with the covariance of a common error of all headings added: (5, 5) degrees² of A to E.
 
-        Such an error is not in the residuals: that of the base, by which all known headings are off, is one of A.
-        A curve of which no uncertainty is known keeps none.
+        Residuals do not contain a common error, such as that of the compass base, which is an error of A. A curve
+        without a known uncertainty stays as it is.
         """
         return (
             self
@@ -157,14 +158,14 @@ class Deviation:
         )
 
     def card(self, step_deg: float = CARD_STEP_DEG) -> tuple[Floats, Floats, Floats | None]:
-        """Headings by compass, deviations and their 1 σ, all round in steps.
+        """Compass headings all round in steps, deviations there, and their 1 σ.
 
-        Raises `UsageError` unless the step goes into 360 a whole number of times.
+        Raises `UsageError` unless 360 is a multiple of the step.
         """
         if not (
             step_deg > 0.0 and 360.0 / step_deg < 4000.0 and abs(360.0 / step_deg - round(360.0 / step_deg)) < 1e-9
         ):
-            raise UsageError(f"a step of {step_deg:g}° does not go round: need a part of 360°, such as 10, 15 or 45")
+            raise UsageError(f"a step of {step_deg:g}° does not divide 360°: need a step such as 10, 15 or 45")
         headings = np.arange(round(360.0 / step_deg)) * step_deg
         return headings, self.at(headings), self.sigma_at(headings)
 
@@ -175,11 +176,11 @@ class Deviation:
             "coefficients_deg": dict(zip(NAMES, self.coefficients_deg.tolist(), strict=True)),
             "sigma_deg": None if self.sigmas_deg is None else dict(zip(NAMES, self.sigmas_deg.tolist(), strict=True)),
             "covariance": None if self.covariance is None else self.covariance.tolist(),
-            # A to E by the classic analysis of eight headings 45° apart; None for others
+            # A to E by the classic analysis of eight headings 45° apart; None for other headings
             "eight_points_deg": None if self.eight is None else dict(zip(NAMES, self.eight.tolist(), strict=True)),
-            "headings": len(self.compass_deg),  # how many were observed
+            "headings": len(self.compass_deg),  # number of observed headings
             "freedom": self.freedom,
-            "observation_sigma_deg": self.sigma_deg,  # 1 σ of one observation about the curve, or what was given for it
+            "observation_sigma_deg": self.sigma_deg,  # 1 σ of one observation about the curve, or its given 1 σ
             "chi_square": self.chi_square,
             "largest_deg": self.largest_deg,
             "widest_gap_deg": self.widest_gap_deg,
@@ -200,15 +201,14 @@ class Deviation:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Expected:
-    """What a calibration leaves a compass to be off by, as far as its own claim goes: B to E, each around zero.
+    """Deviation that the claimed uncertainty of a calibration allows: B to E, with zero mean.
 
-    It is one and the same error on every heading of a swing, which therefore sees it: it is in the curve, and no part
-    of the uncertainty of that.
+    It is the same error on all headings of a swing, and therefore part of the curve, not of the curve's uncertainty.
     """
 
-    covariance: Floats  # (4, 4) degrees², of B, C, D and E; A is a matter of mounting, of which nothing is claimed
-    dip_deg: float  # for which it holds
-    dip_from: str  # where that comes from
+    covariance: Floats  # (4, 4) degrees², of B, C, D and E; a calibration claims nothing about A, the mounting
+    dip_deg: float  # dip of the field for which it holds
+    dip_from: str  # source of the dip
 
     @property
     def sigmas_deg(self) -> Floats:
@@ -217,10 +217,10 @@ class Expected:
         return sigmas
 
     def chance(self, deviation: Deviation) -> tuple[float, int, float] | None:
-        """χ² of what a swing found, its degrees of freedom, and the chance of so much; None where no σ is known.
+        """χ² of B to E of a swing, its degrees of freedom, and its p value; None if the swing has no covariance.
 
-        Where the swing's own σ comes from its residuals, few of them tell it badly: the chance allows for that, as far
-        as it matters beside what the calibration claims (Welch and Satterthwaite's degrees of freedom).
+        If the swing's own σ comes from few residuals, it is uncertain: the p value allows for that by the degrees of
+        freedom of Welch and Satterthwaite.
 
         >>> swing = fit(range(0, 360, 45), [1.1, 0.8, 0.1, -0.6, -1.0, -0.8, 0.1, 0.6], sigma_deg=0.2)   # C is 1.0°
         >>> [Expected(sigma**2 * np.eye(4), 60.0, "given").chance(swing)[2] > CHANCE for sigma in (0.5, 0.05)]
@@ -236,16 +236,16 @@ class Expected:
         return square, freedom, chance_of(square, freedom, others)
 
     def as_dict(self, deviation: Deviation | None) -> dict[str, Any]:
-        """JSON-ready, held against a swing if there is one."""
+        """JSON-ready fields, with a comparison with a swing if there is one."""
         chance = None if deviation is None else self.chance(deviation)
         return {
             "sigma_deg": dict(zip(NAMES[1:], self.sigmas_deg.tolist(), strict=True)),  # 1 σ of B, C, D and E
             "covariance": self.covariance.tolist(),
             "dip_deg": self.dip_deg,
             "dip_from": self.dip_from,
-            # of what the swing found, against what the calibration claims
+            # χ² of B to E of the swing for the claimed uncertainty of the calibration
             "chi_square": None if chance is None else chance[0],
-            "p_value": None if chance is None else chance[2],  # how often chance alone makes as much
+            "p_value": None if chance is None else chance[2],  # probability of such a χ², or a larger one, by chance
         }
 
 
@@ -255,16 +255,16 @@ def fit(compass_deg: ArrayLike, deviation_deg: ArrayLike, *, sigma_deg: ArrayLik
     Parameters
     ----------
     compass_deg : (N,) degrees
-        Headings by the compass; five different ones at the least, and better eight, all round.
+        Headings by the compass; at least five different ones, better eight, all round.
     deviation_deg : (N,) degrees
         Magnetic less compass heading there; 350 counts as −10.
     sigma_deg : float or (N,) degrees, optional
-        1 σ of each. By default all are equally good, and how good is taken from the residuals, which takes six.
+        1 σ of each heading. By default all are equal, and estimated from the residuals of at least six headings.
 
     Raises
     ------
     FitError
-        For fewer than five different headings, headings within less than half a circle, or such as lie on no curve.
+        For fewer than five different headings, headings within less than half a circle, or unrelated headings.
     ArrayError
         For arrays of the wrong shape, with gaps, or a σ that is not positive.
 
@@ -272,8 +272,8 @@ def fit(compass_deg: ArrayLike, deviation_deg: ArrayLike, *, sigma_deg: ArrayLik
     -----
     With headings all round in equal steps A is the mean, and B, C, D and E are twice the means of δ sin ζ … cos 2ζ.
     """
-    headings = wrapped(_listed(compass_deg, "compass_deg"))
-    deviations = folded(column(_listed(deviation_deg, "deviation_deg"), len(headings), "deviation_deg"))
+    headings = wrapped(_finite_list(compass_deg, "compass_deg"))
+    deviations = folded(column(_finite_list(deviation_deg, "deviation_deg"), len(headings), "deviation_deg"))
     _refuse_few(headings)
     _refuse_an_arc(headings)
     sigma = _sigmas(1.0 if sigma_deg is None else sigma_deg, len(headings))
@@ -302,14 +302,14 @@ def fit(compass_deg: ArrayLike, deviation_deg: ArrayLike, *, sigma_deg: ArrayLik
 
 
 def common_error(sigma_deg: float) -> Floats:
-    """(5, 5) degrees² of A to E that an error adds by which all known headings are off together: it is one of A."""
+    """(5, 5) covariance of A to E in degrees² from a common error of all known headings, which is an error of A."""
     covariance = np.zeros((len(NAMES), len(NAMES)))
     covariance[0, 0] = sigma_deg**2
     return covariance
 
 
 def eight_points(deviation_deg: ArrayLike) -> Floats:
-    """A to E in degrees from (8,) deviations on N, NE, E, SE, S, SW, W and NW, as adjusters work them out by hand.
+    """A to E in degrees from (8,) deviations on N, NE, E, SE, S, SW, W and NW, as adjusters calculate them by hand.
 
     A = mean; B = (E − W)/2; C = (N − S)/2; D = ((NE + SW) − (SE + NW))/4; E = ((N + S) − (E + W))/4
     (H.O. 226, Handbook of Magnetic Compass Adjustment). B and C use two of the headings; `fit` uses all.
@@ -325,7 +325,7 @@ def eight_points(deviation_deg: ArrayLike) -> Floats:
 
 
 def eight_points_sigma(sigma_deg: float) -> Floats:
-    """(5,) 1 σ of `eight_points` for observations that are good to `sigma_deg` each.
+    """(5,) 1 σ of `eight_points` for observations with 1 σ of `sigma_deg` each.
 
     >>> eight_points_sigma(1.0).round(3)
     array([0.354, 0.707, 0.707, 0.5  , 0.5  ])
@@ -333,8 +333,8 @@ def eight_points_sigma(sigma_deg: float) -> Floats:
     return sigma_deg * np.array([8.0**-0.5, 2.0**-0.5, 2.0**-0.5, 0.5, 0.5])
 
 
-def _listed(values: ArrayLike, name: str) -> Floats:
-    """Let through a list of finite numbers."""
+def _finite_list(values: ArrayLike, name: str) -> Floats:
+    """(N,) finite numbers; raises `ArrayError` for other values."""
     array = floats(values, name)
     if array.ndim != 1:
         raise ArrayError(f"{name} has shape {array.shape}: need (N,), one value a heading")
@@ -343,7 +343,7 @@ def _listed(values: ArrayLike, name: str) -> Floats:
 
 
 def _sigmas(sigma_deg: ArrayLike, count: int) -> Floats:
-    """Let through one positive number, or one for each heading."""
+    """(N,) positive standard deviations, from one for all or one for each heading; raises `ArrayError`."""
     given = floats(sigma_deg, "sigma_deg")
     sigma = np.full(count, float(given)) if given.ndim == 0 else column(given, count, "sigma_deg")
     wrong = sigma[~(np.isfinite(sigma) & (sigma > 0.0))]
@@ -353,14 +353,16 @@ def _sigmas(sigma_deg: ArrayLike, count: int) -> Floats:
 
 
 def _refuse_few(headings: Floats) -> None:
-    """Refuse a swing that leaves coefficients open."""
+    """Refuse a swing with too few different headings for five coefficients."""
     different: list[float] = []
     for heading in headings.tolist():
-        if len(different) < LEAST and all(abs(float(folded(heading - other))) >= APART_DEG for other in different):
+        if len(different) < LEAST and all(
+            abs(float(folded(heading - other))) >= MIN_SEPARATION_DEG for other in different
+        ):
             different.append(heading)
     if len(different) < LEAST:
         raise FitError(
-            f"{counted(len(different), 'different heading')}, five coefficients need at least {LEAST}: "
+            f"{counted(len(different), 'different heading')}, and five coefficients need at least {LEAST}: "
             f"steady the vehicle on {ADVISED} headings all round, each 45° from the last",
             found=len(different),
             needed=LEAST,
@@ -370,48 +372,48 @@ def _refuse_few(headings: Floats) -> None:
 def _refuse_an_arc(headings: Floats) -> None:
     """Refuse a swing over less than half a circle."""
     gap = _widest_gap_deg(headings)
-    if gap > HALF_DEG:
+    if gap > MAX_ARC_GAP_DEG:
         raise FitError(
-            f"all headings lie within {360.0 - gap:.0f}°, five coefficients need headings all round: "
+            f"all headings lie within {360.0 - gap:.0f}°, and five coefficients need headings all round: "
             f"steady the vehicle on {ADVISED} headings, each 45° from the last",
             found=360.0 - gap,
-            needed=HALF_DEG,
+            needed=MAX_ARC_GAP_DEG,
         )
 
 
 def _refuse_unlike(scatter_deg: float) -> None:
-    """Refuse headings by compass that do not go with the magnetic ones."""
-    if scatter_deg > UNLIKE_DEG:
+    """Refuse compass headings that are unrelated to the magnetic ones."""
+    if scatter_deg > MAX_SCATTER_DEG:
         raise FitError(
-            f"headings scatter by {scatter_deg:.0f}° (1 σ) about any curve of five coefficients: those by compass do "
-            "not go with the others; check the columns, the order of the lines, and that both count clockwise",
+            f"headings scatter by {scatter_deg:.0f}° (1 σ) about any curve of five coefficients: compass headings do "
+            "not match the known ones; check the columns, the order of the lines, and that both count clockwise",
             found=scatter_deg,
-            needed=UNLIKE_DEG,
+            needed=MAX_SCATTER_DEG,
         )
 
 
 def _widest_gap_deg(headings: Floats) -> float:
-    """Largest angle between neighbouring headings (N,) of a circle, degrees."""
+    """Largest angle between neighbouring headings of (N,) on a circle, degrees."""
     around = np.sort(headings)
     return float(np.diff(np.append(around, around[0] + 360.0)).max())
 
 
 @dataclass(frozen=True, slots=True)
 class Conformity:
-    """What decides whether a curve keeps a limit: the reading or the place on the curve that comes nearest to it."""
+    """Comparison of a swing with a limit, at the decisive reading or point of the curve."""
 
     limit_deg: float  # largest deviation that the rule allows
-    largest_deg: float  # deviation there, without its sign
-    compass_deg: float  # heading at which it is largest
-    sigma_deg: float | None  # of the curve there; None where it is not known
-    is_reading: bool  # of the swing, and not of the curve
+    largest_deg: float  # absolute deviation at the decisive heading
+    compass_deg: float  # decisive heading by the compass
+    sigma_deg: float | None  # 1 σ of the curve there; None if it is not known
+    is_reading: bool  # whether a reading of the swing decides, and not the curve
 
     @property
     def verdict(self) -> str:
-        """``beyond`` the limit, ``within`` it with two standard deviations to spare, and else ``open``."""
+        """``beyond`` the limit, ``within`` it with a margin of two standard deviations, or else ``open``."""
         if self.largest_deg > self.limit_deg:
             return "beyond"
-        is_sure = self.sigma_deg is not None and self.largest_deg + SURE * self.sigma_deg <= self.limit_deg
+        is_sure = self.sigma_deg is not None and self.largest_deg + MARGIN_SIGMAS * self.sigma_deg <= self.limit_deg
         return "within" if is_sure else "open"
 
     def as_dict(self) -> dict[str, Any]:
@@ -421,7 +423,7 @@ class Conformity:
 
 
 def conformity(deviation: Deviation, limit_deg: float) -> Conformity:
-    """Hold against a limit the readings of a swing, none of which may be beyond, and the curve at whole degrees.
+    """Compare the readings of a swing, and the curve at whole degrees, with a limit.
 
     >>> swing = fit(range(0, 360, 30), [3, 4, 2, 0, -1, -2, -3, -4, -2, 0, 1, 2])
     >>> [conformity(swing, limit).verdict for limit in (10.0, 4.0, 3.0)]
@@ -433,6 +435,6 @@ def conformity(deviation: Deviation, limit_deg: float) -> Conformity:
     if observed[worst] > max(limit_deg, float(curve.max())):
         return Conformity(limit_deg, float(observed[worst]), float(deviation.compass_deg[worst]), None, True)
     is_beyond = bool(curve.max() > limit_deg)
-    place = int((curve if is_beyond or sigma is None else curve + SURE * sigma).argmax())
+    place = int((curve if is_beyond or sigma is None else curve + MARGIN_SIGMAS * sigma).argmax())
     known = None if sigma is None else float(sigma[place])
     return Conformity(limit_deg, float(curve[place]), float(around[place]), known, False)

@@ -1,4 +1,4 @@
-"""A curve of deviation over the compass heading with its band of 1 σ, and what was observed, as a drawing (SVG).
+"""SVG drawing of a deviation curve over the compass heading, with its band of 1 σ and the observations.
 
 >>> from flinders.apps.marine.deviation import fit
 >>> swing = fit(range(0, 360, 45), [10.5, 20.0, 11.5, -1.2, -5.5, -8.0, -12.5, -6.8])
@@ -34,30 +34,30 @@ if TYPE_CHECKING:
     from flinders.report.charts import Canvas
 
 GRID: Final = (0.01, 0.02, 0.05, 0.1, 0.2, 0.5, 1.0, 2.0, 5.0, 10.0, 15.0, 30.0, 45.0, 60.0)
-"""Degrees between the lines of the drawing."""
-LINES: Final = 4
-"""Lines above zero, at most, and as many below."""
-NARROW: Final = """\
+"""Possible distances of the lines of the drawing, in degrees."""
+MAX_LINES: Final = 4
+"""Largest number of lines above zero; there are as many below."""
+NARROW_STYLE: Final = """\
 .figure .curve { stroke-width: 2.5 }
 @media (max-width: 520px) { .figure text, .figure .title { font-size: 21px } .figure .between { display: none } }
 """
-"""On a narrow screen letters are larger and every second number is left out."""
+"""Style for a narrow screen: larger letters, and every second number hidden."""
 
 
 def swing_drawing(deviation: Deviation) -> str:
-    """Draw a curve of deviation and what it was fitted to."""
+    """Drawing of a deviation curve and the observations it was fitted to."""
     around = np.arange(0.0, 361.0, 2.0)
     curve, sigma = deviation.at(around), deviation.sigma_at(around)
     spread = 0.0 if sigma is None else float(sigma.max())
     largest = min(1.04 * (float(np.abs([*curve, *deviation.observed_deg]).max()) + spread), 180.0)
-    step = next((step for step in GRID if LINES * step >= largest), GRID[-1])
+    step = next((step for step in GRID if MAX_LINES * step >= largest), GRID[-1])
     count = max(math.ceil(largest / step), 1)
 
     def draw(canvas: Canvas) -> list[str]:
         band = "" if sigma is None else canvas.area("band", around, curve - sigma, curve + sigma)
         return [band, canvas.line("curve corrected", around, curve)]
 
-    numbers = [(line * step, _sided(line * step)) for line in range(-count, count + 1)]
+    numbers = [(line * step, _east_or_west(line * step)) for line in range(-count, count + 1)]
     panel = Panel(Axis(0.0, 360.0), Axis(-step * count, step * count), draw, x_ticks=compass_ticks(), y_ticks=numbers)
     plot = panel.at(92, 84, 576, 300)
     edge = rectangle("", plot.left - 8, plot.top, plot.width + 16, plot.height)
@@ -70,20 +70,20 @@ def swing_drawing(deviation: Deviation) -> str:
         text(24, 58, "\N{EM SPACE}".join(minus(f"{name} {value:+.2f}°") for name, value in pairs), "start"),
         key(696, 30, ("raw", "seen"), ("corrected", "curve" if sigma is None else "curve ± 1 σ")),
         panel.grid(plot, gap=24),
-        clipped("inside", edge, *panel.draw(plot), _observed(deviation, plot)),
+        clipped("inside", edge, *panel.draw(plot), _observations(deviation, plot)),
         text(plot.middle, 436, "heading by compass"),
-        style=NARROW,
+        style=NARROW_STYLE,
     )
 
 
-def _sided(deviation_deg: float) -> str:
-    """Degrees, east or west."""
+def _east_or_west(deviation_deg: float) -> str:
+    """Deviation in degrees, east or west."""
     side = " E" if deviation_deg > 0.0 else " W" if deviation_deg < 0.0 else ""
     return f"{abs(deviation_deg):.4g}°{side}"
 
 
-def _observed(deviation: Deviation, plot: Plot) -> str:
-    """What was observed, each joined to the curve."""
+def _observations(deviation: Deviation, plot: Plot) -> str:
+    """Observations, each joined to the curve by a line."""
     rows = zip(deviation.compass_deg, deviation.observed_deg, deviation.residual_deg, strict=True)
     return "".join(
         segment("residual", plot.x(heading), plot.y(observed - residual), plot.x(heading), plot.y(observed))

@@ -1,4 +1,4 @@
-"""Texts of boats that hold no readings of a magnetometer: what they are, and what to do with them."""
+"""Texts of boats without readings of a magnetometer, with advice on their use."""
 
 from __future__ import annotations
 
@@ -11,8 +11,8 @@ TEXTS: Final = (
     KnownText(
         nmea2000.SIGN,
         0.6,
-        "is a candump of NMEA 2000: its headings in degrees are for flinders swing; readings x, y, z of a "
-        "magnetometer it has none",
+        "is a candump of NMEA 2000 without readings x, y, z of a magnetometer: flinders swing uses its headings in "
+        "degrees",
         may_be_read=True,
     ),
     KnownText(

@@ -1,9 +1,9 @@
-"""Deviations from a log under way: of straight legs, or while turning, against a heading or a course over ground.
+"""Deviations from a log under way: on straight legs or while turning, relative to a heading or a course over ground.
 
-A course is not a heading. Current turns it: over ground a boat moves with v = s (sin h, cos h) + u, and the speeds on
-legs all round tell the current u, since |v − u| = s on each. The course through the water, that of v − u, is left to
-differ from the heading by leeway, of which nothing but a prior is known: `CRAB_DEG`. What u and leeway may be off by is
-the same error on all legs, which no residual shows: it turns B and C, and is stated as their covariance.
+A course is not a heading. Current changes it: over ground a boat moves with v = s (sin h, cos h) + u. The current u
+follows from the speeds on legs all round, since |v − u| = s on each. The course through the water, that of v − u, still
+differs from the heading by leeway, for which there is only a prior: `CRAB_DEG`. Errors of u and of leeway are the same
+on all legs and not visible in residuals: they change B and C, and are stated as covariance of these.
 
 >>> rng, around = np.random.default_rng(1), np.repeat(np.arange(0.0, 360.0, 45.0), 60)
 >>> velocity = 3.0 * np.exp(1j * np.deg2rad(around)) + (0.3 + 0.2j)             # north + i east, m/s
@@ -12,9 +12,9 @@ the same error on all legs, which no residual shows: it turns B and C, and is st
 >>> abs(swing.current - (0.3 + 0.2j)) < 0.01, len(swing.compass_deg), float(np.abs(swing.deviation_deg).max()) < 0.5
 (True, 8, True)
 
-While a vehicle turns, a compass that lags by τ reads behind by τ times the rate, and ahead while it turns the other
-way. Where a vehicle turns both ways τ comes out of the readings; turned one way it looks like A, of which it then is an
-uncertainty: τ is known beforehand to be 0 ± `LAG_S`.
+While a vehicle turns, a compass with a lag τ is behind by τ times the rate, with opposite signs for the two directions.
+If the vehicle turns in both directions, τ is estimated from the readings. For one direction the lag looks like A, and
+is part of its uncertainty, with the prior 0 ± `LAG_S`.
 
 >>> time = np.arange(0.0, 480.0, 0.5)
 >>> heading = np.where(time < 240.0, 1.5 * time, 720.0 - 1.5 * time)
@@ -54,29 +54,29 @@ if TYPE_CHECKING:
 LEG_S: Final = 20.0
 """Shortest leg."""
 SMOOTH_S: Final = 10.0
-"""Over which a heading is averaged to find the legs: waves and the helmsman are no turns."""
+"""Window over which a heading is averaged to find legs, so that waves and steering do not count as turns."""
 SLOWEST: Final = 2.0
-"""Speed over ground below which a course is none, m/s: four knots."""
+"""Smallest speed over ground at which a course is used, in m/s: four knots."""
 CRAB_DEG: Final = 1.0
-"""1 σ of what leeway turns the course from the heading."""
+"""Difference of course and heading by leeway, 1 σ."""
 SPEED_SHARE: Final = 0.02
-"""Of the speed through the water: what it may differ by from leg to leg at least, 1 σ."""
+"""Smallest variation of the speed through the water from leg to leg, 1 σ, as a share of the speed."""
 BLOCKS: Final = 8
-"""Parts of a leg whose means say how well the mean of all is known."""
+"""Number of parts of a leg, whose scatter gives the uncertainty of its mean."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class LoggedSwing:
-    """Readings of a swing, as a table has them, and the error that they have in common."""
+    """Readings of a swing from a log, and the covariance of their common error."""
 
     compass_deg: Floats  #: (N,) degrees
     deviation_deg: Floats  #: (N,) degrees
     sigma_deg: Floats  #: (N,) degrees
-    seconds: Floats  #: (N,) s: how long each was
+    seconds: Floats  #: (N,) s: duration of each reading
     common_covariance: Floats  #: (5, 5) degrees²: covariance of A to E from errors that all readings share
-    notes: tuple[Note, ...] = ()  #: what was taken out of them, and what is assumed
-    current: complex | None = None  #: North + i east by magnetic north, m/s, where it was taken out
-    is_steady: bool = True  #: they are of straight legs, not of turns
+    notes: tuple[Note, ...] = ()  #: corrections that were made, and assumptions
+    current: complex | None = None  #: north + i east by magnetic north, m/s, if it was removed
+    is_steady: bool = True  #: whether readings are from straight legs, not from turns
 
     def as_dict(self) -> dict[str, Any]:
         """JSON-ready."""
@@ -85,7 +85,7 @@ class LoggedSwing:
         return {
             **{name: getattr(self, name).tolist() for name in arrays},
             "notes": [str(note) for note in self.notes],
-            "current_m_s": current,  # north and east by magnetic north, where it was taken out
+            "current_m_s": current,  # north and east by magnetic north, if it was removed
             "is_steady": self.is_steady,
         }
 
@@ -108,15 +108,15 @@ def legs(
     Parameters
     ----------
     time, compass_deg, reference_deg, speed : (N,)
-        s, degrees, magnetic degrees and m/s; NaN where there is no reference or speed.
+        s, degrees, magnetic degrees and m/s; NaN for a missing reference or speed.
     is_course : bool
-        The reference is a course over ground.
+        Whether the reference is a course over ground.
     least_s : float, s
         Shortest leg.
     slowest : float, m/s
-        Legs at less over ground are left out, of courses.
+        Smallest speed over ground of a leg, for courses.
     crab_deg : float, degrees
-        1 σ of leeway, of courses.
+        1 σ of leeway, for courses.
     """
     step = float(np.median(np.diff(time)))
     spans = _spans(compass_deg, step, least_s)
@@ -137,7 +137,7 @@ def legs(
 
 
 def _spans(compass_deg: Floats, step: float, least_s: float) -> list[slice]:
-    """Stretches of one smoothed heading, without what smoothing mixes with the turns."""
+    """Stretches of one smoothed heading, without the ends that smoothing mixes with turns."""
     width = max(round(SMOOTH_S / step), 1)
     smooth = np.convolve(np.exp(1j * np.deg2rad(compass_deg)), np.ones(width) / width, "same")
     least = max(round(least_s / step), 1)
@@ -147,15 +147,15 @@ def _spans(compass_deg: Floats, step: float, least_s: float) -> list[slice]:
 
 
 def _is_sound(velocity: Complexes, slowest: float) -> bool:
-    """Whether most of a leg has a reference, and moves fast enough."""
+    """Whether most of a leg has a reference, and its mean speed is sufficient."""
     is_known = np.isfinite(velocity)
     return bool(is_known.mean() > 0.5 and abs(velocity[is_known].mean()) >= slowest)
 
 
 def _current(means: Complexes) -> tuple[complex, Floats]:
-    """The current by the speeds of the legs, and what its uncertainty makes of B and C, degrees².
+    """Current from the velocities of legs, and (2, 2) covariance of B and C from its uncertainty, degrees².
 
-    |v|² = 2 u·v + (s² − |u|²) is linear in u and the bracket; the uncertainty is that of s from leg to leg.
+    |v|² = 2 u·v + (s² − |u|²) is linear in u and the bracket; the uncertainty comes from the scatter of s over legs.
     """
     (up, right), radius = sphere_through(np.column_stack([means.real, means.imag]))
     through = max(radius, 1e-6)
@@ -171,7 +171,7 @@ def _current(means: Complexes) -> tuple[complex, Floats]:
 
 
 def _reading(compass_deg: Floats, velocity: Complexes) -> tuple[float, float, float]:
-    """Mean heading by the compass, deviation and 1 σ of that, in degrees."""
+    """Mean compass heading, deviation and 1 σ of the deviation of one leg, in degrees."""
     is_known = np.isfinite(velocity)
     compass, course = compass_deg[is_known], velocity[is_known]
     middle = mean_deg(compass)
@@ -182,7 +182,7 @@ def _reading(compass_deg: Floats, velocity: Complexes) -> tuple[float, float, fl
 
 
 def _course_notes(current: complex | None, crab_deg: float) -> tuple[SwingNote, ...]:
-    """What was taken out of courses, and what is assumed of them."""
+    """Notes about the current that was removed, and the assumed leeway."""
     if current is None:
         return ()
     towards = float(wrapped(np.rad2deg(np.angle(current))))
@@ -191,54 +191,54 @@ def _course_notes(current: complex | None, crab_deg: float) -> tuple[SwingNote, 
 
 
 def _refuse_few(legs: int, steady: int, *, is_course: bool, least_s: float, slowest: float) -> None:
-    """Refuse a log with fewer legs than there are coefficients."""
+    """Refuse a log with fewer legs than coefficients."""
     if legs >= LEAST:
         return
     speed = f" at {slowest:g} m/s or more" if is_course else ""
     raise FitError(
-        f"{counted(legs, 'straight leg')} of {least_s:g} s{speed} (of {steady} on one heading), five coefficients need "
-        f"{LEAST}: steer eight headings, each 45° from the last, for half a minute each",
+        f"{counted(legs, 'straight leg')} of {least_s:g} s{speed} (of {steady} on one heading), and five coefficients "
+        f"need {LEAST}: steer eight headings, each 45° from the last, for half a minute each",
         found=legs,
         needed=LEAST,
     )
 
 
 SECTOR_DEG: Final = 15.0
-"""A reading is the mean while the compass passes one sector."""
+"""Width of a sector; a reading is the mean while the compass passes one sector."""
 LAG_S: Final = 1.0
-"""1 σ of the lag, before it is seen."""
-LEAST_READINGS: Final = 3
-"""In a sector."""
-STEPS: Final = 4
-"""In which lag and scatter settle."""
-FINEST_DEG: Final = 0.01
-"""Scatter of a reading that is assumed at least."""
+"""Prior of the lag, 1 σ."""
+MIN_READINGS: Final = 3
+"""Smallest number of readings in a sector."""
+ITERATIONS: Final = 4
+"""Iterations until lag and scatter have converged."""
+MIN_SCATTER_DEG: Final = 0.01
+"""Smallest scatter of a reading that is assumed."""
 
 
 def turning(time: Floats, compass_deg: Floats, heading_deg: Floats) -> LoggedSwing:
-    """Take a reading from each sector that the compass passes, the lag taken out.
+    """Take a reading from each sector that the compass passes, and correct them for the lag.
 
-    Raises `FitError` where it passed fewer than five sectors.
+    Raises `FitError` for fewer than five passes.
 
     Parameters
     ----------
     time, compass_deg, heading_deg : (N,)
-        s, degrees by the compass, and magnetic degrees by the other instrument; NaN where it has none.
+        s, degrees by the compass, and magnetic degrees by the other instrument; NaN for a missing heading.
     """
     is_known = np.isfinite(heading_deg)
     time, compass, heading = time[is_known], compass_deg[is_known], heading_deg[is_known]
     passes = _passes(compass)
     if len(passes) < LEAST:
         raise FitError(
-            f"the compass passed {len(passes)} sectors of {SECTOR_DEG:g}° with another heading beside it, five "
+            f"the compass passed {len(passes)} sectors of {SECTOR_DEG:g}° with a reference heading, and five "
             "coefficients need a whole circle: turn slowly all round, once each way",
             found=len(passes),
             needed=LEAST,
         )
     around = np.rad2deg(np.unwrap(np.deg2rad(heading)))
     rows = _Rows.of(time, compass, around, passes)
-    lag, variance, scatter = 0.0, LAG_S**2, FINEST_DEG
-    for _ in range(STEPS if rows.is_both_ways else 0):
+    lag, variance, scatter = 0.0, LAG_S**2, MIN_SCATTER_DEG
+    for _ in range(ITERATIONS if rows.is_both_ways else 0):
         step, variance, scatter = rows.lag(lag)
         lag += step
         rows = _Rows.of(time, compass, np.interp(time - lag, time, around), passes)
@@ -256,7 +256,7 @@ def turning(time: Floats, compass_deg: Floats, heading_deg: Floats) -> LoggedSwi
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Rows:
-    """A reading from each pass: (N,) heading by the compass, deviation and mean rate, degrees and degrees a second."""
+    """A reading from each pass: (N,) compass heading and deviation in degrees, and mean rate in degrees per second."""
 
     compass_deg: Floats
     deviation_deg: Floats
@@ -264,7 +264,7 @@ class _Rows:
 
     @classmethod
     def of(cls, time: Floats, compass_deg: Floats, heading_deg: Floats, passes: Sequence[slice]) -> Self:
-        """Take the means of the passes; `heading_deg` without seams."""
+        """Means of the passes; `heading_deg` is unwrapped."""
         off = folded(heading_deg - compass_deg)
         ends = [(part.start, part.stop - 1) for part in passes]
         return cls(
@@ -275,23 +275,23 @@ class _Rows:
 
     @property
     def is_both_ways(self) -> bool:
-        """Turned one way and the other, in enough sectors each."""
+        """Whether there are enough sectors in each direction of turning."""
         return min(int(np.sum(self.rate > 0.0)), int(np.sum(self.rate < 0.0))) >= LEAST
 
     def lag(self, known: float) -> tuple[float, float, float]:
-        """What is left of the lag after `known` of it was taken out, s; its variance; the scatter of a reading."""
+        """Remaining lag in s after a correction by `known`, its variance, and the scatter of a reading in degrees."""
         rows, scatter = np.column_stack([design(self.compass_deg), self.rate]), 1.0
-        for _ in range(STEPS):
+        for _ in range(ITERATIONS):
             prior = scatter / LAG_S
             weighted = np.vstack([rows, [0.0] * LEAST + [prior]])
             solution = np.linalg.lstsq(weighted, np.append(self.deviation_deg, -prior * known), rcond=None)[0]
             residual = self.deviation_deg - rows @ solution
-            scatter = max(float(np.sqrt(np.sum(residual**2) / max(len(rows) - LEAST, 1))), FINEST_DEG)
+            scatter = max(float(np.sqrt(np.sum(residual**2) / max(len(rows) - LEAST, 1))), MIN_SCATTER_DEG)
         inverse = np.linalg.pinv(weighted.T @ weighted)
         return float(solution[-1]), scatter**2 * float(inverse[-1, -1]), scatter
 
 
 def _passes(compass_deg: Floats) -> list[slice]:
-    """Stretches in one sector."""
+    """Passes of the compass through one sector."""
     edges = np.flatnonzero(np.diff(np.floor(compass_deg / SECTOR_DEG), prepend=-1.0, append=-1.0)).tolist()
-    return [slice(start, stop) for start, stop in pairwise(edges) if stop - start >= LEAST_READINGS]
+    return [slice(start, stop) for start, stop in pairwise(edges) if stop - start >= MIN_READINGS]

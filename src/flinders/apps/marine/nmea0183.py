@@ -1,8 +1,9 @@
-r"""Sentences of NMEA 0183 that tell of heading, course and place: HDG, HDM, HDT, THS, VTG, RMC, GGA and GLL.
+r"""Sentences of NMEA 0183 with heading, course and place: HDG, HDM, HDT, THS, VTG, RMC, GGA and GLL.
 
-Few sentences have a time. A line has that of the logger where one stands before it, in seconds or milliseconds since
-1970, as Signal K's server and TAG blocks write it; else lines are spread evenly between the fixes of RMC, GGA and GLL.
-The first number of HDG is what the sensor reads, before any deviation; a sentence with a wrong check sum is left out.
+Few sentences have a time. A line has the time of the logger if one stands before the sentence, in seconds or
+milliseconds since 1970, as written by Signal K's server and in TAG blocks; else times are interpolated between the
+fixes of RMC, GGA and GLL. The first number of HDG is the reading of the sensor, without deviation. A sentence with a
+wrong check sum is left out.
 
 Sources: gpsd "NMEA Revealed" by way of adrianmo/go-nmea ``hdg.go``; SignalK/nmea0183-signalk ``hooks/RMC.js`` and
 issue 235 (HDG).
@@ -42,7 +43,7 @@ Kind: TypeAlias = Literal["compass", "heading", "course", "speed", "latitude", "
 
 
 class Message(NamedTuple):
-    """A number of a boat's instruments, when it was said and by whom: of NMEA 0183, NMEA 2000 and Signal K alike."""
+    """A number of a boat's instruments with its time and source, for NMEA 0183, NMEA 2000 and Signal K."""
 
     time: float  # s since 1970, or since the beginning of the first day
     kind: Kind
@@ -51,43 +52,44 @@ class Message(NamedTuple):
 
 
 SIGN: Final = re.compile(r"\$[A-Z]{2}(?:HDG|HDM|HDT|THS|VTG|RMC),")
-"""What the first lines hold."""
+"""Pattern in the first lines of such a file."""
 SENTENCE: Final = re.compile(
     r"(?P<before>.*?)\$(?P<body>(?P<name>[A-Z]{2}(?P<kind>HDG|HDM|HDT|THS|VTG|RMC|GGA|GLL)),(?P<fields>[^*]*))"
     r"(?:\*(?P<sum>[0-9A-Fa-f]{2}))?\s*"
 )
 STAMP: Final = re.compile(r"(?<!\d)(\d{10}(?:\.\d+)?|\d{13})(?!\d)")
-"""Seconds or milliseconds since 1970, before a sentence."""
+"""Time before a sentence, in seconds or milliseconds since 1970."""
 KNOT: Final = 1852.0 / 3600.0
 HEADINGS: Final[dict[str, Kind]] = {"HDG": "compass", "HDM": "compass", "HDT": "heading", "THS": "heading"}
 POSITIONS: Final = {"RMC": 2, "GGA": 1, "GLL": 0}
-"""Where latitude and longitude begin."""
+"""Index of the field with the latitude, by kind of sentence."""
 CLOCKS: Final = {"RMC": 0, "GGA": 0, "GLL": 4}
+"""Index of the field with the time, by kind of sentence."""
 DAY_S: Final = 86400.0
-LARGEST: Final = 1e6
-"""Numbers beyond are none."""
+MAX_NUMBER: Final = 1e6
+"""Largest absolute value of a valid number."""
 
 
 def messages(lines: Iterable[str]) -> Iterator[Message]:
-    """Yield what sentences say, with times.
+    """Yield a message with its time for each number in the sentences.
 
-    Raises `UnreadableInput` where no line has a time.
+    Raises `UnreadableInput` if no line has a time.
     """
     numbers: list[tuple[int, Kind, float, str]] = []
     stamps: list[tuple[int, float]] = []
     fixes: list[tuple[int, float]] = []
     for place, match in enumerate(filter(None, map(_sentence, lines))):
         fields, kind = match["fields"].split(","), match["kind"]
-        numbers += [(place, *said, match["name"]) for said in _said(kind, fields)]
+        numbers += [(place, *said, match["name"]) for said in _numbers_in(kind, fields)]
         if stamp := STAMP.search(match["before"]):
             stamps.append((place, float(stamp[1]) * (1e-3 if len(stamp[1]) == 13 else 1.0)))
         if kind in CLOCKS and (clock := _clock(kind, fields)) is not None:
-            fixes.append((place, _after(clock, fixes[-1][1] if fixes else None)))
+            fixes.append((place, _next_time(clock, fixes[-1][1] if fixes else None)))
     anchors = stamps if len(stamps) > 1 else fixes
     if len(anchors) < 2:
         raise UnreadableInput(
-            "no sentence has a time: log RMC, GGA or GLL beside the headings, or have the logger write its clock "
-            "before each line"
+            "no sentence has a time: log RMC, GGA or GLL with the headings, or let the logger write its time before "
+            "each line"
         )
     known, times = np.array(anchors).T
     for place, said, value, name in numbers:
@@ -96,7 +98,7 @@ def messages(lines: Iterable[str]) -> Iterator[Message]:
 
 
 def _sentence(line: str) -> re.Match[str] | None:
-    """A sentence that counts and whose check sum, if it has one, is right."""
+    """Match of a known sentence whose check sum, if it has one, is right; None for other lines."""
     match = SENTENCE.fullmatch(line)
     if match is None or (match["sum"] and int(match["sum"], 16) != check_sum(match["body"])):
         return None
@@ -104,7 +106,7 @@ def _sentence(line: str) -> re.Match[str] | None:
 
 
 def check_sum(body: str) -> int:
-    """What stands after the star of a sentence: the exclusive or of its bytes between dollar and star.
+    """Check sum of a sentence: the exclusive or of its bytes between dollar and star.
 
     >>> f"{check_sum('HCHDG,98.3,0.0,E,12.6,W'):02X}"
     '57'
@@ -112,8 +114,8 @@ def check_sum(body: str) -> int:
     return reduce(xor, body.encode(), 0)
 
 
-def _said(kind: str, fields: Sequence[str]) -> Iterator[tuple[Kind, float]]:
-    """Numbers of a sentence, by what they are."""
+def _numbers_in(kind: str, fields: Sequence[str]) -> Iterator[tuple[Kind, float]]:
+    """Yield the kind and value of each number in a sentence."""
     if kind in HEADINGS and (heading := _number(fields, 0)) is not None:
         yield HEADINGS[kind], heading
     if kind in {"RMC", "VTG"} and not (kind == "RMC" and _text(fields, 1) != "A"):
@@ -136,11 +138,11 @@ def _text(fields: Sequence[str], place: int) -> str:
 
 def _number(fields: Sequence[str], place: int) -> float | None:
     value = number(_text(fields, place), ".")
-    return value if value is not None and abs(value) < LARGEST else None
+    return value if value is not None and abs(value) < MAX_NUMBER else None
 
 
 def _coordinate(text: str, side: str) -> float | None:
-    """Degrees of ``dddmm.mmm`` and its side."""
+    """Degrees from ``dddmm.mmm`` and N, S, E or W; None for other texts."""
     value = number(text, ".")
     if value is None or not 0.0 <= value <= 18000.0 or side not in {"N", "S", "E", "W"}:
         return None
@@ -149,7 +151,7 @@ def _coordinate(text: str, side: str) -> float | None:
 
 
 def _clock(kind: str, fields: Sequence[str]) -> float | None:
-    """Seconds since 1970 of RMC, of the day of others."""
+    """Time of a sentence in s: since 1970 for RMC, else since midnight; None without a time."""
     time = re.fullmatch(r"(\d\d)(\d\d)(\d\d(?:\.\d*)?)", _text(fields, CLOCKS[kind]))
     if time is None:
         return None
@@ -158,15 +160,15 @@ def _clock(kind: str, fields: Sequence[str]) -> float | None:
 
 
 def _midnight(day: str) -> float:
-    """Seconds since 1970 at the beginning of a day, as RMC writes it; 0 where it is none."""
+    """Seconds since 1970 at the beginning of a day in the format of RMC; 0 for another text."""
     try:
         return datetime.strptime(day, "%d%m%y").replace(tzinfo=UTC).timestamp()
     except ValueError:
         return 0.0
 
 
-def _after(clock: float, last: float | None) -> float:
-    """A time of day on the day of the time before it, or on the next."""
+def _next_time(clock: float, last: float | None) -> float:
+    """Time of a clock in s on the day of the previous time, or on the next day if the clock has passed midnight."""
     if last is None or clock >= DAY_S:
         return clock
     clock += DAY_S * (last // DAY_S)

@@ -26,19 +26,19 @@ if TYPE_CHECKING:
 
     from flinders.apps.marine.nmea0183 import Kind
 
-EIGHT: Final = r"[0-9A-Fa-f]{2}(?: [0-9A-Fa-f]{2}){7}"
-FRAME: Final = rf"(?P<id>[0-9A-Fa-f]{{8}})(?:#(?P<log>[0-9A-Fa-f]{{16}})|[ \t]+\[8\][ \t]+(?P<bytes>{EIGHT}))"
+EIGHT_BYTES: Final = r"[0-9A-Fa-f]{2}(?: [0-9A-Fa-f]{2}){7}"
+FRAME: Final = rf"(?P<id>[0-9A-Fa-f]{{8}})(?:#(?P<log>[0-9A-Fa-f]{{16}})|[ \t]+\[8\][ \t]+(?P<bytes>{EIGHT_BYTES}))"
 SIGN: Final = re.compile(rf"^(?:[ \t]*\(\d+\.\d+\))?[ \t]*\S+[ \t]+{FRAME}", re.MULTILINE)
-"""What the first lines hold, with or without a clock."""
+"""Pattern in the first lines of such a file, with or without a clock."""
 LINE: Final = re.compile(rf"\s*\((?P<time>\d+\.\d+)\)\s+\S+\s+{FRAME}.*")
 RADIAN: Final = math.degrees(1e-4)
-MISSING: Final = 0xFFFD
-"""From here on a number of two bytes is none."""
+MIN_MISSING: Final = 0xFFFD
+"""Smallest number of two bytes that stands for a missing value."""
 TRUE, MAGNETIC = 0, 1
 
 
 def messages(lines: Iterable[str]) -> Iterator[Message]:
-    """Yield what frames say.
+    """Yield a message for each number in the frames.
 
     Raises `UnreadableInput` for frames without a clock.
     """
@@ -48,22 +48,22 @@ def messages(lines: Iterable[str]) -> Iterator[Message]:
             is_timed = True
             identifier = int(match["id"], 16)
             frame, payload = identifier >> 8 & 0x3FFFF, bytes.fromhex(match["log"] or match["bytes"])
-            for kind, value in _said(frame, payload):
+            for kind, value in _numbers_in(frame, payload):
                 source = f"PGN {frame}, address {identifier & 0xFF}"
                 yield Message(float(match["time"]), kind, value, source)
     if not is_timed:
         raise UnreadableInput("frames have no clock: log them with candump -l, or candump -t a")
 
 
-def _said(group: int, payload: bytes) -> Iterator[tuple[Kind, float]]:
-    """Numbers of a frame, by what they are."""
+def _numbers_in(group: int, payload: bytes) -> Iterator[tuple[Kind, float]]:
+    """Yield the kind and value of each number in a frame."""
     if group == 127250:
         _, heading, _, _, flags = struct.unpack("<BHhhB", payload)
-        if heading < MISSING and flags & 3 in {TRUE, MAGNETIC}:
+        if heading < MIN_MISSING and flags & 3 in {TRUE, MAGNETIC}:
             yield ("compass" if flags & 3 == MAGNETIC else "heading"), RADIAN * heading
     elif group == 129026:
         _, flags, course, speed, _ = struct.unpack("<BBHHH", payload)
-        if flags & 3 == TRUE and course < MISSING and speed < MISSING:
+        if flags & 3 == TRUE and course < MIN_MISSING and speed < MIN_MISSING:
             yield "course", RADIAN * course
             yield "speed", speed / 100.0
     elif group == 129025:

@@ -1,6 +1,6 @@
 """Deltas of Signal K, one in each line: headings, course, speed and position of one vessel.
 
-What stands before the first brace of a line, as in logs of the server, is left out. Angles are in rad.
+Text before the first brace of a line, as in logs of the server, is ignored. Angles are in rad.
 
 Sources: SignalK/specification ``schemas/groups/navigation.json`` and issue 242; a delta by tkurki (gist 73ebbfae).
 
@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     from flinders.apps.marine.nmea0183 import Kind
 
 SIGN: Final = re.compile(r'"updates"\s*:\s*\[')
-"""What the first lines hold."""
+"""Pattern in the first lines of such a file."""
 KINDS: Final[dict[str, Kind]] = {
     "navigation.headingCompass": "compass",
     "navigation.headingMagnetic": "compass",
@@ -35,26 +35,26 @@ KINDS: Final[dict[str, Kind]] = {
     "navigation.speedOverGround": "speed",
 }
 POSITION: Final = "navigation.position"
-LARGEST: Final = 1e6
-"""Numbers beyond are none."""
+MAX_NUMBER: Final = 1e6
+"""Largest absolute value of a valid number."""
 
 
 def messages(lines: Iterable[str]) -> Iterator[Message]:
-    """Yield what deltas say of the vessel whose compass is heard most; others come by AIS."""
+    """Yield the messages of the vessel with most compass headings, as other vessels come by AIS."""
     by_vessel: dict[str, list[Message]] = {}
     for delta in map(_object, lines):
         said = by_vessel.setdefault(str(delta.get("context")), [])
-        said += [message for update in _objects(delta.get("updates")) for message in _of_update(update)]
-    yield from max(by_vessel.values(), key=_headings, default=[])
+        said += [message for update in _objects(delta.get("updates")) for message in _update_messages(update)]
+    yield from max(by_vessel.values(), key=_compass_count, default=[])
 
 
-def _headings(said: Iterable[Message]) -> int:
-    """How often a compass is heard."""
+def _compass_count(said: Iterable[Message]) -> int:
+    """Number of messages with a compass heading."""
     return sum(message.kind == "compass" for message in said)
 
 
-def _of_update(update: dict[str, Any]) -> Iterator[Message]:
-    """What one source said at one time."""
+def _update_messages(update: dict[str, Any]) -> Iterator[Message]:
+    """Yield the messages of an update: one source at one time."""
     time = _time(update.get("timestamp"))
     if time is None:
         return
@@ -62,13 +62,13 @@ def _of_update(update: dict[str, Any]) -> Iterator[Message]:
     for member in _objects(update.get("values")):
         path = str(member.get("path"))
         source = path if label is None else f"{path}, {label}"
-        for kind, value in _said(path, member.get("value")):
+        for kind, value in _numbers_in(path, member.get("value")):
             yield Message(time, kind, value, source)
 
 
-def _said(path: str, value: object) -> Iterator[tuple[Kind, float]]:
-    """The numbers of a path, by what they are."""
-    if path in KINDS and _is_number(value, LARGEST):
+def _numbers_in(path: str, value: object) -> Iterator[tuple[Kind, float]]:
+    """Yield the kind and value of each number of a path."""
+    if path in KINDS and _is_number(value, MAX_NUMBER):
         yield KINDS[path], float(value) if KINDS[path] == "speed" else math.degrees(value)
     elif path == POSITION and isinstance(value, dict):
         latitude, longitude = value.get("latitude"), value.get("longitude")
@@ -78,12 +78,12 @@ def _said(path: str, value: object) -> Iterator[tuple[Kind, float]]:
 
 
 def _is_number(value: object, most: float) -> TypeGuard[float]:
-    """Whether it is a number that is not too large."""
+    """Whether a value is a number of at most `most`, ignoring its sign."""
     return isinstance(value, int | float) and abs(value) <= most
 
 
 def _object(line: str) -> dict[str, Any]:
-    """The object of a line; an empty one where there is none."""
+    """JSON object of a line; empty if there is none."""
     start = line.find("{")
     try:
         value = json.loads(line[start:]) if start >= 0 else {}
@@ -93,12 +93,12 @@ def _object(line: str) -> dict[str, Any]:
 
 
 def _objects(value: object) -> list[dict[str, Any]]:
-    """The objects of a list."""
+    """JSON objects of a list; empty for other values."""
     return [member for member in value if isinstance(member, dict)] if isinstance(value, list) else []
 
 
 def _time(text: object) -> float | None:
-    """Seconds since 1970 of a time in ISO 8601, which is UTC unless it says otherwise."""
+    """Seconds since 1970 of a time in ISO 8601, in UTC unless it names a zone; None for another text."""
     try:
         moment = datetime.fromisoformat(str(text))
     except ValueError:

@@ -1,7 +1,7 @@
 """Rules for compasses of aircraft and ships: procedure, headings, and the largest deviation they allow.
 
-A rule has a limit only where its own text was seen, word for word; for the others the limit is given by the user.
-`sources` says what was seen and where, not what there is: a certificate rests on the rule itself.
+A rule has a limit only if its own text was seen, word for word; for the other rules the user gives the limit.
+`sources` lists the texts that were seen; the rule itself may contain more, and is decisive for a certificate.
 
 >>> rule = STANDARDS["ac43.13-1b"]
 >>> rule.limit_deg, rule.step_deg
@@ -19,17 +19,17 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True)
 class Standard:
-    """A rule, and how a swing by it is made."""
+    """A rule for compasses, with the checklist of its swing."""
 
-    name: str  # for the command line
-    title: str
-    limit_deg: float | None  # largest deviation on any heading; None where the text of the rule was not seen
-    step_deg: float  # between the headings of a swing, and the lines of its card
-    checklist: tuple[str, ...]
-    sources: tuple[str, ...]  # what was seen, and where
+    name: str  # name in the command line
+    title: str  # full name of the rule
+    limit_deg: float | None  # largest deviation on any heading; None if the text of the rule was not seen
+    step_deg: float  # step between the headings of a swing, and between the lines of its card
+    checklist: tuple[str, ...]  # steps of a swing
+    sources: tuple[str, ...]  # texts that were seen, with their place
 
     def as_dict(self) -> dict[str, Any]:
-        """JSON-ready, under the names of the attributes."""
+        """JSON-ready fields, by the names of the attributes."""
         return {name: getattr(self, name) for name in self.__dataclass_fields__}
 
 
@@ -38,14 +38,14 @@ AIRCRAFT: Final = (
     "Carry nothing magnetic; use non-magnetic tools.",
     "Put all that affects the compass in its place for flight; engines running, electrical equipment on as in flight.",
     "Set the compensator to zero effect.",
-    "Correction swing: write down compass and reference within 5° of N, E, S and W; --compensate says what to turn.",
+    "Correction swing: write down compass and reference within 5° of N, E, S and W; --compensate gives corrections.",
 )
 """Steps of AC 43.13-1B paragraph 12-37 b and of the manual of a sight compass, in our words."""
 
 SHIP: Final = (
     "Put all magnetic gear into its normal seagoing position; secure degaussing coils.",
     "Stay clear of other ships, piers and wrecks, in calm water.",
-    "Correction swing: steady for two minutes on each of N, E, S and W; --compensate says what to turn.",
+    "Correction swing: steady for two minutes on each of N, E, S and W; --compensate gives corrections.",
     "Residual swing: steady on eight headings, 45° apart, by bearings, a gyro or satellite compass, or courses.",
     "Keep table or curve of the residual deviations near the compass.",
 )
@@ -140,4 +140,4 @@ _ROWS: Final = (
 )
 
 STANDARDS: Final[Mapping[str, Standard]] = {row.name: row for row in _ROWS}
-"""By name."""
+"""Rules by name."""

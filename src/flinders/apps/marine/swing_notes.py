@@ -1,4 +1,4 @@
-"""Notes on a swing: what limits its curve, with what to do, what was taken out of a log, and what else to know.
+"""Notes on a swing: limits of its curve with remedies, corrections of a log, and further remarks.
 
 >>> from flinders.apps.marine.deviation import fit
 >>> swing = fit([0, 70, 140, 220, 290], [1.0, 4.0, 0.0, -3.0, -3.0])
@@ -22,49 +22,55 @@ if TYPE_CHECKING:
     from flinders.apps.marine.deviation import Deviation, Expected
 
 LARGE_A_DEG: Final = 1.0
-"""A beyond this, and three times its 1 σ, asks for another look at how the compass sits."""
+"""A beyond which, if it is also larger than three times its 1 σ, the mounting of the compass should be checked."""
 
-MAX_RATIO: Final = 3.0
-"""Residual of a heading, in its own 1 σ, from which on it is to be taken again."""
+MAX_RESIDUAL_RATIO: Final = 3.0
+"""Largest residual of a heading in units of its 1 σ; beyond it, the heading should be taken again."""
 
 READ_BETTER: Final = "swing on more headings, or read them better"
+"""Remedy for an uncertain curve."""
 COMPENSATE: Final = "compensate or calibrate first, then swing again"
+"""Remedy for large deviations."""
 
 SENTENCES: Final[Mapping[str, str]] = {
     "no-redundancy": (
-        "five coefficients go through any five headings: nothing tells how good they are. Swing on {advised} "
-        "headings, or say with {sigma_deg} how well each was read"
+        "five coefficients fit any five headings: their uncertainty is not known. Swing on {advised} headings, or give "
+        "the uncertainty of each heading with {sigma_deg}"
     ),
     "gap": "no heading in {gap_deg:.0f}° of the circle: the curve is a guess there; swing all round",
     "uncertain": (
         f"the curve is known to {{worst_deg:.2f}}° (1 σ) at worst, the target is {{target_deg:g}}°: {READ_BETTER}"
     ),
     "ambiguous": (
-        "the curve falls faster than the heading grows: one magnetic heading has several by compass, and no card "
-        f"holds; {COMPENSATE}"
+        "the deviation falls faster than the heading grows: one magnetic heading has several compass headings, and a "
+        f"card is not valid; {COMPENSATE}"
     ),
     "outlier": "the heading {heading} is {ratio:.1f} σ off the curve: take it again",
-    "large": f"beyond {{large_deg:.0f}}° the formula of five coefficients is rough: {COMPENSATE} for what is left",
+    "large": f"beyond {{large_deg:.0f}}° the formula of five coefficients is rough: {COMPENSATE}",
     "large-ambiguous": "beyond {large_deg:.0f}° the formula of five coefficients is rough",
     "few-headings": "{advised} headings, each 45° from the last, make a better swing",
-    "large-a": "A this large is seldom iron: look at how the compass sits, and at the reference of the headings",
+    "large-a": "A this large is seldom iron: check the mounting of the compass, and the reference of the headings",
     "argument": "the argument is the heading by compass; B and C change with the latitude",
     "contradicts-calibration": (
-        "B to E are more than swing and calibration explain (χ² {chi_square:.0f} for {freedom}): iron has come or "
-        "gone since it was made, or the known headings are off"
+        "B to E are larger than the uncertainty of swing and calibration allows (χ² {chi_square:.0f} for {freedom}): "
+        "iron was added or removed since the calibration, or the known headings are wrong"
     ),
     "claimed": (
-        "claimed: what the calibration's own 1 σ makes of B to E, the same on all headings; it is in the curve, and "
-        "not in the 1 σ of that"
+        "claimed: 1 σ of B to E from the uncertainty of the calibration, the same on all headings; this error is part "
+        "of the curve, not of its 1 σ"
     ),
     "current": (
-        "the speeds of the legs show a current of {speed:.2f} m/s towards {towards_deg:03.0f}° magnetic: taken out"
+        "the speeds of the legs show a current of {speed:.2f} m/s towards {towards_deg:03.0f}° magnetic, which was "
+        "removed"
     ),
-    "leeway": "leeway is taken as 0 ± {crab_deg:g}° (1 σ), which is in the uncertainty of B and C",
-    "lag": "the compass lags by {lag_s:.2f} ± {sigma_s:.2f} s (1 σ), which was taken out",
-    "one-way": ("turned one way alone, a lag of 0 ± {sigma_s:g} s (1 σ) is in the uncertainty of A: turn both ways"),
+    "leeway": "leeway is assumed as 0 ± {crab_deg:g}° (1 σ), which is in the uncertainty of B and C",
+    "lag": "the compass lags by {lag_s:.2f} ± {sigma_s:.2f} s (1 σ), which was corrected",
+    "one-way": (
+        "turned in one direction only, so that a lag of 0 ± {sigma_s:g} s (1 σ) is in the uncertainty of A: turn both "
+        "ways"
+    ),
 }
-"""Formats of the values of each code, and of the arguments of `SwingNote.arguments`."""
+"""Sentence of each code, with places for values and for the arguments of `SwingNote.arguments`."""
 
 
 class SwingNote(Note):
@@ -76,20 +82,20 @@ class SwingNote(Note):
 
 
 def curve_notes(deviation: Deviation, expected: Expected | None, *, target_deg: float) -> tuple[SwingNote, ...]:
-    """What a curve falls short of, then what else to know; ``limits`` are none of a good one that is known well enough.
+    """Notes on a curve: its ``limits`` first, which a good and certain curve does not have, then remarks.
 
     Parameters
     ----------
     expected : Expected, optional
-        What the calibration claims of B to E.
+        Claim of the calibration about B to E.
     target_deg : float, degrees
-        What 1 σ of the curve may be.
+        Largest 1 σ of the curve that is good enough.
     """
     return (*_limits(deviation, target_deg), *_remarks(deviation), *_claims(deviation, expected))
 
 
 def curve_sigma_deg(deviation: Deviation) -> float | None:
-    """1 σ of the curve where it is known worst."""
+    """Largest 1 σ of the curve, in degrees; None if it is not known."""
     sigma = deviation.sigma_at(np.arange(360.0))
     return None if sigma is None else float(sigma.max())
 
@@ -111,13 +117,13 @@ def _limits(deviation: Deviation, target_deg: float) -> Iterator[SwingNote]:
 
 
 def _outlier(deviation: Deviation) -> tuple[int, float] | None:
-    """The observation that is farthest off, where that is too far for the 1 σ that was given."""
+    """Index and residual ratio of the worst observation, if its residual is too large for the given 1 σ."""
     if deviation.chi_square is None or deviation.freedom < 1 or not deviation.sigma_deg:
         return None
     given = deviation.sigma_deg / max(1.0, (deviation.chi_square / deviation.freedom) ** 0.5)
     ratios = np.abs(deviation.residual_deg) / given
     place = int(ratios.argmax())
-    return (place, float(ratios[place])) if ratios[place] > MAX_RATIO else None
+    return (place, float(ratios[place])) if ratios[place] > MAX_RESIDUAL_RATIO else None
 
 
 def _remarks(deviation: Deviation) -> Iterator[SwingNote]:
@@ -133,7 +139,7 @@ def _remarks(deviation: Deviation) -> Iterator[SwingNote]:
 
 
 def _claims(deviation: Deviation, expected: Expected | None) -> Iterator[SwingNote]:
-    """What the calibration claims of B to E, and whether the swing bears it out."""
+    """Yield notes on the claim of the calibration about B to E, and on its contradiction by the swing."""
     if expected is None:
         return
     test = expected.chance(deviation)

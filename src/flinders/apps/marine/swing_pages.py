@@ -1,4 +1,4 @@
-"""A swing as pages for the terminal: coefficients, card, curve, verdict; turns by 180°; what to turn on N, E, S, W."""
+"""Pages of a swing for the terminal: coefficients, card, curve, verdict; turns by 180°; corrections on N, E, S, W."""
 
 from __future__ import annotations
 
@@ -29,10 +29,11 @@ if TYPE_CHECKING:
     from flinders.heading.stationary import HalfTurn, Rest
 
 CURVE_WIDTH: Final = 41
+"""Width of the curve in characters."""
 
 
 def of_swing(account: SwingAccount) -> RenderableType:
-    """Lay out a swing, how it keeps a rule, and the turns by 180° that were made."""
+    """Lay out a swing, its conformity with a rule, and its turns by 180°."""
     swing = account.swing
     deviation, logged = swing.deviation, swing.logged
     blocks: list[RenderableType | None] = [_rests_table(swing.rests) if swing.rests else None]
@@ -52,7 +53,7 @@ def of_swing(account: SwingAccount) -> RenderableType:
 
 
 def of_checklist(rule: Standard) -> RenderableType:
-    """Lay out how a swing by a rule is made, what the rule allows, and what was seen of it."""
+    """Lay out the checklist of a rule, its limit, and its sources."""
     steps = facts((f"{place}.", step) for place, step in enumerate(rule.checklist, 1))
     known = [("limit", limit_words(rule)), ("headings", f"every {rule.step_deg:g}°")]
     known += [("seen" if place == 0 else "", source) for place, source in enumerate(rule.sources)]
@@ -60,7 +61,7 @@ def of_checklist(rule: Standard) -> RenderableType:
 
 
 def of_compensation(compensation: Compensation) -> RenderableType:
-    """Lay out what to turn on N, E, S and W."""
+    """Lay out the corrections on N, E, S and W."""
     rows = [
         (row.name, shown_heading(row.compass_deg), shown_heading(row.make_deg), f"{row.change_deg:+.1f}°",
          sided(row.left_deg))
@@ -80,7 +81,7 @@ def of_compensation(compensation: Compensation) -> RenderableType:
 
 
 def card(deviation: Deviation, step_deg: float) -> str:
-    """The card as comma-separated text: heading by compass, deviation, its 1 σ, magnetic heading."""
+    """Deviation card as comma-separated text: compass heading, deviation, its 1 σ, magnetic heading."""
     headings, values, sigmas = deviation.card(step_deg)
     magnetic = deviation.magnetic(headings)
     rows = ["compass_deg,deviation_deg,sigma_deg,magnetic_deg"]
@@ -91,7 +92,7 @@ def card(deviation: Deviation, step_deg: float) -> str:
 
 
 def sentences(deviation: Deviation, step_deg: float, declination_deg: float | None) -> str:
-    """The card as sentences HDG of NMEA 0183: heading by the sensor, its deviation and, where known, the declination.
+    """Deviation card as HDG sentences of NMEA 0183: sensor heading, deviation and, if known, declination.
 
     >>> from flinders.apps.marine.deviation import fit
     >>> swing = fit(range(0, 360, 45), [10.5, 20.0, 11.5, -1.2, -5.5, -8.0, -12.5, -6.8])
@@ -109,32 +110,32 @@ def sentences(deviation: Deviation, step_deg: float, declination_deg: float | No
 
 
 def _east_or_west(angle_deg: float) -> str:
-    """Degrees and side as two fields."""
+    """Two fields: degrees, and E or W."""
     return f"{abs(angle_deg):.1f},{'W' if angle_deg < 0.0 else 'E'}"
 
 
 def _coefficients(account: SwingAccount, deviation: Deviation) -> Table:
-    """Each coefficient by least squares and otherwise, as far as there is each; what makes it."""
+    """Table of coefficients: by least squares, by other methods if available, and the cause of each."""
     *names, last = (columns := account.coefficients(deviation))
     return table((*names, Column(last, style="dim")), zip(*columns.values(), strict=True))
 
 
 def _card(account: SwingAccount, deviation: Deviation) -> Text:
-    """Headings below each other, as on a card, the curve to the right of its numbers."""
+    """Lines of the deviation card, with the curve to the right of the numbers."""
     headings, values, _ = deviation.card(account.step_deg)
     end, half = axis_end(deviation), CURVE_WIDTH // 2
     ends = f"{f'{end:g}° W':<{half}}0{f'{end:g}° E':>{half}}"
     text = Text(no_wrap=True, overflow="ignore")
     text.append(f"compass   deviation {'± 1 σ' if deviation.covariance is not None else '':7} magnetic   {ends}", "dim")
     for row, heading, value in zip(account.card(deviation), headings.tolist(), values.tolist(), strict=True):
-        curve = dotted(value, end, CURVE_WIDTH, seen=_seen(deviation, heading, account.step_deg)).rstrip()
+        curve = dotted(value, end, CURVE_WIDTH, seen=_observation(deviation, heading, account.step_deg)).rstrip()
         numbers = f"{row.heading:>7}  {row.deviation:>10} {row.sigma:7} {row.magnetic:>8}"
         text.append(f"\n{numbers}   {curve}")
     return text
 
 
-def _seen(deviation: Deviation, heading: float, step_deg: float) -> float | None:
-    """What was observed next to a line of the card, if anything was: as far from the curve as it was there."""
+def _observation(deviation: Deviation, heading: float, step_deg: float) -> float | None:
+    """Observation nearest to a line of the card, as the curve plus its residual; None if there is none."""
     apart = np.abs(folded(deviation.compass_deg - heading))
     place = int(apart.argmin())
     return float(deviation.at(heading) + deviation.residual_deg[place]) if apart[place] <= step_deg / 2.0 else None
@@ -161,22 +162,22 @@ def _legs_table(logged: LoggedSwing) -> Table:
 def _half_turns_table(halves: Sequence[HalfTurn]) -> Table:
     rows = [
         (shown_heading(half.first.heading_deg, 2), shown_heading(half.second.heading_deg, 2),
-         f"{180.0 + half.error_deg:.2f}°", f"{half.error_deg:+.2f}{_give_or_take(half.sigma_deg)}°")
+         f"{180.0 + half.error_deg:.2f}°", f"{half.error_deg:+.2f}{_uncertainty(half.sigma_deg)}°")
         for half in halves
     ]  # fmt: skip
     return table((Column("turned by 180°, from", justify="right"), "to", "the heading by", "off by"), rows)
 
 
-def _give_or_take(sigma_deg: float) -> str:
-    """Write an uncertainty; nothing where it is not known."""
+def _uncertainty(sigma_deg: float) -> str:
+    """Format an uncertainty; empty if it is not known."""
     return f" ± {sigma_deg:.2f}" if math.isfinite(sigma_deg) else ""
 
 
-STEPS: Final = (0.1, 0.2, 0.5, 1.0, 2.0, 5.0, 10.0, 15.0, 20.0, 25.0, 30.0, 45.0, 60.0, 90.0, 180.0)
-"""Degrees at the ends of the axis of deviation."""
+AXIS_ENDS_DEG: Final = (0.1, 0.2, 0.5, 1.0, 2.0, 5.0, 10.0, 15.0, 20.0, 25.0, 30.0, 45.0, 60.0, 90.0, 180.0)
+"""Possible ends of the axis of deviation, in degrees."""
 
 
 def axis_end(deviation: Deviation) -> float:
-    """Degrees at the ends of the axis of characters: the least step beyond curve and observations."""
+    """End of the axis of deviation in degrees: the smallest possible one beyond curve and observations."""
     largest = max(deviation.largest_deg, float(np.abs(deviation.observed_deg).max()))
-    return next((step for step in STEPS if step >= largest), STEPS[-1])
+    return next((step for step in AXIS_ENDS_DEG if step >= largest), AXIS_ENDS_DEG[-1])

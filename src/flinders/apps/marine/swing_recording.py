@@ -1,4 +1,4 @@
-"""A recording in which a vehicle rests on one heading after another, corrected or as it is, with its rests.
+"""A recording in which a vehicle rests on one heading after another, with or without a calibration, and its rests.
 
 >>> from flinders.core.samples import Samples
 >>> around = np.deg2rad(np.repeat([10.0, 100.0, 190.0, 280.0], 100))
@@ -40,25 +40,26 @@ STATIONARY_S: Final = 2.0
 """Shortest rest of a recording with times."""
 
 MIN_READINGS: Final = 8
-"""In the shortest rest."""
+"""Smallest number of readings in a rest."""
 
 MAX_LISTED: Final = 12
-"""Rests that an error names."""
+"""Largest number of rests that an error names."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SwingRecording:
-    """A recording that was read to its end, and its rests."""
+    """A recording that was read completely, and its rests."""
 
     stream: HeadingStream
     rests: tuple[Rest, ...]
-    is_calibrated: bool  #: it was corrected, and not taken as it is
+    is_calibrated: bool  #: whether readings were corrected by a calibration
 
     @classmethod
     def of(cls, stream: HeadingStream, *, is_calibrated: bool, stationary_s: float | None = None) -> Self:
-        """Read a stream to its end, and find its rests of so many seconds at least.
+        """Read a stream completely, and find its rests of at least `stationary_s` seconds.
 
-        Raises `NoAccelerometer` without one; where no calibration says that it is a recording, with what a swing needs.
+        Raises `NoAccelerometer` without an accelerometer; without a calibration the message lists all inputs of a
+        swing.
         """
         try:
             blocks = [(headings.magnetic_deg, samples.time) for _, samples, headings in stream.headings()]
@@ -85,23 +86,23 @@ class SwingRecording:
 
     @property
     def doubts(self) -> tuple[Note, ...]:
-        """Why the readings do not suit their calibration; none where they do, or are taken as they are."""
+        """Notes on readings that do not fit their calibration; empty without a calibration."""
         return self.stream.corrector.notes() if self.is_calibrated else ()
 
     def half_turns(self) -> tuple[HalfTurn, ...]:
-        """Pairs of rests, half a turn apart."""
+        """Pairs of rests that are half a turn apart."""
         return half_turns(self.rests)
 
     def deviation(
         self, headings_deg: Sequence[float], *, site: SiteField | None = None, sigma_deg: float | None = None
     ) -> Deviation:
-        """Fit the deviation of rests on known headings, which are true where the site is known.
+        """Fit the deviation of rests on known headings, which are true headings if a site is given.
 
         Raises `FitError` unless there is a heading for each rest.
         """
         if len(self.rests) != len(headings_deg):
             raise FitError(
-                f"{counted(len(headings_deg), 'heading')} for {self.source}, which holds {self.listed()}: name one for "
+                f"{counted(len(headings_deg), 'heading')} for {self.source}, which has {self.listed()}: name one for "
                 "each, in order, or change the shortest rest",
                 hint={"headings_deg": None, "stationary_s": None},
                 rests=len(self.rests),
@@ -112,7 +113,7 @@ class SwingRecording:
         return fit(seen, folded(magnetic - seen), sigma_deg=sigma_deg)
 
     def expected(self) -> Expected | None:
-        """Deviation that the calibration's own uncertainty makes, and that of its rotation, where it states one."""
+        """Expected deviation from the claimed uncertainty of the calibration and its rotation; None without a claim."""
         known = self.stream.fit
         if not known.claim.states_uncertainty:
             return None
@@ -128,7 +129,7 @@ class SwingRecording:
         return Expected(covariance, dip, source)
 
     def listed(self) -> str:
-        """Which rests there are, in words."""
+        """Number and headings of the rests, in words."""
         shown = ", ".join(shown_heading(rest.heading_deg, 0) for rest in self.rests[:MAX_LISTED])
         more = ", …" * (len(self.rests) > MAX_LISTED)
         return f"{counted(len(self.rests), 'rest')}{f' on {shown}{more}' if self.rests else ''}"
@@ -144,21 +145,21 @@ def read_rests(
     acceleration: str | None = None,
     acceleration_axes: str = "x,y,z",
 ) -> SwingRecording:
-    """Turn a recording into headings, and find where the vehicle rested.
+    """Compute headings of a recording, and find the rests of the vehicle.
 
     Parameters
     ----------
     source, site, level, acceleration, acceleration_axes
         As for `flinders.headings`.
     calibration : Fit, Calibration or path, optional
-        Of this sensor. By default the readings are taken as they are.
+        Calibration of this sensor; by default the readings are used as they are.
     stationary_s : float, s
-        Shortest rest. By default 2 s; 50 readings of a recording without times.
+        Shortest rest; by default 2 s, or 50 readings for a recording without times.
 
     Raises
     ------
     NoAccelerometer, ForeignAxes, InputError, UnitError, AxesError
-        As `flinders.headings`.
+        As for `flinders.headings`.
     """
     if calibration is None:
         recording, _ = recording_of(source)

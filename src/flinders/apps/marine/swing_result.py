@@ -1,4 +1,4 @@
-"""What a swing found of a compass: its deviation, how that keeps a limit, and what half turns show.
+"""Result of a compass swing: deviation curve, conformity with a limit, half turns, verdict.
 
 >>> from flinders.apps.marine.deviation import conformity, fit
 >>> curve = fit(range(0, 360, 45), [1.0, 2.0, 1.5, -0.2, -0.5, -0.8, -1.5, -0.7])
@@ -30,36 +30,36 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Swing:
-    """Deviation of a compass; of a recording also its rests, and what its calibration claims."""
+    """Deviation of a compass; for a recording also its rests, and the claim of its calibration."""
 
-    deviation: Deviation | None  # where headings are known
-    target_deg: float = 1.0  # deviation asked for
-    site: SiteField | None = None  # where the declination comes from
+    deviation: Deviation | None  # deviation curve; None without known headings
+    target_deg: float = 1.0  # largest error of half turns, and 1 σ of the curve, that is good enough
+    site: SiteField | None = None  # source of the declination
     rests: tuple[Rest, ...] = ()  # stretches of one heading
-    halves: tuple[HalfTurn, ...] = ()
-    expected: Expected | None = None  # what the calibration lets expect of a swing
-    rule: Standard | None = None  # by which the compass was swung
-    conformity: Conformity | None = None  # where there is a limit
+    halves: tuple[HalfTurn, ...] = ()  # pairs of headings that are half a turn apart
+    expected: Expected | None = None  # expected deviation from the uncertainty of the calibration
+    rule: Standard | None = None  # rule by which the compass was swung
+    conformity: Conformity | None = None  # comparison with a limit; None without a limit
     before: Compensation | None = None  # coefficients before the compass was compensated
     logged: LoggedSwing | None = None  # readings from a boat's log
-    doubts: tuple[Note, ...] = ()  # why the readings do not suit their calibration
+    doubts: tuple[Note, ...] = ()  # notes on readings that do not fit their calibration
 
     @property
     def notes(self) -> tuple[Note, ...]:
-        """What limits the curve, and what else to know of it."""
+        """Limits of the curve, and further notes on it."""
         curve = self.deviation
         return () if curve is None else curve_notes(curve, self.expected, target_deg=self.target_deg)
 
     @property
     def half_turns_pass(self) -> bool | None:
-        """Whether all half turns are within the target; None where there are none."""
+        """Whether all half turns are within the target; None without half turns."""
         return all(abs(half.error_deg) <= self.target_deg for half in self.halves) if self.halves else None
 
     @property
     def verdict(self) -> Verdict:
-        """``good``: the curve has no limits, keeps that of a rule for certain, and half turns of a recording pass.
+        """``good``: the curve has no limits, is within the limit of a rule, and half turns of a recording pass.
 
-        Else ``limited``; ``refused`` where there is no curve, and half turns miss the target.
+        Else ``limited``; ``refused`` without a curve if half turns miss the target.
         """
         is_missed = bool(self.rests) and self.half_turns_pass is False
         if self.deviation is None:
@@ -72,16 +72,16 @@ class Swing:
         deviation, iron = self.deviation, hard_iron(self.halves)
         return {
             "deviation": None if deviation is None else deviation.as_dict(),
-            "limits": limits_of(self.notes, spell),  # what limits the card, in words
-            # what the calibration lets expect of a swing
+            "limits": limits_of(self.notes, spell),  # limits of the card, in words
+            # expected deviation from the uncertainty of the calibration
             "calibration": None if self.expected is None else self.expected.as_dict(deviation),
             "site": None if self.site is None else self.site.as_dict(),
             "conformity": None if self.conformity is None else self.conformity.as_dict(),
             "before": None if self.before is None else self.before.as_dict(),
             "logged": None if self.logged is None else self.logged.as_dict(),
             "rests": [rest.as_dict() for rest in self.rests],  # stretches of one heading
-            "half_turns": [half.as_dict() for half in self.halves],  # pairs of them, half a turn apart
-            "hard_iron_deg": None if iron is None else {"B": iron[0], "C": iron[1]},  # B and C that half turns show
+            "half_turns": [half.as_dict() for half in self.halves],  # pairs of rests, half a turn apart
+            "hard_iron_deg": None if iron is None else {"B": iron[0], "C": iron[1]},  # B and C from half turns
             "half_turns_pass": self.half_turns_pass,  # whether all half turns are within `target_deg`
-            "target_deg": self.target_deg,  # deviation asked for
+            "target_deg": self.target_deg,  # largest error of half turns, and 1 σ of the curve, that is good enough
         }

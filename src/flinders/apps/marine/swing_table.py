@@ -1,4 +1,4 @@
-r"""Tables of a swing: one heading a line, by the compass and by what it is held against.
+r"""Tables of a swing: one heading a line, by the compass and by its reference.
 
 >>> import tempfile
 >>> from pathlib import Path
@@ -44,10 +44,15 @@ NAMES: Final = {
     "deviation": r"dev(iation)?|delta|error",
     "sigma": r"sigma|std|uncertainty|scatter",
 }
-"""Columns, and the words that name them; the first word of a name that is known counts."""
+"""Columns, with patterns for the words of their names; the first known word in a name counts."""
 
-PAIRS: Final = (("compass", "magnetic"), ("compass", "deviation"), ("compass", "true"), ("magnetic", "deviation"))
-"""What is enough, the best first."""
+COLUMN_PAIRS: Final = (
+    ("compass", "magnetic"),
+    ("compass", "deviation"),
+    ("compass", "true"),
+    ("magnetic", "deviation"),
+)
+"""Pairs of columns that are sufficient, the best first."""
 
 NEED: Final = (
     "need two columns under a header, such as compass,magnetic or compass,deviation or compass,true, in degrees, "
@@ -60,29 +65,29 @@ class SwingTable:
     """Columns of a swing."""
 
     source: str  #: name of the file
-    #: two of ``compass``, ``magnetic``, ``true`` and ``deviation``, and ``sigma`` where it is there: (N,), degrees
+    #: two of ``compass``, ``magnetic``, ``true`` and ``deviation``, and ``sigma`` if it is present: (N,), degrees
     columns: Mapping[str, Floats]
-    lines: tuple[int, ...]  #: where they stand, counted from 1
+    lines: tuple[int, ...]  #: line numbers of the headings, counted from 1
 
     def __str__(self) -> str:
-        """What was read."""
+        """Name and contents of the table."""
         return f"{self.source}: {counted(len(self.lines), 'heading')}; columns {', '.join(self.columns)}"
 
     @property
     def is_true(self) -> bool:
-        """Whether it holds true headings, which need the declination of the place."""
+        """Whether the table has true headings, which need the declination of the place."""
         return "true" in self.columns
 
     def deviations(self, site: SiteField | None) -> tuple[Floats, Floats]:
-        """(N,) headings by compass, and magnetic less compass headings there, degrees.
+        """(N,) compass headings, and (N,) magnetic less compass headings, degrees.
 
-        Raises `UsageError` for true headings without a site, and for a site of which they make no use.
+        Raises `UsageError` for true headings without a site, and for a site without true headings.
         """
         if self.is_true == (site is None):
             advice = "true headings: give the place and day of the swing" if self.is_true else (
                 "no true headings: give no place, or call its column 'true'"
             )  # fmt: skip
-            raise UsageError(f"{self.source} holds {advice}", hint={"site": None})
+            raise UsageError(f"{self.source} has {advice}", hint={"site": None})
         columns = dict(self.columns)
         if site is not None:
             columns["magnetic"] = wrapped(columns["true"] - site.declination_deg)
@@ -92,12 +97,12 @@ class SwingTable:
 
 
 def read_swing(path: str | os.PathLike[str]) -> SwingTable:
-    """Read a table of a swing: comma, semicolon, tab or spaces, with a header; E and W after a deviation are signs.
+    """Read a table of a swing with a header; cells are separated by commas, semicolons, tabs or spaces.
 
-    Without a header two columns are the heading by compass and the magnetic heading.
+    E and W after a deviation are signs. Without a header, two columns are compass and magnetic heading.
 
-    Raises `UnreadableInput` for what is not there or no such table, `UsageError` for a heading beyond 360°; names the
-    line.
+    Raises `UnreadableInput` for a missing file or another table, `UsageError` for a heading beyond 360°, with the
+    number of the line.
     """
     name, text = _text_of(path)
     if refused := refusal(name, text.splitlines()):
@@ -121,7 +126,7 @@ def read_swing(path: str | os.PathLike[str]) -> SwingTable:
 
 
 def refuse_beyond_circle(angles: Iterable[float], places: Iterable[str]) -> None:
-    """Refuse what goes round more than once: a slip, such as a digit too many."""
+    """Refuse angles beyond 360°, as from a digit too many; raises `UsageError`."""
     for angle, place in zip(angles, places, strict=False):
         if abs(angle) > 360.0:
             raise UsageError(f"{place} is {angle:g}°: need degrees from −360 to 360")
@@ -134,7 +139,7 @@ def _text_of(path: str | os.PathLike[str]) -> tuple[str, str]:
     if kind := foreign_kind(head):
         raise UnreadableInput(f"{source.name} is {kind.name}: {NEED}")
     if len(head) >= HEAD:  # a swing has a few dozen lines
-        raise UnreadableInput(f"{source.name} is no table of a swing, but far longer: {NEED}")
+        raise UnreadableInput(f"{source.name} is too long for a table of a swing: {NEED}")
     try:
         return source.name, head.decode(encoding_of(head)).removeprefix("\ufeff")
     except UnicodeDecodeError:
@@ -142,7 +147,7 @@ def _text_of(path: str | os.PathLike[str]) -> tuple[str, str]:
 
 
 def _cells(line: str) -> list[str]:
-    """Cut a line: at tabs, semicolons or commas where there are any, else at spaces."""
+    """Cells of a line, split at tabs, semicolons or commas if there are any, else at spaces."""
     for mark in ("\t", ";", ","):
         if mark in line:
             return [cell.strip().strip('"') for cell in line.split(mark)]
@@ -150,7 +155,7 @@ def _cells(line: str) -> list[str]:
 
 
 def _columns(name: str, rows: list[tuple[int, list[str]]]) -> tuple[dict[str, int], list[tuple[int, list[str]]]]:
-    """Which cell is what, and the lines below the header."""
+    """Index of the cell of each column, and the lines below the header."""
     line, first = rows[0]
     if all(_number(cell) is not None for cell in first):
         if len(first) != 2:
@@ -161,7 +166,7 @@ def _columns(name: str, rows: list[tuple[int, list[str]]]) -> tuple[dict[str, in
         kind = _kind(cell)
         if kind and kind not in known:
             known[kind] = place
-    for pair in PAIRS:
+    for pair in COLUMN_PAIRS:
         if set(pair) <= known.keys():
             columns: dict[str, int] = {kind: known[kind] for kind in (*pair, "sigma") if kind in known}
             return columns, rows[1:]
@@ -169,7 +174,7 @@ def _columns(name: str, rows: list[tuple[int, list[str]]]) -> tuple[dict[str, in
 
 
 def _kind(name: str) -> str:
-    """What a name says: that of its first word that is known."""
+    """Kind of column from the first known word of its name; empty for an unknown name."""
     for word in re.findall(r"[a-z]+", name.casefold()):
         for kind, pattern in NAMES.items():
             if re.fullmatch(pattern, word):
@@ -178,7 +183,7 @@ def _kind(name: str) -> str:
 
 
 def _degrees(name: str, line: int, cells: Sequence[str], place: int) -> float:
-    """One number of a line; UnreadableInput, which names the line, where there is none."""
+    """One number of a line; raises UnreadableInput with the number of the line if there is none."""
     value = _number(cells[place]) if place < len(cells) else None
     if value is None or not np.isfinite(value):
         raise UnreadableInput(
@@ -188,7 +193,7 @@ def _degrees(name: str, line: int, cells: Sequence[str], place: int) -> float:
 
 
 def _number(cell: str) -> float | None:
-    """Degrees, with E or W, or nothing, after them.
+    """Degrees of a cell, negative with W after them; None for another text.
 
     >>> _number("10.5"), _number("8 W"), _number("3,5°E"), _number("north")
     (10.5, -8.0, 3.5, None)

@@ -1,4 +1,4 @@
-"""What a swing says: its verdicts, notes and the cells of its tables, the same on the terminal and on a certificate.
+"""Words of a swing: its verdicts, notes and cells of tables, the same for the terminal and a certificate.
 
 >>> from flinders.apps.marine.deviation import conformity, fit
 >>> from flinders.apps.marine.swing_result import Swing
@@ -7,7 +7,7 @@
 >>> [(one.title, one.verdict) for one in account.statements]
 [('Good', 'good'), ('Within the limit', 'good')]
 >>> account.statements[1].words
-'the curve deviates by 2.1° ± 0.16° on 047°: within the limit of 5°, with two standard deviations to spare'
+'the curve deviates by 2.1° ± 0.16° on 047°: within the limit of 5° by two standard deviations or more'
 """
 
 from __future__ import annotations
@@ -41,66 +41,66 @@ MEANINGS: Final = (
     "soft iron, along the axes",
     "soft iron, between the axes",
 )
-"""What makes each coefficient."""
+"""Cause of each coefficient."""
 
-LEAST_SIGMA_DEG: Final = 0.01
-"""A smaller 1 σ is shown as this: readings of a compass are not exact."""
+MIN_SIGMA_DEG: Final = 0.01
+"""Smallest 1 σ that is shown, since readings of a compass are not exact."""
 TITLES: Final = {"within": "Within the limit", "open": "Open", "beyond": "Beyond the limit"}
-"""What each verdict on a limit is called."""
+"""Title of each verdict on a limit."""
 VERDICTS: Final = {"within": "good", "open": "limited", "beyond": "refused"}
-"""The verdict of a calibration that each is like."""
+"""Verdict of a calibration that corresponds to each verdict on a limit."""
 
 ADVICE: Final = {"open": READ_BETTER, "beyond": COMPENSATE}
-"""What to do about each verdict on a limit."""
+"""Remedy for each verdict on a limit."""
 
 
 class Statement(NamedTuple):
     """A verdict on a swing."""
 
-    title: str  # in a word or three
+    title: str  # one to three words
     verdict: str  # ``good``, ``limited`` or ``refused``
-    words: str
-    more: tuple[str, ...] = ()  # what it rests on
-    notes: tuple[tuple[str, str], ...] = ()  # severity and words of what limits it, and of what else to know
+    words: str  # the statement in a sentence
+    more: tuple[str, ...] = ()  # basis of the statement
+    notes: tuple[tuple[str, str], ...] = ()  # severity and words of each limit and each remark
 
 
 class CardRow(NamedTuple):
     """A line of a deviation card, for one heading."""
 
     heading: str
-    steer: str  # compass heading to steer for that magnetic heading; a dash where the curve does not tell
-    deviation: str  # at that heading by compass
-    sigma: str  # 1 σ of the curve there, or nothing
-    magnetic: str  # magnetic heading for that heading by compass
+    steer: str  # compass heading to steer for that magnetic heading; a dash if it is ambiguous
+    deviation: str  # deviation at that compass heading
+    sigma: str  # 1 σ of the curve there; empty if it is not known
+    magnetic: str  # magnetic heading for that compass heading
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SwingAccount:
-    """A swing, and what it says."""
+    """A swing, with its statements and tables in words."""
 
     swing: Swing
-    step_deg: float  # between the lines of the card
-    spell: Spelling = in_python  # how arguments are named
+    step_deg: float  # step between the lines of the card
+    spell: Spelling = in_python  # spelling of arguments
 
     @property
     def statements(self) -> list[Statement]:
-        """Verdicts on the curve, on the limit and on the turns by 180°, as far as there is each."""
+        """Verdicts on the curve, on the limit and on the turns by 180°, if they exist."""
         swing = self.swing
-        curve = None if swing.deviation is None else self._of_curve(swing.deviation)
+        curve = None if swing.deviation is None else self._curve_statement(swing.deviation)
         said = "" if curve is None else " ".join(words for _, words in curve.notes)
-        limit = None if swing.conformity is None else _of_limit(swing.conformity, swing.rule, said)
-        halves = _of_half_turns(swing.halves, swing.target_deg) if swing.halves else None
+        limit = None if swing.conformity is None else _limit_statement(swing.conformity, swing.rule, said)
+        halves = _half_turn_statement(swing.halves, swing.target_deg) if swing.halves else None
         return [one for one in (curve, limit, halves) if one is not None]
 
     @property
     def rule_notes(self) -> list[str]:
-        """That no limit was checked, of a rule whose limit is not known."""
+        """Note that no limit was checked, for a rule whose limit is not known."""
         rule = self.swing.rule
         if rule is None or self.swing.conformity is not None:
             return []
         return [f"{rule.title}: no limit was checked; {limit_words(rule)}"]
 
-    def _of_curve(self, deviation: Deviation) -> Statement:
+    def _curve_statement(self, deviation: Deviation) -> Statement:
         said = tuple((note.severity, note.words(self.spell)) for note in self.swing.notes)
         site = () if self.swing.site is None else (str(self.swing.site),)
         is_limited = any(severity == "limits" for severity, _ in said)
@@ -108,7 +108,7 @@ class SwingAccount:
         return Statement(title, verdict, swing_words(deviation), site, said)
 
     def coefficients(self, deviation: Deviation) -> dict[str, list[str]]:
-        """Cells of the table of coefficients, by the heading of each column."""
+        """Columns of the table of coefficients, by their headings."""
         rough = None if deviation.sigma_deg is None else eight_points_sigma(deviation.sigma_deg)
         columns = {"coefficient": list(NAMES)}
         if (before := self.swing.before) is not None:
@@ -133,19 +133,19 @@ class SwingAccount:
 
 
 def sigma_words(sigma_deg: float) -> str:
-    """An uncertainty in degrees, no smaller than `LEAST_SIGMA_DEG`."""
-    return f"± {max(sigma_deg, LEAST_SIGMA_DEG):.2f}°"
+    """Format an uncertainty in degrees, at least `MIN_SIGMA_DEG`."""
+    return f"± {max(sigma_deg, MIN_SIGMA_DEG):.2f}°"
 
 
 def limit_words(rule: Standard) -> str:
     """The limit of a rule in words."""
     if rule.limit_deg is None:
-        return "not in what was seen of the rule: read it there, and give it with --limit DEG"
+        return "not in the seen texts of the rule: look it up in the rule, and give it with --limit DEG"
     return f"{rule.limit_deg:g}° on any heading"
 
 
-def _of_limit(conformity: Conformity, rule: Standard | None, said: str) -> Statement:
-    """Whether the curve keeps the limit, with what to do unless that was said of the curve."""
+def _limit_statement(conformity: Conformity, rule: Standard | None, said: str) -> Statement:
+    """Statement on the limit, with a remedy unless the statement on the curve has it."""
     title, verdict = TITLES[conformity.verdict], VERDICTS[conformity.verdict]
     advice = ADVICE.get(conformity.verdict, "")
     words = f"{conformity_words(conformity)}{f'; {advice}' if advice and advice not in said else ''}"
@@ -153,13 +153,13 @@ def _of_limit(conformity: Conformity, rule: Standard | None, said: str) -> State
 
 
 def conformity_words(conformity: Conformity) -> str:
-    """How a curve keeps a limit, in words."""
+    """Conformity with a limit, in words."""
     sigma = "" if conformity.sigma_deg is None else f" {sigma_words(conformity.sigma_deg)}"
     what = "a reading" if conformity.is_reading else "the curve"
     seen = f"{what} deviates by {conformity.largest_deg:.1f}°{sigma} on {shown_heading(conformity.compass_deg, 0)}"
     limit = f"the limit of {conformity.limit_deg:g}°"
     return {
-        "within": f"{seen}: within {limit}, with two standard deviations to spare",
+        "within": f"{seen}: within {limit} by two standard deviations or more",
         "open": f"{seen}: within {limit}, but not by two standard deviations",
         "beyond": f"{seen}: beyond {limit}",
     }[conformity.verdict]
@@ -171,14 +171,14 @@ def _angles(values: Floats, sigmas: Floats | None) -> list[str]:
 
 
 def _angle(value: float, sigma: float | None) -> str:
-    """Degrees, with what is known of their uncertainty; a curve through noiseless points has next to none."""
+    """Format degrees with their uncertainty, if it is known and not negligible."""
     if sigma is None or sigma < 1e-6:
         return f"{round(value, 4) + 0.0:+.4f}°"
     return f"{with_uncertainty(float(value), float(sigma))}°"
 
 
 def sided(angle: float) -> str:
-    """A deviation, east or west.
+    """Format a deviation, east or west.
 
     >>> sided(10.54), sided(-0.04), sided(-8.2)
     ('10.5° E', '0.0°  ', '8.2° W')
@@ -189,7 +189,7 @@ def sided(angle: float) -> str:
 
 
 def swing_words(deviation: Deviation) -> str:
-    """The curve in a sentence."""
+    """Sentence about the curve."""
     sigma = curve_sigma_deg(deviation)
     good = "" if sigma is None else f", known to {max(sigma, 0.005):.2f}° (1 σ) at worst"
     spread = deviation.sigma_deg
@@ -198,26 +198,26 @@ def swing_words(deviation: Deviation) -> str:
     return f"deviation up to {deviation.largest_deg:.1f}°{good}; {count}{scatter}"
 
 
-def _blame(halves: Sequence[HalfTurn]) -> str:
-    """Hard iron that half turns show, as far as its direction is known."""
+def _iron_words(halves: Sequence[HalfTurn]) -> str:
+    """Words about the hard iron from half turns, with its direction if that is known."""
     iron = hard_iron(halves)
     if iron is None:
         return (
-            f"hard iron is left, {max(abs(half.error_deg) for half in halves) / 2.0:.1f}° of deviation on this heading"
+            f"hard iron remains, {max(abs(half.error_deg) for half in halves) / 2.0:.1f}° of deviation on this heading"
         )
-    return f"hard iron is left (B {iron[0]:+.1f}°, C {iron[1]:+.1f}°)"
+    return f"hard iron remains (B {iron[0]:+.1f}°, C {iron[1]:+.1f}°)"
 
 
-def _of_half_turns(halves: Sequence[HalfTurn], target_deg: float) -> Statement:
-    """Whether turns by 180° turn the heading by 180°."""
+def _half_turn_statement(halves: Sequence[HalfTurn], target_deg: float) -> Statement:
+    """Statement on turns by 180°, which have to change the heading by 180°."""
     worst = max(abs(half.error_deg) for half in halves)
-    advice = [("note", "one pair of headings sees one direction of hard iron: add a pair at 90° to it")]
+    advice = [("note", "one pair of headings shows hard iron in one direction only: add a pair at 90° to it")]
     notes = tuple(advice * (len(halves) < 2))
     if worst <= target_deg:
         words = f"half a turn is measured to {worst:.2f}°, within the target of {target_deg:g}°"
         return Statement("Passes", "good", words, notes=notes)
     words = (
-        f"half a turn is off by {worst:.2f}°, more than the target of {target_deg:g}°: {_blame(halves)}, or the turn "
-        "was not 180°; calibrate again"
+        f"half a turn is off by {worst:.2f}°, more than the target of {target_deg:g}°: {_iron_words(halves)}, or "
+        "the turn was not 180°; calibrate again"
     )
     return Statement("Fails", "refused", words, notes=notes)

@@ -1,9 +1,7 @@
-"""Surveys: instruments of caves and geologists, and aircraft with a scalar magnetometer.
-
-For whoever measures directions underground, or the field from the air.
+"""Surveys: instruments of cave and geological surveyors, and aircraft with a scalar magnetometer.
 
 - `instrument`, `shots`: a survey instrument and its shots; `calibration`: two sensors and a laser calibrated from them
-- `checking`: shots held against an earlier calibration
+- `checking`: shots checked with an earlier calibration
 - `pointing_error`: errors of azimuth and inclination, and the directions to shoot next
 - `aeromagnetic`, `tolles_lawson_fit`, `tolles_lawson_terms`: compensation of an aircraft by Tolles and Lawson
 - `simulate_shots`, `simulate_aircraft`: both with known truth

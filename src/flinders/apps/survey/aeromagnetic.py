@@ -1,4 +1,4 @@
-"""Aeromagnetic compensation: a calibration flight in, coefficients of Tolles and Lawson out, and their file.
+"""Aeromagnetic compensation: coefficients of Tolles and Lawson from a calibration flight, and their file.
 
 >>> from flinders.apps.survey.simulate_aircraft import calibration_flight
 >>> flight = calibration_flight(seed=1)
@@ -34,8 +34,8 @@ if TYPE_CHECKING:
     from flinders.core.samples import Samples
     from flinders.fitting.calibrate import AnyReadings
 
-LARGEST: Final = 2**20
-"""Bytes; a file has six thousand."""
+MAX_BYTES: Final = 2**20
+"""Largest size of a file of coefficients in bytes; usual files have 6000."""
 
 
 class Coefficient(Struct, frozen=True, forbid_unknown_fields=True):
@@ -48,10 +48,10 @@ class Coefficient(Struct, frozen=True, forbid_unknown_fields=True):
 class CoefficientFile(
     Struct, frozen=True, kw_only=True, forbid_unknown_fields=True, tag_field="flinders", tag="tolles-lawson"
 ):
-    """What a file of coefficients holds."""
+    """Contents of a file of coefficients."""
 
     schema: Literal[1] = 1  #: version of this layout
-    unit: Literal["nT"] = "nT"  #: eddy coefficients in nT s; induced and eddy ones where the field has 50 µT
+    unit: Literal["nT"] = "nT"  #: unit; eddy coefficients are in nT s; induced and eddy ones are for a field of 50 µT
     coefficients: dict[str, Coefficient]
     covariance: tuple[tuple[float, ...], ...]  #: (16, 16), in the order of the coefficients
     ridge: NotNegative
@@ -65,10 +65,10 @@ class CoefficientFile(
     unobserved: tuple[str, ...] = ()
     readings: Count
     seconds: NotNegative
-    version: str  #: of the Flinders that made it
+    version: str  #: version of Flinders that wrote the file
 
     def __post_init__(self) -> None:
-        """Refuse other terms, or a covariance of another size; called when a file is read."""
+        """Refuse other terms, or a covariance of another size, when a file is read."""
         if set(self.coefficients) != set(NAMES):
             raise ValueError(f"`coefficients` are not the {len(NAMES)} of Tolles and Lawson, from {NAMES[0]} on")
         if [len(row) for row in self.covariance] != [len(NAMES)] * len(NAMES):
@@ -76,23 +76,23 @@ class CoefficientFile(
 
 
 def tolles_lawson(source: AnyReadings) -> TollesLawson:
-    """Fit the field of an aircraft in its scalar magnetometer to a calibration flight.
+    """Fit the magnetic field of an aircraft to the scalar magnetometer of a calibration flight.
 
     Parameters
     ----------
     source : Samples, Recording, path, open file or data frame
         Vector magnetometer in the axes of the aircraft with times, and the scalar magnetometer as `Samples.strength`;
-        without that the length of the vector is compensated. What `flinders.read` reads is read so.
+        without the latter, the length of the vector is compensated. Files are read by `flinders.read`.
 
     Returns
     -------
     TollesLawson
-        Refused ones too, see its `verdict`.
+        The coefficients, also refused ones, see its `verdict`.
 
     Raises
     ------
     InputError, FitError
-        As `flinders.apps.survey.tolles_lawson_fit.fitted`; `UsageError` for a summary.
+        As for `flinders.apps.survey.tolles_lawson_fit.fitted`; `UsageError` for a summary.
 
     Examples
     --------
@@ -109,13 +109,13 @@ class CompensatedFlight:
     """Readings of a scalar magnetometer without the field of the aircraft."""
 
     time_s: Floats  #: (N,)
-    scalar: Floats  #: (N,) nT: as it was read; NaN where it is missing
-    compensated: Floats  #: (N,) nT: right but for a constant
-    summary: CompensationResidual  #: what the coefficients leave
+    scalar: Floats  #: (N,) nT: reading of the scalar magnetometer; NaN if it is missing
+    compensated: Floats  #: (N,) nT: compensated reading, correct up to a constant
+    summary: CompensationResidual  #: residual of the compensation
 
 
 def compensate_flight(source: AnyReadings, coefficients: TollesLawson | str | os.PathLike[str]) -> CompensatedFlight:
-    """Take the field of an aircraft out of its scalar magnetometer, by the coefficients of another flight.
+    """Remove the field of an aircraft from its scalar magnetometer, with the coefficients of another flight.
 
     Parameters
     ----------
@@ -126,9 +126,9 @@ def compensate_flight(source: AnyReadings, coefficients: TollesLawson | str | os
     Raises
     ------
     DocumentError
-        For a file that holds no coefficients.
+        For a file without coefficients.
     InputError, FitError
-        As `tolles_lawson`.
+        As for `tolles_lawson`.
 
     Examples
     --------
@@ -146,7 +146,7 @@ def compensate_flight(source: AnyReadings, coefficients: TollesLawson | str | os
 
 
 def _flight(source: AnyReadings) -> Samples:
-    """Both magnetometers, in memory."""
+    """Readings of both magnetometers, in memory."""
     recording, _ = recording_of(source)
     if isinstance(recording, Summary):
         raise UsageError("a compensation needs readings: give the recording, not its summary")
@@ -154,12 +154,12 @@ def _flight(source: AnyReadings) -> Samples:
 
 
 def as_dict(fit: TollesLawson) -> dict[str, Any]:
-    """JSON-ready: what stands in the file."""
+    """JSON-ready contents of the file."""
     each = zip(NAMES, fit.coefficients.tolist(), fit.sigma.tolist(), strict=True)
     document = CoefficientFile(
         coefficients={name: Coefficient(value, sigma) for name, value, sigma in each},
         covariance=tuple(map(tuple, fit.covariance.tolist())),
-        **{name: getattr(fit, name) for name in KEPT},
+        **{name: getattr(fit, name) for name in FILE_FIELDS},
         improvement=fit.improvement,
         verdict=fit.verdict,
         version=version("flinders"),
@@ -168,7 +168,7 @@ def as_dict(fit: TollesLawson) -> dict[str, Any]:
     return plain
 
 
-KEPT: Final = (
+FILE_FIELDS: Final = (
     "ridge",
     "before",
     "after",
@@ -179,11 +179,11 @@ KEPT: Final = (
     "readings",
     "seconds",
 )
-"""What the file and `TollesLawson` both have."""
+"""Fields that the file and `TollesLawson` have in common."""
 
 
 def dumps(fit: TollesLawson) -> str:
-    """Lay coefficients out as text; numbers are read back to the bit, and those not finite raise `UsageError`."""
+    """Text of a file of coefficients, which is read back exactly; raises `UsageError` for numbers not finite."""
     content = as_dict(fit)
     for place in gaps(content):
         raise UsageError(f"coefficients: {place} is not finite: only finite numbers are written")
@@ -191,17 +191,17 @@ def dumps(fit: TollesLawson) -> str:
 
 
 def loads(text: str | bytes, *, source: str = "coefficients") -> TollesLawson:
-    """Understand the text of such a file; raises `DocumentError` for what is wrong with it."""
-    what = "a file of coefficients, as `flinders tolles-lawson` writes it"
+    """Coefficients from the text of a file; raises `DocumentError` for a faulty one."""
+    what = "a file of coefficients of `flinders tolles-lawson`"
     document = understood(text, CoefficientFile, source, what=what, refused=DocumentError)
     return TollesLawson(
         np.array([document.coefficients[name].value for name in NAMES]),
         np.array(document.covariance),
-        **{name: getattr(document, name) for name in KEPT},
+        **{name: getattr(document, name) for name in FILE_FIELDS},
     )
 
 
 def load(path: str | os.PathLike[str]) -> TollesLawson:
-    """Read a file of coefficients; what cannot be opened or is none raises `DocumentError`."""
-    text = read_bytes(path, largest=LARGEST, what="file of coefficients", refused=DocumentError)
+    """Read a file of coefficients; raises `DocumentError` if it cannot be opened, or is another file."""
+    text = read_bytes(path, largest=MAX_BYTES, what="file of coefficients", refused=DocumentError)
     return loads(text, source=os.fspath(path))

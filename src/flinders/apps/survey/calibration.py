@@ -1,12 +1,13 @@
 """Calibration of a survey instrument: magnetometer, accelerometer and pointing axis at once, from shots.
 
-Shots in the same direction, rolled about the laser, are what sees the pointing axis; all attitudes together see gains,
-axes and offsets of both sensors and how these are turned against each other (`flinders.likelihood.pointing`, solved by
-`flinders.likelihood.solver`). A shot that contradicts the others is left out, and said to be repeated.
+Shots in the same direction, rolled about the laser, determine the pointing axis. All attitudes together determine
+gains, axes and offsets of both sensors and the rotation between them (`flinders.likelihood.pointing`, solved by
+`flinders.likelihood.solver`). A shot that contradicts the others is left out, and marked to be repeated.
 
 When to use it: an instrument with both sensors and a laser, away from iron, 24 shots or more, four to a direction. A
-jig that rolls about another axis than the laser's makes an error that the fit does not show (M. Perne, Acta
-Carsologica). Both sensors left-handed in the same way make the azimuth run backwards, which nothing shows either.
+jig that rolls about another axis than the laser's causes an error that the fit cannot detect (M. Perne, Acta
+Carsologica). If both sensors are left-handed in the same way, the azimuth runs backwards, which the fit cannot detect
+either.
 
 Source: B. Heeb, *A General Calibration Algorithm for 3-Axis Compass/Clinometer Devices*, CREG Journal 73 (2009).
 
@@ -57,36 +58,36 @@ if TYPE_CHECKING:
     from flinders.likelihood.pointing import SurveyIterate, SurveyParameters
 
 TARGET_DEG: Final = 0.5
-"""What cave surveyors ask of an instrument."""
+"""Usual accuracy that cave surveyors need from an instrument."""
 
-FEWEST, MOST = 12, 500
-"""Shots."""
+MIN_SHOTS, MAX_SHOTS = 12, 500
+"""Smallest and largest number of shots."""
 
-SAME_DEG: Final = 20.0
-"""A shot that points this far from the one before it begins another direction; two of the procedure are 55° apart."""
+MAX_SAME_DIRECTION_DEG: Final = 20.0
+"""Largest angle between successive shots in the same direction; those of the procedure are 55° apart."""
 
-CONTRADICTS: Final = 3.0
-"""Times the median of `flinders.likelihood.pointing.Influence.contradiction` from which a shot is left out."""
+MAX_CONTRADICTION: Final = 3.0
+"""Largest `flinders.likelihood.pointing.Influence.contradiction` of a shot that is kept, in units of the median."""
 
-MOST_LEFT_OUT: Final = 0.2
-"""Share of the shots: where more contradict each other, the model is wrong and not the shots."""
+MAX_EXCLUDED_SHARE: Final = 0.2
+"""Largest share of shots that are left out; if more contradict each other, the model is wrong and not the shots."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ShotErrors:
-    """Angles of shots, and how far each points from the mean of its direction."""
+    """Angles of shots, and the angle of each from the mean of its direction."""
 
-    numbers: tuple[int, ...]
-    groups: NDArray[np.intp]  #: (N,)
+    numbers: tuple[int, ...]  #: numbers of the shots in their file
+    groups: NDArray[np.intp]  #: (N,) group of each shot: one for each direction
     angles: Angles
-    error_deg: Floats  #: (N,): NaN where no other shot has the same direction
-    excluded: NDArray[np.bool_]  #: (N,)
+    error_deg: Floats  #: (N,): angle from the mean of the direction; NaN for a direction with one shot
+    excluded: NDArray[np.bool_]  #: (N,) whether a shot was left out of the fit
 
     @classmethod
     def of(
         cls, calibration: SurveyCalibration, shots: Shots, groups: NDArray[np.intp], excluded: NDArray[np.bool_]
     ) -> ShotErrors:
-        """Correct shots; those that are left out do not count in the mean."""
+        """Errors of corrected shots; excluded ones do not count in the mean."""
         angles = calibration.angles(shots.magnetic, shots.gravity)
         pointing = _directions(angles)
         alike = (groups[:, np.newaxis] == groups) & ~excluded
@@ -97,7 +98,7 @@ class ShotErrors:
 
     @property
     def rms_deg(self) -> float:
-        """Of the shots that count; NaN where no two have the same direction."""
+        """Rms error of the shots that are not excluded; NaN if no two have the same direction."""
         known = self.error_deg[~self.excluded & np.isfinite(self.error_deg)]
         return float(np.sqrt(np.mean(known**2))) if len(known) else float("nan")
 
@@ -111,22 +112,22 @@ class ShotErrors:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SurveyFit(Judged, Outcome):
-    """A calibration of a survey instrument, how it was found and how far to trust it."""
+    """A calibration of a survey instrument, with its evidence and its uncertainty."""
 
     calibration: SurveyCalibration
     shots: ShotErrors
-    azimuth_error_deg: PointingError  #: to expect of shots within 30° of level, 1 σ
-    inclination_error_deg: PointingError  #: to expect of shots within 30° of level, 1 σ
+    azimuth_error_deg: PointingError  #: expected error of shots within 30° of level, 1 σ
+    inclination_error_deg: PointingError  #: expected error of shots within 30° of level, 1 σ
     noise: float  #: standard deviation of one axis of a reading, in the unit of its sensor
     gravity_noise: float  #: standard deviation of one axis of a reading, in the unit of its sensor
     aim_deg: float  #: standard deviation of shots that were aimed in the same direction, about each axis
-    dip_deg: float  #: of the field
-    target_deg: float  #: azimuth error asked for
-    next_directions: tuple[NextDirection, ...]  #: where more shots would help most
+    dip_deg: float  #: dip of the field
+    target_deg: float  #: largest error of azimuth and inclination that is good enough
+    next_directions: tuple[NextDirection, ...]  #: directions in which more shots would help most
     findings: tuple[Finding, ...]  #: most severe first
 
     def to_document(self, provenance: ProvenanceRecord | None = None) -> Document:
-        """The calibration file with all of this in it."""
+        """Calibration file of this fit."""
         error = self.azimuth_error_deg
         heading = HeadingErrorRecord(rms=error.rms, worst=error.worst, dip_deg=self.dip_deg, target_deg=self.target_deg)
         fit = Fitted(
@@ -152,7 +153,8 @@ class SurveyFit(Judged, Outcome):
             "aim_deg": self.aim_deg,
             # correction of the magnetometer, into axes of the instrument
             "magnetometer": self.calibration.magnetometer.as_dict(),
-            "accelerometer": self.calibration.accelerometer.as_dict(),  # correction of the accelerometer, likewise
+            # correction of the accelerometer, into axes of the instrument
+            "accelerometer": self.calibration.accelerometer.as_dict(),
             "pointing": self.calibration.pointing,  # axis of the laser
             # (3,): q, one over the unit of the accelerometer, which corrects g + q g² of a reading g
             "quadratic": list(self.calibration.quadratic),
@@ -179,27 +181,27 @@ def fit_survey(shots: Shots, *, target_deg: float = TARGET_DEG, non_linear: bool
     Parameters
     ----------
     shots : Shots
-        Without groups, shots that point within 20° of the one before are taken to be in the same direction.
+        Without groups, a shot within 20° of the previous one is assumed to be in the same direction.
     target_deg : float, optional
         The worst error of azimuth and inclination that is good.
     non_linear : bool
-        Fit a quadratic term of each axis of the accelerometer too: g + q g² stands for g.
+        Also fit a quadratic term of each axis of the accelerometer: g + q g² replaces g.
 
     Raises
     ------
     FitError
-        For fewer than 12 shots or more than 500, axes of the sensors that do not fit each other, shots of which no two
-        are in the same direction, and shots that were rolled about another axis than the laser's.
+        For fewer than 12 shots or more than 500, inconsistent axes of the sensors, shots of which no two are in the
+        same direction, and shots that were rolled about another axis than the laser's.
 
     Source: B. Heeb, CREG Journal 73 (2009), for the model; CalibAlgoBH.java of TopoDroid for the quadratic terms.
     """
     _refuse_count(len(shots))
     forward = FORWARD_RIGHT_DOWN[shots.pointing]
     magnetic, gravity = forward.apply(shots.magnetic), forward.apply(shots.gravity)
-    start = _begun(magnetic, gravity)
-    groups = _apart(start.attitudes @ start.pointing) if shots.groups is None else shots.groups
+    start = _start(magnetic, gravity)
+    groups = _group_directions(start.attitudes @ start.pointing) if shots.groups is None else shots.groups
     _refuse_unrolled(groups)
-    problem, iterate, excluded = _without_contradicting(magnetic, gravity, groups, is_quadratic=non_linear)
+    problem, iterate, excluded = _fit_without_contradicting(magnetic, gravity, groups, is_quadratic=non_linear)
     _refuse_other_axis(iterate.at, shots.pointing)
     calibration = _calibration(iterate.at, shots)
     covariance = _covariance(problem, iterate)
@@ -223,53 +225,53 @@ def fit_survey(shots: Shots, *, target_deg: float = TARGET_DEG, non_linear: bool
 
 
 def check_shots(shots: Shots, calibration: SurveyCalibration) -> ShotErrors:
-    """Hold shots against a calibration: how far those in the same direction are apart with it."""
+    """Check shots with a calibration: the angles between shots in the same direction."""
     angles = calibration.angles(shots.magnetic, shots.gravity)
-    groups = _apart(_directions(angles)) if shots.groups is None else shots.groups
+    groups = _group_directions(_directions(angles)) if shots.groups is None else shots.groups
     return ShotErrors.of(calibration, shots, groups, np.zeros(len(shots), bool))
 
 
 def _directions(angles: Angles) -> Floats:
-    """(N, 3) unit vectors: north, east, down."""
+    """(N, 3) unit vectors of the shots: north, east, down."""
     azimuth, inclination = np.radians(angles.azimuth_deg), np.radians(angles.inclination_deg)
     level = np.cos(inclination)
     return np.stack([level * np.cos(azimuth), level * np.sin(azimuth), -np.sin(inclination)], axis=-1)
 
 
-def _apart(directions: Floats) -> NDArray[np.intp]:
-    """(N,) groups of (N, 3) directions: another one begins where a shot points elsewhere than the one before."""
+def _group_directions(directions: Floats) -> NDArray[np.intp]:
+    """(N,) groups of (N, 3) directions; a new group begins if a shot has another direction than the previous one."""
     cosines = np.einsum("ni,ni->n", directions[1:], directions[:-1])
-    return np.concatenate([[0], np.cumsum(cosines < np.cos(np.radians(SAME_DEG)))])
+    return np.concatenate([[0], np.cumsum(cosines < np.cos(np.radians(MAX_SAME_DIRECTION_DEG)))])
 
 
 def _refuse_count(count: int) -> None:
-    """Refuse too few shots, and a recording that is none of shots."""
-    if count < FEWEST:
+    """Refuse too few shots, and a recording that does not consist of shots."""
+    if count < MIN_SHOTS:
         raise FitError(
-            f"{counted(count, 'shot')}: need at least {FEWEST}, better 24 or 56; {SHOOT_AT_REST}", found=count
+            f"{counted(count, 'shot')}: need at least {MIN_SHOTS}, better 24 or 56; {SHOOT_AT_REST}", found=count
         )
-    if count > MOST:
+    if count > MAX_SHOTS:
         raise FitError(
-            f"{count:,} readings: need one for each shot, {MOST} at most: take the mean of the readings of each shot "
-            "at rest, as a recording in motion shows no direction twice",
+            f"{count:,} readings: need one for each shot, {MAX_SHOTS} at most: take the mean of the readings of each "
+            "shot at rest; a recording in motion cannot be used",
             found=count,
         )
 
 
-def _begun(magnetic: Floats, gravity: Floats) -> SurveyParameters:
-    """Where to start; FitError where sensors or their axes do not fit the model at all."""
+def _start(magnetic: Floats, gravity: Floats) -> SurveyParameters:
+    """Start of the iteration; raises FitError if the sensors or their axes do not fit the model at all."""
     try:
         start = begin(magnetic, gravity)
     except np.linalg.LinAlgError:
         raise FitError(
-            f"readings of a sensor are all alike, or lie on no sphere: {SHOOT_AT_REST}, and check the columns"
+            f"readings of a sensor are constant, or do not lie on a sphere: {SHOOT_AT_REST}, and check the columns"
         ) from None
     field, down = (vectors / lengths(vectors)[:, np.newaxis] for vectors in start.corrected(magnetic, gravity))
     scatter = float(np.std(np.einsum("ni,ni->n", field, down)))
     if scatter > WANDERS:
         raise FitError(
             f"the angle between gravity and field is not the same in all shots (sin I scatters by {scatter:.2f}): the "
-            "axes of accelerometer and magnetometer do not fit each other, or iron was near. Say how each sensor sits "
+            "axes of accelerometer and magnetometer are inconsistent, or iron was near. State the axes of each sensor "
             "in the instrument",
             hint={"axes": None, "acceleration_axes": None},
             scatter=scatter,
@@ -281,29 +283,29 @@ def _refuse_unrolled(groups: NDArray[np.intp]) -> None:
     """Refuse shots of which no two are in the same direction."""
     if len(np.unique(groups)) == len(groups):
         raise FitError(
-            f"no two shots that follow each other point within {SAME_DEG:.0f}° of the same direction: the axis of the "
-            f"laser cannot be seen; {SHOOT_AT_REST}, and check which axis is the laser's",
+            f"no two successive shots are within {MAX_SAME_DIRECTION_DEG:.0f}° of the same direction: the axis of the "
+            f"laser cannot be determined; {SHOOT_AT_REST}, and check which axis is the laser's",
             hint={"pointing": None},
-            same_deg=SAME_DEG,
+            same_deg=MAX_SAME_DIRECTION_DEG,
         )
 
 
 def _refuse_other_axis(at: SurveyParameters, pointing: str) -> None:
     """Refuse shots that were rolled about another axis than the one that was stated."""
     off = math.degrees(math.acos(float(np.clip(at.pointing[0], -1.0, 1.0))))
-    if off > SAME_DEG:
+    if off > MAX_SAME_DIRECTION_DEG:
         raise FitError(
-            f"the instrument was rolled about an axis {off:.0f}° from its {pointing} axis: say which is the laser's, "
-            "and how the sensors sit",
+            f"the instrument was rolled about an axis {off:.0f}° from its {pointing} axis: state the axis of the "
+            "laser, and the axes of the sensors",
             hint={"pointing": None, "axes": None, "acceleration_axes": None},
             off_deg=off,
         )
 
 
-def _without_contradicting(
+def _fit_without_contradicting(
     magnetic: Floats, gravity: Floats, groups: NDArray[np.intp], *, is_quadratic: bool
 ) -> tuple[SurveyProblem, SurveyIterate, NDArray[np.bool_]]:
-    """Fit, and again without the shot that contradicts the others most, until none does."""
+    """Fit, and repeat without the shot that contradicts the others most, until none does."""
     excluded = np.zeros(len(groups), bool)
     while True:
         counts = np.flatnonzero(~excluded)
@@ -311,16 +313,16 @@ def _without_contradicting(
         iterate = levenberg_marquardt(problem, problem.initial(begin(magnetic[counts], gravity[counts])))
         contradiction = Influence.of(problem, iterate).contradiction
         worst = int(np.argmax(contradiction))
-        is_one = contradiction[worst] > CONTRADICTS * float(np.median(contradiction))
-        if not is_one or excluded.sum() >= MOST_LEFT_OUT * len(groups):
+        is_one = contradiction[worst] > MAX_CONTRADICTION * float(np.median(contradiction))
+        if not is_one or excluded.sum() >= MAX_EXCLUDED_SHARE * len(groups):
             return problem, iterate, excluded
         excluded[counts[worst]] = True
 
 
 def _covariance(problem: SurveyProblem, iterate: SurveyIterate) -> Floats:
-    """(24, 24) of the instrument's parameters, with quadratic terms (27, 27).
+    """(24, 24) covariance of the instrument's parameters, or (27, 27) with quadratic terms.
 
-    Each kind of residual is widened for its own few, unless its standard deviation is the least there is.
+    Each kind of residual is widened for its number of readings, unless its standard deviation is the smallest possible.
     """
     influence, own = Influence.of(problem, iterate), problem.layout.instrument
     is_least = iterate.weights <= finest(iterate.at)
@@ -329,7 +331,7 @@ def _covariance(problem: SurveyProblem, iterate: SurveyIterate) -> Floats:
 
 
 def _calibration(at: SurveyParameters, shots: Shots) -> SurveyCalibration:
-    """Matrices that correct into axes of the instrument, of parameters in those forward, right and down."""
+    """Corrections into axes of the instrument, from parameters in axes forward, right and down."""
     forward = FORWARD_RIGHT_DOWN[shots.pointing].apply(np.eye(3)).T
 
     def of(own: Parameters, unit: Unit, axes: Axes) -> Calibration:
@@ -347,7 +349,7 @@ def _calibration(at: SurveyParameters, shots: Shots) -> SurveyCalibration:
 def _findings(
     errors: ShotErrors, azimuth: PointingError, inclination: PointingError, target_deg: float
 ) -> tuple[Finding, ...]:
-    """What limits the calibration."""
+    """Findings that limit the calibration."""
     worst = max(azimuth.worst, inclination.worst)
     numbers = {
         "pointing_deg": worst,

@@ -1,4 +1,4 @@
-"""Shots held against an earlier calibration of their instrument, in any of its formats.
+"""Check of shots with an earlier calibration of their instrument, in any of its formats.
 
 >>> from flinders.apps.survey.calibration import fit_survey
 >>> from flinders.apps.survey.simulate_shots import survey_shots
@@ -30,7 +30,7 @@ if TYPE_CHECKING:
 
 
 def check_survey(source: Shots | AnyPath, calibration: SurveyCalibration | AnyPath) -> ShotErrors:
-    """Correct shots with an earlier calibration, and say how far those in the same direction are apart.
+    """Correct shots with an earlier calibration, and find the angles between shots in the same direction.
 
     Parameters
     ----------
@@ -54,7 +54,7 @@ def check_survey(source: Shots | AnyPath, calibration: SurveyCalibration | AnyPa
 def load_survey(path: AnyPath) -> SurveyCalibration:
     """Load a calibration of a survey instrument: a calibration file, coefficients of a DistoX, or JSON of mag-cal.
 
-    Raises `DocumentError` for what is none of these.
+    Raises `DocumentError` for another file.
     """
     content = read_bytes(path, largest=LARGEST, what="calibration", refused=DocumentError)
     if b'"flinders"' in content:

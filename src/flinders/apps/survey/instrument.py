@@ -1,14 +1,14 @@
 """Calibration of a survey instrument: two sensors and the axis of a laser, which give azimuth, inclination and roll.
 
 A cave or geological surveyor's instrument (DistoX, SAP6) has a magnetometer, an accelerometer and a laser. Its
-calibration turns readings of both into axes of the instrument, of which one is the laser's.
+calibration converts readings of both sensors to axes of the instrument, one of which is the axis of the laser.
 
 >>> instrument = SurveyCalibration.identity()
 >>> angles = instrument.angles([[0.5, 0.0, 0.8]], [[0.0, 0.0, 1.0]])              # held level, the laser to the north
 >>> np.stack([angles.azimuth_deg, angles.inclination_deg, angles.roll_deg]).round(6).T + 0.0
 array([[0., 0., 0.]])
 
-It is made from shots, a reading of both sensors each:
+The calibration is made from shots, each with one reading of both sensors:
 
 >>> shots = Shots(np.ones((3, 3)), np.ones((3, 3)), groups=np.array([1, 1, 2]))
 >>> len(shots[shots.groups == 1]), shots.numbers
@@ -41,7 +41,7 @@ if TYPE_CHECKING:
 
 
 class Angles(NamedTuple):
-    """Where shots point, in degrees."""
+    """Directions of shots, in degrees."""
 
     azimuth_deg: Floats  #: (N,) from magnetic north, 0 to 360
     inclination_deg: Floats  #: (N,) above the horizon
@@ -49,7 +49,7 @@ class Angles(NamedTuple):
 
 
 def pointing_angles(field: Floats, down: Floats) -> Angles:
-    """Angles of the x axis of an instrument, of (..., 3) field and gravity in its axes, forward, right and down.
+    """Angles of the x axis of an instrument, from (..., 3) field and gravity in its axes forward, right and down.
 
     Source: B. Heeb, *A General Calibration Algorithm for 3-Axis Compass/Clinometer Devices*, CREG Journal 73 (2009).
     """
@@ -64,24 +64,24 @@ def pointing_angles(field: Floats, down: Floats) -> Angles:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SurveyCalibration:
-    """Calibrations of both sensors into axes of the instrument, right-handed, one of which is the laser's."""
+    """Calibrations of both sensors into right-handed axes of the instrument, one of which is the axis of the laser."""
 
     magnetometer: Calibration
-    accelerometer: Calibration  #: corrects readings that point down
-    pointing: Pointing = "x"  #: the laser's axis: x, y or z
+    accelerometer: Calibration  #: correction of readings that point down
+    pointing: Pointing = "x"  #: axis of the laser: x, y or z
     #: (3,): q, one over the unit of the accelerometer, which corrects readings g + q g²
     quadratic: tuple[float, float, float] = (0.0, 0.0, 0.0)
 
     @classmethod
     def identity(cls, pointing: Pointing = "x") -> Self:
-        """Of an instrument without errors."""
+        """Calibration of an instrument without errors."""
         return cls(Calibration.identity(), Calibration.identity(), pointing)
 
     def angles(self, magnetic: ArrayLike, gravity: ArrayLike) -> Angles:
-        """Azimuth from magnetic north, inclination and roll, of (N, 3) readings in mapped axes.
+        """Azimuth from magnetic north, inclination and roll, from (N, 3) readings in mapped axes.
 
-        Of a laser along x the roll is zero where z points down, along y where z points up, and along z where y points
-        down; positive to the right.
+        The roll is positive to the right. It is zero if z points down for a laser along x, if z points up for one along
+        y, and if y points down for one along z.
         """
         axes = FORWARD_RIGHT_DOWN[self.pointing]
         readings = floats(gravity)
@@ -91,20 +91,20 @@ class SurveyCalibration:
 
     @classmethod
     def load(cls, path: str | os.PathLike[str]) -> Self:
-        """Read a calibration file; one of a magnetometer alone raises `DocumentError`."""
+        """Read a calibration file; raises `DocumentError` for that of a magnetometer alone."""
         return cls.from_document(read(path), source=str(path))
 
     def save(self, path: str | os.PathLike[str], *, force: bool = False) -> None:
-        """Write a calibration file, whole or not at all; raises as `Calibration.save`."""
+        """Write a calibration file completely or not at all; raises as `Calibration.save`."""
         write(self.to_document(), path, force=force)
 
     @classmethod
     def from_document(cls, document: Document, *, source: str = "calibration") -> Self:
-        """Take both corrections out of a calibration file; `source` names it in messages."""
+        """Calibration from the contents of a calibration file; `source` is its name in messages."""
         survey = document.survey
         if isinstance(survey, msgspec.UnsetType):
             raise DocumentError(
-                f"{source}: is the calibration of a magnetometer alone: need one of a survey instrument, which "
+                f"{source} is the calibration of a magnetometer alone: need that of a survey instrument, which "
                 "flinders survey writes"
             )
         gravity = msgspec.structs.replace(
@@ -118,7 +118,7 @@ class SurveyCalibration:
         )
 
     def to_document(self, *, fit: Fitted | None = None, provenance: ProvenanceRecord | None = None) -> Document:
-        """A calibration file: that of the magnetometer, with the accelerometer and the axis of the laser."""
+        """Contents of a calibration file: the magnetometer, with accelerometer and axis of the laser added."""
         gravity = self.accelerometer.to_document()
         record = SurveyRecord(
             accelerometer=gravity.calibration,
@@ -133,20 +133,20 @@ class SurveyCalibration:
 Pointing = Literal["x", "y", "z"]
 
 FORWARD_RIGHT_DOWN: Final[dict[Pointing, Axes]] = {"x": Axes(), "y": Axes.of("y,x,-z"), "z": Axes.of("z,x,y")}
-"""Forward, right and down of an instrument, by the axis of its laser."""
+"""Axes forward, right and down of an instrument, by the axis of its laser."""
 
 PROCEDURE: Final = np.array([
     (0, 0), (90, 0), (0, 90), (180, 0), (270, 0), (0, -90),
     (45, 35.26), (135, -35.26), (225, 35.26), (315, -35.26), (45, -35.26), (135, 35.26), (225, -35.26), (315, 35.26),
 ])  # fmt: skip
-"""(14, 2) azimuth and inclination in degrees: to the sides and corners of a cube, each with four rolls 90° apart."""
+"""(14, 2) azimuth and inclination in degrees of the sides and corners of a cube, for four rolls 90° apart in each."""
 
 ROLLS_DEG: Final = np.array([0.0, 90.0, 180.0, 270.0])
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Shots:
-    """Readings of a survey instrument, one of both sensors for each shot.
+    """Readings of a survey instrument: one reading of both sensors for each shot.
 
     Raises
     ------
@@ -155,21 +155,21 @@ class Shots:
     """
 
     magnetic: Floats  #: (N, 3), in `unit`
-    #: (N, 3), any unit: points down: the opposite of the specific force of `flinders.core.samples.Samples`
+    #: (N, 3), any unit: points down, opposite to the specific force of `flinders.core.samples.Samples`
     gravity: Floats
-    #: (N,): alike for shots in the same direction; None where nobody wrote that down
+    #: (N,): number of the direction of each shot; None if it was not recorded
     groups: NDArray[np.intp] | None = None
-    numbers: tuple[int, ...] = ()  #: what the file calls each shot; by default 1, 2, 3, …
-    pointing: Pointing = "x"  #: which axis is that of the laser: x, y or z
-    unit: Unit = UNSTATED  #: of the magnetometer
-    #: how the recorded axes of each sensor were turned into those of the instrument, right-handed
+    numbers: tuple[int, ...] = ()  #: numbers of the shots in the file; by default 1, 2, 3, …
+    pointing: Pointing = "x"  #: axis of the laser: x, y or z
+    unit: Unit = UNSTATED  #: unit of the magnetometer
+    #: mapping from recorded axes of each sensor to right-handed axes of the instrument
     axes: Axes = AS_RECORDED
     acceleration_axes: Axes = AS_RECORDED
     source: str = "shots"
 
     @classmethod
     def of(cls, samples: Samples, axes: Axes, acceleration_axes: Axes, pointing: Pointing) -> Self:
-        """Take each reading of a recording as a shot, in recorded axes; `NoAccelerometer` where it has none."""
+        """Shots from a recording, one for each reading; raises `NoAccelerometer` without an accelerometer."""
         if samples.acceleration is None:
             raise NoAccelerometer(
                 f"{samples.source} has no accelerometer: a survey instrument needs columns of both sensors, one shot a "
@@ -197,7 +197,7 @@ class Shots:
         return len(self.magnetic)
 
     def __getitem__(self, rows: NDArray[np.bool_]) -> Self:
-        """Those of the shots for which (N,) `rows` is true."""
+        """Select the shots for which (N,) `rows` is true."""
         return replace(
             self,
             magnetic=self.magnetic[rows],

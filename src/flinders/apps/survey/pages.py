@@ -1,4 +1,4 @@
-"""Pages of surveys for the terminal: shots of an instrument and what to shoot next; compensation of an aircraft."""
+"""Pages of surveys for the terminal: shots of an instrument and next directions; compensation of an aircraft."""
 
 from __future__ import annotations
 
@@ -22,8 +22,8 @@ if TYPE_CHECKING:
     from flinders.apps.survey.calibration import ShotErrors, SurveyFit
     from flinders.apps.survey.tolles_lawson_fit import CompensationResidual, TollesLawson
 
-WORTH: Final = 0.9
-"""Share of the azimuth error that more shots must leave at most, to be worth the walk."""
+MAX_USEFUL_SHARE: Final = 0.9
+"""Largest ratio of the azimuth error after more shots to that before, for which these shots are proposed."""
 
 
 def of_survey(fit: SurveyFit) -> RenderableType:
@@ -36,15 +36,15 @@ def of_survey(fit: SurveyFit) -> RenderableType:
 
 
 def of_shots(shots: ShotErrors) -> RenderableType:
-    """Lay out angles of shots, and how far each is from the mean of its direction."""
+    """Lay out angles of shots, and the error of each from the mean of its direction."""
     return table(("shot", "direction", "azimuth", "inclination", "roll", "error"), _rows(shots))
 
 
 def of_check(shots: ShotErrors, name: str) -> RenderableType:
-    """Lay out shots that were held against an earlier calibration."""
+    """Lay out shots that were checked with an earlier calibration."""
     count = len(set(shots.groups.tolist()))
     words = (
-        "no two shots are in the same direction: nothing tells whether the calibration holds"
+        "no two shots are in the same direction: the calibration cannot be checked"
         if math.isnan(shots.rms_deg)
         else f"with {name}, shots in the same direction point {degrees(shots.rms_deg)} (rms) from their mean"
     )
@@ -52,7 +52,7 @@ def of_check(shots: ShotErrors, name: str) -> RenderableType:
 
 
 def _rows(shots: ShotErrors) -> Iterator[list[Text]]:
-    """A line for each shot, and an empty one before the next direction."""
+    """Yield a row for each shot; shots to repeat are marked."""
     for row in shots.as_dict():
         error = "" if math.isnan(row["error_deg"]) else f"{row['error_deg']:.2f}°"
         angles = (f"{row[name]:.1f}°" for name in ("azimuth_deg", "inclination_deg", "roll_deg"))
@@ -61,7 +61,7 @@ def _rows(shots: ShotErrors) -> Iterator[list[Text]]:
 
 
 def _facts(fit: SurveyFit) -> list[tuple[str, str]]:
-    """Noise of each sensor, error of aim, dip, and quadratic terms where there are some."""
+    """Noise of each sensor, error of aim, dip, and quadratic terms if there are any."""
     magnetometer, accelerometer = fit.calibration.magnetometer, fit.calibration.accelerometer
     of_field = fit.noise / magnetometer.field_strength
     of_gravity = fit.gravity_noise / accelerometer.field_strength
@@ -75,7 +75,7 @@ def _facts(fit: SurveyFit) -> list[tuple[str, str]]:
 
 
 def _verdict(fit: SurveyFit) -> RenderableType:
-    """How good angles are."""
+    """Verdict with the accuracy of angles."""
     azimuth, inclination = fit.azimuth_error_deg, fit.inclination_error_deg
     words = f"azimuth to {degrees(azimuth.rms)}, inclination to {degrees(inclination.rms)} (1 σ, within 30° of level)"
     count = int((~fit.shots.excluded).sum())
@@ -84,11 +84,11 @@ def _verdict(fit: SurveyFit) -> RenderableType:
 
 
 def _next(fit: SurveyFit) -> RenderableType | None:
-    """Where more shots would help; nothing where they hardly would."""
+    """Table of directions in which more shots would help; None if they would hardly help."""
     useful = [
         (f"azimuth {each.azimuth_deg:.0f}°, inclination {each.inclination_deg:+.0f}°", degrees(each.azimuth_error_deg))
         for each in fit.next_directions
-        if fit.verdict != "good" or each.azimuth_error_deg < WORTH * fit.azimuth_error_deg.rms
+        if fit.verdict != "good" or each.azimuth_error_deg < MAX_USEFUL_SHARE * fit.azimuth_error_deg.rms
     ]
     return table(("shoot next, with four rolls", "azimuth then to"), useful) if useful else None
 
@@ -97,12 +97,15 @@ TERM_UNITS: Final = {"permanent": "nT", "induced": "nT at 50 µT", "eddy": "nT s
 
 
 def of_tolles_lawson(fit: TollesLawson) -> RenderableType:
-    """Lay out a fit: its verdict, what limits it, the coefficients and how they were found."""
+    """Lay out a fit: its verdict, its limits, the coefficients and their evidence."""
     words = f"the compensation makes readings {fit.improvement:.1f} times as quiet (improvement ratio, held out)"
     known = [
         ("flight", f"{counted(fit.readings, 'reading')} in {written_time(fit.seconds)} without gaps"),
         ("before", f"{_nanotesla(fit.before)}, standard deviation from {BAND_HZ[0]:g} to {BAND_HZ[1]:g} Hz"),
-        ("held out", f"{_nanotesla(fit.cross_validated)}, each fifth of the half minutes by the others' coefficients"),
+        (
+            "held out",
+            f"{_nanotesla(fit.cross_validated)}, each fifth of the half minutes with the others' coefficients",
+        ),
         ("claim", f"{_nanotesla(fit.as_flown)} (1 σ) as flown, {_nanotesla(fit.on_any_heading)} on any heading"),
         ("ridge", f"{fit.ridge:.1g} of the sum of squares of each term, by cross-validation"),
     ]
@@ -112,7 +115,7 @@ def of_tolles_lawson(fit: TollesLawson) -> RenderableType:
 
 
 def of_compensated(compensated: CompensationResidual) -> RenderableType:
-    """Lay out what coefficients leave of another recording."""
+    """Lay out the residual of a compensated recording."""
     ratio = compensated.before / compensated.after
     return facts(
         [
@@ -128,11 +131,11 @@ def of_compensated(compensated: CompensationResidual) -> RenderableType:
 
 
 def _coefficients(fit: TollesLawson) -> Iterator[tuple[str, str, str]]:
-    """Each coefficient with its uncertainty and unit."""
+    """Yield each coefficient with its uncertainty and unit."""
     for name, value, sigma in zip(NAMES, fit.coefficients.tolist(), fit.sigma.tolist(), strict=True):
         yield name, with_uncertainty(value, sigma), TERM_UNITS[name.split()[0]]
 
 
 def _nanotesla(value: float) -> str:
-    """A field with two digits."""
+    """Format a field in nT with two digits."""
     return f"{figures(value)} nT"

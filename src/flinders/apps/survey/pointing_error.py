@@ -1,8 +1,8 @@
-"""Errors of azimuth and inclination that a calibration leaves, and the directions to shoot next that lower them most.
+"""Errors of azimuth and inclination from the uncertainty of a calibration, and the best directions to shoot next.
 
-The errors are those of shots within 30° of level, at all azimuths and rolls: by the Jacobian of both angles by the 24
-parameters of `flinders.likelihood.pointing` and their covariance. What a direction with four rolls would add to the
-Fisher information is calculated from what the same observation terms give there.
+The errors are those of shots within 30° of level, at all azimuths and rolls: from the covariance of the 24 parameters
+of `flinders.likelihood.pointing` and the Jacobian of both angles. The Fisher information of a further direction with
+four rolls is calculated with the same observation terms.
 
 >>> level = posed(np.array([90.0]), np.array([0.0]), np.array([0.0]))                # the first axis points to the east
 >>> level[0].round(9)[:, 0] + 0.0
@@ -26,17 +26,17 @@ if TYPE_CHECKING:
 
 AZIMUTHS_DEG, INCLINATIONS_DEG = np.arange(0.0, 360.0, 30.0), np.array([-30.0, 0.0, 30.0])
 
-NEXT: Final = 3
-"""Directions that are named ahead."""
-STEP: Final = 1e-6
-"""Of the size of a parameter: by what it is moved for a derivative."""
+NEXT_COUNT: Final = 3
+"""Number of directions that are proposed."""
+RELATIVE_STEP: Final = 1e-6
+"""Step of a numerical derivative, as a share of the size of a parameter."""
 
 
 class PointingError(NamedTuple):
     """Error of an angle in degrees, 1 σ."""
 
     rms: float  #: over azimuths, rolls and inclinations within 30°
-    worst: float
+    worst: float  #: largest of these
 
 
 class NextDirection(NamedTuple):
@@ -44,17 +44,17 @@ class NextDirection(NamedTuple):
 
     azimuth_deg: float  #: from magnetic north
     inclination_deg: float
-    azimuth_error_deg: float  #: rms, to expect after these shots, and those of the directions before
-    inclination_error_deg: float
+    azimuth_error_deg: float  #: expected rms after shots in this direction and the previous ones
+    inclination_error_deg: float  #: expected rms after shots in this direction and the previous ones
 
 
 def posed(azimuth_deg: Floats, inclination_deg: Floats, roll_deg: Floats) -> Floats:
-    """(N, 3, 3) from an instrument's axes to north, east and down, of (N,) angles of its first axis."""
+    """(N, 3, 3) rotations from an instrument's axes to north, east and down, from (N,) angles of its first axis."""
     roll, pitch, yaw = np.radians(np.stack([roll_deg, inclination_deg, azimuth_deg]))
     return body_to_world(of_angles(np.stack([roll, pitch, yaw], axis=-1)))
 
 
-def read_at(at: SurveyParameters, attitudes: Floats) -> tuple[Floats, Floats]:
+def predict_readings(at: SurveyParameters, attitudes: Floats) -> tuple[Floats, Floats]:
     """(N, 3) readings of field and gravity without noise, in (N, 3, 3) attitudes of the accelerometer's axes."""
     back = np.swapaxes(attitudes, 1, 2)
     magnetic = at.magnetometer.offset + back @ at.field @ at.magnetometer.ellipsoid_like.T
@@ -62,7 +62,7 @@ def read_at(at: SurveyParameters, attitudes: Floats) -> tuple[Floats, Floats]:
 
 
 def curved(straight: Floats, quadratic: Floats) -> Floats:
-    """(..., 3) readings g of a curved accelerometer, of (..., 3) g + q g².
+    """(..., 3) readings g of an accelerometer with quadratic terms q, from (..., 3) corrected g + q g².
 
     >>> g = curved(np.array([-1.0, 0.0, 1.0]), np.array([0.04, 0.04, -0.04]))
     >>> (g + np.array([0.04, 0.04, -0.04]) * g**2).round(12)
@@ -73,22 +73,22 @@ def curved(straight: Floats, quadratic: Floats) -> Floats:
 
 
 def angle_gradients(at: SurveyParameters, gravity: float = 0.0) -> Floats:
-    """(2, M, P) derivatives of azimuth and inclination in rad by the parameters, in M poses.
+    """(2, M, P) derivatives of azimuth and inclination in rad by P parameters, at M attitudes.
 
-    P is 24, with quadratic terms 27; `gravity` is what `SurveyLayout` has then.
+    P is 24, or 27 with quadratic terms; `gravity` is then that of `SurveyLayout`.
     """
     grid = np.meshgrid(AZIMUTHS_DEG, INCLINATIONS_DEG, ROLLS_DEG, indexing="ij")
-    readings = read_at(at, posed(*(axis.ravel() for axis in grid)) @ at.to_instrument)
+    readings = predict_readings(at, posed(*(axis.ravel() for axis in grid)) @ at.to_instrument)
     here, layout, bare = at.angles(*readings), SurveyLayout(0, gravity), at.without_attitudes
     sizes = np.repeat([at.magnetometer.radius, 1.0, at.accelerometer.radius, 1.0], [9, 3, 9, layout.size - 21])
-    moved = [bare.moved(step, layout).angles(*readings) for step in np.diag(STEP * sizes)]
+    moved = [bare.moved(step, layout).angles(*readings) for step in np.diag(RELATIVE_STEP * sizes)]
     change = np.stack(moved, axis=-1) - here[..., np.newaxis]
-    gradients: Floats = ((change + np.pi) % (2.0 * np.pi) - np.pi) / (STEP * sizes)
+    gradients: Floats = ((change + np.pi) % (2.0 * np.pi) - np.pi) / (RELATIVE_STEP * sizes)
     return gradients
 
 
 def pointing_errors(gradients: Floats, covariance: Floats) -> tuple[PointingError, PointingError]:
-    """Errors of azimuth and inclination, of (2, M, P) gradients and the (P, P) covariance of the parameters."""
+    """Errors of azimuth and inclination, from (2, M, P) gradients and the (P, P) covariance of the parameters."""
     variances = np.sum(gradients @ covariance * gradients, axis=2)
     sigmas = np.degrees(np.sqrt(variances))
     azimuth, inclination = (PointingError(float(np.sqrt(np.mean(own**2))), float(own.max())) for own in sigmas)
@@ -98,12 +98,12 @@ def pointing_errors(gradients: Floats, covariance: Floats) -> tuple[PointingErro
 def next_directions(
     at: SurveyParameters, covariance: Floats, noises: Floats, *, gravity: float = 0.0
 ) -> tuple[NextDirection, ...]:
-    """Choose the next directions of the procedure, one after the other, by the errors to expect after each.
+    """Directions of the procedure to shoot next, chosen one after the other by the expected errors after each.
 
     Parameters
     ----------
     covariance : (P, P) float
-        Of what there is.
+        Covariance of the parameters from the present shots.
     noises : (3,) float
         Standard deviations of a reading of field and gravity, and of aim.
     gravity : float
@@ -112,7 +112,7 @@ def next_directions(
     gradients, information = angle_gradients(at, gravity), np.linalg.inv(covariance)
     added = [_information(at, azimuth, inclination, noises, gravity) for azimuth, inclination in PROCEDURE.tolist()]
     chosen = []
-    for _ in range(NEXT):
+    for _ in range(NEXT_COUNT):
         errors = [pointing_errors(gradients, np.linalg.inv(information + own)) for own in added]
         best = int(np.argmin([math.hypot(azimuth.rms, inclination.rms) for azimuth, inclination in errors]))
         information = information + added[best]
@@ -123,11 +123,11 @@ def next_directions(
 def _information(
     at: SurveyParameters, azimuth_deg: float, inclination_deg: float, noises: Floats, gravity: float
 ) -> Floats:
-    """(P, P) Fisher information that shots in a direction with four rolls add."""
+    """(P, P) Fisher information of additional shots in one direction with four rolls."""
     angles = np.broadcast_arrays(azimuth_deg, inclination_deg, ROLLS_DEG)
     attitudes = posed(*angles) @ at.to_instrument
     there = at.with_attitudes(attitudes)
-    group = ShotGroup.of(*read_at(at, attitudes), np.zeros(len(attitudes), np.intp))
+    group = ShotGroup.of(*predict_readings(at, attitudes), np.zeros(len(attitudes), np.intp))
     layout = SurveyLayout(len(attitudes), gravity)
     matrix = group.linearised(there, group.guess(there), layout, noises).matrix
     own, other = layout.instrument, layout.attitudes

@@ -1,4 +1,4 @@
-"""What this package adds to tables of the library, by names of its modules; nothing is imported before it is used."""
+"""Rows that this package adds to the tables of the library, with names of its modules, imported at first use."""
 
 TRADES = "Vehicles, boats and surveys"
 

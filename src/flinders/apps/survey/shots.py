@@ -9,10 +9,10 @@ r"""Shots of survey instruments: calibration data of TopoDroid (CSV), of mag-cal
 (array([[  120.,   -80., 24010.]]), array([1]), 'x')
 
 TopoDroid writes shot, gravity x y z, field x y z and group, then bearing, clino, roll, error and status, in counts of
-the DistoX; its laser is along x. mag-cal and the SAP6 keep ``{"mag": [[x, y, z], …], "grav": [[x, y, z], …]}``; the
-laser is along y, x to the right and z up.
+the DistoX, whose laser is along x. Files of mag-cal and the SAP6 have ``{"mag": [[x, y, z], …], "grav": [[x, y, z],
+…]}``, with the laser along y, x to the right and z up.
 
-Sources seen: CalibExport.java and CalibTransform.java of TopoDroid (github.com/marcocorvi/topodroid); calibration.py
+Sources: CalibExport.java and CalibTransform.java of TopoDroid (github.com/marcocorvi/topodroid); calibration.py
 and tests/fixtures/SAP6 of mag-cal (github.com/furbrain/CircuitPython_mag_cal).
 """
 
@@ -42,7 +42,7 @@ if TYPE_CHECKING:
 TOPODROID: Final = "TopoDroid"
 
 NEED: Final = (
-    "need a calibration that TopoDroid exported (CSV), mag and grav of mag-cal or a SAP6 (JSON), or a table with "
+    "need a calibration exported by TopoDroid (CSV), mag and grav of mag-cal or a SAP6 (JSON), or a table with "
     "magnetometer and accelerometer, one shot a line"
 )
 
@@ -55,24 +55,24 @@ def read_shots(
     acceleration_axes: str | None = None,
     pointing: Pointing | None = None,
 ) -> Shots:
-    """Read the shots of a survey instrument: of TopoDroid, mag-cal or a SAP6, else each reading of a recording.
+    """Read the shots of a survey instrument: files of TopoDroid, mag-cal or a SAP6, else each reading of a recording.
 
     Parameters
     ----------
     axes : str
-        Where each axis of the instrument, right-handed, comes from in the magnetometer, such as ``x,y,-z``.
+        Axes of the magnetometer that are x, y and z of the instrument, right-handed, such as ``x,y,-z``.
     acceleration_axes : str, optional
-        The same of the accelerometer; by default as `axes`.
+        Axes of the accelerometer that are x, y and z of the instrument; by default as `axes`.
     pointing : str, optional
         Axis of the laser, x, y or z; by default y for files of mag-cal, else x.
 
     Raises
     ------
     InputError
-        For what is not there or cannot be read, and for a recording of a magnetometer alone.
+        For a file that does not exist or cannot be read, and for a recording of a magnetometer alone.
     """
     if path == "-":
-        raise UsageError("shots are looked at twice: name a file, not standard input")
+        raise UsageError("shots are read twice: name a file, not standard input")
     turned = Axes.of(axes)
     of_gravity = turned if acceleration_axes is None else Axes.of(acceleration_axes)
     shots = instrument_shots(path, axes=turned, acceleration_axes=of_gravity, pointing=pointing)
@@ -80,7 +80,7 @@ def read_shots(
 
 
 def _read_table(path: str | os.PathLike[str]) -> Samples:
-    """Read a recording; where it could be read with options that shots do not have, say what shots are."""
+    """Read a recording; an error with hints about options that shots do not have is replaced."""
     try:
         return read(path)
     except (NoMagnetometer, UnreadableInput) as error:
@@ -92,7 +92,7 @@ def _read_table(path: str | os.PathLike[str]) -> Samples:
 def instrument_shots(
     path: str | os.PathLike[str], *, axes: Axes, acceleration_axes: Axes, pointing: Pointing | None
 ) -> Shots | None:
-    """Read the shots of an instrument's file; None of any other file. Raises as `read_shots`."""
+    """Read the shots of an instrument's file; None for any other file. Raises as `read_shots`."""
     source = find(path)
     text, turned = _text(source.head()), (axes, acceleration_axes)
     if text.lstrip().startswith("{") and '"grav"' in text:
@@ -103,7 +103,7 @@ def instrument_shots(
 
 
 def _text(head: bytes) -> str:
-    """The whole of a small file of text; nothing of any other."""
+    """Content of a small text file; empty for any other."""
     try:
         return head.decode(encoding_of(head)).removeprefix("\ufeff") if len(head) < HEAD else ""
     except UnicodeDecodeError:
@@ -111,7 +111,7 @@ def _text(head: bytes) -> str:
 
 
 def _of_json(name: str, text: str, turned: tuple[Axes, Axes], pointing: Pointing) -> Shots:
-    """Lists ``mag`` and ``grav``; gravity points down in the axes of the instrument."""
+    """Shots from lists ``mag`` and ``grav``; gravity points down in the axes of the instrument."""
     try:
         content: Any = json.loads(text)
         field, gravity = (np.array(content[key], float) for key in ("mag", "grav"))
@@ -124,7 +124,7 @@ def _of_json(name: str, text: str, turned: tuple[Axes, Axes], pointing: Pointing
 
 
 def _of_topodroid(name: str, text: str, turned: tuple[Axes, Axes], pointing: Pointing) -> Shots:
-    """Lines of shots; deleted ones, and where there are groups those in none, are left out."""
+    """Shots from lines of TopoDroid, without deleted ones and, if there are groups, without those of no group."""
     lines = [(at, line) for at, line in enumerate(text.splitlines(), 1) if _is_shot(line)]
     rows = np.array([_numbers(name, at, line) for at, line in lines])
     if not len(rows):
@@ -139,12 +139,12 @@ def _of_topodroid(name: str, text: str, turned: tuple[Axes, Axes], pointing: Poi
 
 
 def _is_shot(line: str) -> bool:
-    """Neither empty nor a comment."""
+    """Whether a line is neither empty nor a comment."""
     return bool(line.strip()) and not line.lstrip().startswith("#")
 
 
 def _numbers(name: str, at: int, line: str) -> Floats:
-    """(9,) shot, gravity, field, group and status of a line."""
+    """(9,) shot, gravity, field, group and status from a line."""
     cells = line.split(",")
     try:
         row = np.array([*map(float, cells[:8]), float(cells[12]) if len(cells) > 12 else 0.0])

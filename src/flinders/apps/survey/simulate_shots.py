@@ -1,4 +1,4 @@
-"""Shots of a survey instrument with known truth: gains, axes and offsets of both sensors, noise and errors of aim.
+"""Simulated shots of a survey instrument: gains, axes and offsets of both sensors, noise and errors of aim.
 
 >>> simulated = survey_shots(seed=1, shots=24)
 >>> simulated.shots.magnetic.shape, simulated.angles.inclination_deg[:9].round()
@@ -25,19 +25,19 @@ if TYPE_CHECKING:
 
     from flinders.arrays import Floats
 
-OFFSET: Final = 0.1
-"""Of the field and of gravity: how large the offset of an axis is at most."""
+MAX_OFFSET: Final = 0.1
+"""Largest offset of an axis, as a share of the field and of gravity."""
 
-HELD_DEG: Final = 5.0
-"""How far a hand is from the roll and direction that it was asked for, 1 σ."""
+HAND_ERROR_DEG: Final = 5.0
+"""Error of roll and direction of an instrument that is held by hand, 1 σ."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SimulatedSurvey:
-    """Shots and what is true of them."""
+    """Shots with their truth."""
 
     shots: Shots
-    angles: Angles  #: where each shot points
+    angles: Angles  #: true angles of each shot
     magnetometer: Sensor  #: in units of the field
     accelerometer: Sensor  #: in units of gravity
     dip_deg: float
@@ -69,13 +69,13 @@ def survey_shots(
     Parameters
     ----------
     shots : int
-        A multiple of four, 56 at most.
+        Number of shots: a multiple of four, 56 at most.
     gain : float
-        How far each gain is off at most.
+        Largest error of each gain.
     misalignment_deg : float
-        By how much each axis of each sensor leans towards each other at most.
+        Largest tilt of each axis of each sensor towards each other axis.
     noise : float
-        Of one axis of a reading, of the field and of gravity, 1 σ.
+        Noise of one axis of a reading, as a share of the field and of gravity, 1 σ.
     aim_deg : float
         Error of aim about each axis, 1 σ.
     """
@@ -105,21 +105,21 @@ def _sensor(rng: Generator, gain: float, lean: float, noise: float) -> Sensor:
     """A sensor with wrong gains and axes, and an offset."""
     gains = np.diag(rng.uniform(-gain, gain, 3))
     leaning = rng.uniform(-lean, lean, (3, 3)) * (1.0 - np.eye(3))
-    return Sensor(np.eye(3) + gains + leaning, rng.uniform(-OFFSET, OFFSET, 3), noise)
+    return Sensor(np.eye(3) + gains + leaning, rng.uniform(-MAX_OFFSET, MAX_OFFSET, 3), noise)
 
 
 def _attitudes(rng: Generator, directions: int, aim: float) -> tuple[Floats, NDArray[np.intp]]:
-    """(N, 3, 3) attitudes and (N,) groups: directions of the procedure as a hand takes them, four rolls to each."""
+    """(N, 3, 3) attitudes and (N,) groups: directions of the procedure with errors of the hand, four rolls in each."""
     azimuth, inclination = np.radians(PROCEDURE[:directions]).T
-    sigma = math.radians(HELD_DEG)
+    sigma = math.radians(HAND_ERROR_DEG)
     north = rng.uniform(0.0, 2.0 * np.pi)
     about = rng.normal(0.0, sigma, (2, directions))
     headings, pitches = np.repeat(np.stack([north + azimuth, inclination]) + about, len(ROLLS_DEG), axis=1)
     rolls = np.tile(np.radians(ROLLS_DEG), directions) + rng.normal(0.0, sigma, len(headings))
-    return _aimed(rng, posed(headings, pitches, rolls), aim), np.repeat(np.arange(directions), len(ROLLS_DEG))
+    return _add_aim_errors(rng, posed(headings, pitches, rolls), aim), np.repeat(np.arange(directions), len(ROLLS_DEG))
 
 
-def _aimed(rng: Generator, attitudes: Floats, aim: float) -> Floats:
+def _add_aim_errors(rng: Generator, attitudes: Floats, aim: float) -> Floats:
     """Attitudes with errors of aim, about the axes across the laser."""
     yaw, pitch = rng.normal(0.0, aim, (2, len(attitudes)))
     aimed: Floats = attitudes @ posed(yaw, pitch, np.zeros(len(attitudes)))

@@ -1,21 +1,21 @@
 r"""Calibrations of survey instruments for their firmware: coefficients of the DistoX, JSON of mag-cal and the SAP6.
 
-The DistoX keeps 52 bytes. Of each sensor, gravity first, there are three rows of four signed 16-bit numbers, low byte
-first: an offset in 1/24000 and three factors in 1/16384, with which, of readings g in counts,
+The DistoX stores 52 bytes. For each sensor, gravity first, there are three rows of four signed 16-bit numbers, low byte
+first: an offset B in 1/24000 and three factors of A in 1/16384, so that for readings g in counts,
 
     corrected = A h + B,        h = g / 24000,        |corrected| = 1
 
-Of gravity h + N (h² − ½) stands for h, axis by axis. Bytes 48 to 50 hold N in 1/2796, signed and less one, so that
-0xff is none, and the last is 0xff. mag-cal corrects rows of readings r, mapped by ``axes``, as ``(r − centre)
-transform``, both of length 1, the laser along y.
+For gravity, h + N (h² − ½) replaces h, axis by axis. Bytes 48 to 50 hold N in 1/2796, signed and less one, so that 0xff
+is zero; the last byte is 0xff. mag-cal corrects rows of readings r, mapped by ``axes``, as ``(r − centre) transform``.
+The results of both sensors have length 1, and the laser is along y.
 
 >>> coefficients = distox_coefficients(SurveyCalibration.identity())
 >>> len(coefficients), coefficients[:4].hex(), coefficients[48:].hex()
 (52, '0000ff7f', 'ffffffff')
 
-Sources seen: CalibTransform.java and TDUtil.java of TopoDroid (github.com/marcocorvi/topodroid), in which a factor is
-2 at most, and the numbers of one sensor are made smaller together where one is larger; calibration.py and sensor.py of
-mag-cal (github.com/furbrain/CircuitPython_mag_cal).
+Sources: CalibTransform.java and TDUtil.java of TopoDroid (github.com/marcocorvi/topodroid), in which a factor is 2 at
+most, and all numbers of a sensor are scaled down if one is larger; calibration.py and sensor.py of mag-cal
+(github.com/furbrain/CircuitPython_mag_cal).
 """
 
 from __future__ import annotations
@@ -36,25 +36,25 @@ if TYPE_CHECKING:
     from flinders.arrays import Floats
 
 TARGETS: Final = ()
-"""None that takes the calibration of one sensor."""
+"""No targets, as these formats are not for the calibration of one sensor."""
 
 OFFSET_STEPS, FACTOR_STEPS, QUADRATIC_STEPS = 24000.0, 16384.0, 2796.0
-LARGEST: Final = 32767
-"""Of a 16-bit number."""
-MOST_QUADRATIC: Final = 127
-"""Of a quadratic term, in steps."""
+MAX_INT16: Final = 32767
+"""Largest signed 16-bit number."""
+MAX_QUADRATIC: Final = 127
+"""Largest quadratic term, in steps."""
 
 STEPS: Final = np.array([OFFSET_STEPS, FACTOR_STEPS, FACTOR_STEPS, FACTOR_STEPS])
-"""In which B and the three factors of A of a row are written."""
+"""Steps per unit of B and the three factors of A in a row."""
 
 SIZES: Final = (48, 52)
-"""Bytes of coefficients, without and with quadratic terms."""
+"""Sizes of coefficients in bytes, without and with quadratic terms."""
 
 END: Final = b"\xff"
 
 
 def distox_coefficients(calibration: SurveyCalibration) -> bytes:
-    """Give the 52 bytes of a DistoX, at 0x8010 of its memory.
+    """The 52 bytes of coefficients for a DistoX, at 0x8010 of its memory.
 
     Raises
     ------
@@ -69,15 +69,15 @@ def distox_coefficients(calibration: SurveyCalibration) -> bytes:
     sensors = (calibration.accelerometer, calibration.magnetometer)
     if calibration.magnetometer.raw.name != COUNTS or not all(sensor.axes.is_identity for sensor in sensors):
         raise NotExportable(
-            "coefficients of a DistoX are for its own counts and axes: calibrate readings as it sent them, without "
+            "coefficients of a DistoX are for its own counts and axes: calibrate its readings as they are, without "
             "unit and axes",
             beyond=("unit", "axes"),
         )
     steps = np.round(np.array(calibration.quadratic) * OFFSET_STEPS * QUADRATIC_STEPS)
-    if np.abs(steps).max() > MOST_QUADRATIC:
+    if np.abs(steps).max() > MAX_QUADRATIC:
         raise NotExportable(
-            f"quadratic terms are up to {np.abs(steps).max() / QUADRATIC_STEPS:.3f} of gravity, a DistoX holds "
-            f"{MOST_QUADRATIC / QUADRATIC_STEPS:.3f}: calibrate without quadratic terms",
+            f"quadratic terms are up to {np.abs(steps).max() / QUADRATIC_STEPS:.3f} of gravity, and a DistoX allows "
+            f"{MAX_QUADRATIC / QUADRATIC_STEPS:.3f}: calibrate without quadratic terms",
             beyond=("quadratic",),
         )
     gravity, field = map(_unit, sensors)
@@ -86,7 +86,7 @@ def distox_coefficients(calibration: SurveyCalibration) -> bytes:
 
 
 def of_distox(content: bytes) -> SurveyCalibration:
-    """Read coefficients of a DistoX back; `DocumentError` for what are none."""
+    """Calibration from coefficients of a DistoX; raises `DocumentError` for other content."""
     if len(content) not in SIZES:
         raise DocumentError(f"{len(content)} bytes: coefficients of a DistoX are {SIZES[0]} or {SIZES[1]}")
     gravity, field = (rows / STEPS for rows in np.frombuffer(content[:48], "<i2").reshape(2, 3, 4))
@@ -97,13 +97,13 @@ def of_distox(content: bytes) -> SurveyCalibration:
 
 
 def mag_cal_json(calibration: SurveyCalibration, *, dip_deg: float, noise: float, gravity_noise: float) -> str:
-    """Give the JSON of mag-cal; `NotExportable` for a laser that is not along y, and for quadratic terms.
+    """JSON of mag-cal; raises `NotExportable` for a laser that is not along y, and for quadratic terms.
 
-    Dip and noise of both sensors, in their units, are what mag-cal tells a disturbed reading by.
+    mag-cal recognises disturbed readings by the dip and the noise of both sensors, in their units.
     """
     if calibration.pointing != "y":
         raise NotExportable(
-            f"the laser is along {calibration.pointing}, mag-cal takes it to be along y", beyond=("pointing",)
+            f"the laser is along {calibration.pointing}, and mag-cal needs it along y", beyond=("pointing",)
         )
     if any(calibration.quadratic):
         raise NotExportable("mag-cal has no quadratic terms: calibrate without quadratic terms", beyond=("quadratic",))
@@ -112,7 +112,7 @@ def mag_cal_json(calibration: SurveyCalibration, *, dip_deg: float, noise: float
 
 
 def of_mag_cal(text: str | bytes) -> SurveyCalibration:
-    """Read the JSON of mag-cal, or the ``calib`` of a SAP6, back; `DocumentError` for what is none or not linear."""
+    """Calibration from JSON of mag-cal, or ``calib`` of a SAP6; raises `DocumentError` for other content."""
     try:
         content: Any = json.loads(text)
         content = content.get("calib", content)
@@ -130,22 +130,22 @@ def _unit(sensor: Calibration) -> Floats:
 
 
 def _words(rows: Floats) -> bytes:
-    """24 bytes of a sensor, its (3, 4) numbers made smaller together where one is too large."""
+    """24 bytes of a sensor; its (3, 4) numbers are scaled down together if one is too large."""
     rows = rows * STEPS
-    rows *= min(1.0, LARGEST / float(np.abs(rows).max()))
+    rows *= min(1.0, MAX_INT16 / float(np.abs(rows).max()))
     return bytes(np.round(rows).astype("<i2").tobytes())
 
 
 def _of_rows(rows: Floats) -> Calibration:
-    """A sensor of (3, 4) numbers; corrected readings have a length of about one."""
+    """Calibration of a sensor from (3, 4) numbers; corrected readings have a length of about 1."""
     matrix = rows[:, 1:] / OFFSET_STEPS
     if not np.linalg.det(matrix):
-        raise DocumentError("the coefficients are no calibration, but zeros: the DistoX was never calibrated")
+        raise DocumentError("the coefficients are zeros: the DistoX was never calibrated; calibrate it first")
     return Calibration(matrix, -np.linalg.solve(matrix, rows[:, 0]), 1.0, rotation="estimated")
 
 
 def _record(sensor: Calibration, noise: float) -> dict[str, Any]:
-    """What mag-cal keeps of a sensor."""
+    """Record of a sensor in the JSON of mag-cal."""
     signs = zip(sensor.axes.signs, sensor.axes.order, strict=True)
     return {
         "axes": "".join(("-" if sign < 0 else "+") + "XYZ"[place] for sign, place in signs),
@@ -158,7 +158,7 @@ def _record(sensor: Calibration, noise: float) -> dict[str, Any]:
 
 
 def _of_record(record: dict[str, Any]) -> Calibration:
-    """A sensor of mag-cal; its radial basis functions are not read."""
+    """Calibration of a sensor from the JSON of mag-cal; raises ValueError for radial basis functions."""
     if np.any(np.array(record.get("rbfs", []), float)):
         raise ValueError("it has radial basis functions, which are not read: calibrate from its shots")
     axes = Axes.of(",".join(record["axes"][place : place + 2] for place in (0, 2, 4)))

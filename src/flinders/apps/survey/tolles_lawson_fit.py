@@ -1,22 +1,22 @@
 """Tolles–Lawson: the field of an aircraft in its scalar magnetometer, linear in sixteen coefficients.
 
-The terms of Leach [2]_ for the model of Tolles and Lawson [1]_. With the direction cosines u of the field in the axes
-of the aircraft, which a vector magnetometer gives, and the strength B that the scalar magnetometer reads, the
-field of the aircraft adds
+The terms are those of Leach [2]_ for the model of Tolles and Lawson [1]_. With the direction cosines u of the field in
+the axes of the aircraft, from a vector magnetometer, and the strength B from the scalar magnetometer, the field of the
+aircraft adds
 
     Σ pᵢ uᵢ + B/50 µT (Σ aᵢⱼ uᵢ uⱼ + Σ eᵢⱼ uᵢ u̇ⱼ)
 
 p is the permanent field, a the induced and e the eddy-current part. Σ uᵢ² is 1 and Σ uᵢ u̇ᵢ is 0, so that azz and ezz
-cannot be seen beside the others and are zero here: 3 + 5 + 8 terms. The second order is that of [3]_, with eddy
-currents that follow the field of the earth and not the sum of both.
+cannot be observed and are zero here: 3 + 5 + 8 terms. The second order is that of [3]_, with eddy currents that follow
+the field of the earth and not the total field.
 
-u is what the vector magnetometer reads over B, not over its own length: an error of its axes or gains is then a linear
-map of u, which the terms take up, and its length no longer varies with the attitude beside that.
+u is the reading of the vector magnetometer divided by B, not by its own length: an error of its axes or gains is then a
+linear map of u, which the terms absorb, and the division adds no variation with attitude.
 
-Both sides are compared between 0.1 and 0.9 Hz, where manoeuvres are and the ground below is not. Runs without gaps,
-each without its straight line, are taken apart into cosines, and those of the band are the equations [4]_: noise of any
-colour is independent there, so that the covariance needs no model of it. A ridge in units of the spread of each term,
-chosen by cross-validation over half minutes, holds what the manoeuvres hardly show.
+Both sides are compared between 0.1 and 0.9 Hz, the band of manoeuvres, which hardly contains the field of the ground
+below. Runs without gaps are detrended and transformed into cosines, and the cosines of the band are the equations [4]_.
+Noise of any colour is independent there, so that the covariance needs no model of the noise. A ridge in units of the
+spread of each term, chosen by cross-validation over half minutes, constrains terms that the manoeuvres hardly excite.
 
 >>> from flinders.apps.survey.simulate_aircraft import calibration_flight
 >>> flight = calibration_flight(seed=1)
@@ -54,45 +54,49 @@ if TYPE_CHECKING:
     from flinders.arrays import Floats
     from flinders.core.samples import Samples
 
-LEAST_S: Final = 90.0
-"""Of all runs: a flight of two headings, in a hurry."""
+MIN_DURATION_S: Final = 90.0
+"""Smallest duration of all runs, that of a quick flight on two headings."""
 
 FOLD_S: Final = 30.0
+"""Length of the parts for cross-validation."""
 FOLDS: Final = 5
+"""Number of folds of cross-validation."""
 
 RIDGES: Final = np.logspace(-8.0, 0.0, 17)
+"""Ridges that are tried, as shares of the sum of squares of each term."""
 
 NO_RIDGE: Final = 1e-12
+"""Ridge that only regularises rounding."""
 
-LEAST_IMPROVEMENT: Final = 1.2
-"""Ratio from which on a compensation is worth its while."""
+MIN_IMPROVEMENT: Final = 1.2
+"""Smallest improvement ratio of a useful compensation."""
 
-OPEN: Final = 0.25
-"""Of the standard deviation before compensation: coefficients that are less certain leave terms unobserved."""
+MAX_UNCERTAINTY: Final = 0.25
+"""Largest uncertainty of an observed term, as a share of the standard deviation before compensation."""
 
 ROUNDS: Final = 2
-"""Of the second order, which is a hundredth of the first where the aircraft has one percent of the field."""
+"""Iterations for the second order, which is a hundredth of the first if the aircraft has 1 % of the earth's field."""
 
 HEADINGS: Final = 8
-"""To which the manoeuvres are turned about z, to see what the coefficients claim on any heading."""
+"""Number of headings to which the manoeuvres are rotated, for the uncertainty on any heading."""
 
 Quality = Literal["good", "limited", "refused"]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class TollesLawson(Value):
-    """Coefficients of an aircraft, with what a compensation by them leaves; standard deviations from 0.1 to 0.9 Hz."""
+    """Coefficients of an aircraft, and residuals of the compensation as standard deviations from 0.1 to 0.9 Hz."""
 
-    coefficients: Floats  #: (16,) of the terms
-    covariance: Floats  #: (16, 16)
+    coefficients: Floats  #: (16,) coefficients of the terms
+    covariance: Floats  #: (16, 16) covariance of the coefficients
     ridge: float  #: share of the sum of squares of each term
-    before: float  #: nT: of the strength as recorded
-    after: float  #: nT: of the strength compensated, as noise and ground would leave with coefficients that are known
-    cross_validated: float  #: nT: of each fifth of the half minutes, compensated by coefficients of the others
-    as_flown: float  #: nT, 1 σ: of the compensation by these coefficients, in manoeuvres as flown
-    on_any_heading: float  #: nT, 1 σ: the same in these manoeuvres about z, on headings all around
-    unobserved: tuple[str, ...] = ()  #: names of the terms that the manoeuvres do not show
-    readings: int = 0  #: how many
+    before: float  #: nT: standard deviation of the recorded strength
+    after: float  #: nT: residual from noise and ground alone, with exact coefficients
+    cross_validated: float  #: nT: residual of each fifth of the half minutes with coefficients of the others
+    as_flown: float  #: nT, 1 σ: uncertainty of the compensation in manoeuvres as flown
+    on_any_heading: float  #: nT, 1 σ: uncertainty of the compensation in these manoeuvres on all headings
+    unobserved: tuple[str, ...] = ()  #: names of the terms that the manoeuvres do not determine
+    readings: int = 0  #: number of readings
     seconds: float = 0.0  #: duration of the recording
 
     def __post_init__(self) -> None:
@@ -112,31 +116,32 @@ class TollesLawson(Value):
 
     @property
     def verdict(self) -> Quality:
-        """``refused`` where terms are unobserved, ``limited`` by `limits`, else ``good``."""
+        """``refused`` if terms are unobserved, ``limited`` by `limits`, else ``good``."""
         return "refused" if self.unobserved else "limited" if self.limits else "good"
 
     @property
     def limits(self) -> tuple[str, ...]:
-        """What the coefficients are not good for, in words."""
+        """Sentences about the limits of the coefficients."""
         said = []
         if self.unobserved:
             said.append(
-                f"the manoeuvres do not show {', '.join(self.unobserved)}: fly rolls, pitches and yaws on four headings"
+                f"the manoeuvres do not determine {', '.join(self.unobserved)}: fly rolls, pitches and yaws on four "
+                "headings"
             )
         elif self.on_any_heading > self.cross_validated:
             said.append(
-                f"on other headings the compensation is off by {figures(self.on_any_heading)} nT, more than what is "
-                "left on those that were flown: keep to these, or fly four headings"
+                f"on other headings the compensation is off by {figures(self.on_any_heading)} nT, more than the "
+                "residual on the headings of this flight: use these headings only, or fly four headings"
             )
-        if self.improvement < LEAST_IMPROVEMENT:
+        if self.improvement < MIN_IMPROVEMENT:
             said.append(
                 f"the compensation improves the readings by a factor of {self.improvement:.2f} only: the aircraft is "
-                "hardly magnetic, or something else moves the readings, such as a current or the ground below"
+                "hardly magnetic, or the readings vary for another reason, such as a current or the ground below"
             )
         return tuple(said)
 
     def interference(self, samples: Samples) -> Floats:
-        """(N,) nT of the aircraft in each reading, but for a constant; NaN where something is missing.
+        """(N,) field of the aircraft in each reading in nT, up to a constant; NaN for incomplete readings.
 
         Raises `InputError`, `UnitError` or `FitError` as `fitted`.
         """
@@ -146,30 +151,30 @@ class TollesLawson(Value):
         return interference
 
     def compensated(self, samples: Samples) -> CompensationResidual:
-        """Look at what the coefficients leave of another recording; raises as `interference`, and `fitted`."""
+        """Residual of the compensation of another recording; raises as `interference` and `fitted`."""
         equations = Equations.of(Signal.of(samples).runs())
         removed = np.concatenate([run.filtered(run.interference(self.coefficients)) for run in equations.runs])
         left = equations.values - removed
         return CompensationResidual(
             before=equations.before,
             after=float(np.sqrt(np.sum(left**2) / equations.readings)),
-            claimed=_claimed(equations.gram, self.covariance),
+            claimed=_claimed_sigma(equations.gram, self.covariance),
             noise=self.after,
         )
 
 
 @dataclass(frozen=True, slots=True)
 class CompensationResidual:
-    """What coefficients leave of a recording: standard deviations from 0.1 to 0.9 Hz, in nT."""
+    """Residual of the compensation of a recording: standard deviations from 0.1 to 0.9 Hz, in nT."""
 
-    before: float  #: without the coefficients
-    after: float  #: with them
+    before: float  #: without compensation
+    after: float  #: with compensation
     claimed: float  #: 1 σ of the compensation in these readings
-    noise: float  #: of noise and ground, as on the calibration flight
+    noise: float  #: residual from noise and ground on the calibration flight
 
     @property
     def expected(self) -> float:
-        """What was to be left."""
+        """Expected residual: claimed uncertainty, noise and ground."""
         return float(np.hypot(self.claimed, self.noise))
 
     def as_dict(self) -> dict[str, float]:
@@ -177,7 +182,7 @@ class CompensationResidual:
         return {
             "before": self.before,
             "after": self.after,
-            "improvement": self.before / self.after,  # the first over the second
+            "improvement": self.before / self.after,  # ratio of the standard deviations before and after
             "claimed": self.claimed,
             "expected": self.expected,
         }
@@ -185,34 +190,34 @@ class CompensationResidual:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Equations:
-    """Terms and strength within the band."""
+    """Terms and strength within the band, as equations for the coefficients."""
 
     runs: Sequence[Signal]
-    cosines: tuple[Floats, ...]  #: of each run (M, 17): the terms, and the strength in nT
+    cosines: tuple[Floats, ...]  #: (M, 17) for each run: the terms, and the strength in nT
 
     @classmethod
     def of(cls, runs: Sequence[Signal], coefficients: Floats | None = None) -> Self:
-        """Those of some runs; of the first order alone where coefficients say what the second is."""
+        """Equations of some runs; with coefficients, their second order is subtracted."""
         return cls(runs, tuple(run.in_band(coefficients) for run in runs))
 
     @property
     def readings(self) -> int:
-        """How many there are."""
+        """Number of readings of all runs."""
         return sum(map(len, self.runs))
 
     @property
     def terms(self) -> Floats:
-        """(M, 16) of all runs."""
+        """(M, 16) terms of all runs."""
         return np.concatenate(self.cosines)[:, :-1]
 
     @property
     def values(self) -> Floats:
-        """(M,) nT of all runs."""
+        """(M,) strength of all runs, nT."""
         return np.concatenate(self.cosines)[:, -1]
 
     @property
     def gram(self) -> Floats:
-        """(16, 16) mean products of the terms in a reading."""
+        """(16, 16) mean products of terms per reading."""
         gram: Floats = self.terms.T @ self.terms / self.readings
         return gram
 
@@ -227,14 +232,14 @@ class Equations:
         return coefficients
 
     def products(self) -> Floats:
-        """(`FOLDS`, 17, 17) products of terms and strength in time, of each fifth of the half minutes."""
+        """(`FOLDS`, 17, 17) sums of products of terms and strength in time, for each fold of half minutes."""
         passed = np.concatenate([run.passed(cosines) for run, cosines in zip(self.runs, self.cosines, strict=True)])
         fold = np.concatenate([(run.time - run.time[0]) // FOLD_S % FOLDS for run in self.runs])
         return np.stack([passed[fold == each].T @ passed[fold == each] for each in range(FOLDS)])
 
 
-def _held_out(products: Floats, ridge: float) -> float:
-    """Sum of squares of each fold, nT², compensated by the coefficients of the others."""
+def _held_out_squares(products: Floats, ridge: float) -> float:
+    """Sum of squares in nT² over folds, each compensated with the coefficients of the others."""
     others = np.sum(products, axis=0) - products
     left = 0.0
     for own, other in zip(products, others, strict=True):
@@ -254,22 +259,22 @@ def _inverse(normal: Floats, ridge: float) -> Floats:
 def fitted(samples: Samples) -> TollesLawson:
     """Fit the sixteen coefficients to a calibration flight.
 
-    Minimises Σ (y − Σ cⱼ xⱼ)² + λ Σ (cⱼ sⱼ)² over the cosines y of the strength and xⱼ of the terms, sⱼ² being the sum
-    of squares of the term; λ makes the residuals of held-out half minutes smallest. The covariance is that of residuals
-    of any size at each frequency [5]_, and of the coefficients that the ridge shrinks.
+    Minimises Σ (y − Σ cⱼ xⱼ)² + λ Σ (cⱼ sⱼ)² over the cosines y of the strength and xⱼ of the terms, where sⱼ² is the
+    sum of squares of the term; λ minimises the residuals of held-out half minutes. The covariance allows residuals of
+    different size at each frequency [5]_, and includes the shrinkage by the ridge.
 
-    Use it for rolls, pitches and yaws of some degrees on four headings, high above the ground, and where the aircraft
-    adds two percent of the field or less; the vector magnetometer of a more magnetic one is to be calibrated first.
-    What the aircraft adds in second order, by its field across that of the earth, is taken off.
+    Use it for rolls, pitches and yaws of some degrees on four headings, high above the ground, if the aircraft adds 2 %
+    of the field or less; with a more magnetic aircraft, calibrate the vector magnetometer first. The effect of second
+    order, from the aircraft's field across that of the earth, is subtracted.
 
-    Raises `InputError` or `UnitError` without time, in counts, or where both magnetometers are in units of their own;
-    `FitError` for less than 90 s of usable readings, fewer than four a second, or a magnetometer that does not work.
+    Raises `InputError` or `UnitError` without time, for counts, or for magnetometers in different units; `FitError` for
+    less than 90 s of usable readings, fewer than four a second, or a magnetometer that does not work.
 
     Parameters
     ----------
     samples : Samples
-        Field in the axes of the aircraft, forward, right, down, with times. `Samples.strength` is what the scalar
-        magnetometer reads; without it the length of the field is compensated, which is to be that of a constant field.
+        Field in the axes of the aircraft, forward, right, down, with times. `Samples.strength` is the reading of the
+        scalar magnetometer; without it the length of the field is compensated, which should be constant.
 
     References
     ----------
@@ -277,20 +282,20 @@ def fitted(samples: Samples) -> TollesLawson:
     """
     flown = Signal.of(samples).runs()
     seconds = sum(run.seconds for run in flown)
-    if seconds < LEAST_S:
+    if seconds < MIN_DURATION_S:
         raise FitError(
-            f"{seconds:.0f} s without gaps: need {LEAST_S:.0f} s and more, such as rolls, pitches and yaws on four "
-            "headings",
+            f"{seconds:.0f} s without gaps: need {MIN_DURATION_S:.0f} s and more, such as rolls, pitches and yaws on "
+            "four headings",
             seconds=seconds,
         )
     recorded = Equations.of(flown)
-    around = _around(recorded.gram)
-    unobserved = _unseen(around, recorded)
+    around = _all_headings(recorded.gram)
+    unobserved = _unobserved_terms(around, recorded)
     equations = recorded if unobserved else _first_order(recorded)
     products = equations.products()
-    cross_validated = [_held_out(products, ridge) for ridge in RIDGES]
+    cross_validated = [_held_out_squares(products, ridge) for ridge in RIDGES]
     best = int(np.argmin(cross_validated))
-    coefficients, covariance, noise = _solved(equations, RIDGES[best])
+    coefficients, covariance, noise = _solve(equations, RIDGES[best])
     return TollesLawson(
         coefficients,
         covariance,
@@ -298,31 +303,31 @@ def fitted(samples: Samples) -> TollesLawson:
         before=recorded.before,
         after=noise * math.sqrt(len(equations.values) / equations.readings),
         cross_validated=math.sqrt(cross_validated[best] / equations.readings),
-        as_flown=_claimed(equations.gram, covariance),
-        on_any_heading=_claimed(around, covariance),
+        as_flown=_claimed_sigma(equations.gram, covariance),
+        on_any_heading=_claimed_sigma(around, covariance),
         unobserved=unobserved,
         readings=equations.readings,
         seconds=seconds,
     )
 
 
-def _around(gram: Floats) -> Floats:
-    """(16, 16) mean products of the terms with the same manoeuvres on headings all around."""
+def _all_headings(gram: Floats) -> Floats:
+    """(16, 16) mean products of the terms for the same manoeuvres on `HEADINGS` headings."""
     maps = [turned(2.0 * np.pi * place / HEADINGS) for place in range(HEADINGS)]
     around: Floats = np.mean([each.T @ gram @ each for each in maps], axis=0)
     return around
 
 
 def _first_order(recorded: Equations) -> Equations:
-    """Equations without what the field of the aircraft adds in second order, which the coefficients say."""
+    """Equations without the second order of the aircraft's field, which is calculated from the coefficients."""
     equations = recorded
     for _ in range(ROUNDS):
         equations = Equations.of(recorded.runs, equations.fit(RIDGES[0]))
     return equations
 
 
-def _solved(equations: Equations, ridge: float) -> tuple[Floats, Floats, float]:
-    """Coefficients (16,), their covariance (16, 16), and the standard deviation of an equation."""
+def _solve(equations: Equations, ridge: float) -> tuple[Floats, Floats, float]:
+    """(16,) coefficients, their (16, 16) covariance, and the standard deviation of an equation in nT."""
     terms, values, coefficients = equations.terms, equations.values, equations.fit(ridge)
     inverse = _inverse(terms.T @ terms, ridge)
     residuals = values - terms @ coefficients
@@ -335,17 +340,17 @@ def _solved(equations: Equations, ridge: float) -> tuple[Floats, Floats, float]:
     return coefficients, inverse @ (weighted.T @ weighted + shrunk) @ inverse, noise
 
 
-def _claimed(gram: Floats, covariance: Floats) -> float:
-    """Standard deviation, nT, that a covariance of coefficients makes of compensated readings with such products."""
+def _claimed_sigma(gram: Floats, covariance: Floats) -> float:
+    """Standard deviation of compensated readings in nT, from mean products of terms and the covariance."""
     return float(np.sqrt(np.sum(gram * covariance)))
 
 
-def _unseen(gram: Floats, equations: Equations) -> tuple[str, ...]:
-    """Terms that least squares leave open by much of what there is to compensate, on any heading."""
-    _, _, noise = _solved(equations, RIDGES[0])
+def _unobserved_terms(gram: Floats, equations: Equations) -> tuple[str, ...]:
+    """Names of terms whose uncertainty by least squares, on any heading, is large compared with the interference."""
+    _, _, noise = _solve(equations, RIDGES[0])
     covariance = noise**2 * _inverse(equations.terms.T @ equations.terms, NO_RIDGE)
-    most = OPEN * equations.before
-    if _claimed(gram, covariance) <= most:
+    most = MAX_UNCERTAINTY * equations.before
+    if _claimed_sigma(gram, covariance) <= most:
         return ()
     each = np.sqrt(np.diag(gram) * np.diag(covariance))
     return tuple(name for name, size in zip(NAMES, each.tolist(), strict=True) if size > most)

@@ -31,42 +31,44 @@ NAMES: Final = (
     *(f"induced {pair}" for pair in INDUCED),
     *(f"eddy {pair}" for pair in EDDY),
 )
-"""Of the coefficients: permanent in nT, induced in nT and eddy in nT s where the field has 50 µT."""
+"""Names of the coefficients: permanent in nT; induced in nT and eddy in nT s, both for a field of 50 µT."""
 
 NORMAL_FIELD: Final = 50.0
-"""µT, the strength that induced and eddy coefficients hold for."""
+"""Field strength in µT for which induced and eddy coefficients are stated."""
 
 BAND_HZ: Final = (0.1, 0.9)
+"""Band of manoeuvres."""
 
-SHORTEST_S: Final = 15.0
-"""Of a run without gaps that counts."""
+MIN_RUN_S: Final = 15.0
+"""Smallest duration of a run without gaps that is used."""
 
-LONGEST_GAP_S: Final = 1.0
+MAX_GAP_S: Final = 1.0
+"""Largest interval between readings of a run."""
 
-SLOWEST_HZ: Final = 4.0
-"""Readings a second, twice the band and a margin."""
+MIN_RATE_HZ: Final = 4.0
+"""Smallest rate of readings: twice the upper end of the band and a margin."""
 
-DROPOUT: Final = 0.1
-"""Of the strength: a reading that is farther from the median is one of a scalar magnetometer without a signal."""
+MAX_DEVIATION: Final = 0.1
+"""Largest relative deviation of a strength from the median; beyond it the scalar magnetometer had no signal."""
 
-SPIKE, LEAST_SPIKE = 30.0, 1e-2
-"""Times the mean, and µT, by which a spike is off the median of three readings."""
+MIN_SPIKE_RATIO, MIN_SPIKE_UT = 30.0, 1e-2
+"""Smallest deviation of a spike from the median of three readings: in units of the mean deviation, and in µT."""
 
-FEWEST_READINGS: Final = 3
+MIN_READINGS: Final = 3
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Signal:
     """Usable readings of both magnetometers."""
 
-    rows: NDArray[np.intp]  #: (N,) where they stand in the recording
+    rows: NDArray[np.intp]  #: (N,) rows of the recording
     time: Floats  #: (N,) s, ascending
     directions: Floats  #: (N, 3) field of the vector magnetometer over `strength`, in the axes of the aircraft
-    strength: Floats  #: (N,) µT, of the scalar magnetometer, else the length of the vector
+    strength: Floats  #: (N,) µT: reading of the scalar magnetometer, else the length of the vector
 
     @classmethod
     def of(cls, samples: Samples) -> Self:
-        """Take those with a time after the one before, and a strength that is no dropout and no spike.
+        """Usable readings: with ascending times, and a strength that is neither a dropout nor a spike.
 
         Raises `InputError`, `UnitError` or `FitError` as `fitted`.
         """
@@ -81,10 +83,10 @@ class Signal:
         is_later = np.diff(np.fmax.accumulate(samples.time), prepend=-np.inf) > 0.0
         rows = np.flatnonzero(is_later & (length > 0.0) & (strength > 0.0))
         rows = rows[_is_usual(strength[rows])]
-        if len(rows) < FEWEST_READINGS:
+        if len(rows) < MIN_READINGS:
             raise FitError(
                 f"{len(rows)} of {len(samples)} readings have a later time and a usual strength of the scalar "
-                f"magnetometer: need {FEWEST_READINGS} and more; check which columns are read",
+                f"magnetometer: need {MIN_READINGS} and more; check which columns are read",
                 found=len(rows),
             )
         directions = samples.field[rows] / strength[rows, np.newaxis]
@@ -93,7 +95,7 @@ class Signal:
         return signal
 
     def refuse_foreign(self, field: Floats) -> None:
-        """Refuse magnetometers of which one does not work, or is in another unit, by the (N, 3) field."""
+        """Refuse a magnetometer that does not work, or is in another unit, from the (N, 3) field of the vector."""
         if stuck := [axis for axis in range(3) if np.ptp(field[:, axis]) == 0.0]:
             raise StuckAxis(
                 tuple("xyz"[axis] for axis in stuck), tuple(float(field[0, axis]) for axis in stuck), "in manoeuvres"
@@ -115,57 +117,60 @@ class Signal:
         return Signal(self.rows[part], self.time[part], self.directions[part], self.strength[part])
 
     def runs(self) -> list[Signal]:
-        """Parts without gaps that are long enough, and have readings enough, for the band.
+        """Parts without gaps that are long enough for the band, with a sufficient rate.
 
-        Raises `FitError` where there is none.
+        Raises `FitError` if there is none.
         """
         rate = 1.0 / float(np.median(np.diff(self.time)))
-        if rate < SLOWEST_HZ:
+        if rate < MIN_RATE_HZ:
             raise FitError(
-                f"{figures(rate)} readings a second: need {SLOWEST_HZ:g} or more, 10 are usual", rate_hz=rate
+                f"{figures(rate)} readings a second: need {MIN_RATE_HZ:g} or more, 10 are usual", rate_hz=rate
             )
-        steady = runs(np.append(np.diff(self.time) <= LONGEST_GAP_S, False))
+        steady = runs(np.append(np.diff(self.time) <= MAX_GAP_S, False))
         whole = [self[run.start : run.stop + 1] for run in steady]
-        long = [run for run in whole if run.seconds >= SHORTEST_S]
+        long = [run for run in whole if run.seconds >= MIN_RUN_S]
         if not long:
             raise FitError(
-                f"no {SHORTEST_S:g} s without a gap of {LONGEST_GAP_S:g} s: record manoeuvres and lines in one piece",
+                f"no {MIN_RUN_S:g} s without a gap of {MAX_GAP_S:g} s: record manoeuvres and lines in one piece",
                 found=max((run.seconds for run in whole), default=0.0),
-                needed=SHORTEST_S,
+                needed=MIN_RUN_S,
             )
         return long
 
     @property
     def seconds(self) -> float:
-        """From the first reading to the last."""
+        """Duration from the first reading to the last."""
         return float(self.time[-1] - self.time[0])
 
     def terms(self) -> Floats:
-        """(N, 16) what each coefficient is multiplied by."""
+        """(N, 16) terms, which the coefficients multiply."""
         return self._terms(self.directions)
 
     def _terms(self, u: Floats) -> Floats:
-        """The same of (N, 3) direction cosines."""
+        """(N, 16) terms for (N, 3) direction cosines."""
         change = np.gradient(u, self.time, axis=0)
         (first, second), (across, along) = _places(INDUCED), _places(EDDY)
         products = np.hstack([u[:, first] * u[:, second], u[:, across] * change[:, along]])
         return np.hstack([u, products * self.strength[:, np.newaxis] / NORMAL_FIELD])
 
     def in_band(self, coefficients: Floats | None = None) -> Floats:
-        """(M, 17) cosines within the band: of the terms, and of the strength in nT, without the second order."""
+        """(M, 17) cosines within the band, of the terms and of the strength in nT.
+
+        With coefficients, the second order of the aircraft's field is subtracted from the strength.
+        """
         second = 0.0 if coefficients is None else self.second_order(coefficients)
         return self.filtered(np.column_stack([self.terms(), 1000.0 * self.strength - second]))
 
     def interference(self, coefficients: Floats) -> Floats:
-        """(N,) nT that coefficients make of the aircraft: how much shorter the field is without its own."""
+        """(N,) nT by which the aircraft lengthens the field, from the coefficients."""
         linear: Floats = self.terms() @ coefficients
         return linear + self.second_order(coefficients)
 
     def second_order(self, coefficients: Floats) -> Floats:
-        """(N,) nT of it that is not linear.
+        """(N,) nonlinear part of the interference, in nT.
 
-        The field of the aircraft across the earth's lengthens that by its square over 2 B, and eddy currents follow
-        the field of the earth alone, which changes otherwise than the sum of both.
+        The aircraft's field across the earth's field B lengthens it by the square over 2 B. Eddy currents follow the
+        change of the earth's field, which differs from that of the total field.
         """
         unit = self.directions / np.linalg.norm(self.directions, axis=1, keepdims=True)
         total = 1000.0 * self.strength[:, np.newaxis]
@@ -176,7 +181,7 @@ class Signal:
         return shorter - self._terms(unit) @ coefficients
 
     def _aircraft(self, coefficients: Floats, unit: Floats, change: Floats) -> Floats:
-        """(N, 3) nT of the aircraft in a field along (N, 3) unit vectors, with (N, 3) change of these in a second."""
+        """(N, 3) field of the aircraft in nT, for a field along (N, 3) unit vectors with (N, 3) change per second."""
         permanent, induced, eddy = as_matrices(coefficients)
         field: Floats = permanent + self.strength[:, np.newaxis] / NORMAL_FIELD * (unit @ induced.T + change @ eddy.T)
         return field
@@ -190,14 +195,14 @@ class Signal:
         return cosine_transform(columns - line @ np.linalg.lstsq(line, columns, rcond=None)[0])[self._is_in_band]
 
     def passed(self, cosines: Floats) -> Floats:
-        """(N, ...) what (M, ...) cosines of the band are in time."""
+        """(N, ...) time series of (M, ...) cosines of the band."""
         whole = np.zeros((len(self), *cosines.shape[1:]))
         whole[self._is_in_band] = cosines
         return inverse_cosine_transform(whole)
 
     @property
     def _is_in_band(self) -> NDArray[np.bool_]:
-        """(N,) which cosines are."""
+        """(N,) whether cosines are in the band."""
         n = len(self)
         hertz = np.arange(n) * (n - 1) / (2.0 * n * self.seconds)
         is_in: NDArray[np.bool_] = (hertz >= BAND_HZ[0]) & (hertz <= BAND_HZ[1])
@@ -205,7 +210,7 @@ class Signal:
 
 
 def scalar_of(samples: Samples) -> Floats:
-    """(N,) µT: what the scalar magnetometer reads, else the length of the vector."""
+    """(N,) µT: readings of the scalar magnetometer, else the length of the vector."""
     return np.linalg.norm(samples.field, axis=1) if samples.strength is None else samples.strength
 
 
@@ -215,20 +220,20 @@ def _is_usual(strength: Floats) -> NDArray[np.bool_]:
         return np.zeros(0, bool)
     padded = np.pad(strength, 1, mode="edge")
     off = np.abs(strength - np.median([padded[:-2], strength, padded[2:]], axis=0))
-    is_spike = off > max(SPIKE * float(np.mean(off)), LEAST_SPIKE)
-    is_usual: NDArray[np.bool_] = ~is_spike & (np.abs(strength / np.median(strength) - 1.0) <= DROPOUT)
+    is_spike = off > max(MIN_SPIKE_RATIO * float(np.mean(off)), MIN_SPIKE_UT)
+    is_usual: NDArray[np.bool_] = ~is_spike & (np.abs(strength / np.median(strength) - 1.0) <= MAX_DEVIATION)
     return is_usual
 
 
 def as_matrices(coefficients: Floats) -> tuple[Floats, Floats, Floats]:
-    """Permanent field (3,), induced matrix (3, 3), symmetric, and eddy matrix (3, 3), both with zz = 0."""
+    """(3,) permanent field, (3, 3) symmetric induced matrix and (3, 3) eddy matrix, both with zz = 0."""
     induced, eddy = np.zeros((3, 3)), np.zeros((3, 3))
     induced[_places(INDUCED)], eddy[_places(EDDY)] = coefficients[3:8], coefficients[8:]
     return coefficients[:3], (induced + induced.T) / 2.0, eddy
 
 
 def as_coefficients(permanent: Floats, induced: Floats, eddy: Floats) -> Floats:
-    """(16,) coefficients of a field; of a matrix the same in all directions, which cannot be seen, nothing is left.
+    """(16,) coefficients of a field; the isotropic part of a matrix cannot be observed, and is removed.
 
     >>> as_coefficients(*as_matrices(np.arange(16.0)))
     array([ 0.,  1.,  2.,  3.,  4.,  5.,  6.,  7.,  8.,  9., 10., 11., 12.,
@@ -240,7 +245,7 @@ def as_coefficients(permanent: Floats, induced: Floats, eddy: Floats) -> Floats:
 
 
 def turned(angle: float) -> Floats:
-    """(16, 16) what gives coefficients for an aircraft of those of one that is turned about z by some rad.
+    """(16, 16) map to coefficients of an aircraft from those of the same aircraft turned about z by `angle`, rad.
 
     >>> bool(np.allclose(turned(0.3) @ turned(-0.3), np.eye(16)))
     True
@@ -252,7 +257,7 @@ def turned(angle: float) -> Floats:
 
 
 def _places(pairs: tuple[str, ...]) -> tuple[list[int], list[int]]:
-    """Rows and columns of entries."""
+    """Rows and columns of matrix entries such as ``xy``."""
     return [AXES.index(pair[0]) for pair in pairs], [AXES.index(pair[1]) for pair in pairs]
 
 
@@ -271,7 +276,7 @@ def cosine_transform(columns: Floats) -> Floats:
 
 
 def inverse_cosine_transform(cosines: Floats) -> Floats:
-    """(N, ...) columns of which `cosine_transform` gives (N, ...) cosines, the first of them zero.
+    """(N, ...) columns from (N, ...) cosines whose first is zero: the inverse of `cosine_transform`.
 
     >>> columns = np.array([1.0, 2.0, 4.0, -7.0])
     >>> inverse_cosine_transform(cosine_transform(columns)).round(6)

@@ -34,7 +34,7 @@ class Pattern(Dialect):
         names = tuple(pieces[1::2])
         if len(names) < 3 or len(set(names)) < len(names) or not all(names):
             raise UsageError(
-                f"pattern {pattern!r}: need a line as it is printed, with three or more different names in braces "
+                f"pattern {pattern!r}: need a line as printed, with three or more different names in braces "
                 "for its numbers, such as 'mag {x} {y} {z}'"
             )
         texts = [r"\s*".join(map(re.escape, piece.split())) for piece in pieces[::2]]

@@ -45,7 +45,7 @@ WORDS: Final = {
     **{digits: re.compile(rf"(?<![\w.+-])[0-9a-fA-F]{{{digits}}}(?![\w.])") for digits in SIGNED_WORD_DIGITS},
     0: re.compile(r"(?<![\w.+-])[0-9a-fA-F]{1,8}(?![\w.])"),
 }
-_BETWEEN: Final = re.compile(r"[\s,;]+")
+_WORD_SEPARATORS: Final = re.compile(r"[\s,;]+")
 LEAST: Final = 3  # smallest count of hexadecimal words in a line with a reading
 MIN_LETTER_SHARE: Final = 0.3  # smallest share of lines with a letter among those with as many words
 
@@ -108,7 +108,9 @@ def stamped(
 
 def hexadecimal(lines: list[str], behind: Recognise, table: Recognise) -> Hexadecimal | None:
     """Find lines with three words of one length that are hexadecimal, or rows of such words of any length."""
-    bare = [words for line in lines if len(words := _BETWEEN.split(line.strip())) >= LEAST and _are_words(words)]
+    bare = [
+        words for line in lines if len(words := _WORD_SEPARATORS.split(line.strip())) >= LEAST and _are_words(words)
+    ]
     for digits, word in WORDS.items():
         rows = [words for line in lines if len(words := word.findall(line)) >= LEAST] if digits else bare
         lettered = [words for words in rows if not all(map(str.isdigit, words))]

@@ -1,26 +1,26 @@
 /**
- * The eye of the 3-D view: turned, moved and brought nearer by mouse, touch and keys; eased, never thrown about.
+ * Camera of the 3-D view: rotates, moves and zooms by mouse, touch and keys, with smooth motion.
  *
- * z points up on the screen. As long as nobody has touched the view it keeps what is drawn in frame. It turns towards
- * what is asked for, and where a person has turned it, only some seconds later.
+ * z points up on the screen. Until the user moves the view, the camera keeps the scene in frame. It turns towards the
+ * advised direction; after a move by the user, only some seconds later.
  */
 
 import { OrbitControls, PerspectiveCamera, Vector3 } from "../vendor/three.js";
 
-/** Vertical angle of view, degrees: narrow, so that a sphere looks like one. */
+/** Vertical angle of view, degrees; narrow, to avoid distortion of the sphere. */
 const VIEW_DEG = 26;
 
 const HOME = { azimuth: (32 * Math.PI) / 180, elevation: (20 * Math.PI) / 180 };
 const STEEPEST = (84 * Math.PI) / 180;
 const STEP = (12 * Math.PI) / 180;
 
-/** Off the middle of the picture, radians: still well in sight; not worth turning for. */
+/** Angles from the middle of the picture, radians: within the first well visible; below the second no turn. */
 const [INSIGHT, LEEWAY] = [0.95, 0.25];
 
-/** Milliseconds after a person's hand, in which the view stays as it was left. */
+/** Time after a move by the user in which the camera does not turn by itself, ms. */
 const LEFT_MS = 4000;
 
-/** Time constants in seconds: of what was asked for, and of following. */
+/** Time constants of moves by the user and of following, s. */
 const [QUICK, SLOW] = [0.11, 0.45];
 
 export class Eye {
@@ -72,11 +72,11 @@ export class Eye {
     }
 
     /**
-     * Keep a ball in the picture. What a person has chosen to look at is left.
+     * Keep a ball in the picture, unless the user has moved the view.
      *
      * @param {Vector3} centre
      * @param {number} radius
-     * @param {number} [nearest]  how near the eye may come
+     * @param {number} [nearest]  least distance of the camera
      */
     frame(centre, radius, nearest = 0.3) {
         this.centre.copy(centre);
@@ -91,7 +91,7 @@ export class Eye {
         this.#ease(QUICK);
     }
 
-    /** Look at everything, from where the view began. */
+    /** Reset the camera to its initial view. */
     reset() {
         this.untouched = true;
         [this.azimuth, this.elevation] = [HOME.azimuth, HOME.elevation];
@@ -99,7 +99,7 @@ export class Eye {
     }
 
     /**
-     * Turn until a direction is well in sight, and what lies around it, unless a person has just turned the view.
+     * Turn until a direction and its surroundings are well visible, unless the user has just moved the view.
      *
      * @param {Vector3} direction  unit vector, from the centre of what is drawn
      * @param {number} around  radians
@@ -114,17 +114,17 @@ export class Eye {
         this.#ease(SLOW);
     }
 
-    /** How long a length at the centre is on the screen, in pixels of the page. @param {number} length */
+    /** Length on the screen, in pixels, of a length at the centre. @param {number} length */
     pixels(length) {
         const distance = this.camera.position.distanceTo(this.controls.target);
         return ((this.canvas.clientHeight / 2) * length) / (Math.tan((VIEW_DEG * Math.PI) / 360) * distance);
     }
 
     /**
-     * Move on by a step of time.
+     * Advance the motion by a step of time.
      *
      * @param {number} seconds  since the last step
-     * @returns {boolean}  whether it goes on moving
+     * @returns {boolean}  whether the motion continues
      */
     step(seconds) {
         if (!this.easing) return this.controls.update();
@@ -154,7 +154,7 @@ export class Eye {
         this.controls.dispose();
     }
 
-    /** How far away the ball fits into the picture, whichever of its sides is shorter. */
+    /** Distance at which the ball fits the shorter side of the picture. */
     #away() {
         const half = (VIEW_DEG * Math.PI) / 360;
         return this.radius / Math.sin(Math.min(half, Math.atan(Math.tan(half) * this.camera.aspect)));
@@ -167,7 +167,7 @@ export class Eye {
         this.changed();
     }
 
-    /** From where the eye is, as a person left it, on to where a key sends it. */
+    /** Continue from the present view to the target of a key. */
     #goOn() {
         this.#takeOver();
         this.untouched = false;
@@ -175,7 +175,7 @@ export class Eye {
         this.#ease(QUICK);
     }
 
-    /** Where the eye is becomes where it is to be. */
+    /** Set the target to the present view. */
     #takeOver() {
         if (this.easing) return;
         this.offset.copy(this.camera.position).sub(this.controls.target);

@@ -29,8 +29,8 @@ const STOPS = /** @type {const} */ ({
 });
 
 /**
- * What is drawn in which colour. Points before and after correction differ in blue as well as in lightness; marks on the
- * sphere are light in a dark casing in both themes, for they lie on colours of all kinds.
+ * Colours by role. Points before and after correction differ in blue and in lightness; marks on the sphere are light with a
+ * dark border in both themes, as they lie on any colour.
  */
 const PALETTES = {
     dark: {
@@ -69,14 +69,14 @@ const PALETTES = {
 
 /** @typedef {keyof typeof PALETTES.dark} Role */
 
-/** Where the legend has its marks: error ÷ target. */
+/** Marks of the legend: error ÷ target. */
 export const LEGEND_STOPS = /** @type {const} */ ([0.5, 1, 2, 5, 12]);
 
 /**
  * The colour of a predicted heading error.
  *
- * @param {number | null} deg  1 σ, degrees; null (or NaN) where nothing is known
- * @param {number} target_deg  what is asked for, degrees
+ * @param {number | null} deg  1 σ, degrees; null (or NaN) if unknown
+ * @param {number} target_deg  target of the error, degrees
  * @param {Theme} theme
  * @returns {Rgb}  of sRGB, 0…1
  */
@@ -93,7 +93,7 @@ export function errorColour(deg, target_deg, theme) {
 }
 
 /**
- * Marks of a legend, from good to bad: the error, its colour, and how it is read.
+ * Marks of a legend, from good to bad: the error, its colour, and its text.
  *
  * @param {number} target_deg
  * @param {Theme} theme
@@ -108,7 +108,7 @@ export function legend(target_deg, theme) {
 }
 
 /**
- * The colours of a theme by what they are for, as CSS.
+ * Colours of a theme by role, as CSS.
  *
  * @param {Theme} theme
  * @returns {Readonly<Record<Role, string>>}
@@ -149,7 +149,7 @@ function labOf(lightness, chroma, hue) {
  * @param {number} L
  * @param {number} a
  * @param {number} b
- * @returns {Rgb}  of sRGB, cut to what a screen can show
+ * @returns {Rgb}  of sRGB, clipped to its range
  */
 function rgbOfLab(L, a, b) {
     const l = (L + 0.3963377774 * a + 0.2158037573 * b) ** 3;

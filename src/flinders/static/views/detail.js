@@ -1,17 +1,17 @@
 /**
- * How finely the 3-D view is drawn, by how long its pictures take while it moves.
+ * Level of detail of the 3-D view, from the duration of its frames during motion.
  *
- * A slow machine shows fewer pixels, and while the view moves fewer readings. Pictures that are fast then do not tell
- * whether those in full detail would be: full detail is tried again, each time after twice as many pictures.
+ * A slow machine shows fewer pixels, and fewer readings during motion. Fast frames in low detail do not show that full
+ * detail would be fast: full detail is tried again, each time after twice as many frames.
  */
 
-/** Mean milliseconds of a picture: beyond the first, detail is low; below the second, it may be full again. */
+/** Mean duration of a frame, ms: above the first, detail is low; below the second, it may be full again. */
 const [SLOW_MS, FAST_MS] = [45, 25];
 
-/** What a picture counts for in the mean; a longer one than this was interrupted. */
+/** Weight of a frame in the mean, and the longest frame, ms; longer ones were interrupted. */
 const [WEIGHT, LONGEST_MS] = [0.15, 150];
 
-/** Pictures before full detail is tried again, at first. */
+/** Frames before the first new try of full detail. */
 const PATIENCE = 90;
 
 export class Detail {
@@ -21,7 +21,7 @@ export class Detail {
     patience = PATIENCE;
 
     /**
-     * Take how long a picture took that followed on another.
+     * Add the duration of a frame.
      * @param {number} ms
      * @returns {boolean} Whether the detail has changed.
      */

@@ -1,22 +1,22 @@
 /**
- * Shapes of the 3-D view as plain arrays of numbers: nothing here knows WebGL.
+ * Shapes of the 3-D view as arrays of numbers, without WebGL.
  *
  * @typedef {{centres: number[], corners: number[][]}} Tiles  3 numbers for each centre; 3 for each corner of each tile
  * @typedef {ArrayLike<number>} Vector  three numbers
  *
  * @typedef {object} TileMesh  a fan of triangles for each tile
  * @property {Float32Array} position  3 for each vertex, on the unit sphere
- * @property {Float32Array} local  2 for each vertex: where it is on its tile, 1 at the rim; for hatching
+ * @property {Float32Array} local  2 for each vertex: position on its tile, 1 at the rim; for hatching
  * @property {Float32Array} edge  distance from the rim of the tile, 0 on it
- * @property {Float32Array} tile  number of the tile that the vertex belongs to
+ * @property {Float32Array} tile  number of the vertex's tile
  * @property {Uint16Array | Uint32Array} index  3 for each triangle, counter-clockwise from outside
  *
  * @typedef {object} Strokes  straight pieces of lines
  * @property {Float32Array} start  3 for each piece
  * @property {Float32Array} end  3 for each piece
- * @property {Float32Array} alpha  2 for each piece: opacity where it starts and where it ends
+ * @property {Float32Array} alpha  2 for each piece: opacity at its start and end
  * @property {Float32Array} width  2 for each piece, in widths of the line
- * @property {number} count  pieces that are in use
+ * @property {number} count  pieces in use
  */
 
 import { between, rotated, rotation } from "./turn.js";
@@ -107,7 +107,7 @@ export function tileAt(tiles, direction) {
 }
 
 /**
- * Room for pieces of lines, all of full opacity and width.
+ * Arrays for pieces of lines, with full opacity and width.
  *
  * @param {number} capacity
  * @returns {Strokes}
@@ -141,7 +141,7 @@ function strokesAlong(lines) {
 }
 
 /**
- * Meridians and parallels of the unit sphere, 30° apart, without the crowd of meridians at the poles.
+ * Meridians and parallels of the unit sphere, 30° apart, with fewer meridians at the poles.
  *
  * @returns {Strokes}
  */
@@ -166,7 +166,7 @@ export function circle(radius) {
     return strokesAlong([sweepPoints(0, 360, 6, (lon) => onSphere(lon, height))]);
 }
 
-/** Pieces of `axes` that lie outside of the unit sphere; they come first. */
+/** Number of pieces of `axes` outside of the unit sphere, which are the first ones. */
 export const OUTSIDE = 12;
 
 /**
@@ -207,7 +207,7 @@ function onSphere(lon, lat) {
     return [Math.cos(v) * Math.cos(u), Math.cos(v) * Math.sin(u), Math.sin(v)];
 }
 
-/** Share of the way at which an arrow begins to be seen, so that it does not cover what it starts from. */
+/** Share of its length at which an arrow becomes visible, so that it does not cover its start. */
 const CLEAR = 0.04;
 
 /** Pieces of an arrow's shaft. */
@@ -268,7 +268,7 @@ export function arrow(from, to, out) {
 }
 
 /**
- * A direction on the way to another, no farther than so many radians.
+ * A direction on the great circle to another, at most some radians away.
  *
  * @param {import("./vectors.js").Vector} from
  * @param {import("./vectors.js").Vector} to
@@ -281,7 +281,7 @@ export function towards(from, to, most) {
 }
 
 /**
- * Extent of a cloud, kept up as it grows. Readings that are not numbers are passed over.
+ * Extend the extent of a cloud by points; skips NaN.
  *
  * @typedef {{low: number[], high: number[]}} Extent
  * @param {Extent} extent
@@ -303,7 +303,7 @@ export function emptyExtent() {
 }
 
 /**
- * What turns raw readings into points of the unit sphere, W (x − b) / F, as the 16 numbers of a matrix by columns.
+ * Matrix that maps raw readings to the unit sphere, W (x − b) / F, as 16 numbers by columns.
  *
  * @param {{matrix: number[][], offset: number[], strength: number}} shown
  * @param {number[]} [out]
@@ -319,7 +319,7 @@ export function drawMatrix({ matrix, offset, strength }, out = new Array(16)) {
     return out;
 }
 
-/** @param {number[]} centre @returns {[readonly number[], readonly number[]]} two unit vectors across it */
+/** @param {number[]} centre @returns {[readonly number[], readonly number[]]} two perpendicular unit vectors */
 function tangents(centre) {
     const across = unit(cross(Math.abs(centre[2]) < 0.9 ? [0, 0, 1] : [1, 0, 0], centre));
     return [across, cross(centre, across)];

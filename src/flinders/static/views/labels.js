@@ -1,8 +1,8 @@
-/** Words in the 3-D view: elements of the page, kept at places of the picture. */
+/** Labels of the 3-D view: elements of the page at positions of the picture. */
 
 /** @typedef {import("../vendor/three.js").Vector3} Vector3 @typedef {import("../vendor/three.js").Camera} Camera */
 
-/** Opacity of what the sphere hides. */
+/** Opacity of labels behind the sphere. */
 const HIDDEN = 0.3;
 
 export class Labels {
@@ -26,7 +26,7 @@ export class Labels {
      * @param {Vector3} place  is overwritten
      * @param {Camera} camera
      * @param {{solid?: boolean, below?: number}} [options]
-     *     solid: the unit sphere hides what is behind it; below: pixels below the place, and half a line
+     *     solid: hide the label behind the unit sphere; below: offset down in pixels, plus half a line
      */
     put(name, place, camera, { solid = false, below = 0 } = {}) {
         const label = this.of(name);
@@ -73,14 +73,14 @@ function label(host, words) {
     const made = document.createElement("div");
     made.className = "scene-label";
     made.textContent = words;
-    made.setAttribute("aria-hidden", "true"); // the view's own label says it
+    made.setAttribute("aria-hidden", "true"); // the view's own label describes it
     Object.assign(made.style, { position: "absolute", left: "0", top: "0", display: "none", pointerEvents: "none" });
     Object.assign(made.style, { fontWeight: "600", lineHeight: "1", whiteSpace: "nowrap" });
     host.append(made);
     return made;
 }
 
-/** A place that the unit sphere hides from the eye. @param {Vector3} place @param {Vector3} eye */
+/** Whether the unit sphere hides a place from the camera. @param {Vector3} place @param {Vector3} eye */
 function isHidden(place, eye) {
     const [x, y, z] = [place.x - eye.x, place.y - eye.y, place.z - eye.z];
     const far = Math.hypot(x, y, z);

@@ -1,4 +1,4 @@
-/** What each shown reading is to the fit. */
+/** Status of each shown reading in the fit. */
 
 /** @typedef {import("../view.d.ts").Points} Points */
 
@@ -7,7 +7,7 @@ export const REJECTED = 1;
 export const EXCLUDED = 2;
 
 /**
- * Mark which of the shown points the fit left out, and which the user did.
+ * Mark shown points that the fit has rejected, and those that the user has excluded.
  *
  * @param {Uint8Array} marks  written: USED, REJECTED or EXCLUDED for each point
  * @param {Pick<Points, "count" | "time" | "stride">} points

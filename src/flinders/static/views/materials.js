@@ -1,8 +1,8 @@
 /**
- * How the 3-D view is shaded: tiles, points, lines and the marker of the newest reading.
+ * Shaders of the 3-D view for tiles, points, lines and the marker of the newest reading.
  *
- * Edges are smoothed in the shaders, by how fast a quantity changes from pixel to pixel, so that the view needs no
- * multisampling: it looks the same where WebGL is drawn by the processor. Colours are sRGB throughout.
+ * Shaders smooth edges by the gradient of a quantity per pixel, so that the view needs no multisampling and looks the same
+ * in software WebGL. All colours are sRGB.
  */
 
 import { Color, ShaderMaterial, Vector2, Vector3 } from "../vendor/three.js";
@@ -10,8 +10,7 @@ import { Color, ShaderMaterial, Vector2, Vector3 } from "../vendor/three.js";
 /** @typedef {Record<string, {value: any}>} Uniforms */
 
 /**
- * How far a point is hidden behind the unit sphere: where the line from the eye meets the sphere before it. An eye at a
- * finite distance, everything in the axes of the sphere.
+ * Visibility of a point behind the unit sphere, for a camera at a finite distance, in the axes of the sphere.
  */
 const HIDDEN = /* glsl */ `
     float hidden(vec3 point, vec3 eye) {
@@ -25,10 +24,10 @@ const HIDDEN = /* glsl */ `
     }`;
 
 /**
- * A material of our own shaders; what the processor tells them can be changed later, by its name.
+ * A material with its own shaders; uniforms can be changed later by name.
  *
  * @param {{uniforms: Record<string, any>, vertexShader: string, fragmentShader: string, isFlat?: boolean}} said
- *     isFlat: drawn over all that is there, whatever its distance
+ *     isFlat: drawn over everything, at any distance
  * @returns {ShaderMaterial}
  */
 function shaderMaterial({ uniforms, isFlat = false, ...shaders }) {
@@ -100,7 +99,7 @@ export function tileMaterial() {
             void main() {
                 vec3 normal = normalize(normal_);
                 float facing = dot(normal, normalize(toEye));
-                // opacity of the tint: 1 where there are readings, ½ where there are none, 0 where nothing is known
+                // opacity of the tint: 1 with readings, ½ without readings, 0 if unknown
                 float seen = smoothstep(0.5, 1.0, tint.a);
                 float known = smoothstep(0.0, 0.5, tint.a);
                 float striped = hatch(place);
@@ -114,7 +113,7 @@ export function tileMaterial() {
                 colour *= mix(0.93, 1.0, smoothstep(0.004, 0.03, rim));
                 colour = mix(colour, ink, chosen * (0.12 + 0.5 * pulse) * (1.0 - 0.75 * smoothstep(0.0, 0.05, rim)));
 
-                // a seam is as wide at any size; where that is less than a pixel, it is fainter instead
+                // a seam has a constant width; below one pixel, it is fainter instead
                 float soft = fwidth(rim);
                 float reach = max(SEAM, 0.5 * soft);
                 float seamed = (1.0 - smoothstep(reach - 0.6 * soft, reach + 0.6 * soft, rim)) * SEAM / reach;
@@ -191,7 +190,7 @@ export function pointMaterial() {
  * Lines of a width in pixels, with a border in another colour where `border` is given.
  *
  * @param {{width: number, opacity?: number, behind?: number, border?: number}} options
- *     behind: opacity of what the sphere hides, as a share
+ *     behind: relative opacity behind the sphere
  * @returns {ShaderMaterial}
  */
 export function lineMaterial({ width, opacity = 1, behind = 0, border = 0 }) {
@@ -255,7 +254,7 @@ export function lineMaterial({ width, opacity = 1, behind = 0, border = 0 }) {
     });
 }
 
-/** A dot in a ring, of one size on the screen; of two, each ring has the colour of its cloud. @returns {ShaderMaterial} */
+/** A dot in a ring, of constant size on the screen; of two, each ring has the colour of its cloud. @returns {ShaderMaterial} */
 export function markerMaterial() {
     return shaderMaterial({
         isFlat: true,

@@ -1,4 +1,4 @@
-/** Which of many is the nearest. */
+/** Nearest of many. */
 
 /**
  * The number with the smallest distance.

@@ -1,5 +1,5 @@
 /**
- * The things of the 3-D view: geometry and material put together.
+ * Objects of the 3-D view, with geometry and material.
  *
  * @typedef {import("./geometry.js").Strokes} Strokes
  * @typedef {import("./geometry.js").Tiles} Tiles
@@ -21,8 +21,8 @@ import { lineMaterial, markerMaterial, pointMaterial, tileMaterial } from "./mat
 /** The corners of a piece of a line: along it, across it, and 0. */
 const CORNERS = [0, -1, 0, 1, -1, 0, 1, 1, 0, 0, 1, 0];
 
-/** What is said of each piece at each of its corners, and in how many numbers. */
-const SAID = /** @type {const} */ ([
+/** Attributes of each piece at its corners, and their sizes. */
+const ATTRIBUTES = /** @type {const} */ ([
     ["start", 3],
     ["end", 3],
     ["alpha", 2],
@@ -52,9 +52,9 @@ export class Ball {
     }
 
     /**
-     * @param {Uint8Array} tints  4 for each tile: red, green, blue, and 255 where there are readings, 128 where there
-     *     are none, 0 where nothing is known
-     * @param {boolean} slowly  from the colours that are seen now, as the uniform `share` goes from 0 to 1
+     * @param {Uint8Array} tints  4 for each tile: red, green, blue, and 255 with readings, 128 without
+     *     readings, 0 if unknown
+     * @param {boolean} slowly  change from the present colours as the uniform `share` goes from 0 to 1
      */
     paint(tints, slowly) {
         const [before, after] = [this.before.array, this.after.array];
@@ -88,7 +88,7 @@ export function lines(pieces, options, order) {
     }
     geometry.setAttribute("position", new BufferAttribute(corners, 3));
     geometry.setIndex(new BufferAttribute(index, 1));
-    for (const [name, size] of SAID) {
+    for (const [name, size] of ATTRIBUTES) {
         geometry.setAttribute(name, new BufferAttribute(new Float32Array(4 * size * capacity), size));
     }
     const part = inFront(new Mesh(geometry, lineMaterial(options)), order);
@@ -96,9 +96,9 @@ export function lines(pieces, options, order) {
     return part;
 }
 
-/** Draw other pieces, as many as there is room for. @param {Part} part @param {Strokes} pieces */
+/** Replace the pieces, up to the capacity. @param {Part} part @param {Strokes} pieces */
 export function rewrite(part, pieces) {
-    for (const [name, size] of SAID) {
+    for (const [name, size] of ATTRIBUTES) {
         const attribute = /** @type {BufferAttribute} */ (part.geometry.getAttribute(name));
         const [from, to] = [pieces[name], attribute.array];
         for (let piece = 0; piece < pieces.count; piece += 1) {

@@ -1,8 +1,8 @@
 /**
- * A frame saved on the graphics card, so that what has not changed is not drawn again.
+ * A frame saved on the graphics card, so that unchanged parts are not drawn again.
  *
- * Where the processor draws, twenty thousand points take it longer than the sensor takes to its next readings. So the
- * points are drawn once, and as long as nobody turns the view new ones are drawn onto the picture of those before.
+ * In software WebGL, drawing twenty thousand points takes longer than the interval of new readings. So the points are drawn
+ * once, and new ones are drawn onto the saved frame until the view turns.
  */
 
 export class SavedFrame {
@@ -17,7 +17,7 @@ export class SavedFrame {
         this.colours = null;
     }
 
-    /** Save what has been drawn onto the canvas so far. */
+    /** Save the present canvas. */
     save() {
         const { gl } = this;
         const [width, height] = [gl.drawingBufferWidth, gl.drawingBufferHeight];
@@ -27,7 +27,7 @@ export class SavedFrame {
 
     /**
      * Put the saved frame onto the canvas.
-     * @returns {boolean} Whether there is one of this size.
+     * @returns {boolean} Whether a frame of this size was saved.
      */
     restore() {
         const { gl } = this;
@@ -36,7 +36,7 @@ export class SavedFrame {
         return true;
     }
 
-    /** Forget it, as when the driver has lost it. */
+    /** Delete the frame, for example after the driver has lost it. */
     drop() {
         this.gl.deleteFramebuffer(this.frame);
         this.gl.deleteRenderbuffer(this.colours);

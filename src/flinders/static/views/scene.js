@@ -1,13 +1,13 @@
 /**
- * The 3-D view: what is known in each direction, and the readings before and after correction.
+ * The 3-D view: the heading error in each direction, and the readings before and after correction.
  *
  * "sphere" colours the tiles of the unit sphere by the predicted heading error; tiles without readings are hatched.
- * A marker shows the newest direction, an arrow the way to the tile that is to be visited next. "clouds" shows the raw
- * and the corrected readings together, "raw" and "corrected" one of them: all from one buffer on the graphics card, the
- * corrected ones under the matrix W (x − b) / F, which moves from the old fit to the new one before the eye.
+ * A marker shows the newest direction, an arrow leads to the tile to be covered next. "clouds" shows raw and corrected
+ * readings together, "raw" and "corrected" one of them: all from one buffer on the graphics card, the corrected ones with
+ * the matrix W (x − b) / F, which changes smoothly from the old fit to the new one.
  *
- * It draws when something has changed, and a picture makes no garbage worth collecting. Tiles, grids and readings are
- * the ground; where the processor draws, the ground is saved, and only readings that are new are drawn onto it.
+ * The view draws only after a change, and a frame allocates almost no memory. Tiles, grids and readings are the ground; in
+ * software WebGL the ground is saved, and only new readings are drawn onto it.
  *
  * @typedef {import("./colours.js").Theme} Theme
  * @typedef {import("./geometry.js").Tiles} Tiles
@@ -20,7 +20,7 @@
  * @property {Tiles} tiles
  * @property {Theme} theme
  * @property {boolean} [interactive]  by mouse, touch and keys
- * @property {number} [target_deg]  what error is asked for: the colours hang on it
+ * @property {number} [target_deg]  target of the error, which determines the colours
  * @property {"zoom" | "focus"} [wheel]  "focus" leaves the wheel to the page until the view has the focus
  */
 
@@ -59,41 +59,41 @@ import { Ball, cloud, drawFirst, lines, marker, rewrite } from "./parts.js";
 /** @typedef {import("../view.d.ts").View} View */
 /** @typedef {Omit<import("../view.d.ts").Points, "acceleration">} Points */
 
-/** Milliseconds that colours and matrices take from one fit to the next. */
+/** Duration of the change of colours and matrices from one fit to the next, ms. */
 const TRANSITION = 350;
 
-/** Changes that nobody sees happen, of 255 of a tint and of the sphere's radius: they are made at once. */
+/** Changes of a tint (of 255) and of position (of the radius) that are too small to animate. */
 const [UNSEEN_TINT, UNSEEN_WAY] = [6, 0.004];
 
-/** Newest directions that the tail of the marker shows, and for how many seconds. */
+/** Number of directions in the tail of the marker, and their duration, s. */
 const [TAIL, TAIL_SECONDS] = [64, 2.5];
 
-/** Milliseconds between pictures of the pulse, where graphics are drawn by hardware and by software. */
+/** Time between frames of the pulse with hardware and software graphics, ms. */
 const [PULSE, PULSE_SLOW] = [40, 150];
 const PULSE_PERIOD = 1600;
 
-/** Pixels of the screen to one of the page, at most; how many in all, drawn by software, and in low detail. */
+/** Most screen pixels per page pixel; most pixels in software and in low detail. */
 const [FINEST, MOST_SLOW, MOST_LOW] = [2, 700_000, 320_000];
 
-/** Readings that are drawn in low detail while the view moves. */
-const FEWER = 4000;
+/** Readings drawn in low detail during motion. */
+const LOW_DETAIL_READINGS = 4000;
 
-/** So many readings are drawn in full size. */
-const FEW = 3000;
+/** Most readings drawn in full size. */
+const FULL_SIZE_READINGS = 3000;
 
-/** Where axes end, where their names are, and how far from the edge of the picture those stay, in pixels. */
+/** Lengths of the axes and of the distance of their names, and the margin of names in pixels. */
 const [AXIS, NAME, MARGIN] = [1.16, 1.225, 3];
 
-/** Pixels from the pointer to a reading that is marked, at most. */
+/** Largest distance of the pointer from a marked reading, pixels. */
 const REACH = 14;
 
-/** Radius of the ring around the direction that is advised. */
+/** Radius of the ring around the advised direction. */
 const RING = Math.sin((8.5 * Math.PI) / 180);
 
-/** An arrow over more of the sphere could not be seen whole, radians. */
+/** Longest visible arrow, radians. */
 const IN_SIGHT = 1.7;
 
-/** A reading so far from the one before, as a cosine, is a stray or a gap: the tail breaks there. */
+/** Cosine of the largest step in the tail; a larger step is an outlier or a gap, and breaks the tail. */
 const JUMP = Math.cos((20 * Math.PI) / 180);
 
 export class Scene {
@@ -103,7 +103,7 @@ export class Scene {
     view = null;
     /** @type {Vector3 | null} newest reading, raw */
     now = null;
-    /** @type {number | null} reading that is marked */
+    /** @type {number | null} marked reading */
     hovered = null;
     /** @type {Mode} */
     mode = "sphere";
@@ -113,22 +113,22 @@ export class Scene {
     rejected = [];
     extent = emptyExtent();
 
-    /** Readings from here on have not been sent to the graphics card. */
+    /** First reading not yet sent to the graphics card. */
     unsent = Infinity;
-    /** How many there are in the arrays on the graphics card: `points` may have grown into others since. */
+    /** Number of readings in the arrays on the graphics card; `points` may have newer arrays. */
     count = 0;
-    /** Whether the ground has to be drawn anew, and how many readings are in the one that is saved. */
+    /** Whether to redraw the ground, and the number of readings in the saved one. */
     stale = true;
     laid = 0;
-    /** From where the ground was seen: the numbers of two matrices. */
+    /** Camera of the saved ground: the numbers of two matrices. */
     seen = new Float64Array(32);
-    /** When the transition began, and the last picture was drawn: milliseconds. */
+    /** Times of the start of the transition and of the last frame, ms. */
     started = -Infinity;
     last = 0;
-    /** How finely it is drawn, and whether the last picture asked for the next at once. */
+    /** Level of detail, and whether the last frame requested the next at once. */
     detail = new Detail();
     isMoving = false;
-    /** Handles of the picture and of the pulse to come. */
+    /** Handles of the next frame and the next pulse. */
     waiting = 0;
     pulsing = 0;
 
@@ -137,10 +137,10 @@ export class Scene {
     field = new BufferAttribute(new Float32Array(0), 3);
     marked = new BufferAttribute(new Uint8Array(0), 1);
 
-    /** Newest readings, raw, with their times: x, y, z, seconds; written round and round. */
+    /** Ring buffer of the newest raw readings: x, y, z, seconds. */
     tail = { recent: new Float32Array(4 * TAIL), next: 0, length: 0 };
 
-    /** Whether readings are drawn onto the sphere: 1, or 0 for where they are. */
+    /** 1 to project readings onto the sphere, 0 to draw them at their places. */
     onto = { from: 0, to: 0, now: 0 };
     draw = new Matrix4();
     inverse = new Matrix4();
@@ -149,9 +149,9 @@ export class Scene {
     previous = new Vector3();
 
     /**
-     * @param {HTMLElement} host  is filled; its size is followed
+     * @param {HTMLElement} host  parent of the view, which follows its size
      * @param {Options} options
-     * @throws {Error} Where the browser has no WebGL.
+     * @throws {Error} If the browser has no WebGL.
      */
     constructor(host, { tiles, theme, interactive = true, target_deg = 1, wheel = "zoom" }) {
         const canvas = document.createElement("canvas");
@@ -224,7 +224,7 @@ export class Scene {
 
     // -------------------------------------------------------------------------------------------------- what is shown
 
-    /** Show these readings, and forget the ones before. @param {Points} points */
+    /** Show new readings in place of the earlier ones. @param {Points} points */
     setPoints(points) {
         this.extent = emptyExtent();
         this.tail.length = 0;
@@ -233,7 +233,7 @@ export class Scene {
     }
 
     /**
-     * Readings were added to those shown. The arrays may be larger ones.
+     * Show further readings; the arrays may have been replaced by larger ones.
      *
      * @param {Points} points
      * @param {number} from  the first new point
@@ -253,7 +253,7 @@ export class Scene {
         this.redraw();
     }
 
-    /** Show what is known from a fit; null where there is none. @param {Shown | null} view */
+    /** Show a fit; null without one. @param {Shown | null} view */
     setView(view) {
         this.view = view;
         this.#paint(true);
@@ -281,7 +281,7 @@ export class Scene {
     }
 
     /**
-     * The reading that is drawn next to a place.
+     * The reading drawn nearest to a place.
      * @param {number} x  pixels from the left
      * @param {number} y  pixels from the top
      * @returns {number | null}
@@ -301,7 +301,7 @@ export class Scene {
         );
     }
 
-    /** Where a reading is drawn. @param {number} reading */
+    /** Place of a reading in the drawing. @param {number} reading */
     #placeOf(reading) {
         const place = this.other.fromArray(this.field.array, 3 * reading).applyMatrix4(this.draw);
         return this.ball.part.visible ? place.normalize() : place;
@@ -335,7 +335,7 @@ export class Scene {
         this.#paint(false);
     }
 
-    /** What error is asked for: the colours hang on it. @param {number} target_deg */
+    /** Set the target of the error, which determines the colours. @param {number} target_deg */
     setTarget(target_deg) {
         if (target_deg === this.target_deg) return;
         this.target_deg = target_deg;
@@ -343,7 +343,7 @@ export class Scene {
     }
 
     /**
-     * What is left out, and is drawn so.
+     * Set the readings left out, which are drawn differently.
      *
      * @param {readonly (readonly [number, number])[]} excluded  spans of time, seconds: by the user
      * @param {readonly (readonly [number, number])[]} rejected  runs of reading numbers, both ends included: by the fit
@@ -357,19 +357,19 @@ export class Scene {
         this.#anew();
     }
 
-    /** Look at everything again, from where the view began. */
+    /** Reset the camera to its initial view. */
     resetCamera() {
         this.eye.reset();
         this.#look();
     }
 
-    /** Draw soon, and the ground too. */
+    /** Request a frame with a new ground. */
     #anew() {
         this.stale = true;
         this.redraw();
     }
 
-    /** Draw soon: many calls make one picture. */
+    /** Request a frame; several calls give one frame. */
     redraw() {
         if (this.waiting === 0) this.waiting = requestAnimationFrame(this.#frame);
     }
@@ -377,7 +377,7 @@ export class Scene {
     dispose() {
         cancelAnimationFrame(this.waiting);
         clearTimeout(this.pulsing);
-        this.waiting = -1; // no picture after this
+        this.waiting = -1; // no further frame
         this.watcher.disconnect();
         this.eye.dispose();
         for (const part of this.parts) {
@@ -414,20 +414,20 @@ export class Scene {
         else this.#pulseOn();
     };
 
-    /** Tiles, grids and readings: as they were saved with the new readings on them, or all anew. */
+    /** Draw tiles, grids and readings: from the saved frame with new readings added, or all again. */
     #drawGround() {
         const { renderer, saved, readings, count } = this;
         const { camera } = this.eye;
-        renderer.clear(); // also where a saved frame covers all: a browser clears late, and would clear that
+        renderer.clear(); // even under a saved frame, as a browser's late clearing would erase it
         const stays = !this.#hasMoved() && !this.stale && this.laid <= count && saved?.restore();
         if (!stays || this.laid < count) {
             readings.setDrawRange(stays ? this.laid : 0, stays ? count - this.laid : count);
-            this.#drawEvery(this.detail.isLow && this.isMoving ? Math.ceil(count / FEWER) : 1);
+            this.#drawEvery(this.detail.isLow && this.isMoving ? Math.ceil(count / LOW_DETAIL_READINGS) : 1);
             for (const part of this.still) part.material.visible = !stays;
             renderer.render(this.ground, camera);
             saved?.save();
         }
-        [this.stale, this.laid] = [this.detail.isLow && this.isMoving, count]; // all of them, once it has come to rest
+        [this.stale, this.laid] = [this.detail.isLow && this.isMoving, count]; // draws all of them at rest
     }
 
     /** @param {number} every  reading is drawn */
@@ -435,19 +435,19 @@ export class Scene {
         for (const { material } of [this.raw, this.corrected]) material.uniforms.every.value = Math.max(every, 1);
     }
 
-    /** Whether the eye is elsewhere than at the last picture. */
+    /** Whether the camera has moved since the last frame. */
     #hasMoved() {
         const { matrixWorld, projectionMatrix } = this.eye.camera;
         let moved = false;
         for (let k = 0; k < 32; k += 1) {
             const number = k < 16 ? matrixWorld.elements[k] : projectionMatrix.elements[k - 16];
-            moved ||= Math.abs(this.seen[k] - number) > 1e-5; // a controller rounds anew each time it looks
+            moved ||= Math.abs(this.seen[k] - number) > 1e-5; // the controller's rounding differs at each update
         }
         if (moved) this.seen.set([...matrixWorld.elements, ...projectionMatrix.elements]);
         return moved;
     }
 
-    /** Hand new readings to the graphics card, and only those. */
+    /** Send only new readings to the graphics card. */
     #send() {
         if (this.unsent >= this.count) return;
         this.field.clearUpdateRanges();
@@ -460,7 +460,7 @@ export class Scene {
         this.unsent = Infinity;
     }
 
-    /** Colours and matrices on their way from the old fit to the new one. @param {number} share */
+    /** Interpolate colours and matrices between the old fit and the new one. @param {number} share */
     #move(share) {
         this.ball.uniforms.share.value = share;
         for (const { part, from, to } of this.ways) {
@@ -473,7 +473,7 @@ export class Scene {
         this.corrected.material.uniforms.onto.value = this.onto.now;
     }
 
-    /** What the shaders ask about the eye. */
+    /** Set the uniforms of the camera. */
     #lookFromEye() {
         const { camera, centre, radius } = this.eye;
         camera.updateMatrixWorld();
@@ -504,7 +504,7 @@ export class Scene {
 
     // --------------------------------------------------------------------------------------------- what follows from it
 
-    /** Take over the arrays of the readings. @param {Points} points */
+    /** Use the arrays of some readings. @param {Points} points */
     #hold(points) {
         this.points = points;
         this.unsent = 0;
@@ -512,7 +512,7 @@ export class Scene {
         if (points.field === this.field.array) return;
         this.field = new BufferAttribute(points.field, 3).setUsage(DynamicDrawUsage);
         this.marked = new BufferAttribute(new Uint8Array(points.field.length / 3), 1).setUsage(DynamicDrawUsage);
-        this.readings.dispose(); // what the graphics card holds of the old arrays
+        this.readings.dispose(); // frees the old arrays on the graphics card
         this.readings.setAttribute("position", this.field);
         this.readings.setAttribute("mark", this.marked);
     }
@@ -521,12 +521,12 @@ export class Scene {
         return /** @type {Uint8Array} */ (this.marked.array);
     }
 
-    /** Heading error of each tile: of a vehicle that is level, where that is asked of a level turn, else of any. */
+    /** Heading error of each tile: of a level vehicle for a level turn, else of any attitude. */
     get errors() {
         return this.view?.level_deg ?? this.view?.tiles_deg ?? null;
     }
 
-    /** Colour the tiles. @param {boolean} slowly  from what they are now */
+    /** Colour the tiles. @param {boolean} slowly  change from the present colours */
     #paint(slowly) {
         const { tiles_seen: seen = null } = this.view ?? {};
         const errors = this.errors;
@@ -547,7 +547,7 @@ export class Scene {
         this.#anew();
     }
 
-    /** What is drawn in this mode, under which matrices. @param {boolean} slowly */
+    /** Set the visible parts and their matrices for the mode. @param {boolean} slowly */
     #arrange(slowly) {
         const shown = this.view?.shown ?? null;
         const sphere = this.mode === "sphere";
@@ -587,13 +587,13 @@ export class Scene {
         this.#anew();
     }
 
-    /** Whether the way from the old fit to the new one is long enough to be seen. */
+    /** Whether the change from the old fit to the new one is visible. */
     #goesFar() {
         if (this.onto.from !== this.onto.to) return true;
         return this.ways.some(({ from, to }) => to.elements.some((number, k) => Math.abs(number - from.elements[k]) > UNSEEN_WAY));
     }
 
-    /** The offset, from the zero of the raw readings to the middle of their cloud. */
+    /** Draw the offset from zero to the middle of the raw cloud. */
     #pushBy() {
         const { start, end, width } = this.pushed;
         const tip = this.place.setFromMatrixPosition(this.gridWay.to);
@@ -609,7 +609,7 @@ export class Scene {
         this.labels.say("offset", offset === null ? "offset" : `offset ${tidy(Math.hypot(...offset))} ${unit}`);
     }
 
-    /** Colour and size of the readings in this mode. */
+    /** Set colour and size of the readings for the mode. */
     #dress() {
         const sphere = this.mode === "sphere";
         const colours = palette(this.theme);
@@ -618,15 +618,15 @@ export class Scene {
         const height = this.host.clientHeight * ratio;
         const [raw, corrected] = [this.raw.material.uniforms, this.corrected.material.uniforms];
         raw.opacity.value = this.corrected.visible ? 0.6 : 0.85;
-        // finer dots where there are many: a cloud, not a blot
-        const size = height * 0.042 * clamp(Math.sqrt(FEW / (this.points?.count ?? 1)), 0.5, 1);
+        // smaller dots for many readings
+        const size = height * 0.042 * clamp(Math.sqrt(FULL_SIZE_READINGS / (this.points?.count ?? 1)), 0.5, 1);
         raw.size.value = size;
         corrected.opacity.value = sphere ? 0.5 : 0.85;
         corrected.size.value = (sphere ? 0.6 : 1) * size;
         raw.least.value = corrected.least.value = 1.3 * ratio;
     }
 
-    /** Keep what is drawn in the picture. */
+    /** Keep the scene in the picture. */
     #look() {
         const known = this.view?.shown != null;
         if (!known || this.mode === "sphere" || this.mode === "corrected") {

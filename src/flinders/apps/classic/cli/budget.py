@@ -1,4 +1,4 @@
-"""``flinders budget``: how much stray field there may be, and how far away its source must be."""
+"""``flinders budget``: the stray field that a heading error allows, and the distance of its source."""
 
 from __future__ import annotations
 
@@ -16,12 +16,12 @@ if TYPE_CHECKING:
 
 
 def _quantity(name: str, example: str, words: str) -> program.Field:
-    """An option that takes a number and its unit as they are typed."""
+    """Option for a number with its unit."""
     return program.member(f"--{name}", metavar="VALUE", help=f"{words}, such as {example}.")
 
 
 class Heading(program.Group):
-    """The stray field, and the heading error it makes in which field."""
+    """Options: horizontal field, stray field and heading error."""
 
     field: str | None = _quantity("field", "150mG", "Horizontal part of the earth's field")
     stray: str | None = _quantity("stray", "2.6mG", "Stray field")
@@ -30,7 +30,7 @@ class Heading(program.Group):
 
 
 class Wire(program.Group):
-    """A wire whose return is far away."""
+    """Options of a wire whose return is far away."""
 
     current: str | None = _quantity("current", "0.2A", "Current in the wire")
     distance: str | None = _quantity("distance", "1cm", "Distance from the middle of the wire")
@@ -38,7 +38,7 @@ class Wire(program.Group):
 
 
 class Pair(program.Group):
-    """A wire and its return."""
+    """Options of a wire and its return."""
 
     current: str | None = _quantity("current", "10A", "Current in both wires, there and back")
     separation: str | None = _quantity("separation", "5mm", "Distance between the middles of the wires")
@@ -47,7 +47,7 @@ class Pair(program.Group):
 
 
 class Magnet(program.Group):
-    """A magnet, by its moment, or its remanence and volume."""
+    """Options of a magnet: its moment, or its remanence and volume."""
 
     moment: str | None = _quantity("moment", "0.24Am2", "Magnetic moment")
     remanence: str | None = _quantity(
@@ -55,7 +55,7 @@ class Magnet(program.Group):
     )
     volume: str | None = _quantity("volume", "0.236cm3", "Volume of the magnet")
     distance: str | None = _quantity("distance", "30cm", "Distance from the middle of the magnet")
-    side: bool = program.flag("--side", "The sensor is off its side, not off its poles: half the field.")
+    side: bool = program.flag("--side", "The sensor is beside the magnet, not off its poles: half the field.")
     heading: Heading = program.group(Heading)
 
 
@@ -68,10 +68,10 @@ Example:
 """,
 )
 def command() -> None:
-    """Say how much stray field there may be for a heading error, and how far its source must be.
+    """Find the stray field that a heading error allows, and the distance that its source must have.
 
-    Each relation is solved for what is left out. Numbers come with their units, as they are typed: mG, uT, cm,
-    mm, A, mA, deg. A calibration takes off what never changes; the budget is for what comes, goes or is switched.
+    Each relation is solved for the quantity that is left out. Type numbers with their units: mG, uT, cm, mm, A, mA,
+    deg. A calibration removes constant fields; the budget is for fields that change or are switched.
     """
 
 
@@ -110,7 +110,7 @@ Example:
 def wire(options: Wire) -> None:
     """Find field, current or distance of a long straight wire whose current returns far away.
 
-    With --field and --error in place of --stray it is the distance or current that is allowed.
+    With --field and --error in place of --stray, the result is the allowed distance or current.
     """
     from flinders.apps.classic.budget_relations import stray_budget
 
@@ -121,7 +121,7 @@ def wire(options: Wire) -> None:
     "pair",
     Pair,
     command,
-    short_help="A wire with its return beside it.",
+    short_help="A wire and its parallel return.",
     epilog="""\b
 Example:
   flinders budget pair --current 10A --separation 5mm --distance 10cm
@@ -131,7 +131,7 @@ Example:
 def pair(options: Pair) -> None:
     """Find field, current, separation or distance of two long straight wires that carry a current there and back.
 
-    With --field and --error in place of --stray it is the distance, current or separation that is allowed.
+    With --field and --error in place of --stray, the result is the allowed distance, current or separation.
     """
     from flinders.apps.classic.budget_relations import stray_budget
 
@@ -152,7 +152,7 @@ Example:
 def magnet(options: Magnet) -> None:
     """Find field, moment or distance of a magnet.
 
-    With --field and --error in place of --stray it is the distance or moment that is allowed.
+    With --field and --error in place of --stray, the result is the allowed distance or moment.
     """
     from flinders.apps.classic.budget_relations import stray_budget
 
@@ -160,7 +160,7 @@ def magnet(options: Magnet) -> None:
 
 
 def _read(options: program.Group) -> dict[str, UnitValue | str]:
-    """Read what was typed, in the order of the options."""
+    """Quantities of the typed options, in their order."""
     from flinders.apps.classic.budget import QUANTITIES, UnitValue
 
     given: dict[str, UnitValue | str] = {}
@@ -173,7 +173,7 @@ def _read(options: program.Group) -> dict[str, UnitValue | str]:
 
 
 def _print(budget: Budget, *, as_json: bool) -> None:
-    """Print what was given, what was found, and for what that holds."""
+    """Print given quantities, results, and their validity."""
     from flinders.apps.classic.budget_page import of_budget
 
     print_result(budget.as_dict, lambda: of_budget(budget), as_json=as_json)

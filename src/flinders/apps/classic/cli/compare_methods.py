@@ -16,12 +16,12 @@ def _names(value: str) -> list[str]:
 
 
 class CompareMethods(program.Group):
-    """Recordings, and the methods that are run on them."""
+    """Options: recordings, and the methods to run on them."""
 
     recordings: tuple[str, ...] = program.argument("RECORDING...", nargs=-1)
     methods: list[str] | None = program.member(
         "--methods", type=_names, metavar="NAME,NAME...",
-        help="Those of `flinders methods` to run, the first to hold the others against [default: all].",
+        help="Methods of `flinders methods` to run; the others are compared with the first [default: all].",
     )  # fmt: skip
     blocks: int = program.member(
         "--blocks", type=click.IntRange(2, 1000), default=10, show_default=True, metavar="N",
@@ -45,17 +45,17 @@ Example:
 
 \b
 Exit codes:
-  0  one of them is good
-  3  the best of them is limited
-  4  none can be trusted on this recording
+  0  at least one method is good
+  3  the best method is limited
+  4  no method can be trusted on this recording
 """,
 )
 def command(options: CompareMethods) -> int:
-    """Fit RECORDING by every method and print what each finds, claims and is worth.
+    """Fit RECORDING by every method and print result, claimed error and cross-validated error of each.
 
-    The cross-validated error comes from readings that a method has not seen: each block of time is held back
-    once, and what it asks for is carried over to the heading. Methods that cannot be trusted on this recording say
-    why. Nothing is written; of several recordings of one sensor the blocks follow each other.
+    The cross-validated error comes from readings that were kept out of the fit: each block of time is left out once,
+    and its residuals are converted to a heading error. The table gives reasons for methods that cannot be trusted on
+    this recording. Nothing is written; several recordings of one sensor are joined in their order.
     """
     from flinders.apps.classic.methods import compare_methods, known
     from flinders.apps.classic.methods_page import of_contest

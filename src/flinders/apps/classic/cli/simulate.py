@@ -19,7 +19,7 @@ from flinders.cli._simulation import Simulation, several, size_option
 
 
 class TwoAxis(Simulation):
-    """A compass of two axes, and where its swing goes."""
+    """Options: parameters of a two-axis compass, and outputs."""
 
     output: str = option.output(
         "the recording",
@@ -42,7 +42,7 @@ class TwoAxis(Simulation):
     )  # fmt: skip
     skew_deg: float = program.member(
         "--skew", type=program.within(-89, 89, "degrees from -89 to 89"), default=4.0, show_default=True,
-        metavar="DEG", help="By how much the axes are not square.",
+        metavar="DEG", help="Deviation of the axes from a right angle.",
     )  # fmt: skip
     noise: float = size_option("--noise", "White noise in µT, 1 σ per axis.", default=0.25, show_default=True)
     polar: str | None = program.member(
@@ -65,11 +65,10 @@ Example:
 """,
 )
 def command(options: TwoAxis) -> int:
-    """Swing a two-axis compass around, calibrate it, and show what was found beside what is true.
+    """Swing a simulated two-axis compass, calibrate it, and compare the result with the truth.
 
-    Without -o nothing but the table is printed. Where noise or too few points leave no calibration that could be
-    used, the table is printed all the same, and the exit code is 4. The recording has a third column that reads
-    nothing; calibrate it with flinders two-axis.
+    Without -o only the table is printed. If noise or too few points allow no usable calibration, the table is still
+    printed, and the exit code is 4. The recording has a third column of zeros; calibrate it with flinders two-axis.
     """
     from flinders.apps.classic.pages import of_recovery
     from flinders.apps.classic.recovery import recover
@@ -93,7 +92,7 @@ def command(options: TwoAxis) -> int:
         as_json=options.as_json,
     )
     if recovery.refusal is not None:
-        say(f"refused: this would be no calibration to use; {error_words(recovery.refusal)}")
+        say(f"refused: this calibration must not be used; {error_words(recovery.refusal)}")
         return REFUSED
     return GOOD
 

@@ -1,4 +1,4 @@
-"""``flinders two-axis``: the recipe for two axes, of a turn in any plane; plane after plane makes three axes."""
+"""``flinders two-axis``: the recipe for two axes, from a turn in any plane; plane after plane gives three axes."""
 
 from __future__ import annotations
 
@@ -23,26 +23,26 @@ if TYPE_CHECKING:
     from flinders.geometry.plane import Turn
 
 PLANES: Final = ("xy", "yz", "zx")
-"""Those of `flinders.geometry.plane`, so that help needs no NumPy; a test holds the two together."""
+"""Names as in `flinders.geometry.plane`, repeated here so that help needs no NumPy; a test compares both."""
 
 DRAWING: Final = ".svg"
 
 
 class TwoAxis(program.Group):
-    """The recording of a turn, how it is fitted, and what is written."""
+    """Options: the recording of a turn, its fit, outputs."""
 
     recording: str = program.argument("RECORDING")
     plane: Any = program.member(
         "--plane", type=click.Choice(PLANES), default="xy", show_default=True,
-        help="The two axes that see the field go round: xy for a turn about z.",
+        help="The two axes in the plane of the turn: xy for a turn about z.",
     )  # fmt: skip
     method: str = program.member(
         "--method", type=click.Choice(("two-axis", "ellipse")), default="two-axis", show_default=True,
-        help="Mean and scatter of equally spaced points, or least squares, which do not care.",
+        help="Mean and scatter of equally spaced points, or least squares for any spacing.",
     )  # fmt: skip
     after: str | None = program.member(
         "--after", metavar="CALIBRATION",
-        help="RECORDING was made with this loaded: the result is the two of them, composed.",
+        help="Calibration that was loaded while RECORDING was made; the result is composed with it.",
     )  # fmt: skip
     reading: option.ReadingOptions = program.group(option.ReadingOptions)
     output: str | None = option.output(
@@ -58,13 +58,13 @@ class TwoAxis(program.Group):
     force: bool = option.force()
     as_json: bool = option.as_json()
     sensor: str | None = option.sensor(
-        "Name or serial number to store; of a log, which magnetometer, by number or name.", "NAME"
+        "Name or serial number to store; for a log, the magnetometer to use, by number or name.", "NAME"
     )
     field_strength: float | None = option.field_strength()
     judgement: option.Judgement = program.group(option.Judgement)
 
     def check(self) -> None:
-        """Find what could not be read or written before anything is."""
+        """Refuse inputs and outputs that cannot be used before anything is read."""
         if self.polar and self.polar != "-" and Path(self.polar).suffix.lower() != DRAWING:
             raise UsageError(
                 f"--polar {self.polar}: need a name that ends in {DRAWING} (a drawing), or - for standard output"
@@ -72,16 +72,16 @@ class TwoAxis(program.Group):
         self.checked_outputs(self.after)
         refuse_calibration(self.recording, "give the recording of a turn, and the calibration to --after")
         if self.after == "-":
-            raise UsageError("--after needs a file: standard input is for the recording")
+            raise UsageError("--after needs a file, as standard input is for the recording")
 
     def refuse_after(self) -> None:
-        """Refuse what the calibration that was loaded has settled."""
+        """Refuse options that the loaded calibration has already determined."""
         if self.after is None:
             return
         if self.reading.axes != "x,y,z":
             raise UsageError(f"readings made with {self.after} loaded are in its axes already: leave --axes out")
         if self.field_strength is not None:
-            raise UsageError(f"{self.after} has set how long corrected readings are: leave --field-strength out")
+            raise UsageError(f"{self.after} has set the length of corrected readings: leave --field-strength out")
 
 
 @program.command_of(
@@ -104,9 +104,9 @@ def command(options: TwoAxis) -> int:
     """Find hard and soft iron of two axes from a turn about the third one, which points up or down.
 
     The mean of points equally spaced in heading is the offset; the eigenvalues and eigenvectors of their scatter are
-    the soft iron. Where the points turn out not to be equally spaced it says so, and by how many degrees the mean is
-    wrong, and the ellipse of least squares is fitted instead (--method ellipse), unless --method two-axis is typed. The
-    result holds for this plane alone: exit code 3, as of everything limited.
+    the soft iron. If the points are not equally spaced, a notice gives the heading error of the mean in degrees, and
+    the ellipse of least squares is fitted instead (--method ellipse), unless --method two-axis is typed. The result
+    holds for this plane alone: exit code 3, as for all limited results.
     """
     from flinders.core.calibration_file import dumps
     from flinders.errors import FitError
@@ -117,7 +117,7 @@ def command(options: TwoAxis) -> int:
     first = None if options.after is None else load("two-axis --after", options.after)
     options.refuse_after()
     with progress("reading") as watch:
-        source = CountedRecording(_opened(options, first, watch))
+        source = CountedRecording(_open(options, first, watch))
         readings = _read(source, first, options)
         try:
             found = readings.fit(
@@ -141,8 +141,8 @@ def command(options: TwoAxis) -> int:
     return LIMITED
 
 
-def _opened(options: TwoAxis, first: Fit | None, watch: Any) -> Recording:  # noqa: ANN401 - progress
-    """Open the recording, in the unit of what was loaded unless one was typed."""
+def _open(options: TwoAxis, first: Fit | None, watch: Any) -> Recording:  # noqa: ANN401 - progress
+    """Open the recording, in the unit of the loaded calibration unless a unit was typed."""
     from flinders.readers import holds_log, open_recording
     from flinders.workflows.recordings import agree
 
@@ -155,7 +155,7 @@ def _opened(options: TwoAxis, first: Fit | None, watch: Any) -> Recording:  # no
 
 
 def _read(source: CountedRecording, first: Fit | None, options: TwoAxis) -> TurnReadings:
-    """Read the turn, and say what was read, and whether it lies in another plane."""
+    """Read the turn, with notices about its contents and about a turn in another plane."""
     from flinders.apps.classic.two_axis_turn import read_turn
 
     method: Any = options.method if program.is_typed("method") else None
@@ -163,12 +163,12 @@ def _read(source: CountedRecording, first: Fit | None, options: TwoAxis) -> Turn
         readings = read_turn(source, first, plane=options.plane, method=method)
         for note in readings.notes:
             say(f"! {note.words(in_options)}")
-        _ = readings.turn  # what is none is refused here
+        _ = readings.turn  # refuses readings that are no turn
     return readings
 
 
 def _say_spacing(turn: Turn, options: TwoAxis) -> None:
-    """Say how the points are spaced, where that may be why there is no fit."""
+    """Print the spacing of the points, which may be the reason why there is no fit."""
     from flinders.apps.classic.pages import spacing_words
 
     if not options.as_json:
@@ -176,7 +176,7 @@ def _say_spacing(turn: Turn, options: TwoAxis) -> None:
 
 
 def _draw(turn: Turn, fit: Fit, options: TwoAxis) -> None:
-    """Draw the turn where that was asked for; of a refused fit too, which is when an uneven turn should be seen."""
+    """Draw the turn if --polar was typed; also for a refused fit, to show an uneven turn."""
     from flinders.apps.classic.turn_drawing import turn_drawing
 
     if options.polar:
@@ -186,7 +186,7 @@ def _draw(turn: Turn, fit: Fit, options: TwoAxis) -> None:
 
 
 def _show(found: TwoAxisFit, options: TwoAxis) -> None:
-    """Print the page; on standard error, where a result has standard output."""
+    """Print the page, on standard error if a result goes to standard output."""
     from flinders.apps.classic.pages import of_turn
 
     outputs = options.outputs

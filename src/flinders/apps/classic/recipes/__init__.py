@@ -1,1 +1,1 @@
-"""Published methods, each after its paper or program: what `auto` is measured against."""
+"""Published methods, each after its paper or program, as references for `auto`."""

@@ -1,4 +1,4 @@
-"""Alonso and Shuster's TWOSTEP: a centred linear fit of the field's strength, then Gauss–Newton on the whole of it."""
+"""Alonso and Shuster's TWOSTEP: a centred linear fit of the field's strength, then Gauss–Newton on the whole cost."""
 
 from __future__ import annotations
 
@@ -30,16 +30,17 @@ if TYPE_CHECKING:
     from flinders.estimators.base import Estimate
     from flinders.estimators.data import Readings
 
-STEPS: Final = 2000
-"""Of step 2: some ten where all directions were seen, hundreds near where it has no solution any more."""
+MAX_STEPS: Final = 2000
+"""Largest number of iterations in step 2: some ten with all directions covered, hundreds near a collapse."""
 
-SMALL: Final = 1e-16
+MIN_STEP_SQUARED: Final = 1e-16
 """Square of the step, in standard deviations, that ends step 2."""
 
-HALVINGS: Final = 30
+MAX_HALVINGS: Final = 30
+"""Largest number of halvings of a step."""
 
 ROUNDS: Final = 3
-"""Fits after which the noise found is the noise used."""
+"""Number of fits, each with the noise of the previous one."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -51,43 +52,42 @@ class AlonsoShuster:
 
         Σ (v_k − μ)² / σ_k²,      σ_k² = 4σ²|m|² + 6σ⁴,      μ = −3σ²
 
-    Step 1 takes weighted means off and solves what is left, which is linear in θ'; step 2 goes on from there by
-    Gauss–Newton with the mean taken in again. The offset of the readings is (I + D)⁻¹b, not b.
+    Step 1 removes weighted means and solves the rest, which is linear in θ'; step 2 continues by Gauss–Newton on the
+    cost with the mean included. The offset of the readings is (I + D)⁻¹b, not b.
 
-    H is the strength at each reading where the recording tells it (a column such as ``reference_strength_uT``,
+    H is the strength at each reading if the recording has it (a column such as ``reference_strength_uT``,
     ``igrf_total`` or ``wmm_f``; `Samples.strength`), else `field_strength`, else the radius of the consistent
-    ellipsoid, with which the scale stays unknown. Step 1 needs a strength that varies: with one and the same it gives
-    D = −I for any readings. Where the readings explain less than half of the variance of H², step 2 therefore starts
-    from `Consistent`.
+    ellipsoid, with which the scale stays unknown. Step 1 needs a strength that varies: a constant one gives D = −I for
+    any readings. If the readings explain less than half of the variance of H², step 2 therefore starts from
+    `Consistent`.
 
-    Use it where the strength varies by more than the noise and is known: in an orbit, on a climb, over several places.
-    It is the only method here that such a recording does not mislead. With one strength it is for parity with
-    MAGYC and others: `Auto` is as good all round, and where coverage is partial far better, as noise pulls this
-    cost towards D = −I. A strength that is 1 % wrong makes the scale 1 % wrong.
+    Use it if the strength is known and varies by more than the noise: in an orbit, on a climb, over several places. It
+    is the only method here that is unbiased on such a recording. With constant strength it is for parity with MAGYC and
+    others: `Auto` is as good with full coverage, and far better with partial coverage, as noise pulls this cost towards
+    D = −I. A strength that is 1 % wrong makes the scale 1 % wrong.
 
     Parameters
     ----------
     weights : str
-        Where σ_k² is evaluated: ``"estimate"``, where |m| is H, or ``"prior"``, at D = 0 and b = 0, where it is the
-        length of the raw reading, as MAGYC has it.
+        Point at which σ_k² is evaluated: ``"estimate"``, where |m| is H, or ``"prior"``, at D = 0 and b = 0, where |m|
+        is the length of the raw reading, as in MAGYC.
     noise : float, optional
-        σ of each axis of m, in the unit of the readings; found from the readings where it is not given.
+        σ of each axis of m, in the unit of the readings; estimated from the readings by default.
     field_strength : float, optional
-        H, where the recording does not tell it.
+        H, if the recording does not have it.
 
     Notes
     -----
-    Covariance: P = J⁻¹F⁻¹J⁻ᵀ of (b, D) with J = ∂(c, E)/∂(b, D), carried over to centre and shape;
-    with ``"prior"`` weights F⁻¹BF⁻¹ in place of F⁻¹, as they are not what v varies. With one strength the difference
-    from `Consistent` joins it: that is how far noise has pulled. How residuals are correlated, and
-    what separates it from the likelihood, of readings brought to one strength, joins it
-    (`flinders.estimators.base`).
+    Covariance: P = J⁻¹F⁻¹J⁻ᵀ of (b, D) with J = ∂(c, E)/∂(b, D), converted to centre and shape; with ``"prior"``
+    weights F⁻¹BF⁻¹ in place of F⁻¹, as these weights are not the inverse variances of v. With constant strength the
+    difference from `Consistent` is added, which measures the pull of noise. The correlation of residuals, and the
+    difference from the likelihood of readings scaled to one strength, are added too (`flinders.estimators.base`).
 
-    Steps are halved where the cost would grow; where their way leads to D = −I it ends with `Collapsed`. Whole steps,
-    as published, go round in a circle on half a sphere with 4 % noise (`tests/classic/test_twostep_golden.py`).
+    A step is halved if the cost would grow; a sequence of steps towards D = −I ends with `Collapsed`. Whole steps, as
+    published, do not converge on half a sphere with 4 % noise (`tests/classic/test_twostep_golden.py`).
 
-    μ = −3σ² is the published mean of v given the reading; given the field it is +3σ². The difference is one
-    of scale, 3σ²/H².
+    μ = −3σ² is the published mean of v given the reading; given the field it is +3σ². The two differ in scale, by
+    3σ²/H².
 
     References
     ----------
@@ -119,29 +119,29 @@ class AlonsoShuster:
     is_biased: ClassVar[bool] = True
 
     def __post_init__(self) -> None:
-        """Refuse options that mean nothing."""
+        """Refuse invalid options."""
         check_options(weights=self.weights, noise=self.noise, field_strength=self.field_strength)
 
     def estimate(self, readings: Readings) -> Estimate:
         """Fit an ellipsoid.
 
-        Raises `TooFewSamples`, `OutOfScale`, `StuckAxis` or `Unmoved`: see `Readings.require`; `NeedsSamples` where
-        there are only sums; `WrongStrength` if the strength told at each reading cannot be the field's; `Undetermined`
-        if the readings leave parameters open, as two rings without noise do; `NotAnEllipsoid` if neither step 1 nor the
-        consistent fit gives an ellipsoid to begin with; `Collapsed` if step 2 goes to D = −I.
+        Raises `TooFewSamples`, `OutOfScale`, `StuckAxis` or `Unmoved`: see `Readings.require`; `NeedsSamples` if only
+        sums are given; `WrongStrength` if the strength in the recording cannot be the field's; `Undetermined` if the
+        readings do not determine all parameters, such as two rings without noise; `NotAnEllipsoid` if neither step 1
+        nor the consistent fit gives an ellipsoid to start from; `Collapsed` if step 2 goes to D = −I.
         """
         readings.require(self.unknowns, self.name)
         reference = Reference.of(readings, self.name, self.field_strength)
-        noise = self._given(reference) or reference.noise
+        noise = self._given_noise(reference) or reference.noise
         sums = ProductSums.of(reference, noise, self.weights)
         start = self.start(reference, sums)
         if unobserved := sums.unobserved(start):
             raise Undetermined(unobserved)
         theta = start
-        for _ in range(ROUNDS if self._given(reference) is None else 1):
-            theta = converged(sums, theta, start, self.name)
+        for _ in range(ROUNDS if self._given_noise(reference) is None else 1):
+            theta = minimise(sums, theta, start, self.name)
             b, d = parameters(theta, self.name)
-            noise = self._given(reference) or converged_noise(reference, b, d, self.unknowns - 1)
+            noise = self._given_noise(reference) or converged_noise(reference, b, d, self.unknowns - 1)
             sums = ProductSums.of(reference, noise, self.weights)
         inverse = np.linalg.inv(jacobian(b, d))
         covariance = inverse @ sums.covariance(theta) @ inverse.T
@@ -149,7 +149,7 @@ class AlonsoShuster:
         return estimate if reference.varies else widened_by_consistent(estimate, reference)
 
     def start(self, reference: Reference, sums: ProductSums) -> Floats:
-        """(9,) θ' of step 1 where the strength varies enough, else of the consistent ellipsoid.
+        """(9,) θ' of step 1 if the strength varies enough, else of the consistent ellipsoid.
 
         Raises `WrongStrength` or `NotAnEllipsoid` as `estimate`.
         """
@@ -163,32 +163,32 @@ class AlonsoShuster:
         parameters(theta, self.name)
         return theta
 
-    def _given(self, reference: Reference) -> float | None:
-        """The noise that was given, in units of the mean strength."""
+    def _given_noise(self, reference: Reference) -> float | None:
+        """The given noise, in units of the mean strength; None if none was given."""
         return None if self.noise is None else self.noise / reference.mean
 
 
-def converged(sums: ProductSums, theta: Floats, start: Floats, method: str) -> Floats:
+def minimise(sums: ProductSums, theta: Floats, start: Floats, method: str) -> Floats:
     """(9,) θ' that minimises the whole cost: step 2.
 
-    Raises `Collapsed` if the gain shrinks to half of that of `start` along any direction, or the steps do not settle.
+    Raises `Collapsed` if the gain shrinks to half of that of `start` along any direction, or without convergence.
 
     Parameters
     ----------
     theta : (9,) float
-        Where to begin.
+        Starting point.
     start : (9,) float
-        What the gain is compared with.
+        θ' with whose gain the gain is compared.
     method : str
-        For messages.
+        Name of the method in messages.
     """
     cost = sums.cost(theta)
-    for _ in range(STEPS):
+    for _ in range(MAX_STEPS):
         information = sums.information(theta)
         step = -np.linalg.solve(information, sums.gradient(theta))
-        if float(step @ information @ step) < SMALL:
+        if float(step @ information @ step) < MIN_STEP_SQUARED:
             return theta
-        moved = _improved(sums, theta, step, cost)
+        moved = _improve(sums, theta, step, cost)
         if moved is None:
             return theta
         theta, cost = moved
@@ -197,9 +197,9 @@ def converged(sums: ProductSums, theta: Floats, start: Floats, method: str) -> F
     raise Collapsed(method, shrunk(theta, start))
 
 
-def _improved(sums: ProductSums, theta: Floats, step: Floats, cost: float) -> tuple[Floats, float] | None:
-    """Take a step, its half, its quarter …: the first that leaves an ellipsoid and costs less; with what it costs."""
-    for _ in range(HALVINGS):
+def _improve(sums: ProductSums, theta: Floats, step: Floats, cost: float) -> tuple[Floats, float] | None:
+    """θ' and its cost after a step that is halved until the result is an ellipsoid with a smaller cost; else None."""
+    for _ in range(MAX_HALVINGS):
         moved = theta + step
         try:
             parameters(moved)
@@ -214,7 +214,7 @@ def _improved(sums: ProductSums, theta: Floats, step: Floats, cost: float) -> tu
 
 METHOD: Final = Method(
     AlonsoShuster,
-    use="TWOSTEP, from a strength of the field that is known at each reading and varies",
+    use="TWOSTEP, for a field strength that is known at each reading and varies",
     source="Alonso and Shuster (2002)",
     is_recipe=True,
 )

@@ -1,27 +1,27 @@
-"""The attitude-independent measurement: what the length of a reading says, whichever way the sensor points.
+"""The attitude-independent measurement: the length of a reading, which does not depend on the sensor's attitude.
 
 Readings x of a field of known strength H are corrected as m = (I + D) x − b, with D symmetric and a noise of σ on each
-axis of m. Then |m|² = H² but for noise, which is
+axis of m. Then |m|² = H² except for noise, which is
 
     z = |x|² − H² = L θ' − |b|² + v,      L = (2x₁, 2x₂, 2x₃, −x₁², −x₂², −x₃², −2x₁x₂, −2x₁x₃, −2x₂x₃)
 
-linear in θ' = (c, E) with c = (I + D) b and E = 2D + D², but for β(θ') = |b|² = cᵀ(I + E)⁻¹c. The noise v has the mean
-μ = −3σ² and the variance σ_k² = 4σ²|m|² + 6σ⁴. Taking weighted means off z, L and μ takes β off with them: that is
+linear in θ' = (c, E) with c = (I + D) b and E = 2D + D², except for β(θ') = |b|² = cᵀ(I + E)⁻¹c. The noise v has the
+mean μ = −3σ² and the variance σ_k² = 4σ²|m|² + 6σ⁴. Subtracting weighted means from z, L and μ also removes β: this is
 centring, and leaves a linear problem [1]_.
 
-**The strength has to vary for that.** H² = xᵀ(I + E)x − 2c·x + β, so the centred problem asks how H² varies with the
-monomials of x. Where H is one and the same, it does not vary with them: the answer is I + E = 0 and c = 0, D = −I, for
-any readings at all. Where it varies by less than the noise, I + E and c come out too small by the share of its
-variance that the readings explain, `ProductSums.explained`. The whole problem, with the mean taken in again, has the
-same root at D = −I, |b| = H, next to the right one.
+**Centring needs a strength that varies.** H² = xᵀ(I + E)x − 2c·x + β, so the centred problem regresses H² on the
+monomials of x. A constant H² does not depend on them: the solution is I + E = 0 and c = 0, D = −I, for any readings. If
+H² varies by less than the noise, I + E and c are too small by the share of its variance that the readings explain,
+`ProductSums.explained`. The whole problem, with the mean included, has the same root at D = −I, |b| = H, next to the
+right one.
 
-All is calculated about the mean reading x₀, with strengths in units of their mean H and readings in units of their
-own size R: (I + D) x − b = H [(I + D') x' − b'] with x' = (x − x₀)/R, I + D' = (I + D) R/H and Hb' = b − (I + D) x₀ is
-the same problem, with fewer digits lost. Where b and D stand for values in the code, they are b' and D'.
+All is calculated relative to the mean reading x₀, with strengths in units of their mean H and readings in units of
+their size R: (I + D) x − b = H [(I + D') x' − b'] with x' = (x − x₀)/R, I + D' = (I + D) R/H and Hb' = b − (I + D) x₀
+is the same problem with smaller rounding errors. In the code, b and D are b' and D'.
 
 .. [1] R. Alonso, M. D. Shuster, "TWOSTEP: A Fast Robust Algorithm for Attitude-Independent Magnetometer-Bias
    Determination" and "Complete Linear Attitude-Independent Magnetometer Calibration", J. Astronaut. Sci. 50 (2002).
-   The equations are those of its implementations, not read in the papers.
+   The equations are those of its implementations; the papers were not read.
 
 >>> offset, distortion = np.array([0.5, 0.3, 0.6]), symmetric(np.array([0.05, 0.1, 0.05, 0.05, 0.05, 0.05]))
 >>> solution = parameters(theta_of(offset, distortion))
@@ -56,25 +56,25 @@ if TYPE_CHECKING:
 Weights: TypeAlias = Literal["estimate", "prior"]
 
 ENOUGH_EXPLAINED: Final = 0.5
-"""Share of the variance of H² below which most of what the centred problem knows of the scale comes from noise."""
+"""Smallest explained share of the variance of H² for a centred fit; with less, noise dominates its scale."""
 
-CONTRADICTED: Final = 0.8
-"""Of the distance of readings from one ellipsoid: a strength that varies by more would explain most of it, if true."""
+MAX_SPREAD_RATIO: Final = 0.8
+"""Largest spread of a strength that readings do not follow, in units of their distance from one ellipsoid."""
 
-CONSTANT: Final = 1e-9
-"""Relative spread up to which a strength is one and the same, but for rounding."""
+MAX_CONSTANT_SPREAD: Final = 1e-9
+"""Largest relative spread of a constant strength, from rounding."""
 
-COMPUTED: Final = 1e-4
-"""Relative distance (rms) up to which a strength is the length of the readings themselves, but for rounding."""
+MIN_LENGTH_DIFFERENCE: Final = 1e-4
+"""Smallest relative difference (rms) of a strength from the length of the readings, if it is not just that length."""
 
 COLLAPSED: Final = 0.5
-"""Of the gain that the fit began with: no noise halves it, the root at D = −I does."""
+"""Smallest ratio of the gain to that of the start: noise does not halve the gain, the root at D = −I does."""
 
 MOST: Final = 50_000
-"""Readings that are gone through one by one; of a longer recording so many, spread evenly."""
+"""Largest number of readings that are processed one by one, evenly spread over a longer recording."""
 
-ROUNDING: Final = 1e-12
-"""Of the information, its diagonal scaled to one: less is none."""
+MIN_INFORMATION: Final = 1e-12
+"""Smallest eigenvalue of the information, with its diagonal scaled to 1, of an observed parameter."""
 
 _EYE: Final = np.eye(3)
 BASIS: Final = np.array([symmetric(unit) for unit in np.eye(6)])
@@ -89,14 +89,14 @@ class ConstantStrength(FitError):
     def __init__(self, method: str, explained: float) -> None:
         self.explained = explained
         evidence = (
-            f"the readings explain {explained:.0%} of how the field's strength varies"
+            f"the readings explain {explained:.0%} of the variance of the field's strength"
             if explained > 0.0
-            else "the field has one and the same strength at all readings"
+            else "the field has the same strength at all readings"
         )
         super().__init__(
-            f"{evidence}: {method!r} finding all would give D = −I for any readings. Use method 'auto' or "
-            "'alonso-shuster', or find the offset alone; or give the strength at each reading in a column "
-            "such as reference_strength_uT, where it varies",
+            f"{evidence}: for all parameters {method!r} would give D = −I for any readings. Use method 'auto' or "
+            "'alonso-shuster', or find the offset alone; or, if the strength varies, give it at each reading in a "
+            "column such as reference_strength_uT",
             hint={"find": "offset"},
             method=method,
             explained=explained,
@@ -110,7 +110,7 @@ class WrongStrength(FitError):
 
 
 class Collapsed(NotAnEllipsoid):
-    """The fit went to the root that any readings have: the gain shrank to `shrunk` of what it began with."""
+    """The fit went to the root that exists for any readings: the gain shrank to the share `shrunk` of the start."""
 
     code: ClassVar[str] = "collapsed"
 
@@ -118,16 +118,15 @@ class Collapsed(NotAnEllipsoid):
         self.shrunk, self.eigenvalues = shrunk, (0.0, 0.0, 0.0)
         FitError.__init__(
             self,
-            f"{method!r} has no solution near these readings: its gain shrank to {shrunk:.0%} of where it began, on "
-            f"the way to D = −I, which fits any readings: {why}. Use method 'auto', or turn the sensor onto all of "
-            "its sides",
+            f"{method!r} has no solution for these readings: its gain shrank to {shrunk:.0%} of the start, towards "
+            f"D = −I, which fits any readings: {why}. Use method 'auto', or turn the sensor onto all of its sides",
             method=method,
             shrunk=shrunk,
         )
 
 
 def check_options(*, weights: str, noise: float | None, field_strength: float | None) -> None:
-    """Refuse options that mean nothing.
+    """Refuse invalid options.
 
     Raises `UsageError`.
     """
@@ -184,13 +183,13 @@ def jacobian(b: Floats, d: Floats) -> Floats:
 
 
 def ellipsoid_of(b: Floats, d: Floats, reference: Reference) -> Ellipsoid:
-    """The ellipsoid of b' and D': centre x₀ + R (I + D')⁻¹b', shape R (I + D')⁻¹, in the unit of the readings."""
+    """Ellipsoid of b' and D': centre x₀ + R (I + D')⁻¹b', shape R (I + D')⁻¹, in the unit of the readings."""
     inverse = np.linalg.inv(_EYE + d)
     inverse = (inverse + inverse.T) / 2.0
     return Ellipsoid(reference.origin + reference.size * inverse @ b, reference.size * inverse)
 
 
-def carried(covariance: Floats, b: Floats, d: Floats, reference: Reference) -> Floats:
+def ellipsoid_covariance(covariance: Floats, b: Floats, d: Floats, reference: Reference) -> Floats:
     """(9, 9) covariance of centre and shape, in unit², from that of (b', D')."""
     inverse = np.linalg.inv(_EYE + d)
     moves = np.zeros((9, 9))
@@ -202,36 +201,36 @@ def carried(covariance: Floats, b: Floats, d: Floats, reference: Reference) -> F
     return (whole + whole.T) / 2.0
 
 
-# What is known of the strength.
+# Strength of the field.
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Reference:
-    """Readings beside the strength of the field."""
+    """Readings with the strength of the field."""
 
     readings: Readings
-    method: str  # for messages
-    mean: float  # in the unit of the readings: mean strength, which strengths are divided by
-    size: float  # in the unit of the readings: of what they vary by, which they are divided by
+    method: str  # name of the method in messages
+    mean: float  # mean strength, in the unit of the readings; strengths are divided by it
+    size: float  # size R of the readings, in their unit; readings are divided by it
     spread: float  # standard deviation of the strength, as a share of its mean
-    is_told: bool  # by a column of the recording; else one strength was given, or none
-    alike: Ellipsoid | None  # consistent ellipsoid through the readings, as if the strength were one; to begin with
+    is_reported: bool  # whether a column of the recording has the strength; else one strength was given, or none
+    consistent: Ellipsoid | None  # consistent ellipsoid through the readings, for a constant strength, as a start
     noise: float  # distance of the readings from it, or from a sphere (1 σ), in units of the mean strength
 
     @classmethod
     def of(cls, readings: Readings, method: str, field_strength: float | None) -> Self:
-        """Take the strength from the column of the recording, else the one that is given, else the readings' own.
+        """Take the strength from the column of the recording, else the given one, else the size of the readings.
 
-        Raises `NeedsSamples` where there are only sums; `WrongStrength` for a column that is not positive, is the
-        length of the readings themselves, is missing in one of several recordings, or stands beside a strength that is
-        given as well; `NotAnEllipsoid` where not even a sphere goes through the readings.
+        Raises `NeedsSamples` if only sums are given; `WrongStrength` for a column that is not positive, is the length
+        of the readings themselves, is missing in one of several recordings, or comes with a given strength;
+        `NotAnEllipsoid` if not even a sphere fits the readings.
         """
         if readings.recording is None:
             raise NeedsSamples(method)
         reported = _ReportedStrength.of(readings)
         if reported.count and field_strength is not None:
             raise WrongStrength(
-                "the recording tells the field's strength at each reading, and another was given: give one of them",
+                "the recording has the field's strength at each reading, and another strength was given: use only one",
                 hint={"site": None},
                 mean=reported.mean,
                 field_strength=field_strength,
@@ -253,14 +252,14 @@ class Reference:
 
     @property
     def varies(self) -> bool:
-        """The strength is not one and the same."""
-        return self.spread > CONSTANT
+        """Whether the strength is not constant."""
+        return self.spread > MAX_CONSTANT_SPREAD
 
     def blocks(self) -> Iterator[tuple[Floats, Floats]]:
-        """Go through the readings: (m, 3) x' and (m,) strengths in units of their mean."""
+        """Yield blocks of (m, 3) x' and (m,) strengths in units of their mean."""
         for samples in _blocks(self.readings):
             strength = samples.strength
-            if strength is None or not self.is_told:
+            if strength is None or not self.is_reported:
                 yield (samples.field - self.origin) / self.size, np.ones(len(samples))
             else:
                 known = np.isfinite(strength)
@@ -268,19 +267,19 @@ class Reference:
 
     @property
     def stride(self) -> int:
-        """Every so many-th reading is gone through one by one, so that there are `MOST` at the most."""
+        """Stride of the readings that are processed one by one, at most `MOST` of them."""
         return max(1, -(-len(self.readings) // MOST))
 
     def counts(self, steps: int) -> list[int]:
-        """Of the readings that are gone through, how many were seen at about so many steps."""
+        """Numbers of processed readings at about so many steps."""
         return spread_counts(-(-len(self.readings) // self.stride), steps)
 
     def convergence(self, counts: Sequence[int], estimates: Sequence[Estimate | None]) -> Convergence:
-        """What was known after so many of the readings that are gone through."""
+        """Convergence of estimates after so many processed readings."""
         return Convergence.of([min(count * self.stride, len(self.readings)) for count in counts], estimates)
 
     def thinned(self, limit: int) -> tuple[Floats, Floats]:
-        """Take at most about so many readings, spread evenly over the recording."""
+        """Readings x' and strengths, about `limit` at most, evenly spread over the recording."""
         stride = max(1, -(-len(self.readings) // limit))
         pairs = [(field[::stride], strength[::stride]) for field, strength in self.blocks()]
         field, strength = (np.concatenate(parts) for parts in zip(*pairs, strict=True))
@@ -289,17 +288,17 @@ class Reference:
     def start(self) -> Floats:
         """(9,) θ' of the consistent ellipsoid.
 
-        Raises `NotAnEllipsoid` where there is none.
+        Raises `NotAnEllipsoid` if there is none.
         """
-        ellipsoid = self.alike or adjusted(self.readings)[0]
+        ellipsoid = self.consistent or adjusted(self.readings)[0]
         gain = self.size * np.linalg.inv(ellipsoid.shape)
         return theta_of(gain @ (ellipsoid.centre - self.origin) / self.size, gain - _EYE)
 
     def variances(self, field: Floats, strength: Floats, noise: float, weights: Weights) -> Floats:
         """(N,) σ_k², for (N, 3) x' and (N,) strengths.
 
-        ``weights`` says where: at the ``"estimate"``, where |m| is the strength, or at the ``"prior"`` D = 0 and
-        b = 0, where it is the length of the reading itself.
+        ``weights`` is the point of evaluation: the ``"estimate"``, where |m| is the strength, or the ``"prior"`` D = 0
+        and b = 0, where |m| is the length of the raw reading.
         """
         raw = (field * self.size + self.origin) / self.mean
         square = np.einsum("ij,ij->i", raw, raw) if weights == "prior" else strength**2
@@ -307,14 +306,14 @@ class Reference:
         return variances
 
     def refuse_unrelated(self, explained: float) -> None:
-        """Refuse a strength that varies by as much as the readings do, and not with them.
+        """Refuse a strength that varies by as much as the readings do, but is not correlated with them.
 
         Raises `WrongStrength`.
         """
-        if self.varies and explained < ENOUGH_EXPLAINED and self.spread > CONTRADICTED * self.noise:
+        if self.varies and explained < ENOUGH_EXPLAINED and self.spread > MAX_SPREAD_RATIO * self.noise:
             raise WrongStrength(
-                f"the strength told at each reading varies by {self.spread:.1%} (1 σ), and the readings follow "
-                f"{max(explained, 0.0):.0%} of that: check its column, its unit and its time; or take the column out",
+                f"the strength in the recording varies by {self.spread:.1%} (1 σ), and the readings explain "
+                f"{max(explained, 0.0):.0%} of that: check its column, its unit and its time; or remove the column",
                 spread=self.spread,
                 explained=explained,
             )
@@ -330,12 +329,14 @@ class _ReportedStrength:
 
     @classmethod
     def of(cls, readings: Readings) -> Self:
-        """Go through the recording; count 0 where no reading has a strength."""
+        """Sums over the recording; `count` is 0 if no reading has a strength."""
         have = [any(block.strength is not None for block in _blocks(part)) for part in readings.each]
         if not any(have):
             return cls()
         if not all(have):
-            raise WrongStrength("some of the recordings tell the field's strength at each reading and some do not")
+            raise WrongStrength(
+                "some recordings have the field's strength at each reading and some do not: add or remove the column"
+            )
         count, total, square, apart = 0, 0.0, 0.0, 0.0
         first = np.nan
         for block in _blocks(readings):
@@ -346,7 +347,7 @@ class _ReportedStrength:
             if not np.all(strength > 0.0):
                 wrong = float(strength[~(strength > 0.0)][0])
                 raise WrongStrength(
-                    f"a strength of {figures(wrong)} is told at a reading: need positive numbers; check the column",
+                    f"the recording has a strength of {figures(wrong)}: need positive numbers; check the column",
                     strength=wrong,
                 )
             if not len(strength):
@@ -359,10 +360,10 @@ class _ReportedStrength:
         if not count:
             return cls()
         mean = float(first) + total / count
-        if np.sqrt(apart / count) < COMPUTED * mean:
+        if np.sqrt(apart / count) < MIN_LENGTH_DIFFERENCE * mean:
             raise WrongStrength(
-                "the strength told at each reading is the length of the reading itself: need one from a model of the "
-                "field or from another magnetometer; or take the column out"
+                "the strength in the recording is the length of the reading itself: need a strength from a model of "
+                "the field or from another magnetometer; or remove the column"
             )
         return cls(count, mean, float(np.sqrt(max(square / count - (total / count) ** 2, 0.0))) / mean)
 
@@ -377,15 +378,15 @@ def _blocks(readings: Readings) -> Iterator[Samples]:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ProductSums:
-    """Weighted sums of products of L, z − μ and 1: all that both steps look at."""
+    """Weighted sums of products of L, z − μ and 1, which are sufficient for both steps."""
 
     gram: Floats  # (11, 11): Σ rrᵀ/σ_k² with r = (L, z − μ, 1)
-    scatter: Floats  # (11, 11): the same with each term times what v varies over the σ_k² that it is weighted with
-    count: int
+    scatter: Floats  # (11, 11): the same, with each term times the variance of v over the σ_k² of its weight
+    count: int  # number of readings
 
     @classmethod
     def of(cls, reference: Reference, noise: float, weights: Weights = "estimate") -> Self:
-        """Add them up, for a noise in units of the mean strength; see `Reference.variances` for the weights."""
+        """Sum over all readings, for a noise in units of the mean strength; weights as of `Reference.variances`."""
         gram, scatter, count = np.zeros((11, 11)), np.zeros((11, 11)), 0
         for field, strength in reference.blocks():
             rows = rows_of(field, strength, noise)
@@ -414,20 +415,20 @@ class ProductSums:
 
     @property
     def explained(self) -> float:
-        """Share of the variance of H² that the readings explain, less what nine parameters take of anything.
+        """Share of the variance of H² that the readings explain, adjusted for nine parameters.
 
-        About 1 where the strength varies by far more than the noise, 0 and below where it does not vary.
+        About 1 if the strength varies by far more than the noise, 0 and below if it is constant.
         """
         centred = self.centred
         squared = np.zeros(10)
-        squared[[3, 4, 5, 9]] = -1.0  # H² = |x|² − z, but for a constant
+        squared[[3, 4, 5, 9]] = -1.0  # H² = |x|² − z, up to a constant
         whole = float(squared @ centred @ squared)
         theta = self.solved()
         left = float(centred[9, 9] - 2.0 * centred[9, :9] @ theta + theta @ centred[:9, :9] @ theta)
         return 1.0 - max(left, 0.0) / max(whole, 1e-300) * (self.count - 1) / max(self.count - 10, 1)
 
     def solved(self) -> Floats:
-        """(9,) θ' of the centred problem."""
+        """(9,) θ' that solves the centred problem."""
         centred = self.centred
         scale = np.sqrt(np.maximum(np.diag(centred)[:9], 1e-300))
         theta: Floats = np.linalg.lstsq(centred[:9, :9] / np.outer(scale, scale), centred[:9, 9] / scale, rcond=1e-14)[
@@ -436,26 +437,26 @@ class ProductSums:
         return theta / scale
 
     def mean_residual(self, theta: Floats) -> float:
-        """z̄ − L̄θ' + β − μ̄."""
+        """Residual of the weighted means: z̄ − L̄θ' + β − μ̄."""
         means = self.means
         return float(means[9] - means[:9] @ theta + beta(theta)[0])
 
     def cost(self, theta: Floats) -> float:
-        """Σ v²/σ_k², the mean taken in."""
+        """Whole cost Σ v²/σ_k², with the mean included."""
         row = np.concatenate([-theta, [1.0]])
         return float(row @ self.centred @ row) + self.mean_residual(theta) ** 2 / self.variance
 
     def information(self, theta: Floats) -> Floats:
-        """(9, 9) F = F̃ + (L̄ − ∂β)(L̄ − ∂β)ᵀ/s̄², of θ'."""
+        """(9, 9) information F = F̃ + (L̄ − ∂β)(L̄ − ∂β)ᵀ/s̄² of θ'."""
         across = self.means[:9] - beta(theta)[1]
         return self.centred[:9, :9] + np.outer(across, across) / self.variance
 
     def unobserved(self, theta: Floats) -> int:
-        """Combinations of parameters of which rounding leaves nothing, as where the readings lie on two rings."""
+        """Number of combinations of parameters without information, as for readings on two rings."""
         information = self.information(theta)
         scale = np.sqrt(np.maximum(np.diag(information), 1e-300))
         values = np.linalg.eigvalsh(information / np.outer(scale, scale))
-        return int(np.count_nonzero(values < ROUNDING))
+        return int(np.count_nonzero(values < MIN_INFORMATION))
 
     def gradient(self, theta: Floats) -> Floats:
         """(9,) half the gradient of the cost."""
@@ -465,7 +466,7 @@ class ProductSums:
         return gradient
 
     def covariance(self, theta: Floats) -> Floats:
-        """(9, 9) of θ': F⁻¹ where the weights are what v varies; else what the weights make of it, F⁻¹BF⁻¹."""
+        """(9, 9) covariance of θ': F⁻¹ for weights that are inverse variances of v, else the sandwich F⁻¹BF⁻¹."""
         slope = np.zeros((11, 9))
         slope[:9], slope[10] = np.eye(9), -beta(theta)[1]
         inverse = np.linalg.inv(self.information(theta))
@@ -480,7 +481,7 @@ def rows_of(field: Floats, strength: Floats, noise: float) -> Floats:
 
 
 def converged_noise(reference: Reference, b: Floats, d: Floats, taken: int) -> float:
-    """Standard deviation of |m| about the strength, in units of the mean strength; no less than a sensor resolves."""
+    """Standard deviation of |m| about the strength, in units of the mean strength, at least `FINEST`."""
     count, total, square = 0, 0.0, 0.0
     for field, strength in reference.blocks():
         off = np.linalg.norm(field @ (_EYE + d) - b, axis=1) - strength
@@ -489,7 +490,7 @@ def converged_noise(reference: Reference, b: Floats, d: Floats, taken: int) -> f
 
 
 def shrunk(theta: Floats, start: Floats) -> float:
-    """Smallest gain of one θ' along any direction, as a share of another's; 0 where there is none."""
+    """Smallest gain of one θ' along any direction, as a share of another's; 0 if that is not an ellipsoid."""
     values, vectors = np.linalg.eigh(_EYE + symmetric(start[3:]))
     if not values[0] > 0.0:
         return 0.0
@@ -498,13 +499,13 @@ def shrunk(theta: Floats, start: Floats) -> float:
     return float(np.sqrt(max(least, 0.0)))
 
 
-# What comes out.
+# Results.
 
 
 def estimate_of(
     reference: Reference, b: Floats, d: Floats, covariance: Floats, method: str, *, on_the_way: bool = False
 ) -> Estimate:
-    """Put b, D and their covariance together as an estimate.
+    """Estimate from b, D and their covariance.
 
     Parameters
     ----------
@@ -513,18 +514,20 @@ def estimate_of(
     d : (3, 3) float
         D'.
     covariance : (9, 9) float
-        Of both.
+        Covariance of both.
     method : str
-        What was run.
+        Name of the method.
     on_the_way : bool
-        Only part of the readings was seen: nothing is said of residuals.
+        Whether only part of the readings was used, so that residuals are not calculated.
     """
     ellipsoid = ellipsoid_of(b, d, reference)
     reported: Literal["", "constant", "varying"] = ""
-    if reference.is_told:
+    if reference.is_reported:
         reported = "varying" if reference.varies else "constant"
-    known = reference.mean if reference.is_told else None
-    estimate = Estimate(ellipsoid, carried(covariance, b, d, reference), 0.0, method, strength=known, follows=reported)
+    known = reference.mean if reference.is_reported else None
+    estimate = Estimate(
+        ellipsoid, ellipsoid_covariance(covariance, b, d, reference), 0.0, method, strength=known, follows=reported
+    )
     if on_the_way:
         return estimate
     alike = at_one_strength(reference.readings, estimate)
@@ -534,12 +537,12 @@ def estimate_of(
 
 
 def widened_by_consistent(estimate: Estimate, reference: Reference) -> Estimate:
-    """Add what separates it from the consistent fit of the same readings to its claim, all of it.
+    """Add the whole difference from the consistent fit of the same readings to the covariance of an estimate.
 
-    That fit looks at all readings at once, and noise does not pull it. Nothing is removed for chance: the claim that
-    would say what chance explains is the one that is in doubt.
+    The consistent fit uses all readings at once, and is not biased by noise. The part of the difference that chance may
+    explain is not removed, since that would depend on the covariance in doubt.
     """
-    if reference.alike is None:
+    if reference.consistent is None:
         return estimate
-    apart = estimate.ellipsoid.parameters - reference.alike.parameters
+    apart = estimate.ellipsoid.parameters - reference.consistent.parameters
     return replace(estimate, covariance=estimate.covariance + np.outer(apart, apart))

@@ -20,8 +20,8 @@ class AxisAligned:
 
     Minimises ``Σ (Σᵢ aᵢxᵢ² + l·x + d)²`` with ``a₁ + a₂ + a₃ = 3``.
 
-    Use it where the sensor's axes have unequal gains and there is no soft iron, or where readings
-    are too few for ten unknowns.
+    Use it if the sensor's axes have unequal gains and there is no soft iron, or if the readings are too few for ten
+    unknowns.
 
     References
     ----------

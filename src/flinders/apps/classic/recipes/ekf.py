@@ -33,11 +33,11 @@ if TYPE_CHECKING:
 
 Start: TypeAlias = Literal["sphere", "zero"]
 
-MOST_DISTORTION: Final = 0.1
-"""Standard deviation of D at the start: with 1 it would take D = −I for likely."""
+MAX_DISTORTION_SPREAD: Final = 0.1
+"""Largest standard deviation of D at the start; with 1, D = −I would be likely."""
 
-LOST: Final = 0.25
-"""Of the smallest gain that it began with: on the way it may be off by as much as its start is wide, but not so far."""
+MIN_FILTER_GAIN: Final = 0.25
+"""Smallest gain of a filter that has not collapsed, as a share of the smallest gain at the start."""
 
 _EYE: Final = np.eye(9)
 
@@ -48,37 +48,37 @@ class Ekf:
 
         h(b, D) = −xᵀ(2D + D²)x + 2xᵀ(I + D)b − |b|²,      R = 4σ²|m|² + 6σ⁴,      mean of the noise −3σ²
 
-    linearised at the state so far, the covariance in Joseph's form [1]_. b and D are those
-    of `flinders.apps.classic.recipes.attitude_independent`; H is found as for `AlonsoShuster`. With one strength it
-    works too: the prior keeps it from D = −I where directions come at random.
+    linearised at the current state, with the covariance in Joseph's form [1]_. b and D are those of
+    `flinders.apps.classic.recipes.attitude_independent`; H is found as for `AlonsoShuster`. A constant strength works
+    too: if directions come at random, the prior keeps the filter away from D = −I.
 
     The default `spread` is about that of the replications. With 0.3 many tumbles by hand lead the filter to D = −I:
-    while the sensor stays near one direction, noise tells it what only other directions could.
+    while the sensor stays near one direction, the filter fits noise along the unobserved directions.
 
-    Use it to see how a filter on board settles, and for parity with one; `converge` shows it. Not for accuracy: each
-    reading counts where the state was when it came, so the answer depends on the order and on the start,
-    and the covariance it claims does not know of either. What separates it from fits of all readings at once joins the
-    covariance here, which on board nobody can do.
+    Use it to see how a filter on board converges, with `converge`, and for parity with one. Do not use it for accuracy:
+    each reading is linearised at the state of its time, so that the result depends on the order and on the start, which
+    the filter's covariance ignores. The difference from fits of all readings at once is added to the covariance here,
+    which is not possible on board.
 
     Parameters
     ----------
     start : str
         ``"sphere"``: from the sphere through all readings. ``"zero"``: from b = 0 and D = 0, as published.
     spread : float
-        Standard deviation of the start: of b as a share of the strength, and of D, there 0.1 at the most. A start at
-        zero needs as much as the iron is strong.
+        Standard deviation of the start: of b as a share of the strength, and of D, limited to 0.1. A start at zero
+        needs a spread as large as the hard iron.
     walk : float
-        Random walk of the state from one reading to the next, as a share as above; 0 for a sensor that does not change.
+        Random walk of the state from one reading to the next, as a share of the strength; 0 for a constant sensor.
     noise : float, optional
-        σ of each axis, in the unit of the readings; found from the readings where it is not given.
+        σ of each axis, in the unit of the readings; estimated from the readings by default.
     field_strength : float, optional
-        H, where the recording does not tell it.
+        H, if the recording does not have it.
 
     Notes
     -----
-    Covariance: that of the filter, carried over to centre and shape. With one strength the whole difference from
-    `Consistent` joins it: how far order and start have led the filter, of which its own covariance is no measure. True
-    heading errors are then 1.0 to 1.1 times those claimed (rms, `tests/classic/test_attitude_independent.py`).
+    Covariance: that of the filter, converted to centre and shape. With constant strength the whole difference from
+    `Consistent` is added, as an estimate of the influence of order and start. True heading errors are then 1.0 to 1.1
+    times those claimed (rms, `tests/classic/test_attitude_independent.py`).
 
     References
     ----------
@@ -109,7 +109,7 @@ class Ekf:
     is_biased: ClassVar[bool] = True
 
     def __post_init__(self) -> None:
-        """Refuse options that mean nothing."""
+        """Refuse invalid options."""
         if self.start not in get_args(Start):
             raise UsageError(f"start is {self.start!r}: need {', '.join(get_args(Start))}")
         limits: list[tuple[str, float | None, float]] = [("spread", self.spread, 1e-9), ("walk", self.walk, 0.0)]
@@ -121,40 +121,40 @@ class Ekf:
     def estimate(self, readings: Readings) -> Estimate:
         """Fit an ellipsoid.
 
-        Raises `TooFewSamples`, `OutOfScale`, `StuckAxis` or `Unmoved`: see `Readings.require`; `NeedsSamples` where
-        there are only sums; `WrongStrength` if the strength told at each reading cannot be the field's;
-        `NotAnEllipsoid` if not even a sphere goes through the readings; `Collapsed` if the filter goes to D = −I.
+        Raises `TooFewSamples`, `OutOfScale`, `StuckAxis` or `Unmoved`: see `Readings.require`; `NeedsSamples` if only
+        sums are given; `WrongStrength` if the strength in the recording cannot be the field's; `NotAnEllipsoid` if not
+        even a sphere fits the readings; `Collapsed` if the filter goes to D = −I.
         """
         reference, _, (begun, ended) = self._states(readings)
         gained = ended.gain / begun.gain
-        if not gained > LOST:
+        if not gained > MIN_FILTER_GAIN:
             raise Collapsed(
                 self.name,
                 gained,
-                "they come in an order that leads a filter astray, and a smaller spread may keep it",
+                "the order of the readings makes the filter diverge, which a smaller spread may prevent",
             )
         estimate = self._estimate(ended, reference)
         return estimate if reference.varies else widened_by_consistent(estimate, reference)
 
     def converge(self, readings: Readings, steps: int = 100) -> Convergence:
-        """Follow the estimate at about so many steps; where it goes to D = −I, up to there.
+        """Estimates at about so many steps, until the filter goes to D = −I.
 
-        Raises `FitError` as `estimate`, but for `Collapsed`.
+        Raises the errors of `estimate`, except `Collapsed`.
         """
         reference, counts, (begun, *states) = self._states(readings, steps)
         followed = [
-            self._estimate(state, reference, on_the_way=True) if state.gain > LOST * begun.gain else None
+            self._estimate(state, reference, on_the_way=True) if state.gain > MIN_FILTER_GAIN * begun.gain else None
             for state in states
         ]
         return reference.convergence(counts, followed)
 
     def _states(self, readings: Readings, steps: int = 0) -> tuple[Reference, list[int], list[FilterState]]:
-        """How many readings were seen at each step, of all where no steps are asked for; the start and each state."""
+        """Reference, numbers of readings at each step (all for 0 steps), and states: the start and one per step."""
         readings.require(self.unknowns, self.name)
         reference = Reference.of(readings, self.name, self.field_strength)
         noise = self._noise(reference)
         field, strength = reference.thinned(MOST)
-        state = self._begun(reference)
+        state = self._start_state(reference)
         counts = reference.counts(steps) if steps else [len(field)]
         at, states = 0, [state]
         for count in counts:
@@ -165,7 +165,7 @@ class Ekf:
         return reference, counts, states
 
     def _noise(self, reference: Reference) -> float:
-        """The noise that is given, else that of the centred fit where the strength varies, else of the ellipsoid."""
+        """The given noise, else that of the centred fit if the strength varies, else that of the ellipsoid."""
         if self.noise is not None:
             return self.noise / reference.mean
         count = len(reference.readings)
@@ -177,9 +177,9 @@ class Ekf:
                 return converged_noise(reference, *parameters(sums.solved(), self.name), 9)
         return noise
 
-    def _begun(self, reference: Reference) -> FilterState:
-        """The start: (b', D') and its covariance."""
-        distortion = min(self.spread, MOST_DISTORTION)
+    def _start_state(self, reference: Reference) -> FilterState:
+        """Start of the filter: (b', D') and its covariance."""
+        distortion = min(self.spread, MAX_DISTORTION_SPREAD)
         if self.start == "sphere":
             sphere = Sphere().estimate(reference.readings).ellipsoid
             gain = reference.size / sphere.radius
@@ -187,7 +187,7 @@ class Ekf:
             spreads = np.concatenate([np.full(3, self.spread), np.full(6, distortion * gain)])
             return FilterState(np.concatenate([b, upper((gain - 1.0) * np.eye(3))]), np.diag(spreads**2))
         gain, origin = reference.size / reference.mean, reference.origin / reference.mean
-        moved = self.spread * np.eye(9)  # of (b, D), b and D being independent
+        moved = self.spread * np.eye(9)  # root of the covariance of independent b and D
         moved[:3, 3:] = -distortion * (BASIS @ origin).T
         moved[3:, 3:] = distortion * gain * np.eye(6)
         return FilterState(np.concatenate([-origin, upper((gain - 1.0) * np.eye(3))]), moved @ moved.T)
@@ -198,7 +198,7 @@ class Ekf:
 
 
 class FilterState(NamedTuple):
-    """What the filter keeps.
+    """State of the filter, with its covariance.
 
     Examples
     --------
@@ -213,13 +213,13 @@ class FilterState(NamedTuple):
 
     @property
     def gain(self) -> float:
-        """Smallest gain along any direction, of I + D; 0 where there is none."""
+        """Smallest gain of I + D along any direction; 0 if I + D is not positive."""
         return max(float(np.linalg.eigvalsh(np.eye(3) + symmetric(self.values[3:]))[0]), 0.0)
 
     def after(self, field: Floats, strength: Floats, noise: float, *, walk: float = 0.0) -> FilterState:
-        """Take (m, 3) readings and (m,) strengths in, one by one."""
+        """State after (m, 3) readings x' and (m,) strengths, one by one."""
         values, covariance = self
-        moves = np.concatenate([np.broadcast_to(-np.eye(3), (len(field), 3, 3)), _by_distortion(field)], axis=2)
+        moves = np.concatenate([np.broadcast_to(-np.eye(3), (len(field), 3, 3)), _distortion_jacobian(field)], axis=2)
         for reading, move, squared in zip(field, moves, (strength**2).tolist(), strict=True):
             corrected = reading + move @ values
             square = float(corrected @ corrected)
@@ -236,7 +236,7 @@ class FilterState(NamedTuple):
         return FilterState(values, (covariance + covariance.T) / 2.0)
 
 
-def _by_distortion(field: Floats) -> Floats:
+def _distortion_jacobian(field: Floats) -> Floats:
     """(m, 3, 6) ∂(Dx)/∂(D₁₁, D₂₂, D₃₃, D₁₂, D₁₃, D₂₃) at (m, 3) x."""
     moves: Floats = np.einsum("kij,mj->mik", BASIS, field)
     return moves

@@ -1,6 +1,6 @@
-"""Constrained: an ellipsoid with as many equal radii, and as free a centre and axes, as one asks for.
+"""Constrained: an ellipsoid with chosen constraints on its radii, axes and centre.
 
-The model is a choice of its own here: whatever is known of the sensor is not left to the readings.
+The constraints express knowledge of the sensor, which then need not come from the readings.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 Radii: TypeAlias = Literal["free", "aligned", "xy", "xz", "yz", "sphere", "eye", "diag", "sym", "auto"]
 
 MAGCAL: Final[dict[Radii, Radii]] = {"eye": "sphere", "diag": "aligned", "sym": "free"}
-"""What MATLAB's ``magcal`` calls three of them; its ``auto`` is `Constrained.chosen`."""
+"""Names of MATLAB's ``magcal`` for three of the constraints; its ``auto`` is `Constrained.chosen`."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -42,17 +42,17 @@ class Constrained:
     ``"sphere"``              the identity: the same as `Sphere`                   5         ``'xyz'``    eye
     ========================  ===================================================  ========  ===========  ======
 
-    and with ``centred=True`` l = 0, the centre where the readings are zero: three unknowns fewer. The names of
-    MATLAB's ``magcal`` mean the same; its ``"auto"`` takes the sphere, then the aligned ellipsoid if `fit_error` is
-    smaller for it, then the free one if it is smaller still, at no price for unknowns, so that it nearly always
-    ends with the free one.
+    and with ``centred=True`` l = 0, so that the centre is at zero: three unknowns fewer. The names of MATLAB's
+    ``magcal`` are synonyms; its ``"auto"`` starts with the sphere, takes the aligned ellipsoid if its `fit_error` is
+    smaller, then the free one if that is smaller still. There is no penalty for unknowns, so that it nearly always ends
+    with the free one.
 
-    Moving or scaling the readings moves and scales the answer alike, but for ``centred``, which cannot follow a
-    move. Turning them turns it for ``"free"`` and ``"sphere"`` only: the others are about the sensor's own axes.
+    Moving or scaling the readings moves and scales the solution in the same way, except that ``centred`` cannot follow
+    a move. Rotating them rotates it for ``"free"`` and ``"sphere"`` only, as the others refer to the sensor's axes.
 
-    Use it for parity with those two programs, or where the constraint is known to hold: a sensor whose x and y are
-    one coil type and z another, an offset that was subtracted before. Not where it is only hoped for: a constraint
-    that is wrong is an error that no reading takes away. What it costs beside `Likelihood` joins the covariance.
+    Use it for parity with those two programs, or if the constraint is known to hold: a sensor whose x and y are one
+    coil type and z another, an offset that was subtracted before. Do not use an assumed constraint: the error of a
+    wrong one does not shrink with more readings. The difference from `Likelihood` is added to the covariance.
 
     Parameters
     ----------
@@ -61,11 +61,11 @@ class Constrained:
 
     Notes
     -----
-    ``ellipsoid_fit`` of 2015 also takes ``'xy'`` and ``'xz'`` with free axes. It sets Q₁₁ = Q₂₂, which does not make
-    two radii equal once there are cross terms (`tests/classic/test_constrained.py`), and is left out; the
-    edition of 2009 meant by ``2, 'xy'`` what is meant here. That edition minimises with a constant term of −1, which
-    depends on where zero is; this follows the later one, tr Q = 3. ``magcal`` gives the coefficients of ``diag`` and
-    ``sym`` unit length, so that with noise its last digits differ; without noise both are exact.
+    ``ellipsoid_fit`` of 2015 also allows ``'xy'`` and ``'xz'`` with free axes. It sets Q₁₁ = Q₂₂, which does not make
+    two radii equal with cross terms (`tests/classic/test_constrained.py`), and is left out; ``2, 'xy'`` of the edition
+    of 2009 is ``"xy"`` here. That edition minimises with a constant term of −1, which depends on the position of zero;
+    this follows the later one, tr Q = 3. ``magcal`` scales the coefficients of ``diag`` and ``sym`` to unit length, so
+    that with noise its last digits differ; without noise both are exact.
 
     References
     ----------
@@ -98,7 +98,7 @@ class Constrained:
     is_biased: ClassVar[bool] = True
 
     def __post_init__(self) -> None:
-        """Refuse a constraint that is not there."""
+        """Refuse an unknown constraint."""
         if self.radii not in get_args(Radii):
             raise UsageError(f"radii is {self.radii!r}: need {', '.join(get_args(Radii))}")
         if not isinstance(self.centred, bool):
@@ -107,8 +107,8 @@ class Constrained:
     def estimate(self, readings: Readings) -> Estimate:
         """Fit an ellipsoid.
 
-        Raises `TooFewSamples`, `OutOfScale`, `StuckAxis` or `Unmoved`: see `Readings.require`; fewer unknowns need
-        fewer readings; `NotAnEllipsoid` if the quadric is open.
+        Raises `TooFewSamples`, `OutOfScale`, `StuckAxis` or `Unmoved`: see `Readings.require`, with the number of
+        readings by the number of unknowns; `NotAnEllipsoid` if the quadric is open.
         """
         radii = MAGCAL.get(self.radii, self.radii)
         readings.require(self._unknowns("sphere" if radii == "auto" else radii), self.name)
@@ -121,9 +121,9 @@ class Constrained:
         return replace(made, estimator=self.name)
 
     def chosen(self, readings: Readings) -> tuple[Radii, Ellipsoid]:
-        """Go from the sphere to the free ellipsoid and take each that leaves a smaller `fit_error`, as ``magcal``.
+        """Radii and ellipsoid with the smallest `fit_error`, from the sphere to the free ellipsoid, as ``magcal``.
 
-        Raises `NotAnEllipsoid` if not even a sphere goes through the readings.
+        Raises `NotAnEllipsoid` if not even a sphere fits the readings.
         """
         moments = readings.summary.moments
         radii: Radii = "sphere"
@@ -141,12 +141,12 @@ class Constrained:
         return radii, best
 
     def _unknowns(self, radii: Radii) -> int:
-        """Parameters of the ellipsoid, and the noise."""
+        """Number of unknowns: parameters of the ellipsoid, and the noise."""
         entries: int = ENTRIES[radii].shape[1]
         return entries + (0 if self.centred else 3) + 1
 
     def _fit(self, readings: Readings, radii: Radii) -> Ellipsoid:
-        """The quadric of least squares under the constraints."""
+        """Ellipsoid of least squares under the constraints."""
         frame = Frame.of(readings)
         if self.centred:
             frame = Frame.of(readings, np.zeros(3), float(np.hypot(frame.scale, np.linalg.norm(frame.origin))))

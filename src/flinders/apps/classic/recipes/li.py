@@ -17,28 +17,28 @@ if TYPE_CHECKING:
     from flinders.estimators.base import Estimate
     from flinders.estimators.data import Readings
 
-LEAST_K: Final = 3.0
-"""There the constraint, k J > I², lets nothing through, not even a sphere."""
+MIN_K: Final = 3.0
+"""Lower limit of k: there the constraint k J > I² excludes every ellipsoid, even a sphere."""
 
-LARGEST_K: Final = 2.0**20
-"""Long axes over short ones up to a thousand: beyond what any sensor makes."""
+MAX_K: Final = 2.0**20
+"""Largest k that is tried: it allows axis ratios up to a thousand, far beyond those of a sensor."""
 
-STEPS: Final = 40
-"""Bisections, which leave nothing of log₂ k but rounding."""
+MAX_BISECTIONS: Final = 40
+"""Number of bisections, which determine log₂ k to rounding."""
 
 
 @dataclass(frozen=True, slots=True)
 class Li:
-    """General ellipsoid by least squares on the quadric's value, constrained to be one.
+    """General ellipsoid by least squares on the quadric's value, with a constraint that makes it an ellipsoid.
 
     Minimises ``Σ q(x)²`` with ``k J − I² = 1``, where ``I = tr Q`` and ``J`` is the sum of the
-    principal 2 × 2 minors of Q. With k = 4 every answer is an ellipsoid, but only shapes whose short
-    radius is at least half the long one can be reached. With k left open the largest k that
+    principal 2 × 2 minors of Q. With k = 4 every solution is an ellipsoid, but only shapes whose short
+    radius is at least half the long one can be reached. Without k, the largest k that
     gives an ellipsoid is searched, from 2²⁰ down by bisection, as the paper proposes.
 
-    Use ``Li(k=4)`` for parity with Magneto 1.2/1.4 and the scripts that copy it, and where other
-    fits find no ellipsoid. It pulls towards spheres: with half of the directions seen and 4 % noise its
-    centre is 7.7 µT off where `Consistent` is 0.8 µT off (`tests/classic/test_printed_numbers.py`).
+    Use ``Li(k=4)`` for parity with Magneto 1.2/1.4 and the scripts that copy it, and if other
+    fits find no ellipsoid. It is biased towards spheres: with half of the directions covered and 4 % noise the
+    error of its centre is 7.7 µT, that of `Consistent` 0.8 µT (`tests/classic/test_printed_numbers.py`).
 
     References
     ----------
@@ -65,10 +65,10 @@ class Li:
     is_biased: ClassVar[bool] = True
 
     def __post_init__(self) -> None:
-        """Refuse a k that constrains nothing to be an ellipsoid."""
+        """Refuse a k that does not enforce an ellipsoid."""
         k: object = self.k
-        if k is not None and not (isinstance(k, int | float) and LEAST_K < k < np.inf):
-            raise UsageError(f"k is {k!r}: need a number above {LEAST_K:g}, such as 4, or None to search it")
+        if k is not None and not (isinstance(k, int | float) and MIN_K < k < np.inf):
+            raise UsageError(f"k is {k!r}: need a number above {MIN_K:g}, such as 4, or None to search it")
 
     def estimate(self, readings: Readings) -> Estimate:
         """Fit an ellipsoid.
@@ -78,16 +78,16 @@ class Li:
         """
         readings.require(self.unknowns, self.name)
         frame = Frame.of(readings)
-        local = self._searched(frame.scatter) if self.k is None else _ellipsoid(frame.scatter, self.k)
+        local = self._search(frame.scatter) if self.k is None else _ellipsoid(frame.scatter, self.k)
         return claimed(readings, local.in_frame(frame.origin, frame.scale), self.name)
 
-    def _searched(self, scatter: Floats) -> Ellipsoid:
-        """Bisect log k between 4, which always gives an ellipsoid, and `LARGEST_K`."""
-        best, low, high = _attempt(scatter, LARGEST_K), np.log2(4.0), np.log2(LARGEST_K)
+    def _search(self, scatter: Floats) -> Ellipsoid:
+        """Ellipsoid of the largest k, by bisection of log k between 4, which always gives one, and `MAX_K`."""
+        best, low, high = _attempt(scatter, MAX_K), np.log2(4.0), np.log2(MAX_K)
         if best is not None:
             return best
         best = _ellipsoid(scatter, 4.0)
-        for _ in range(STEPS):
+        for _ in range(MAX_BISECTIONS):
             middle = (low + high) / 2.0
             candidate = _attempt(scatter, 2.0**middle)
             if candidate is None:
@@ -105,7 +105,7 @@ def _attempt(scatter: Floats, k: float) -> Ellipsoid | None:
 
 
 def _ellipsoid(scatter: Floats, k: float) -> Ellipsoid:
-    """Solve the constrained eigenproblem for one k."""
+    """Ellipsoid that solves the constrained eigenproblem for one k."""
     constraint = np.diag([-1.0, -1.0, -1.0, -k, -k, -k])
     constraint[:3, :3] += (k / 2.0 - 1.0) * (1.0 - np.eye(3))
     quadratic, mixed, linear = scatter[:6, :6], scatter[:6, 6:], scatter[6:, 6:]
@@ -117,7 +117,7 @@ def _ellipsoid(scatter: Floats, k: float) -> Ellipsoid:
 
 METHOD: Final = Method(
     Li,
-    use="always an ellipsoid, as Magneto fits it; pulls towards spheres",
+    use="always an ellipsoid, as Magneto fits it; biased towards spheres",
     source="Li and Griffiths (2004), eq. 7–15; Magneto",
     is_recipe=True,
 )

@@ -1,4 +1,4 @@
-"""Sequential: the centred fit of the field's strength, one reading after the other."""
+"""Sequential: the centred fit of the field's strength as a recursion over readings."""
 
 from __future__ import annotations
 
@@ -36,37 +36,37 @@ if TYPE_CHECKING:
 Find: TypeAlias = Literal["auto", "all", "offset"]
 Form: TypeAlias = Literal["exact", "published"]
 
-FIRST: Final = 20
-"""Readings of the batch that the recursion starts from, at the least: doubled until they determine its unknowns."""
+MIN_BATCH: Final = 20
+"""Smallest number of readings in the first batch; it is doubled until the batch determines the unknowns."""
 
-WELL_CONDITIONED: Final = 1e8
-"""Of the information of that batch, its diagonal scaled to one."""
+MAX_CONDITION: Final = 1e8
+"""Largest condition number of the information of that batch, with its diagonal scaled to 1."""
 
 _IDENTITY: Final = np.array([0.0, 0.0, 0.0, 1.0, 1.0, 1.0, 0.0, 0.0, 0.0])
 
 
 @dataclass(frozen=True, slots=True)
 class Sequential:
-    """Centred recursion: θ' and its covariance from each reading in turn, without keeping any.
+    """Centred recursion: θ' and its covariance from one reading after the other, without storing readings.
 
     With z, L, μ and σ_k² as in `flinders.apps.classic.recipes.attitude_independent`, and their weighted means so far
-    z̄, L̄ and s̄² = 1/Σσ_k⁻², a reading brings the innovation and its variance
+    z̄, L̄ and s̄² = 1/Σσ_k⁻², a reading has the innovation and its variance
 
         y = (z_k − μ − z̄) − (L_k − L̄) θ',      R = σ_k² + s̄²
 
-    after which P and θ' are those of a Kalman filter and the means take the reading in. That is exactly the batch
-    solution of all readings so far. ``form="published"`` takes the means first and R = σ_k², as
-    implementations of the paper do [1]_: it ends within a hundredth of its claim. Noise makes (c, I + E) too small
-    by the share of the variance of H² that is not explained; the means, which are kept anyway, say by how much, and
-    that is put right when the state is read out, not in the recursion.
+    after which P and θ' are updated as in a Kalman filter, and then the means. The result is exactly the batch solution
+    of all readings so far. ``form="published"`` updates the means first and uses R = σ_k², as implementations of the
+    paper do [1]_; the final difference is within a hundredth of the claim. Noise makes (c, I + E) too small by the
+    unexplained share of the variance of H²; `rescaled` corrects this from the means when the state is read, not in the
+    recursion.
 
-    ``find="offset"`` holds D = 0: three unknowns, and well posed whatever the strength does. ``find="all"``
-    finds offset and matrix, and is refused where the field's strength does not vary enough, as
-    any readings then give D = −I. ``"auto"`` takes all where the readings explain at least half of the variance of
-    H², and the offset elsewhere. H is found as for `AlonsoShuster`.
+    ``find="offset"`` keeps D = 0: three unknowns, well posed for any strength. ``find="all"`` finds offset and matrix,
+    and is refused if the field's strength does not vary enough, as any readings then give D = −I. ``"auto"`` finds all
+    if the readings explain at least half of the variance of H², else the offset. H is found as for `AlonsoShuster`.
 
-    Use it to watch a sensor on a small processor: a few hundred multiplications a reading. Where the readings can be
-    kept `AlonsoShuster` is better: it uses what the means say of all parameters. `converge` shows how it settles.
+    Use it to monitor a sensor on a small processor, with a few hundred multiplications for each reading. If the
+    readings can be stored, `AlonsoShuster` is better, as it uses the information of the means on all parameters.
+    `converge` shows the convergence.
 
     Parameters
     ----------
@@ -75,15 +75,14 @@ class Sequential:
     weights : str
         As for `AlonsoShuster`.
     noise : float, optional
-        σ of each axis, in the unit of the readings; found from the readings where it is not given.
+        σ of each axis, in the unit of the readings; estimated from the readings by default.
     field_strength : float, optional
-        H, where the recording does not tell it.
+        H, if the recording does not have it.
 
     Notes
     -----
-    It starts from a batch of the first 20 readings, doubled until they determine the unknowns. Covariance:
-    P, carried over to centre and shape; what separates it from the likelihood joins it
-    (`flinders.estimators.base`).
+    It starts from a batch of the first 20 readings, doubled until they determine the unknowns. Covariance: P, converted
+    to centre and shape, plus the difference from the likelihood (`flinders.estimators.base`).
 
     References
     ----------
@@ -114,7 +113,7 @@ class Sequential:
     is_biased: ClassVar[bool] = True
 
     def __post_init__(self) -> None:
-        """Refuse options that mean nothing."""
+        """Refuse invalid options."""
         for name, value, choices in (("find", self.find, get_args(Find)), ("form", self.form, get_args(Form))):
             if value not in choices:
                 raise UsageError(f"{name} is {value!r}: need {', '.join(choices)}")
@@ -123,31 +122,31 @@ class Sequential:
     def estimate(self, readings: Readings) -> Estimate:
         """Fit an ellipsoid.
 
-        Raises `TooFewSamples`, `OutOfScale`, `StuckAxis` or `Unmoved`: see `Readings.require`; ten readings for all
-        parameters; `NeedsSamples` where there are only sums; `ConstantStrength` for all parameters, where the field's
-        strength varies too little; `WrongStrength` if the strength told at each reading cannot be the field's;
-        `NotAnEllipsoid` if the readings do not determine the unknowns, or what they give is open.
+        Raises `TooFewSamples`, `OutOfScale`, `StuckAxis` or `Unmoved`: see `Readings.require`; all parameters need ten
+        readings; `NeedsSamples` if only sums are given; `ConstantStrength` for all parameters, if the field's strength
+        varies too little; `WrongStrength` if the strength in the recording cannot be the field's; `NotAnEllipsoid` if
+        the readings do not determine the unknowns, or give no ellipsoid.
         """
-        reference, noise, find = self._prepared(readings)
+        reference, noise, find = self._prepare(readings)
         state, *_ = self._states(reference, noise, find, [])[-1:]
         if state is None:
             raise NotAnEllipsoid((0.0, 0.0, 1.0), self.name)
         return self._estimate(state, reference, find)
 
     def converge(self, readings: Readings, steps: int = 100) -> Convergence:
-        """Follow the estimate at about so many steps; nothing is known before the batch that it starts from.
+        """Estimates at about so many steps; None before the first batch is complete.
 
-        Raises `FitError` as `estimate`.
+        Raises the errors of `estimate`.
         """
-        reference, noise, find = self._prepared(readings)
+        reference, noise, find = self._prepare(readings)
         counts = reference.counts(steps)
         states = self._states(reference, noise, find, counts)
         if states[-1] is None:
             raise NotAnEllipsoid((0.0, 0.0, 1.0), self.name)
-        return reference.convergence(counts, [self._followed(state, reference, find) for state in states])
+        return reference.convergence(counts, [self._followed_estimate(state, reference, find) for state in states])
 
-    def _prepared(self, readings: Readings) -> tuple[Reference, float, Find]:
-        """The strength, the noise in units of its mean, and what is to be found."""
+    def _prepare(self, readings: Readings) -> tuple[Reference, float, Find]:
+        """Reference with the strength, noise in units of the mean strength, and the parameters to find."""
         readings.require(10 if self.find == "all" else self.unknowns, self.name)
         reference = Reference.of(readings, self.name, self.field_strength)
         noise = reference.noise if self.noise is None else self.noise / reference.mean
@@ -166,7 +165,7 @@ class Sequential:
     def _states(
         self, reference: Reference, noise: float, find: Find, counts: Sequence[int]
     ) -> list[SequentialState | None]:
-        """What is known after so many readings each; after all where no counts are given; None before the start."""
+        """State after each of `counts` readings, or after all without counts; None before the first batch."""
         field, strength = reference.thinned(MOST)
         rows, variance = rows_of(field, strength, noise), reference.variances(field, strength, noise, self.weights)
         unknowns = 9 if find == "all" else 3
@@ -184,8 +183,8 @@ class Sequential:
             states.append(state)
         return states
 
-    def _followed(self, state: SequentialState | None, reference: Reference, find: Find) -> Estimate | None:
-        """What the state says on the way; None while it is no ellipsoid."""
+    def _followed_estimate(self, state: SequentialState | None, reference: Reference, find: Find) -> Estimate | None:
+        """Estimate from a state during the recursion; None while it is no ellipsoid."""
         try:
             return None if state is None else self._estimate(state, reference, find, on_the_way=True)
         except NotAnEllipsoid:
@@ -194,8 +193,8 @@ class Sequential:
     def _estimate(
         self, state: SequentialState, reference: Reference, find: Find, *, on_the_way: bool = False
     ) -> Estimate:
-        """What the state says."""
-        theta, covariance = rescaled(state)
+        """Estimate from a state."""
+        theta, covariance = rescale(state)
         b, d = parameters(theta, self.name)
         inverse = np.linalg.inv(jacobian(b, d))
         covariance = inverse @ covariance @ inverse.T
@@ -205,7 +204,7 @@ class Sequential:
 
 
 class SequentialState(NamedTuple):
-    """What the recursion keeps: θ', its covariance, and the means.
+    """State of the recursion: θ', its covariance, and the means.
 
     Examples
     --------
@@ -224,7 +223,7 @@ class SequentialState(NamedTuple):
 
     @classmethod
     def of(cls, rows: Floats, z: Floats, variances: Floats, unknowns: int = 9) -> SequentialState:
-        """The batch solution for (m, 9) rows L, (m,) z − μ and (m,) σ_k², of the first three or all nine of θ'."""
+        """Batch solution for (m, 9) rows L, (m,) z − μ and (m,) σ_k², of the first three or all nine of θ'."""
         weights = 1.0 / variances
         variance = float(1.0 / weights.sum())
         row, value = variance * (weights @ rows), float(variance * (weights @ z))
@@ -233,7 +232,7 @@ class SequentialState(NamedTuple):
         return cls(covariance @ ((local.T * weights) @ (z - value)), covariance, row, value, variance)
 
     def after(self, rows: Floats, z: Floats, variances: Floats, *, exact: bool = True) -> SequentialState:
-        """Take more readings in, one by one."""
+        """State after more readings, one by one."""
         theta, covariance, row, value, variance = self
         known = len(theta)
         for one, measured, own in zip(rows, z.tolist(), variances.tolist(), strict=True):
@@ -253,23 +252,23 @@ class SequentialState(NamedTuple):
 
 
 def first_batch(rows: Floats, variances: Floats) -> int:
-    """How many of (N, k) rows determine k unknowns; 0 where not even all of them do."""
-    count = FIRST
+    """Number of the first of (N, k) rows that determine k unknowns; 0 if all rows do not."""
+    count = MIN_BATCH
     while count < 2 * len(rows):
         taken = min(count, len(rows))
         local = (rows[:taken] - rows[:taken].mean(axis=0)) / np.sqrt(variances[:taken, np.newaxis])
         lengths = np.sqrt(np.einsum("ij,ij->j", local, local))
-        if lengths.min() > 0.0 and np.linalg.cond(local / lengths) ** 2 < WELL_CONDITIONED:
+        if lengths.min() > 0.0 and np.linalg.cond(local / lengths) ** 2 < MAX_CONDITION:
             return taken
         count *= 2
     return 0
 
 
-def rescaled(state: SequentialState) -> tuple[Floats, Floats]:
-    """(9,) θ' and its (9, 9) covariance, with the scale that the means say: κc and κ(I + E), where z̄ − L̄θ' + β = μ̄.
+def rescale(state: SequentialState) -> tuple[Floats, Floats]:
+    """(9,) θ' and its (9, 9) covariance, scaled to κc and κ(I + E) so that the means fit: z̄ − L̄θ' + β = μ̄.
 
-    Centring leaves the means out, and noise makes c and I + E too small alike; where only the offset was looked for
-    E is 0, and the scale is that of a sphere.
+    Centring ignores the means, and noise makes c and I + E too small by one factor. If only the offset was found, E is
+    0, and the scale is that of a sphere.
     """
     known = len(state.theta)
     theta, covariance = np.zeros(9), np.zeros((9, 9))
@@ -285,7 +284,7 @@ def rescaled(state: SequentialState) -> tuple[Floats, Floats]:
 
 METHOD: Final = Method(
     Sequential,
-    use="centred, reading by reading: the offset; all where the field's strength is known and varies",
+    use="centred, reading by reading: the offset; all parameters if the field's strength is known and varies",
     source="Crassidis, Lai and Harman (2005)",
     is_recipe=True,
 )

@@ -26,10 +26,10 @@ class Sphere:
     """Offset and radius by linear least squares.
 
     Minimises ``Σ (|x|² − 2 b·x − β)²``; then ``R² = β + |b|²``. Moving or scaling the readings moves
-    and scales the answer alike.
+    and scales the solution in the same way.
 
     Use it for a bare sensor with equal gains, for few readings or poor coverage, and as the base
-    line that any richer model has to beat. With soft iron the noise it reports is mostly misfit.
+    line for richer models. With soft iron, its noise estimate is mostly misfit.
 
     References
     ----------
@@ -55,7 +55,7 @@ class Sphere:
         """Fit a sphere.
 
         Raises `TooFewSamples`, `OutOfScale`, `StuckAxis` or `Unmoved`: see `Readings.require`; `NotAnEllipsoid` if the
-        readings lie in one plane or on one line: any sphere through that circle would do.
+        readings lie in one plane or on one line, which do not determine a sphere.
         """
         readings.require(self.unknowns, self.name)
         frame = Frame.of(readings)

@@ -1,4 +1,4 @@
-"""Two-step in the magnetic-field domain: intermediate coefficients by a linear fit, parameters from them."""
+"""Two-step in the magnetic-field domain: intermediate coefficients by a linear fit, then parameters from them."""
 
 from __future__ import annotations
 
@@ -19,32 +19,32 @@ if TYPE_CHECKING:
 
 Model: TypeAlias = Literal["orthogonal", "non-orthogonal"]
 
-FREE: Final[dict[Model, tuple[int, ...]]] = {
+FREE_COEFFICIENTS: Final[dict[Model, tuple[int, ...]]] = {
     "orthogonal": (1, 2, 6, 7, 8, 9),
     "non-orthogonal": (1, 2, 3, 4, 5, 6, 7, 8, 9),
 }
-"""Coefficients that are left beside that of x²: of y², z², x, y, z and 1; and of the mixed products."""
+"""Indices of the unknown coefficients: of y², z², x, y, z and 1; and of the mixed products."""
 
 
 @dataclass(frozen=True, slots=True)
 class TwoStep:
-    """Offset and gains of three axes, and the angles between them, by a linear fit that is relative to the x axis.
+    """Offset, gains and angles of three axes by a linear fit relative to the x axis.
 
     Step 1 divides the quadric by its coefficient of x² and finds the others by least squares,
 
         −x² = f₁ x + f₂ y² + f₃ y + f₄ z² + f₅ z + f₆
 
-    Step 2 takes offsets bᵢ and gains gᵢ of ``|B|² = Σ ((xᵢ − bᵢ)/gᵢ)²`` from them: b_x = −f₁/2, b_y = −f₃/2f₂,
+    Step 2 computes offsets bᵢ and gains gᵢ of ``|B|² = Σ ((xᵢ − bᵢ)/gᵢ)²`` from them: b_x = −f₁/2, b_y = −f₃/2f₂,
     b_z = −f₅/2f₄, g_x² = (b_x² + f₂b_y² + f₄b_z² − f₆)/|B|², g_y = g_x/√f₂, g_z = g_x/√f₄ [1]_. With
-    ``model="non-orthogonal"`` the products xy, xz and yz join step 1, and step 2 gives the triangular model of Foster
-    and Elkaim [2]_, see `triangular`.
+    ``model="non-orthogonal"`` step 1 includes the products xy, xz and yz, and step 2 gives the triangular model of
+    Foster and Elkaim [2]_, see `triangular`.
 
-    Moving the readings moves the answer alike, and so does another unit; turning them does not turn it, nor does
-    swapping axes swap it where there is noise: the x axis is taken for one that is free of error. Noise in the
-    regressors makes it biased as `Algebraic` is.
+    Moving or scaling the readings moves or scales the solution in the same way; with noise, rotating readings or
+    exchanging axes gives another solution, as the x axis is treated as free of error. Noise in the regressors biases it
+    in the same way as `Algebraic`.
 
-    Use it for parity with those papers. Not where accuracy counts or coverage is partial; f₂ or f₄ of the wrong sign,
-    which more noise or less coverage brings, is refused.
+    Use it for parity with those papers. Do not use it for accuracy or with partial coverage; f₂ or f₄ of the wrong
+    sign, from much noise or poor coverage, is refused.
 
     Parameters
     ----------
@@ -53,10 +53,9 @@ class TwoStep:
 
     Notes
     -----
-    |B| is one and the same, known for the scale alone (``field_strength``). The matrix given is the
-    symmetric root, as for all methods; the papers' triangular one turns the axes against x. The iterated batch fit of
-    the 2006 paper is not offered: `Likelihood` is one. Equations from the literature; the papers' own tables were
-    not read.
+    |B| is constant, and needed for the scale only (``field_strength``). The matrix is the symmetric root, as for all
+    methods; the papers' triangular one rotates the axes relative to x. The iterated batch fit of the 2006 paper is not
+    included, as `Likelihood` is such a fit. Equations from the literature; the papers' own tables were not read.
 
     References
     ----------
@@ -87,17 +86,17 @@ class TwoStep:
     is_biased: ClassVar[bool] = True
 
     def __post_init__(self) -> None:
-        """Refuse a model that is not there."""
+        """Refuse an unknown model."""
         if self.model not in get_args(Model):
             raise UsageError(f"model is {self.model!r}: need {', '.join(get_args(Model))}")
 
     def estimate(self, readings: Readings) -> Estimate:
         """Fit an ellipsoid.
 
-        Raises `TooFewSamples`, `OutOfScale`, `StuckAxis` or `Unmoved`: see `Readings.require`; ten readings for
+        Raises `TooFewSamples`, `OutOfScale`, `StuckAxis` or `Unmoved`: see `Readings.require`, with ten readings for
         ``"non-orthogonal"``; `NotAnEllipsoid` if f₂ or f₄ is not positive, or the quadric is open for another reason.
         """
-        free = FREE[self.model]
+        free = FREE_COEFFICIENTS[self.model]
         readings.require(len(free) + 1, self.name)
         frame = Frame.of(readings)
         coefficients = least_squares(frame.scatter, np.eye(10)[0], np.eye(10)[:, list(free)])
@@ -112,8 +111,8 @@ class TwoStep:
 class Triangular(NamedTuple):
     """The model of Foster and Elkaim: x = a Bx + x₀, y = b (Bx sin ρ + By cos ρ) + y₀, and z likewise.
 
-    z = c (Bx sin λ + By cos λ sin φ + Bz cos λ cos φ) + z₀: the x axis is that of the field, y leans towards
-    it by ρ, z by λ, and towards y by φ.
+    z = c (Bx sin λ + By cos λ sin φ + Bz cos λ cos φ) + z₀: the x axis is the reference, the y axis is tilted towards
+    x by ρ, the z axis towards x by λ and towards y by φ.
 
     >>> Triangular(1.0, 1.1, 0.9, 5.2, 1.1, -3.2).b
     1.1
@@ -128,7 +127,7 @@ class Triangular(NamedTuple):
 
 
 def triangular(ellipsoid: Ellipsoid, field_strength: float) -> Triangular:
-    """Take the six parameters out of an ellipsoid, for a field of known strength.
+    """The six gains and angles of an ellipsoid, for a field of known strength.
 
     `field_strength`: in the unit of the readings.
     """

@@ -1,4 +1,4 @@
-"""``flinders drift``: which units of a fleet have a compass that changed, where it was moved, and how it walks."""
+"""``flinders drift``: units of a fleet whose compass changed, when it was moved, and how fast its offset drifts."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
 
 class Drift(program.Group):
-    """Tables of calibrations, what changes are held against, and what is written."""
+    """Options: tables of calibrations, the reference of the comparison, outputs."""
 
     tables: tuple[str, ...] = program.argument("TABLE|HISTORY...", nargs=-1)
     out: str | None = program.member(
@@ -34,19 +34,19 @@ class Drift(program.Group):
     )
     against: Literal["first", "previous"] = program.member(
         "--against", type=click.Choice(["first", "previous"]), default="first", show_default=True,
-        help="Which calibration the newest is held against: what vehicles carry.",
+        help="Calibration that vehicles carry, with which the newest is compared.",
     )  # fmt: skip
     batch: str | None = program.member(
         "--batch", metavar="COLUMN|PATTERN",
-        help="What tells the hardware batch: a column, or a regular expression for a part of the unit's name "
-        "[default: the column batch, or what stands before the last part of the name].",
+        help="Hardware batch: a column, or a regular expression for a part of the unit's name "
+        "[default: the column batch, or the name without its last part].",
     )  # fmt: skip
     limit: int = program.member(
         "--limit", type=click.IntRange(1, 1000), default=100, show_default=True, metavar="N",
-        help="Units, and steps, that are listed at most.",
+        help="Largest number of units, and of steps, to list.",
     )  # fmt: skip
     target_deg: float = option.target("Change of heading that is good enough.")
-    dip_deg: float | None = option.dip("Inclination of the field at the site [default: what the tables say].")
+    dip_deg: float | None = option.dip("Inclination of the field at the site [default: that of the tables].")
     force: bool = option.force()
     as_json: bool = option.as_json()
 
@@ -63,19 +63,20 @@ Example:
 
 \b
 Exit codes:
-  0  no unit is to be recalibrated; none of HISTORY walks faster, or moved
-  3  some are, or did
+  0  no unit has to be recalibrated; no unit of HISTORY drifts faster than the others, or moved
+  3  at least one has to be recalibrated, drifts faster, or moved
 """,
 )
 def command(options: Drift) -> int:
-    """Say how units of a fleet changed from recording to recording, in degrees of heading.
+    """Compare the calibrations of each unit of a fleet over time, in degrees of heading.
 
-    TABLE is what `flinders fleet` writes, with several recordings of each unit; those of one unit may be in several
-    tables, and count once. A change is held against what both calibrations claim, and a step against how this fleet
-    drifts slowly. Recordings are taken in the order of their dates, else of their names.
+    TABLE is a table of `flinders fleet`, with several recordings of each unit. Recordings of one unit may be in several
+    tables, and count once. A change is compared with the claimed uncertainty of both calibrations, a step also with the
+    slow drift of this fleet. Recordings are ordered by date, else by name.
 
-    HISTORY is what `flinders watch` has kept of a unit: its state, the folder of --adopted, or the lines of --json; or
-    a folder of such. Of these, how fast the offset of each unit walks, which walks faster, and which moved.
+    HISTORY is a record of one unit by `flinders watch`: its state, the folder of --adopted, or the lines of --json; or
+    a folder of these. The result is how fast the offset of each unit drifts, which units drift faster than the others,
+    and which moved.
     """
     from flinders.apps.fleet.drift import drift_of
     from flinders.apps.fleet.drift_page import of_drift
@@ -91,7 +92,7 @@ def command(options: Drift) -> int:
     outputs = options.checked_outputs()
     with working() as watch, record_table(options.out, UnitDrift, force=options.force) as each:
         if watch is not None:
-            watch("holding calibrations against each other")
+            watch("comparing calibrations")
         drift = drift_of(
             options.tables,
             target_deg=options.target_deg,
@@ -109,7 +110,7 @@ def command(options: Drift) -> int:
 
 
 def _walks(options: Drift, other: str | None) -> int:
-    """Say how offsets of units went, by their histories; `other` is an input that is none."""
+    """Print how offsets of units drifted, from their histories; `other` is an input that is no history."""
     from flinders.apps.fleet.tables import record_table
     from flinders.apps.fleet.walks import UnitWalk, walks_of
     from flinders.apps.fleet.walks_page import of_walks
@@ -135,19 +136,19 @@ def _walks(options: Drift, other: str | None) -> int:
 
 
 def _refuse_no_table(paths: Iterable[str]) -> None:
-    """Refuse calibrations, recordings and CSV in the place of a table."""
+    """Refuse calibrations, recordings and CSV files instead of a table."""
     from flinders.apps.fleet.tables import is_csv_of_fleet
 
     for path in paths:
-        refuse_calibration(path, "flinders compare compares two; a table is of flinders fleet")
+        refuse_calibration(path, "flinders compare compares two; flinders drift needs a table of flinders fleet")
         if is_csv_of_fleet(path):
-            raise UsageError(f"{path} is a table of CSV: give that of Parquet, which flinders fleet writes too")
+            raise UsageError(f"{path} is a CSV table: give a Parquet table, which flinders fleet writes too")
         if is_recording(path):
-            raise UsageError(f"{path} is a recording: flinders fleet calibrates a folder of them, and writes the table")
+            raise UsageError(f"{path} is a recording: flinders fleet makes a table of a folder of recordings")
 
 
 def _report(drift: FleetDrift, options: Drift) -> str:
-    """The report of a fleet and how it changed."""
+    """HTML report of a fleet with its drift."""
     from flinders.apps.fleet.aggregate import overview_of
     from flinders.apps.fleet.report import page
 

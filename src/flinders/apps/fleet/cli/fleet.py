@@ -22,18 +22,18 @@ if TYPE_CHECKING:
 
 
 class FleetReading(program.Group):
-    """How recordings are read, and how their fits are judged: `flinders.apps.fleet.options.Options`."""
+    """Options of reading recordings and judging their fits, as in `flinders.apps.fleet.options.Options`."""
 
     unit_column: str | None = program.member(
-        "--unit-column", metavar="NAME", help="Of tables: which column says whose reading a row is."
+        "--unit-column", metavar="NAME", help="For tables: column with the unit of each row."
     )
     recording_column: str | None = program.member(
         "--recording-column", heading=program.RECORDING, metavar="NAME",
-        help="Of tables: which column says of which recording it is.",
+        help="For tables: column with the recording of each row.",
     )  # fmt: skip
     batch_column: str | None = program.member(
         "--batch-column", heading=program.RECORDING, metavar="NAME",
-        help="Of tables: which column says of which batch of hardware it is.",
+        help="For tables: column with the hardware batch of each row.",
     )  # fmt: skip
     columns: str | None = program.same_as(option.ReadingOptions, "columns")
     unit: str | None = program.same_as(option.ReadingOptions, "unit")
@@ -48,7 +48,7 @@ class FleetReading(program.Group):
 
 
 class Fleet(program.Group):
-    """Recordings of many units, how they are worked on, and what is written."""
+    """Options: recordings of many units, processes, outputs."""
 
     source: str = program.argument("INPUT")
     out: str = program.member(
@@ -57,19 +57,19 @@ class Fleet(program.Group):
     )  # fmt: skip
     append: bool = program.member(
         "--append", is_flag=True,
-        help="Go on with what is there: fit new recordings alone, also after a run that was stopped.",
+        help="Extend the table with new recordings, or continue a run that was stopped.",
     )  # fmt: skip
     bad: str | None = program.member(
-        "--bad", metavar="FILE.csv", help="Also write a table of all units that are not good, and why."
+        "--bad", metavar="FILE.csv", help="Also write a table of all units that are not good, with the reasons."
     )
     report: str | None = program.member("--report", metavar="FILE.html", help="Also write a report of the whole fleet.")
     alerts: str | None = program.member(
         "--alerts", heading=program.OUTPUT, metavar="FILE.csv",
-        help="With --append, also write a table of what crossed a limit since the last run.",
+        help="With --append, also write a table of units and files that crossed a limit since the last run.",
     )  # fmt: skip
     properties: str | None = program.member(
         "--properties", heading=program.RECORDING, metavar="FILE.csv",
-        help="Firmware, revision, place and so on of each unit: columns that are added by its name.",
+        help="Table of properties of each unit, such as firmware or revision, to add as columns.",
     )  # fmt: skip
     workers: int | None = program.member(
         "--workers", heading=program.METHOD, type=click.IntRange(0, 4096), metavar="N",
@@ -80,14 +80,14 @@ class Fleet(program.Group):
     )
     log_file: str | None = program.member(
         "--log", heading=program.OUTPUT, metavar="FILE",
-        help="Add a line of JSON for each thing that happens to this file.",
+        help="Append a line of JSON to this file for each event of the run.",
     )  # fmt: skip
     reading: FleetReading = program.group(FleetReading)
     force: bool = option.force()
     as_json: bool = option.as_json()
 
     def check(self) -> None:
-        """Find what could not be done, or written, before anything is read.
+        """Refuse options that conflict, and outputs that cannot be written, before anything is read.
 
         Raises `UsageError` or `OutputError`.
         """
@@ -96,14 +96,14 @@ class Fleet(program.Group):
         from flinders.core.files import refuse_existing
 
         if self.workers is not None and self.scheduler is not None:
-            raise UsageError("--workers are processes of this machine, --scheduler has its own: leave one of them out")
+            raise UsageError("--workers are processes here, --scheduler has workers of its own: leave one of them out")
         named = (self.out, self.bad, self.alerts, self.report, self.log_file, self.properties)
         paths = [path for path in named if path is not None]
         if len({path if is_remote(path) else os.path.realpath(path) for path in paths}) < len(paths):
-            raise UsageError("each of the files that are read or written needs a name of its own: two have the same")
+            raise UsageError("two of the files to read or write have the same name: give each a name of its own")
         if self.report is not None:
             if is_csv(self.out):
-                raise UsageError(f"{self.out}: a report is made of a table of Parquet: give that another name")
+                raise UsageError(f"{self.out}: a report needs a Parquet table: give the table a name in .parquet")
             refuse_existing(self.report, force=self.force or self.append)
 
 
@@ -120,8 +120,8 @@ Example:
 
 \b
 Exit codes:
-  0  every recording has a calibration; of a table that was extended: nothing crossed a limit
-  3  written; some recordings were refused or could not be read, and say why; of a table that was extended:
+  0  every recording has a calibration; for an extended table: nothing crossed a limit
+  3  the table is written, but some recordings were refused or could not be read; for an extended table:
      something crossed a limit since the last run
 """,
 )
@@ -129,8 +129,8 @@ def command(options: Fleet) -> int:
     """Calibrate all units of INPUT, and write a row for each of their recordings.
 
     INPUT is a folder or a pattern of logs, whose first folders or names are the units, or of Parquet and Arrow tables
-    with a column of units; here, or at s3://, gs:// or az://. A recording that cannot be fitted or read is a row that
-    says why. `flinders fleet at` writes the calibration of one unit.
+    with a column of units; here, or at s3://, gs:// or az://. A recording that cannot be fitted or read is a row with
+    the reason. `flinders fleet at` writes the calibration of one unit.
     """
     from flinders.apps.fleet.job import Outputs, run
     from flinders.apps.fleet.options import Options
@@ -183,7 +183,7 @@ def _write_report(out: str, report: str, *, force: bool) -> None:
 
 @contextlib.contextmanager
 def _progress() -> Iterator[ProgressCallback | None]:
-    """A bar on stderr with recordings, how many a second, and the time left; only on a terminal."""
+    """Progress bar on stderr with recordings, their rate, and the remaining time; only on a terminal."""
     if not sys.stderr.isatty():
         yield None
         return
@@ -191,7 +191,7 @@ def _progress() -> Iterator[ProgressCallback | None]:
 
     columns = (TextColumn("{task.fields[state]}"), BarColumn(), TaskProgressColumn(), TimeRemainingColumn())
     with Progress(*columns, console=console(), transient=True) as shown:
-        task = shown.add_task("", total=None, state="looking at what is there")
+        task = shown.add_task("", total=None, state="listing the input")
 
         def update(done: int, total: int, rows: int) -> None:
             elapsed = shown.tasks[0].elapsed or 0.0

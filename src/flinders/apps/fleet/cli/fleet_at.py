@@ -1,4 +1,4 @@
-"""``flinders fleet at``: the calibration that a unit had at a date, out of the table of a fleet."""
+"""``flinders fleet at``: the calibration that a unit had at a date, from the table of a fleet."""
 
 from __future__ import annotations
 
@@ -13,14 +13,16 @@ from flinders.fitting.fit_file import fit_from
 
 
 class FleetAt(program.Group):
-    """A unit, a date, and the table that has its calibrations."""
+    """Options: a unit, a date, and the table with the calibrations of the unit."""
 
     unit: str = program.argument("UNIT")
     date: str | None = program.member(
-        "--date", metavar="DATE", help="When it is to be valid, such as 2026-04-01 [default: the newest]."
+        "--date",
+        metavar="DATE",
+        help="Date at which the calibration is valid, such as 2026-04-01 [default: the newest].",
     )
     table: str = program.member(
-        "--table", default="calibrations.parquet", show_default=True, metavar="TABLE", help="What flinders fleet wrote."
+        "--table", default="calibrations.parquet", show_default=True, metavar="TABLE", help="Table of flinders fleet."
     )
     output: str | None = option.output("the calibration", "Where to write the calibration file.")
     force: bool = option.force()
@@ -39,8 +41,8 @@ Example:
 \b
 Exit codes:
   0  the calibration is good
-  3  it is limited
-  4  the unit has none at that date
+  3  the calibration is limited
+  4  the unit has no calibration at that date
 """,
 )
 def command(options: FleetAt) -> int:
@@ -72,7 +74,7 @@ def command(options: FleetAt) -> int:
     recording = f" ({found.row.recording})" if found.row.recording else ""
     say(f"{options.unit}: valid {since}{recording}{until}")
     for row in found.later:
-        say(f"{row.recording} was {row.verdict} ({row.cause}) and gives no other")
+        say(f"{row.recording} was {row.verdict} ({row.cause}) and gives no newer calibration")
     outputs.say_written("nothing was written: name a file with -o")
     return EXITS[fit.verdict]
 

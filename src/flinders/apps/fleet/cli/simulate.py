@@ -1,4 +1,4 @@
-"""``flinders simulate fleet``: a folder of recordings of many units, and what is true of each."""
+"""``flinders simulate fleet``: a folder of recordings of many units, with the truth of each."""
 
 from __future__ import annotations
 
@@ -20,11 +20,16 @@ class SimulatedFleet(program.Group):
         "-o", "--output", required=True, metavar="FOLDER", help="Where to write the recordings."
     )
     units: int = program.member(
-        "--units", type=click.IntRange(1, 1_000_000), default=100, show_default=True, metavar="N", help="Of the line."
+        "--units",
+        type=click.IntRange(1, 1_000_000),
+        default=100,
+        show_default=True,
+        metavar="N",
+        help="Units of the line.",
     )
     recordings: int = program.member(
         "--recordings", type=click.IntRange(1, 10), default=2, show_default=True, metavar="N",
-        help="Of each unit, a month apart.",
+        help="Recordings of each unit, a month apart.",
     )  # fmt: skip
     bad: float = program.member(
         "--bad", type=program.within(0, 1, "a share from 0 to 1", zero=True), default=0.1, show_default=True,
@@ -54,7 +59,7 @@ Example:
 def command(options: SimulatedFleet) -> int:
     """Simulate a line: a folder with a folder of recordings for each unit, some good and some not.
 
-    Beside the folder, FOLDER.truth.csv has what is true of each recording: its fault, how far the offset moved, and the
+    Next to the folder, FOLDER.truth.csv has the truth of each recording: its fault, the change of the offset, and the
     sensor; FOLDER.units.csv has properties of the units. The same seed gives the same bytes.
     """
     from flinders.apps.fleet.simulate import LineTruth, line_of

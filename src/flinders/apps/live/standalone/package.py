@@ -16,11 +16,14 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import Any, Final
 
+import msgspec
 import numpy as np
 
+from flinders.apps.live.planned import bodies_data, planned_table
 from flinders.apps.live.simulated import DIP_DEG, FIELD_UT, RATE_HZ, SAID, rocked_and_turned
 from flinders.apps.live.standalone import engine, lines, targets
 from flinders.core.calibration_file import VERSION as SCHEMA
+from flinders.core.chips import chips
 from flinders.core.files import licence, make_folder, reason, write_bytes
 from flinders.core.geomag import newest_model
 from flinders.core.language import ENGLISH_CODE, LANGUAGES, text_of
@@ -161,8 +164,25 @@ def page_data() -> dict[str, Any]:
         "simulated": simulated_sensor(),
         "engine": engine.data(),
         "lines": lines.data(),
+        "chips": chip_settings(),
         "targets": targets.data(),
+        "bodies": bodies_data(),
+        "plans": msgspec.to_builtins(planned_table()),
     }
+
+
+def chip_settings() -> list[tuple[str, float]]:
+    """Return usual settings of chips in words, each with the µT of its count, for readings around zero.
+
+    >>> chip_settings()[0], ("QMC5883L ±8 G", 0.0333333) in chip_settings()
+    (('HMC5843 ±1.0 G', 0.0769231), True)
+    """
+    return [
+        (chip.name if setting.name == "fixed" else f"{chip.name} {setting.name}", setting.lsb_ut)
+        for chip in chips()
+        for setting in chip.settings
+        if setting.zero == 0 and (setting.is_usual or setting is chip.settings[0])
+    ]
 
 
 @cache
@@ -171,6 +191,7 @@ def live_data() -> bytes:
     targets = {"schema": SCHEMA}
     data = {
         "version": VERSION, "model": newest_model(), "unfit": REFUSALS, "engine": engine.data(), "targets": targets,
+        "bodies": bodies_data(),
     }  # fmt: skip
     return json.dumps(data, separators=(",", ":"), ensure_ascii=False).encode()
 

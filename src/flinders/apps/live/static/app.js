@@ -19,7 +19,7 @@ import { errors, goesOn, Store } from "./store.js";
 import { useVerdictTables } from "./verdict_words.js";
 import { ems, gauge } from "./views/gauge.js";
 import { Guide, LeadView } from "./views/lead.js";
-import { brief, capital, countText, degrees, duration, faultTitle, frequency, ICONS, isGoodWhileLevel, phaseTitle, sentence, sinceWords, sourceTitle, things, whileLevelTitle } from "./views/words.js";
+import { brief, capital, countText, degrees, duration, faultTitle, frequency, ICONS, isGoodWhileLevel, phaseTitle, remarkWords, sentence, sinceWords, sourceTitle, things, whileLevelTitle } from "./views/words.js";
 import { Voice } from "./voice.js";
 import { drawChanged, lay, markHovered } from "./widgets.js";
 
@@ -90,7 +90,7 @@ export async function start(connect) {
 const listener = {
     onMessage(message) {
         if (message.type === "notice") {
-            notify(message.severity, message.words);
+            notify(message.severity, remarkWords(message.words));
             return;
         }
         store.take(message);

@@ -176,7 +176,7 @@ export class Finish {
             byId("previous-words", HTMLElement),
             previous
                 ? `${previous.name}: ${sentence(previous.words)}`
-                : "An earlier calibration file of this sensor shows the change of headings since.",
+                : phrase("compare.words", "An earlier calibration file of this sensor shows the change of headings since."),
         );
         const name = previous?.name ?? "";
         if (name && name !== this.previous) byId("compare", HTMLDetailsElement).open = true;

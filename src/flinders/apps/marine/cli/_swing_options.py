@@ -1,4 +1,4 @@
-"""Options of ``flinders swing``: a table, a recording or a boat's log, the rule, and what is written."""
+"""Options of ``flinders swing``: a table, a recording or a boat's log, the rule, and outputs."""
 
 from __future__ import annotations
 
@@ -18,11 +18,11 @@ if TYPE_CHECKING:
     from flinders.apps.marine.standards import Standard
 
 STANDARD, BOAT = "Standard", "Log of a boat"
-"""Headings of the options of a swing by a rule, and of one from a log of NMEA or Signal K."""
+"""Headings of two groups of options: for a swing by a rule, and for a log of NMEA or Signal K."""
 
 
 class StandardOptions(program.Group):
-    """The rule by which a compass is swung, its limit, and the base on which it stood."""
+    """Options: the rule of a swing, its limit, and the error of the compass base."""
 
     name: str | None = program.member(
         "--standard", type=click.Choice(list(STANDARDS), case_sensitive=False), metavar="NAME",
@@ -30,15 +30,15 @@ class StandardOptions(program.Group):
     )  # fmt: skip
     limit_deg: float | None = program.member(
         "--limit", heading=STANDARD, type=program.angle, metavar="DEG",
-        help="Largest deviation allowed [default: that of the rule, where its text was seen].",
+        help="Largest deviation allowed [default: that of the rule, if its text was seen].",
     )  # fmt: skip
     base_error_deg: float = program.member(
         "--base-error", heading=STANDARD, type=program.within(0, 45, "degrees from 0 to 45", zero=True), default=0.0,
         show_default=True, metavar="DEG",
-        help="What all known headings may be off by together, 1 σ: that of the compass base.",
+        help="Common error of all known headings, 1 σ, such as that of the compass base.",
     )  # fmt: skip
     compensate: bool = program.flag(
-        "--compensate", "Say what to turn on N, E, S and W, of a TABLE with a reading on each.", heading=STANDARD
+        "--compensate", "Find the corrections on N, E, S and W, for a TABLE with a reading on each.", heading=STANDARD
     )
     before: str | None = program.member(
         "--before",
@@ -56,16 +56,16 @@ class StandardOptions(program.Group):
 
     @property
     def rule(self) -> Standard | None:
-        """The rule that was named."""
+        """The named rule; None without one."""
         return None if self.name is None else STANDARDS[self.name]
 
     @property
     def limit(self) -> float | None:
-        """The limit that was typed, else that of the rule."""
+        """The typed limit, else that of the rule."""
         return self.limit_deg if self.limit_deg is not None or self.rule is None else self.rule.limit_deg
 
     def check(self) -> str:
-        """Refuse what does not go together; find the browser that prints the certificate, if it is to be a PDF."""
+        """Refuse options that conflict; return the browser that prints a PDF certificate, or an empty text."""
         from flinders.report.pdf import browser
 
         if self.certificate is None:
@@ -78,31 +78,31 @@ class StandardOptions(program.Group):
         return browser() if ending == ".pdf" else ""
 
     def facts(self) -> dict[str, str]:
-        """What was typed that a certificate tells."""
+        """Typed facts for the certificate."""
         base = f"{self.base_error_deg:g}° (1 σ), in every uncertainty" if self.base_error_deg else ""
         facts = {"Vehicle and compass": self.subject, "Error of the base": base}
         return {name: words for name, words in facts.items() if words}
 
 
 class BoatOptions(program.Group, heading=BOAT):
-    """Reference for the compass in a boat's log."""
+    """Options: reference for the compass in a boat's log."""
 
     reference: Literal["auto", "heading", "course"] = program.member(
         "--reference", type=click.Choice(["auto", "heading", "course"]), default="auto", show_default=True,
-        help="Hold the compass against the true heading of another instrument, or the course over ground.",
+        help="Reference for the compass: the true heading of another instrument, or the course over ground.",
     )  # fmt: skip
     min_speed: float = program.member(
         "--min-speed", type=program.positive, default=2.0, show_default=True, metavar="M/S",
-        help="Slowest leg over ground of which a course is used.",
+        help="Smallest speed over ground of a leg whose course is used.",
     )  # fmt: skip
     crab_deg: float = program.member(
         "--crab", type=program.within(0, 45, "degrees from 0 to 45", zero=True), default=1.0, show_default=True,
-        metavar="DEG", help="What leeway turns the course from the heading, 1 σ.",
+        metavar="DEG", help="Difference of course and heading by leeway, 1 σ.",
     )  # fmt: skip
 
 
 class KnownHeadings(program.Group):
-    """Known headings, how well they are known, and how they are found in a recording."""
+    """Options: known headings, their uncertainty, and rests of a recording."""
 
     headings: str | None = program.member(
         "--headings", heading=program.RECORDING, metavar="DEG,DEG,...", keywords=("headings_deg",),
@@ -110,11 +110,11 @@ class KnownHeadings(program.Group):
     )  # fmt: skip
     sigma_deg: float | None = program.member(
         "--sigma", heading=program.METHOD, type=program.angle, metavar="DEG",
-        help="How well a heading was known and read, 1 σ [default: from the residuals].",
+        help="Uncertainty of a known heading and its reading, 1 σ [default: from the residuals].",
     )  # fmt: skip
     stationary_s: float = program.member(
         "--stationary", heading=program.RECORDING, type=program.positive, default=2.0, show_default=True, metavar="S",
-        help="Shortest stationary interval in LOG, in seconds; 50 readings where it has no clock; of a boat 20 s.",
+        help="Shortest stationary interval in LOG, in seconds; 50 readings without a clock; 20 s for a boat.",
     )  # fmt: skip
 
     @property
@@ -132,12 +132,12 @@ class KnownHeadings(program.Group):
 
     @property
     def typed_stationary_s(self) -> float | None:
-        """The shortest interval that was typed; a recording and a boat have defaults of their own."""
+        """The typed shortest interval in s; None for the default of a recording or a boat."""
         return self.stationary_s if program.is_typed("stationary_s") else None
 
 
 class SwingOptions(program.Group):
-    """A table, or a calibration and a recording; and what is written of the curve."""
+    """Options: a table, or a calibration and a recording; outputs of the curve."""
 
     inputs: tuple[str, ...] = program.argument("TABLE | [CALIBRATION] LOG", nargs=-1, required=False)
     output: str | None = option.output(
@@ -161,17 +161,17 @@ class SwingOptions(program.Group):
     place: option.Place = program.group(option.Place)
     accelerometer: option.Accelerometer = program.group(option.Accelerometer)
     reading: option.ColumnsOptions = program.group(option.ColumnsOptions)
-    target_deg: float = option.target("What a turn by 180° may miss, and 1 σ of the curve may be.")
+    target_deg: float = option.target("Largest error of a turn by 180°, and largest 1 σ of the curve.")
     as_json: bool = option.as_json()
 
     @property
     def card_step_deg(self) -> float:
-        """The step that was typed, else that of the rule."""
+        """The typed step of the card in degrees, else that of the rule."""
         rule = self.standard.rule
         return self.step_deg if rule is None or program.is_typed("step_deg") else rule.step_deg
 
     def asked(self) -> dict[str, Any]:
-        """What is asked of the curve: arguments of `flinders.swing`."""
+        """Arguments of `flinders.swing` for the curve."""
         return {
             "sigma_deg": self.known.sigma_deg, "min_speed": self.boat.min_speed, "crab_deg": self.boat.crab_deg,
             "target_deg": self.target_deg, "rule": self.standard.rule, "limit_deg": self.standard.limit_deg,
@@ -179,11 +179,11 @@ class SwingOptions(program.Group):
         }  # fmt: skip
 
     def refuse_without_headings(self) -> None:
-        """Refuse what needs known headings where there are none."""
+        """Refuse options that need known headings if there are none."""
         if self.known.headings is not None:
             return
         if self.place.place is not None:
-            raise UsageError("--at turns known headings from true into magnetic: give --headings too, or leave it out")
+            raise UsageError("--at converts known headings from true to magnetic: give --headings too, or leave it out")
         rule = self.standard
         if any((self.output, self.svg, self.sentences, rule.certificate, rule.limit, rule.before)):
             raise UsageError(
@@ -192,16 +192,16 @@ class SwingOptions(program.Group):
             )
 
     def refuse_of_recording(self) -> None:
-        """Refuse options that a table has no use for."""
+        """Refuse options of a recording or a boat's log for a table."""
         _refuse(self._of_magnetometer() | {"--stationary": program.is_typed("stationary_s")}, "a recording")
         self.refuse_of_boat()
 
     def refuse_of_magnetometer(self) -> None:
-        """Refuse options that the log of a boat has no use for."""
+        """Refuse options of a magnetometer's recording for the log of a boat."""
         _refuse(self._of_magnetometer() | {"--sigma": self.known.sigma_deg}, "other files than the log of a boat")
 
     def refuse_of_boat(self) -> None:
-        """Refuse options of a boat's log where there is none."""
+        """Refuse options of a boat's log for other inputs."""
         names = {"reference": "--reference", "min_speed": "--min-speed", "crab_deg": "--crab"}
         _refuse({names[name]: program.is_typed(name) for name in names}, "the log of a boat")
 
@@ -214,7 +214,7 @@ class SwingOptions(program.Group):
 
 
 def _refuse(values: Mapping[str, object], what: str) -> None:
-    """Refuse options that are for something else."""
+    """Refuse options with a value; `what` is the input that they are for."""
     for name, value in values.items():
         if value not in (None, False):
             raise UsageError(f"{name} is for {what}: leave it out")

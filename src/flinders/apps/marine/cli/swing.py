@@ -39,9 +39,8 @@ Example:
 
 \b
 Exit codes:
-  0  good, and turns by 180° turn the heading by 180° to within the target
-  3  a curve with limits, or beyond the limit of a rule or not known well enough to be within it, or with turns by
-     180° that miss the target
+  0  the curve is good, and turns by 180° change the heading by 180° within the target
+  3  the curve is limited, beyond the limit of a rule or too uncertain for it, or turns by 180° miss the target
   4  without known headings: a turn by 180° misses the target, or there is none
 """,
 )
@@ -49,11 +48,14 @@ def command(options: SwingOptions) -> int:
     """Find the deviation of a compass: its coefficients A to E with their uncertainty, and the deviation card.
 
     TABLE has one heading a line, in degrees, under a header: compass and magnetic, compass and true (with --at),
-    or compass and deviation; a column sigma is used. Or give a LOG in which the sensor rests on one heading after
-    another, with the CALIBRATION that corrects it, or alone where it is to be taken as it is: --headings names them;
-    without it, the half-turn test alone is made, which needs no known heading: where the sensor was turned by 180°, so
-    should its heading have been. LOG may be one of a boat, NMEA 0183, NMEA 2000 by candump, or Signal K: straight legs
-    all round are held against the true heading of another instrument or the course over ground.
+    or compass and deviation; a column sigma is used if there is one.
+
+    LOG is a recording in which the sensor rests on one heading after another, with the CALIBRATION that corrects it, or
+    alone to use the readings as they are. --headings gives the known headings. Without it, only the half-turn test is
+    made: a turn of the sensor by 180° has to change its heading by 180°.
+
+    LOG may also be the log of a boat, NMEA 0183, NMEA 2000 by candump, or Signal K. Then straight legs all round are
+    compared with the true heading of another instrument or the course over ground.
     """
     from flinders.apps.marine.compass_swing import swing
     from flinders.apps.marine.swing_pages import of_swing
@@ -65,7 +67,7 @@ def command(options: SwingOptions) -> int:
         return _checklist(options)
     if options.standard.compensate:
         return _compensate(options)
-    opened, arguments = _opened(options)
+    opened, arguments = _read_inputs(options)
     if options.standard.before is not None:
         before, _ = _table(options.standard.before, options)
         arguments["before"] = before
@@ -78,8 +80,8 @@ def command(options: SwingOptions) -> int:
     return EXITS[found.verdict]
 
 
-def _opened(options: SwingOptions) -> tuple[SwingTable | CompassLog | SwingRecording, dict[str, Any]]:
-    """Read the files that were given, and say what they are; with the arguments that go with them."""
+def _read_inputs(options: SwingOptions) -> tuple[SwingTable | CompassLog | SwingRecording, dict[str, Any]]:
+    """Read the given files, with notices about their contents; return the input of the swing and its arguments."""
     from flinders.apps.marine.compass_swing import kind_of
 
     *calibration, path = options.inputs
@@ -97,7 +99,7 @@ def _opened(options: SwingOptions) -> tuple[SwingTable | CompassLog | SwingRecor
 
 
 def _table(path: str, options: SwingOptions) -> tuple[SwingTable, SiteField | None]:
-    """Read a table; of true headings with the field where the swing was made."""
+    """Read a table; for true headings, also the field at the place of the swing."""
     from flinders.apps.marine.swing_table import read_swing
 
     refuse_calibration(path, "give the recording of a swing after it")
@@ -106,14 +108,14 @@ def _table(path: str, options: SwingOptions) -> tuple[SwingTable, SiteField | No
     table = read_swing(path)
     say(str(table))
     if table.is_true and place.place is None:
-        raise UsageError(f"{path} holds true headings: say where with --at LAT,LON and when with --date")
+        raise UsageError(f"{path} has true headings: give the place by --at LAT,LON and the day by --date")
     if not table.is_true and place.place is not None:
-        raise UsageError(f"{path} holds no true headings: leave --at out, or call its column 'true'")
+        raise UsageError(f"{path} has no true headings: leave --at out, or call its column 'true'")
     return table, None if place.place is None else site_of(place.place, place.date, model=place.model)
 
 
 def _boat(path: str, options: SwingOptions) -> tuple[CompassLog, dict[str, Any]]:
-    """Read the log of a boat, and the field at the place that was typed or is in the log."""
+    """Read the log of a boat, and the field at the typed place or that of the log."""
     from flinders.apps.marine.compass_log import read_compass_log
 
     options.refuse_of_magnetometer()
@@ -125,7 +127,7 @@ def _boat(path: str, options: SwingOptions) -> tuple[CompassLog, dict[str, Any]]
     day = place.date or (None if log.day is None else f"{log.day}")
     if where is None or day is None:
         missing = "position" if where is None else "date"
-        raise UsageError(f"{log.source} has no {missing}: say where with --at LAT,LON and when with --date")
+        raise UsageError(f"{log.source} has no {missing}: give the place by --at LAT,LON and the day by --date")
     return log, {"site": site_of(where, day, model=place.model), "stationary_s": options.known.typed_stationary_s}
 
 
@@ -154,7 +156,7 @@ def _recording(calibration: str | None, path: str, options: SwingOptions) -> tup
 
 
 def _checklist(options: SwingOptions) -> int:
-    """Print how a swing by the rule is made."""
+    """Print the checklist of a rule."""
     from flinders.apps.marine.swing_pages import of_checklist
 
     rule = options.standard.rule
@@ -165,7 +167,7 @@ def _checklist(options: SwingOptions) -> int:
 
 
 def _compensate(options: SwingOptions) -> int:
-    """Say what to turn on the cardinal headings."""
+    """Print the corrections on the cardinal headings."""
     from flinders.apps.marine.compass_swing import compensate
     from flinders.apps.marine.swing_pages import of_compensation
 

@@ -304,8 +304,8 @@ class Watch(program.Group):
         if (walk := history.walk) is None:
             found = len(history.estimates.time_s)
             raise UsageError(
-                f"{self.history} is too short for a random walk: it has {found} estimates of the offset two hours apart, "
-                f"need {MIN_STEPS + 1}; give a longer one, or --walk"
+                f"{self.history} is too short for a random walk: it has {found} estimates of the offset two hours "
+                f"apart, need {MIN_STEPS + 1}; give a longer one, or --walk"
             )
         say(f"{self.history}: the random walk of this unit's offset is {walk}, in {label(history.unit)}")
         return {"walk": walk, "walk_unit": history.unit}

@@ -13,17 +13,21 @@ from flinders.errors import UsageError
 
 
 class CalibrationFlight(program.Group):
-    """An aircraft, what it flies, and where the recording goes."""
+    """Options: an aircraft, its headings, and the recording."""
 
     output: str = option.output(
         "the recording", "Where to write the recording [default: standard output].", default="-"
     )
     aircraft: int = program.member(
         "--aircraft", type=click.IntRange(min=0), default=1, show_default=True, metavar="N",
-        help="Another number, another aircraft with its magnetometers.",
+        help="Number of the simulated aircraft with its magnetometers.",
     )  # fmt: skip
     headings: str = program.member(
-        "--headings", metavar="DEG,…", default="0,90,180,270", show_default=True, help="Flown one after the other."
+        "--headings",
+        metavar="DEG,…",
+        default="0,90,180,270",
+        show_default=True,
+        help="Headings that are flown one after the other.",
     )
     seed: int = program.same_as(Simulation, "seed")
     force: bool = option.force()
@@ -40,7 +44,7 @@ Example:
 """,
 )
 def command(options: CalibrationFlight) -> int:
-    """Fly rolls of 10°, pitches and yaws of 5° on several headings, in an aircraft with a field of its own.
+    """Simulate rolls of 10°, pitches and yaws of 5° on several headings, in an aircraft with a magnetic field.
 
     Columns: time, vector magnetometer in the axes of the aircraft, and the scalar magnetometer as a reference strength.
     """

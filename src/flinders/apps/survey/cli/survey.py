@@ -17,12 +17,21 @@ if TYPE_CHECKING:
     from flinders.apps.survey.calibration import SurveyFit
 
 
-FITTING: Final = ("output", "pointing", "axes", "acceleration_axes", "distox", "mag_cal", "target_deg", "non_linear")
+FIT_OPTIONS: Final = (
+    "output",
+    "pointing",
+    "axes",
+    "acceleration_axes",
+    "distox",
+    "mag_cal",
+    "target_deg",
+    "non_linear",
+)
 """Options of a fit, which do not go with an earlier calibration."""
 
 
 class Survey(program.Group):
-    """Shots, how both sensors sit, and what is written."""
+    """Options: shots, axes of both sensors, outputs."""
 
     path: str = program.argument("SHOTS")
     output: str | None = option.output("the calibration", "Calibration file to write, or - for standard output.")
@@ -32,15 +41,15 @@ class Survey(program.Group):
     )  # fmt: skip
     axes: str = program.member(
         "--axes", default="x,y,z", show_default=True, metavar="AXES", heading=program.RECORDING,
-        help="Where each axis of the instrument comes from in the magnetometer.",
+        help="Axes of the magnetometer that are x, y and z of the instrument.",
     )  # fmt: skip
     acceleration_axes: str | None = program.member(
         "--acceleration-axes", metavar="AXES", heading=program.RECORDING,
-        help="The same of the accelerometer [default: as --axes].",
+        help="Axes of the accelerometer that are x, y and z of the instrument [default: as --axes].",
     )  # fmt: skip
     calibration: str | None = program.member(
         "--previous", metavar="FILE",
-        help="Hold SHOTS against this calibration, and fit none: a calibration file, coefficients of a DistoX, or JSON "
+        help="Check SHOTS with this calibration, without a fit: a calibration file, coefficients of a DistoX, or JSON "
         "of mag-cal.",
     )  # fmt: skip
     distox: str | None = program.member(
@@ -52,7 +61,7 @@ class Survey(program.Group):
         help="Also write the JSON of mag-cal and the SAP6.",
     )  # fmt: skip
     non_linear: bool = program.flag(
-        "--non-linear", "Fit quadratic terms of the accelerometer too, as TopoDroid's non-linear algorithm.",
+        "--non-linear", "Also fit quadratic terms of the accelerometer, as TopoDroid's non-linear algorithm.",
         heading=program.METHOD,
     )  # fmt: skip
     target_deg: float = option.target("Worst error of azimuth and inclination that is good enough.", 0.5)
@@ -73,16 +82,16 @@ Example:
 \b
 Exit codes:
   0  good
-  3  limited: written, with what limits it
+  3  limited: written, with its limits
   4  refused: nothing written
 """,
 )
 def command(options: Survey) -> int:
     """Calibrate magnetometer, accelerometer and laser of a survey instrument from its shots.
 
-    SHOTS is a calibration that TopoDroid exported, JSON of mag-cal or a SAP6, or any table with both sensors, one shot
-    a line. Take four shots in each of 14 directions, with a quarter turn about the laser between them: to the sides
-    and corners of a cube, away from iron. Shots in the same direction follow each other.
+    SHOTS is a calibration exported by TopoDroid, JSON of mag-cal or a SAP6, or any table with both sensors, one shot a
+    line. Take four shots in each of 14 directions, to the sides and corners of a cube, with a quarter turn about the
+    laser between shots, away from iron. Take the shots of one direction one after the other.
     """
     from flinders.apps.survey.calibration import fit_survey
     from flinders.apps.survey.pages import of_survey
@@ -108,14 +117,14 @@ def command(options: Survey) -> int:
 
 
 def _check(options: Survey, path: str) -> int:
-    """Show what an earlier calibration makes of shots, read in its axes."""
+    """Print a check of shots, read in the axes of an earlier calibration."""
     from flinders.apps.survey.checking import check_survey
     from flinders.apps.survey.pages import of_check
 
-    typed = [name for name in FITTING if program.is_typed(name)]
+    typed = [name for name in FIT_OPTIONS if program.is_typed(name)]
     if typed:
         names = ", ".join(f"--{name.removesuffix('_deg').replace('_', '-')}" for name in typed)
-        raise UsageError(f"with --previous nothing is fitted, and it knows its axes: leave {names} out")
+        raise UsageError(f"with --previous nothing is fitted, and the file has the axes: leave {names} out")
     errors, name = check_survey(options.path, path), Path(path).name
     options.outputs.print(
         lambda: {"rms_deg": errors.rms_deg, "shots": errors.as_dict()}, lambda: of_check(errors, name)
@@ -124,7 +133,7 @@ def _check(options: Survey, path: str) -> int:
 
 
 def _instrument_files(fit: SurveyFit, options: Survey) -> dict[str, str | bytes]:
-    """What is written for an instrument, by path."""
+    """Contents of the files for an instrument, by path."""
     from flinders.apps.survey.targets import distox_coefficients, mag_cal_json
 
     made: dict[str, str | bytes] = {}

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
 
 class TollesLawson(program.Group):
-    """A flight, its scalar magnetometer, and what is written."""
+    """Options: a flight, its scalar magnetometer, outputs."""
 
     recording: str = program.argument("RECORDING")
     scalar: str | None = program.member(
@@ -31,7 +31,8 @@ class TollesLawson(program.Group):
         "--coefficients", metavar="FILE", help="Compensate RECORDING by the coefficients of another flight."
     )
     output: str | None = option.output(
-        "the result", "Coefficients to write; with --coefficients the compensated readings; - for standard output."
+        "the result",
+        "File for the coefficients, or with --coefficients for the compensated readings; - for standard output.",
     )
     reading: option.ReadingOptions = program.group(option.ReadingOptions)
     force: bool = option.force()
@@ -50,8 +51,8 @@ Example:
 \b
 Exit codes:
   0  good
-  3  limited: written, with what limits it
-  4  refused: the manoeuvres do not show all terms, nothing written
+  3  limited: written, with its limits
+  4  refused: the manoeuvres do not determine all terms, nothing written
 """,
 )
 def command(options: TollesLawson) -> int:
@@ -59,8 +60,8 @@ def command(options: TollesLawson) -> int:
 
     RECORDING is a calibration flight: rolls, pitches and yaws on several headings, with the vector magnetometer in
     the axes of the aircraft, x forward and z down, and the scalar magnetometer. Without --coefficients the sixteen
-    coefficients are fitted, with their uncertainty; with them RECORDING is compensated. A compensated reading is right
-    but for a constant.
+    coefficients are fitted, with their uncertainty; with --coefficients, RECORDING is compensated. Compensated readings
+    are correct up to a constant.
     """
     options.checked_outputs(options.coefficients)
     refuse_calibrations([options.recording])
@@ -69,7 +70,7 @@ def command(options: TollesLawson) -> int:
 
 
 def _samples(options: TollesLawson) -> Samples:
-    """Both magnetometers, in memory."""
+    """Readings of both magnetometers, in memory."""
     from flinders.core.joining import in_memory
     from flinders.estimators.data import CountedRecording
     from flinders.readers import TextRecording
@@ -77,17 +78,20 @@ def _samples(options: TollesLawson) -> Samples:
     recording, _ = opened([options.recording], None, **options.reading.as_dict())
     if options.scalar is not None:
         if not isinstance(recording, TextRecording):
-            raise UsageError(f"{recording.source} is no text: its columns are known, leave --scalar out")
+            raise UsageError(f"{recording.source} is not a text file: its columns are known, leave --scalar out")
         recording.name_strength(options.scalar)
     counted = CountedRecording(recording)
     with saying_what_was_read([counted]):
         samples = in_memory(counted)
-    say("scalar magnetometer: " + ("none, the length of the vector" if samples.strength is None else _named(recording)))
+    say(
+        "scalar magnetometer: "
+        + ("none, the length of the vector" if samples.strength is None else _scalar_column(recording))
+    )
     return samples
 
 
-def _named(recording: Recording) -> str:
-    """The column of the scalar magnetometer."""
+def _scalar_column(recording: Recording) -> str:
+    """Name of the scalar magnetometer's column, for a message."""
     from flinders.readers import TextRecording
 
     column = recording.columns.of_kind("strength") if isinstance(recording, TextRecording) else None
@@ -109,7 +113,7 @@ def _fit(samples: Samples, options: TollesLawson) -> int:
 
 
 def _compensate(samples: Samples, options: TollesLawson) -> int:
-    """Compensate readings, and say what is left."""
+    """Compensate readings, and print the residual."""
     from flinders.apps.survey.aeromagnetic import compensate_flight
     from flinders.apps.survey.pages import of_compensated
 
@@ -121,7 +125,7 @@ def _compensate(samples: Samples, options: TollesLawson) -> int:
 
 
 def _lines(flight: CompensatedFlight) -> Iterator[str]:
-    """Time, scalar reading and the compensated one; nan where one is missing."""
+    """Yield lines of CSV: time, scalar reading and compensated reading; nan for a missing one."""
     yield "time_s,scalar_nT,compensated_nT\n"
     for row in zip(flight.time_s.tolist(), flight.scalar.tolist(), flight.compensated.tolist(), strict=True):
         yield "{:.4f},{:.3f},{:.3f}\n".format(*row)

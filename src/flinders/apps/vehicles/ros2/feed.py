@@ -36,8 +36,8 @@ SILENT_S: Final = 3.0  # Time without a reading after which advice is given
 MIN_REPEATS: Final = 100
 """Equal readings in a row after which advice is given."""
 STILL_S: Final = 3.0  # Least duration of these readings
-STRENGTH_READINGS: Final = 20
-"""First readings, whose median length shows a wrong unit."""
+MIN_ADVICE_READINGS: Final = 20
+"""Least number of readings for advice on their unit or on missing axes."""
 MAX_MOTIONS: Final = 2000
 """Most messages of an `Imu` kept for matching."""
 MAX_APART_NS: Final = SECOND_NS // 10
@@ -178,7 +178,7 @@ class TopicFeed:
     def _of_values(self, values: Floats) -> Iterator[FeedEvent]:
         """Yield events on faults of the values: missing axes, a repeated reading, another unit."""
         self._unreported += int((~np.isfinite(values)).any(axis=1).sum())
-        if self._unreported >= STRENGTH_READINGS:
+        if self._unreported >= MIN_ADVICE_READINGS:
             yield from self._advise(
                 "no-answer",
                 f"{counted(self._unreported, 'reading')} of {self.topic} have an axis without a value (NaN), and are "
@@ -197,7 +197,7 @@ class TopicFeed:
             )
         elif self._same < MIN_REPEATS:
             self._advised.discard("still")
-        if len(values) and self._readings >= STRENGTH_READINGS:
+        if len(values) and self._readings >= MIN_ADVICE_READINGS:
             yield from self._of_strength(float(np.linalg.norm(values, axis=1).mean()) * self.unit.scale)
 
     def _of_strength(self, strength: float) -> Iterator[FeedEvent]:

@@ -279,12 +279,12 @@ export class Exclusions {
     }
 
     /** @param {Span} span */
-    exclude(span) {
+    excluding(span) {
         return this.#then(mergeSpans([...this.spans, span]));
     }
 
     /** @param {Span} span */
-    restore(span) {
+    restoring(span) {
         return this.#then(without(this.spans, span));
     }
 

@@ -21,9 +21,17 @@ const PANEL = `
 const AXES = ["x", "y", "z"];
 const UNITS = { "": phrase("columns.unit", "as named, or counts"), uT: "µT" };
 
+/**
+ * A chip in one of its settings, and the µT of its count.
+ * @typedef {[words: string, lsbUt: number]} ChipSetting
+ */
+
 export class ColumnDialog {
-    /** @param {readonly string[]} units */
-    constructor(units) {
+    /**
+     * @param {readonly string[]} units
+     * @param {readonly ChipSetting[]} chips
+     */
+    constructor(units, chips) {
         document.body.insertAdjacentHTML("beforeend", PANEL);
         translateFixed(document.body);
         this.dialog = byId("columns-panel", HTMLDialogElement);
@@ -31,6 +39,10 @@ export class ColumnDialog {
         this.axes = AXES.map((axis) => byId(`columns-${axis}`, HTMLSelectElement));
         this.unit = byId("columns-unit", HTMLSelectElement);
         this.unit.replaceChildren(...["", ...units].map((unit) => option(unit, UNITS[/** @type {keyof typeof UNITS} */ (unit)] ?? unit)));
+        const counts = element("optgroup", chips.map(([words], place) => option(`${place}`, words)));
+        counts.setAttribute("label", "counts of a chip");
+        this.unit.append(counts);
+        this.chips = chips;
         this.axes[0].addEventListener("change", () => this.follow());
         for (const select of this.axes) select.addEventListener("change", () => this.mark());
     }
@@ -54,7 +66,10 @@ export class ColumnDialog {
     }
 
     get choice() {
-        return { field: this.axes.map(({ value }) => Number(value)), unit: this.unit.value };
+        const { value } = this.unit;
+        const chip = value ? this.chips[Number(value)] : undefined;
+        const scale = chip ? { unit: "counts", scale: chip[1] } : { unit: value };
+        return { field: this.axes.map((axis) => Number(axis.value)), ...scale };
     }
 
     /** Select the columns after that of x for y and z. */

@@ -1,9 +1,9 @@
 /**
- * The one thing that the page asks for: a turn of the sequence, then the arrow for the gap that is left, then Finish.
+ * The present instruction of the page: a turn of the sequence, then an arrow to the remaining gap, then Finish.
  *
- * Words and drawing change together. What is asked for stands for three seconds at least, a direction until the field
- * points there or five seconds have passed, and in a minute it changes twelve times at most. Only a fault, a pause and the end
- * of a recording wait for nothing. No clock, no page.
+ * Words and drawing change together. An instruction stays for at least three seconds, a direction until the field points
+ * there or for five seconds, and there are at most twelve changes a minute. Only a fault, a pause and the end of a recording
+ * are shown at once. Uses no clock and no page.
  */
 
 import { goesOn } from "../store.js";
@@ -21,21 +21,21 @@ import { languageCode, phrase } from "../language.js";
 /** @typedef {import("./choreography.js").Choreography} Choreography */
 
 /**
- * What to do now.
+ * The present instruction.
  * @typedef {object} Lead
- * @property {"wait" | "turn" | "arrow" | "around" | "done" | "wrong" | "ended" | "finished"} kind  `around`: all directions are as good
+ * @property {"wait" | "turn" | "arrow" | "around" | "done" | "wrong" | "ended" | "finished"} kind  `around`: all directions help equally
  * @property {string} words
  * @property {Body} body
  * @property {number} step  counted from 1
  * @property {number} of
  * @property {number} progress  of the step, 0 to 1
- * @property {Vector | null} target  where the field is to point, in axes of the corrected sensor
- * @property {number} since  when it was first asked for
- * @property {readonly number[]} changes  when words changed in the last minute
+ * @property {Vector | null} target  wanted direction of the field, in axes of the corrected sensor
+ * @property {number} since  time of its first showing
+ * @property {readonly number[]} changes  times of changes in the last minute
  */
 
 /**
- * What a lead depends on.
+ * Inputs of a lead.
  * @typedef {object} Known
  * @property {number} at  seconds
  * @property {State} state
@@ -45,15 +45,15 @@ import { languageCode, phrase } from "../language.js";
  * @property {readonly number[]} centres  of the tiles of the sphere
  */
 
-/** What is asked for stands so long, and a target until it is reached at most, seconds. */
+/** Least duration of an instruction, and longest duration of an unreached target, s. */
 const [STANDS_S, TARGET_S] = [3, 5];
-/** Words change so often in so many seconds. */
+/** Most changes of words in a period, and the period, s. */
 const [MOST, WITHIN_S] = [12, 60];
-/** What no other words keep waiting. */
+/** Kinds that are shown at once. */
 const AT_ONCE = ["wrong", "ended", "finished", "wait"];
-/** A target is reached within this angle, radians. */
-const REACHED = 0.3;
-/** A gap about a direction that is wider, radians, is to be closed: the finding `coverage` begins at 60°. */
+/** Angle within which a target counts as reached, radians. */
+const TARGET_ANGLE = 0.3;
+/** Least radius of a gap to be closed, radians; the finding `coverage` begins at 60°. */
 const GAP = 0.96;
 
 /**
@@ -75,7 +75,7 @@ export function lead(before, known) {
 /** @typedef {Omit<Lead, "since" | "changes">} Asked */
 
 /**
- * What would be asked for, were nothing asked for yet.
+ * Instruction without regard to the previous one.
  * @param {Known} known
  * @returns {Asked}
  */
@@ -101,7 +101,7 @@ function wantedLead(known) {
 }
 
 /**
- * Where the field should point next: to the middle of the largest gap, or else where readings tell most.
+ * Wanted direction of the field: the middle of the largest gap, else that of the most useful readings.
  * @param {Known} known
  * @returns {Vector | null}
  */
@@ -126,7 +126,7 @@ function turn(choreography) {
 }
 
 /**
- * What can be said of a calibration that is finished.
+ * Words on a finished calibration.
  * @param {State} state
  * @param {View | null} view
  * @returns {[Lead["kind"], string]}
@@ -138,7 +138,7 @@ function finishedWords({ phase, told, words }, view) {
 }
 
 /**
- * What can be said of a recording that has ended.
+ * Words on a recording that has ended.
  * @param {State} state
  * @param {View | null} view
  */
@@ -154,7 +154,7 @@ function endedWords({ phase, told, words, reasons }, view) {
 }
 
 /**
- * Where to turn it, within a sentence.
+ * Words on the next turn, within a sentence.
  * @param {View | null} view
  */
 function goOn(view) {
@@ -166,7 +166,7 @@ function goOn(view) {
 }
 
 /**
- * Whether what was asked for is still to be done.
+ * Whether the previous instruction still applies.
  * @param {Lead} before
  * @param {Asked} wanted
  * @param {Known} known
@@ -187,11 +187,11 @@ function stands(before, wanted, { at, view, raw }) {
  */
 function isReached(target, raw, view) {
     if (!target || !raw || !view?.shown) return true;
-    return dot(target, unit(correctReading(raw, view.shown))) > Math.cos(REACHED);
+    return dot(target, unit(correctReading(raw, view.shown))) > Math.cos(TARGET_ANGLE);
 }
 
 /**
- * The progress of what stands: a turn that is whole, while its words still stand, stays whole.
+ * Progress of the present instruction; a completed turn stays complete while its words are shown.
  * @param {Lead} before
  * @param {Known} known
  */
@@ -206,11 +206,11 @@ function around() {
     return phrase("lead.around", "Turn it slowly through all directions.");
 }
 
-/** The end that is away from who holds it, in a sentence. @type {Readonly<Record<Body, string>>} */
+/** The end that points away from the user. @type {Readonly<Record<Body, string>>} */
 export const FRONTS = { board: "its far edge", phone: "its top", drone: "its nose", car: "its nose", boat: "its bow", instrument: "its front" };
 
 /**
- * A turn in words: about the axis that it is mostly about, right-handed or left-handed, as seen from behind.
+ * Words of a turn about its main axis, right-handed or left-handed, seen from behind.
  * @param {Vector} axis  to its right, to its front, out of its face
  * @param {Body} body
  */

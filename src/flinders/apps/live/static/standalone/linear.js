@@ -1,4 +1,4 @@
-/** Matrices of three rows of three, row by row. */
+/** 3 × 3 matrices, stored row by row. */
 
 /**
  * Inverse and determinant.
@@ -17,7 +17,7 @@ export function inverseOf(m) {
 }
 
 /**
- * Product of three rows with a vector.
+ * Product of a matrix and a vector.
  * @param {ArrayLike<number>} m
  * @param {ArrayLike<number>} v
  * @returns {number[]}
@@ -28,7 +28,7 @@ export function apply(m, v) {
 }
 
 /**
- * Product of two matrices of three rows of three.
+ * Product of two matrices.
  * @param {ArrayLike<number>} a
  * @param {ArrayLike<number>} b
  * @returns {number[]}

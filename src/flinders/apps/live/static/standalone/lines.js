@@ -1,7 +1,7 @@
 /**
- * What boards print and what text logs hold, as readings.
+ * Reads lines of boards and text logs.
  *
- * The first lines decide how all are read, as in `flinders.links.transcript` and `flinders.readers.text`, whose rows are in
+ * The first lines determine the format, as in `flinders.links.transcript` and `flinders.readers.text`, whose tables are in
  * `page.json` under `lines`.
  */
 
@@ -20,34 +20,33 @@ import { MORE_WITH, Several, Tables, Unclear, Unreadable } from "./tables.js";
 /** @typedef {[number, number, number]} Triple */
 
 /**
- * A reading: seconds, null where the line has no time, the field in the unit of the reader, and what an accelerometer
- * measured with it, in any unit.
+ * A reading: seconds or null, the field in the unit of the reader, and the acceleration, in any unit.
  * @typedef {{time: number | null, field: Triple, acceleration: Triple | null}} Reading
  */
 
 /**
- * A log: (3N) field in `unit`, (3N) accelerations or null, (N) times in s or null, and what was recognised.
+ * A log: (3N) field in `unit`, (3N) accelerations or null, (N) times in s or null, and the recognised format in words.
  * @typedef {{field: Float64Array, acceleration: Float64Array | null, time: Float64Array | null, unit: "uT" | "counts", raw: Form["raw"],
  *     words: string[]}} Log
  */
 
-/** Bytes of a log; a larger one takes the command line. */
-const LARGEST = 64 << 20;
-/** Lines by which a log is recognised: a block of them. */
+/** Largest log in bytes; larger ones need the command line. */
+const MAX_LOG_BYTES = 64 << 20;
+/** Lines used to recognise a log. */
 const OPENING = 8192;
-/** What stands for an acceleration that is not there. */
+/** Marks a missing acceleration. */
 const NONE = [NaN, NaN, NaN];
-/** Lines that a wire has brought, by which they are recognised. */
-const REMEMBERED = 20;
+/** Lines of a wire used to recognise its format. */
+const MIN_WIRE_LINES = 20;
 
 /**
- * How lines become readings.
+ * Conversion of lines to readings.
  * @typedef {object} Form
  * @property {string} words
  * @property {"uT" | "counts"} unit
- * @property {{unit: string, scale: number}} raw The recorded unit, and what one of it is in `unit`.
+ * @property {{unit: string, scale: number}} raw The recorded unit, and its size in `unit`.
  * @property {boolean} isTimed
- * @property {Silence} silence Readings so far at which the sensor did not answer.
+ * @property {Silence} silence Counts readings without an answer of the sensor.
  * @property {(line: string) => Reading | null | undefined} reading Null for another line, undefined for one without a reading.
  */
 
@@ -55,7 +54,7 @@ const REMEMBERED = 20;
 const languages = new WeakMap();
 
 /**
- * The language of lines; made once of the data of a page.
+ * The language of lines, cached by the data of a page.
  * @param {{lines: object}} data
  * @returns {Language}
  */
@@ -74,12 +73,12 @@ class Language {
     }
 
     /**
-     * How lines are written.
+     * Format of lines.
      * @param {string[]} lines The first.
-     * @param {Choice | null} choice Of the columns, where names do not tell.
-     * @param {string[]} [every] All, by which several devices are told apart.
+     * @param {Choice | null} choice Choice of columns, if names are ambiguous.
+     * @param {string[]} [every] All lines, to detect several devices.
      * @returns {Form}
-     * @throws {Unreadable} As `Unclear` where a choice of columns lets them be read.
+     * @throws {Unreadable} As `Unclear` if a choice of columns would help.
      */
     form(lines, choice, every = lines) {
         const found = this.recogniseDialect(lines);
@@ -96,7 +95,7 @@ class Language {
     }
 
     /**
-     * Whether names say in words that a magnetometer is among them, and not by a letter or an axis.
+     * Whether names contain a word for a magnetometer, not only a letter or an axis.
      * @param {Dialect} dialect
      */
     namesMagnetometer({ names }) {
@@ -107,7 +106,7 @@ class Language {
     }
 
     /**
-     * The dialect whose signs lines bear; null for a table.
+     * Dialect with distinctive signs in the lines; null for a table.
      * @param {string[]} lines
      * @returns {Dialect | null}
      */
@@ -128,7 +127,7 @@ class Language {
     }
 
     /**
-     * A dialect of lines that are no table either.
+     * Dialect of lines that are not a table and have no distinctive signs.
      * @param {string[]} lines
      */
     guessDialect(lines) {
@@ -137,7 +136,7 @@ class Language {
     }
 
     /**
-     * Rows of a table, as behind time stamps.
+     * Dialect of table rows, as after time stamps.
      * @param {string[]} lines
      * @returns {Dialect | null}
      */
@@ -223,13 +222,13 @@ class Language {
     formOf(words, columns, decimal, cells) {
         const { PER_UNIT, COUNTS } = this.rules.units;
         const { field, time, unit, names, acceleration: felt, only } = columns;
-        const scale = PER_UNIT[unit] ?? 1;
+        const scale = columns.scale ?? PER_UNIT[unit] ?? 1;
         const timed = time ? `, time in ${time.name}` : "";
         const past = midnights();
         const silence = new Silence(this.rules.silence);
         return {
             words: `${words}: columns ${names.join(", ")} in ${unit}${timed}`,
-            unit: unit === COUNTS ? "counts" : "uT",
+            unit: unit === COUNTS && !columns.scale ? "counts" : "uT",
             raw: { unit, scale },
             isTimed: time !== null,
             silence,
@@ -249,7 +248,7 @@ class Language {
 }
 
 /**
- * The rows that a dialect makes of lines.
+ * Rows of lines by a dialect.
  * @param {Dialect} dialect
  * @param {string[]} lines
  */
@@ -274,9 +273,9 @@ function secondsOf(time, row) {
 }
 
 /**
- * Readings of what a board prints, piece by piece.
+ * Reads the output of a board, piece by piece.
  *
- * Lines wait until it can be recognised how they are written: twenty of them, or those of the first second.
+ * Lines are queued until their format is recognised, from twenty lines or those of the first second.
  */
 export class LineReader {
     /** @param {{lines: object}} data `page.json`. */
@@ -300,37 +299,37 @@ export class LineReader {
         this.unlike = 0;
         this.example = "";
         this.heard = false;
-        /** Why lines are not read, for people. */
+        /** Reason why lines are not read, in words. */
         this.refusal = "";
-        /** @type {Unclear | null} What somebody has to say, once asked. */
+        /** @type {Unclear | null} Open question to the user. */
         this.unclear = null;
         /** @type {Choice | null} */
         this.choice = null;
     }
 
-    /** Unit of the readings; empty while it is not known. */
+    /** Unit of the readings; empty while unknown. */
     get unit() {
         return this.form?.unit ?? "";
     }
 
-    /** The recorded unit, and what one of it is in `unit`. */
+    /** The recorded unit, and its size in `unit`. */
     get raw() {
         return this.form?.raw ?? { unit: this.unit, scale: 1 };
     }
 
-    /** How lines are written, for people; empty while that is not known. */
+    /** Format of the lines in words; empty while unknown. */
     get words() {
         return this.form?.words ?? "";
     }
 
-    /** Readings at which the sensor did not answer, for people; empty while they are few. */
+    /** Sentence on readings without an answer of the sensor; empty while they are few. */
     get silence() {
         const silence = this.form?.silence;
         return silence && silence.count >= this.rules.UNANSWERED ? `${silence}; such readings are left out: check its supply and its bus` : "";
     }
 
     /**
-     * What to do where readings do not come, or no longer; empty where there is nothing to say.
+     * Advice if no readings arrive; empty without advice.
      * @returns {string}
      */
     get advice() {
@@ -350,9 +349,9 @@ export class LineReader {
     }
 
     /**
-     * Take what has arrived, also nothing, so that waiting lines are read in time.
+     * Process received text, even if empty, so that queued lines are read in time.
      * @param {string} text
-     * @param {number | null} [at] Seconds since the start; the time of readings whose lines have none.
+     * @param {number | null} [at] Seconds since the start; used for readings without times.
      * @returns {{rows: Reading[], unit: "uT" | "counts" | ""}}
      */
     take(text, at = null) {
@@ -411,7 +410,7 @@ export class LineReader {
             this.refusal = error.message;
             this.unclear = error instanceof Unclear ? error : null;
             lines.forEach((line) => this.note(line));
-            this.before = [...this.before, ...lines].slice(-REMEMBERED);
+            this.before = [...this.before, ...lines].slice(-MIN_WIRE_LINES);
             this.waiting = [];
         }
     }
@@ -433,7 +432,7 @@ export class LineReader {
     }
 
     /**
-     * The time of a reading whose line has none; those that arrive together differ by a step.
+     * Time of a reading without one; readings that arrive together differ by a step.
      * @param {number | null} at
      */
     arrival(at) {
@@ -451,7 +450,7 @@ export class LineReader {
 }
 
 /**
- * Whether times do what a clock does; `T_C` may be a temperature.
+ * Whether times ascend like a clock; `T_C` may be a temperature.
  * @param {number[]} times
  */
 function ascend(times) {
@@ -460,7 +459,7 @@ function ascend(times) {
 }
 
 /**
- * Whether the start of a line may be missing: it is all numbers, and `17,4,-586` may have been 217.
+ * Whether the start of a line may be missing, as in a line of only numbers: `17,4,-586` may have been 217.
  * @param {Language} language
  * @param {string} line
  */
@@ -469,7 +468,7 @@ function isUnmarked(language, line) {
 }
 
 /**
- * What an accelerometer measured with readings, NaN where nothing; null where there is none.
+ * Accelerations of readings, NaN if missing; null without any.
  * @param {readonly Reading[]} readings
  */
 export function accelerationOf(readings) {
@@ -483,7 +482,7 @@ export function accelerationOf(readings) {
  * @param {Uint8Array} bytes
  * @param {Choice | null} [choice] Of the columns.
  * @returns {Log}
- * @throws {Unreadable} For what is no text log with a magnetometer; says what to do. As `Unclear` where a choice helps.
+ * @throws {Unreadable} Unless it is a text log with a magnetometer, with a remedy. As `Unclear` if a choice would help.
  */
 export function readLog(data, name, bytes, choice = null) {
     const language = languageOf(data);
@@ -531,7 +530,7 @@ function decodeText(bytes) {
 }
 
 /**
- * Whether bytes begin with the mark of UTF-16.
+ * Whether bytes begin with the byte order mark of UTF-16.
  * @param {Uint8Array} bytes
  */
 function isWide([first, second]) {
@@ -555,7 +554,7 @@ function linesOf({ rules }, text) {
 }
 
 /**
- * Lines below one that says the end of a header.
+ * Lines after the end of a header.
  * @param {Language} language
  * @param {string[]} lines
  */
@@ -566,15 +565,15 @@ function belowHeader({ rules: { layout } }, lines) {
 }
 
 /**
- * Refuse what is no text, and say what it is and which program reads it.
+ * Refuse a file that is not text, with its type and the program that reads it.
  * @param {import("./patterns.js").Constants} files
  * @param {string} name
  * @param {Uint8Array} bytes
  */
 function refuseForeign(files, name, bytes) {
     if (!bytes.length) throw new Unreadable(`${name} is empty: record again, or check what was saved`);
-    if (bytes.length > LARGEST) {
-        throw new Unreadable(`${name} is larger than ${LARGEST >> 20} MB: calibrate it with \`flinders calibrate\``);
+    if (bytes.length > MAX_LOG_BYTES) {
+        throw new Unreadable(`${name} is larger than ${MAX_LOG_BYTES >> 20} MB: calibrate it with \`flinders calibrate\``);
     }
     const head = Array.from(bytes.subarray(0, 64), (byte) => byte.toString(16).padStart(2, "0")).join("");
     const kindOf = (/** @type {Record<string, any>} */ starts) => Object.keys(starts).find((start) => head.startsWith(start));
@@ -593,7 +592,7 @@ function refuseForeign(files, name, bytes) {
 }
 
 /**
- * Whether bytes hold what text does not.
+ * Whether bytes contain values that text does not.
  * @param {import("./patterns.js").Constants} files
  * @param {Uint8Array} bytes
  */

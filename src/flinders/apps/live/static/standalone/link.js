@@ -1,7 +1,7 @@
 /**
- * The session of a page without a program: sources in the browser, and all that a server does elsewhere.
+ * The session of a page without a server: sources in the browser, and the functions of the server.
  *
- * Readings of a source wait in a queue, which goes into the session some twenty times a second.
+ * Readings of a source are queued, and added to the session about twenty times a second.
  */
 
 import { bytesOf, Refusal } from "../dom.js";
@@ -28,19 +28,22 @@ import { inEnglish, phrase } from "../language.js";
 /** @typedef {import("./sources.js").Source} Source */
 
 /**
- * What Python wrote for the page: `flinders.apps.live.standalone.package.page_data`.
+ * Data of the page, written by `flinders.apps.live.standalone.package.page_data`.
  * @typedef {object} PageData
  * @property {string} version
  * @property {import("./sources.js").Simulation} simulated
  * @property {import("./data.d.ts").EngineData} engine
  * @property {import("./geomag.js").Model} model  of the earth's field
- * @property {Record<string, string>} unfit  why a calibration cannot be renewed
+ * @property {Record<string, string>} unfit  reasons why a calibration cannot be renewed
  * @property {import("./patterns.js").Rules} lines  with patterns as objects
+ * @property {import("./columns.js").ChipSetting[]} chips  of which a count is so much
  * @property {any} targets
+ * @property {[name: string, description: string][]} bodies  that carry a sensor
+ * @property {import("../plan.js").PlannedRecording[]} plans  for each body at some levels of noise
  */
 
 /**
- * Somebody says which columns are the magnetometer's; null where nobody does.
+ * The user's choice of the magnetometer's columns; null without a choice.
  * @typedef {(unclear: import("./tables.js").Unclear) => Promise<import("./tables.js").Choice | null>} Choose
  */
 
@@ -48,9 +51,9 @@ const UPLOAD_BYTES = 64 << 20;
 const IN_BROWSER = "this browser";
 /** Style of a report. */
 const SHEET = "static/report.css";
-/** The target that boards read from a port. */
+/** Target for sending to a board. */
 const PACKET = "motioncal";
-/** Kinds of sources whose readings cannot be had again. */
+/** Kinds of sources whose readings cannot be repeated. */
 const ONCE = ["serial", "phone"];
 /** @type {SourceState} */
 const NO_SOURCE = { name: "no source", kind: "simulated", link: "waiting", words: "" };
@@ -71,35 +74,35 @@ export class OwnLink extends SessionLink {
         /** @type {import("./buffer.js").Rows[]} */
         this.queue = [];
         this.unit = this.session.live.unit;
-        /** Readings that somebody has saved. */
+        /** Number of readings that the user has saved. */
         this.saved = 0;
         /**
-         * The calibration that was made last.
+         * The latest calibration.
          * @type {{evaluated: import("./session.js").Evaluated, shown: Finished, calibration: import("./targets.js").Calibration | null} | null}
          */
         this.made = null;
         /** @type {Choose} */
         this.choose = async () => null;
-        /** Called where the source is another, or a log was opened. */
+        /** Called after a change of the source or the opening of a log. */
         this.onChange = () => {};
         keeper.onFull = () => {
             this.session.recording = "";
-            this.tell(phrase("link.full", "This browser has no room to keep more readings: save them with Finish, Readings."), "error");
+            this.tell(phrase("link.full", "The browser's storage is full: save the readings with Finish, Readings."), "error");
         };
         queueMicrotask(() => this.renew());
     }
 
-    /** Whether readings of a sensor would be lost with the page. */
+    /** Whether closing the page would lose readings of a sensor. */
     get isUnsaved() {
         return ONCE.includes(this.session.source.kind) && this.session.live.buffer.total > this.saved;
     }
 
-    /** Whether there is a source, or something to show. */
+    /** Whether the page has a source or readings. */
     get isUsed() {
         return this.source !== null || this.session.shown.buffer.total > 0;
     }
 
-    // What the page asks for -------------------------------------------------------------------------------------------
+    // Requests of the page -------------------------------------------------------------------------------------------
 
     retry() {}
 
@@ -133,7 +136,7 @@ export class OwnLink extends SessionLink {
     }
 
     /**
-     * Read a log, with the columns that somebody says where its names do not tell.
+     * Read a log; the user chooses its columns if names are ambiguous.
      * @param {string} name
      * @param {Uint8Array} bytes
      */
@@ -147,7 +150,7 @@ export class OwnLink extends SessionLink {
     }
 
     /**
-     * Take a calibration file to compare with.
+     * Store a calibration file to compare with.
      * @param {string} name
      * @param {Blob} content
      */
@@ -181,7 +184,7 @@ export class OwnLink extends SessionLink {
         return [tableOf(shown), "readings.csv"];
     }
 
-    /** The file of the calibration that was made last. */
+    /** The file of the latest calibration. */
     calibration() {
         const { isRenewed, previous } = this.session;
         const files = isRenewed && previous ? previous.calibration.files : [];
@@ -189,25 +192,25 @@ export class OwnLink extends SessionLink {
         return new Blob([calibrationFile(this.data, this.calibrationMade(), { fit: this.made?.evaluated.record ?? null, provenance })]);
     }
 
-    /** The calibration that was made last, as a page of its own. */
+    /** The report of the latest calibration. */
     async report() {
         const finished = this.made?.shown;
         if (!finished?.view) throw new Refusal(finished?.refusal || noneYet());
         const sheet = await fetch(SHEET);
-        if (!sheet.ok) throw new Refusal(`The page's ${SHEET} cannot be had (${sheet.status}): load the page again.`);
+        if (!sheet.ok) throw new Refusal(phrase("link.no-sheet", "The page's {file} cannot be had ({status}): load the page again.", { file: SHEET, status: sheet.status }));
         const { field } = this.session.task(Infinity);
         const style = await sheet.text();
         return inEnglish(() => new Blob([reportPage({ finished, state: sessionState(this.session), field, version: this.data.version }, style)]));
     }
 
-    /** Send the calibration to the board that the readings come from. */
+    /** Send the calibration to the board of the readings. */
     async sendToBoard() {
-        if (!(this.source instanceof Board) || this.session.opened) throw new Refusal(phrase("link.no-board", "This source takes no calibration: save it, or paste what the export shows."));
+        if (!(this.source instanceof Board) || this.session.opened) throw new Refusal(phrase("link.no-board", "This source cannot receive a calibration: save it, or paste the export."));
         const packet = exported(this.data, PACKET, this.calibrationMade()).binary_base64 ?? "";
         return `${this.source.name}: ${await send(this.source, bytesOf(packet))}`;
     }
 
-    /** Fit all readings that are in memory and not left out. @returns {Promise<Finished>} */
+    /** Fit all readings in memory that are not left out. @returns {Promise<Finished>} */
     async finish() {
         this.freeze();
         const { openedName, source, shown: { unit } } = this.session;
@@ -217,7 +220,7 @@ export class OwnLink extends SessionLink {
         return shown;
     }
 
-    /** The calibration that was made last. */
+    /** Return the latest calibration. */
     calibrationMade() {
         if (!this.made?.calibration) throw new Refusal(this.made?.shown.refusal || noneYet());
         return this.made.calibration;
@@ -226,9 +229,9 @@ export class OwnLink extends SessionLink {
     // Sources ----------------------------------------------------------------------------------------------------------
 
     /**
-     * Take readings of a source from now on. Those of another kind of source leave the page.
+     * Use a source from now on. Readings of another kind of source are dropped.
      * @param {Source} source
-     * @throws {Refusal} Where readings would be lost.
+     * @throws {Refusal} If readings would be lost.
      */
     async use(source) {
         const { session } = this;
@@ -248,7 +251,7 @@ export class OwnLink extends SessionLink {
     }
 
     /**
-     * Start a source, which is heard as long as no other is used.
+     * Start a source, which is used until another one replaces it.
      * @param {Source} source
      */
     async start(source) {
@@ -267,7 +270,7 @@ export class OwnLink extends SessionLink {
         }
     }
 
-    /** @param {SourceState} source  what the page says of it */
+    /** @param {SourceState} source  its state */
     show(source) {
         this.session.source = source;
         this.session.hasBoard = source.kind === "serial";
@@ -278,7 +281,7 @@ export class OwnLink extends SessionLink {
     }
 
     /**
-     * Show the readings that were here before the page was loaded again.
+     * Show the stored readings from before the page was reloaded.
      * @returns {Promise<void>}
      */
     async restore() {
@@ -287,7 +290,7 @@ export class OwnLink extends SessionLink {
         const { name, kind, unit } = kept;
         if (edits) this.session.adopt(this.now, edits);
         this.session.arrived(this.now, kept, unit);
-        const words = `these are the readings of ${name} from before this page was loaded again: choose it as source to go on`;
+        const words = phrase("link.kept", "these are the readings of {name} from before this page was loaded again: choose it as source to go on", { name });
         this.show({ name, kind, link: "ended", words });
         this.tell(words);
     }
@@ -305,20 +308,20 @@ export class OwnLink extends SessionLink {
         this.isUrgent = true;
     }
 
-    /** Begin anew without readings. */
+    /** Start again without readings. */
     empty() {
         this.session.requested(this.now, { type: "clear" });
         this.forget();
     }
 
-    /** Forget what was kept of the readings that have left the page. */
+    /** Delete stored readings that the page has dropped. */
     forget() {
         this.saved = 0;
         this.keeper.clear();
         if (this.source === null) this.show(NO_SOURCE);
     }
 
-    /** Put what waits into the session. */
+    /** Add queued readings to the session. */
     drain() {
         const { source, live } = this.session;
         const { unit } = this;
@@ -330,10 +333,10 @@ export class OwnLink extends SessionLink {
 }
 
 /**
- * What a file has; a file that cannot be read is refused in words.
+ * Content of a file; throws a refusal with a message if it cannot be read.
  * @template T
  * @param {() => T} read
- * @param {string} before  the words
+ * @param {string} before  prefix of the message
  * @returns {T}
  */
 function readable(read, before = "") {
@@ -345,7 +348,7 @@ function readable(read, before = "") {
 }
 
 /**
- * What is exported of a fit; null where it gives no calibration.
+ * Calibration of a fit for export; null without one.
  * @param {import("../../../../static/view.d.ts").View | null} view
  * @param {Unit} unit
  * @param {string} name  of the recording

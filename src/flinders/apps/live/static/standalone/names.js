@@ -1,4 +1,4 @@
-/** What names of columns say: which sensor, axis and unit. The rows are those of `readers/_names.py`. */
+/** Meaning of column names: sensor, axis and unit. The tables are those of `readers/_names.py`. */
 
 import { ahead, every, largest, replaceAll, stripStart, whole } from "./patterns.js";
 
@@ -6,17 +6,17 @@ import { ahead, every, largest, replaceAll, stripStart, whole } from "./patterns
 /** @typedef {import("./patterns.js").Rules} Rules */
 
 /**
- * What a name says; `kind` is empty where nothing is recognised.
+ * Meaning of a name; `kind` is empty if unrecognised.
  * @typedef {{kind: string, axis: string, unit: string, rank: number}} Meaning
  */
 
 /**
- * Three columns of one sensor: their places, and how good a source of raw readings they are.
+ * Three columns of one sensor: their places, and their rank as a source of raw readings.
  * @typedef {{cells: number[], rank: number, words: string[], name: string, isReadings: boolean}} Vector
  */
 
-/** Names whose meaning is remembered: garbage on a wire has new ones without end. */
-const REMEMBERED = 4096;
+/** Most cached names, since garbage on a wire has ever new ones. */
+const MAX_CACHED_NAMES = 4096;
 const NOTHING = { kind: "", axis: "", unit: "", rank: 0 };
 const LETTERS = /^\p{L}+$/u;
 const DIGITS = /^\d+$/;
@@ -43,7 +43,7 @@ export class Names {
     meaning(name) {
         let meaning = this.known.get(name);
         if (!meaning) {
-            if (this.known.size >= REMEMBERED) this.known.clear();
+            if (this.known.size >= MAX_CACHED_NAMES) this.known.clear();
             this.known.set(name, (meaning = this.parseName(name)));
         }
         return meaning;
@@ -78,7 +78,7 @@ export class Names {
     }
 
     /**
-     * How plainly a name says that it is a magnetometer's.
+     * Clearness of a magnetometer's name.
      * @param {number} rank
      */
     clearness(rank) {
@@ -86,7 +86,7 @@ export class Names {
     }
 
     /**
-     * Whether a name is an axis and nothing else.
+     * Whether a name is only an axis.
      * @param {string} name
      */
     isBare(name) {
@@ -95,7 +95,7 @@ export class Names {
     }
 
     /**
-     * Whether a text is a unit and nothing else.
+     * Whether a text is only a unit.
      * @param {string} text
      */
     isUnit(text) {
@@ -103,7 +103,7 @@ export class Names {
     }
 
     /**
-     * The columns of a kind that make three axes, in the order of the first.
+     * Groups of three columns of a kind with all axes, in the order of their first columns.
      * @param {readonly string[]} names
      * @param {string} kind
      * @param {readonly Meaning[]} [meanings]
@@ -149,7 +149,7 @@ export class Names {
     }
 
     /**
-     * The magnetometer that is read: the rawest, of equals the one with the plainest name.
+     * The magnetometer to read: the rawest, of equals the one with the clearest name.
      * @param {readonly string[]} names
      * @param {readonly Meaning[]} [meanings]
      * @returns {Vector | undefined}
@@ -159,7 +159,7 @@ export class Names {
     }
 
     /**
-     * The one of several sensors of a kind that is read.
+     * The sensor to read, of several of a kind.
      * @param {readonly string[]} names
      * @param {readonly Vector[]} vectors
      * @returns {Vector | undefined}
@@ -175,7 +175,7 @@ export class Names {
     }
 
     /**
-     * 0 where a name tells of a sensor, 2 of a field, which a model may give too, 1 of neither.
+     * 0 for the name of a sensor, 2 for that of a field, which may be a model's, 1 for others.
      * @param {string} name
      */
     manner(name) {
@@ -196,7 +196,7 @@ export class Names {
     }
 
     /**
-     * Words of a name that distinguish a sensor from others of its kind.
+     * Words of a name that distinguish sensors of a kind.
      * @param {string} name
      */
     label(name) {
@@ -226,7 +226,7 @@ export class Names {
     }
 
     /**
-     * Whether a word in lower case says which of several readings these are, or what was done to them.
+     * Whether a word in lower case distinguishes readings, or states their processing.
      * @param {string} word
      */
     tellsReadingsApart(word) {
@@ -234,7 +234,7 @@ export class Names {
     }
 
     /**
-     * Whether three columns are no readings of a sensor, such as a reference.
+     * Whether three columns are not a sensor's readings, such as a reference.
      * @param {string} name
      */
     isNoReadings(name) {
@@ -245,7 +245,7 @@ export class Names {
     }
 
     /**
-     * The name of a sensor: that of a column without axis, unit, `raw` and the like.
+     * Name of a sensor: the column's name without axis, unit, `raw` and the like.
      * @param {string} name
      * @param {string} axis
      */
@@ -263,7 +263,7 @@ export class Names {
     }
 
     /**
-     * A name in words, and the units that it may state in the order of trust.
+     * Words of a name, and units that it may state, the most reliable first.
      * @param {string} name
      */
     splitName(name) {
@@ -301,7 +301,7 @@ export class Names {
     }
 
     /**
-     * A name in which the unit at its end is one word: `in micro Tesla` is `microTesla`.
+     * Name with its final unit as one word: `in micro Tesla` becomes `microTesla`.
      * @param {string} name
      */
     withUnitTogether(name) {
@@ -336,10 +336,10 @@ export class Names {
     }
 
     /**
-     * Which three-axis sensor words name, and how good a source of raw readings it is.
+     * Three-axis sensor named by words, and its rank as a source of raw readings.
      * @param {string[]} words
      * @param {string[]} units
-     * @param {boolean} isJoined The axis was no word of its own.
+     * @param {boolean} isJoined The axis was part of another word.
      * @returns {[string, number]}
      */
     vector(words, units, isJoined) {
@@ -373,7 +373,7 @@ export class Names {
     }
 
     /**
-     * What a name that is only an axis may be: a field, unless its unit is that of something else.
+     * Meaning of a name that is only an axis: a field, unless its unit is of another quantity.
      * @param {string[]} units
      */
     plain(units) {
@@ -388,7 +388,7 @@ export class Names {
     }
 
     /**
-     * Which sensor without axes, or clock, words name.
+     * Sensor without axes, or clock, named by words.
      * @param {string[]} words
      * @param {string[]} units
      * @returns {[string, number]}
@@ -408,7 +408,7 @@ export class Names {
     }
 
     /**
-     * Whether a name is that of a strength known from elsewhere.
+     * Whether a name is of a known field strength.
      * @param {string[]} words
      * @param {string[]} units
      */
@@ -421,7 +421,7 @@ export class Names {
     }
 
     /**
-     * The unit that a kind of column can have.
+     * First of some units that fits a kind of column.
      * @param {string} kind
      * @param {string[]} units
      */
@@ -443,7 +443,7 @@ export class Names {
 }
 
 /**
- * The three of these that are the axes of a sensor.
+ * The letters of three axes of a sensor.
  * @param {Record<string, number>} axes
  */
 function lettersOf(axes) {
@@ -451,7 +451,7 @@ function lettersOf(axes) {
 }
 
 /**
- * Place of the axis in a name: the last that stands by itself, else the last.
+ * Position of the axis in a name: the last separate letter, else the last.
  * @param {string} folded
  * @param {string} axis
  */

@@ -1,4 +1,4 @@
-/** Numbers as Python writes them, to the digit: half to even, where JavaScript goes away from zero. */
+/** Writes numbers exactly as Python does: rounds half to even, where JavaScript rounds away from zero. */
 
 /**
  * `f"{value:.{digits}g}"`
@@ -33,7 +33,7 @@ export function exponential(value, digits) {
 }
 
 /**
- * A number with so many digits and an exponent.
+ * A number with significant digits and an exponent.
  * @param {number} value
  * @param {number} digits
  */

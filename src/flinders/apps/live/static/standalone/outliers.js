@@ -1,14 +1,14 @@
-/** Runs of readings that a fit left out, in words: `flinders.estimators.outliers`. */
+/** Words on runs of outliers, as `flinders.estimators.outliers`. */
 
 import { groupText } from "./numbers.js";
 
 /**
- * A run of readings that do not belong to the rest.
+ * A run of outliers.
  * @typedef {object} Outlier
- * @property {number} first Row of the first one, and …
- * @property {number} last … of the last one, counted from 1, of those at no end of an axis.
- * @property {number} rows Outliers among them.
- * @property {number} fitted Those of them that a fit would have gone by, each rest as one or none.
+ * @property {number} first First row, and …
+ * @property {number} last … last row, counted from 1, among readings at no end of an axis.
+ * @property {number} rows Number of outliers.
+ * @property {number} fitted Number of outliers in the terms of the fit, with each rest as one or none.
  * @property {number} start
  * @property {number} end Seconds; NaN without times.
  * @property {number} farthest Largest distance from the ellipsoid.
@@ -16,7 +16,7 @@ import { groupText } from "./numbers.js";
 
 /**
  * A run in words: `flinders.findings.words.outlier_run`.
- * @param {number[]} run First and last reading, outliers, first and last time, those that a fit would have gone by.
+ * @param {number[]} run First and last reading, outliers, first and last time, outliers in the terms of the fit.
  * @returns {string}
  */
 export function runWords([first, last, rows, start, end, fitted]) {
@@ -28,7 +28,7 @@ export function runWords([first, last, rows, start, end, fitted]) {
 }
 
 /**
- * The three longest runs, as `runWords` takes them.
+ * The three longest runs, for `runWords`.
  * @param {Outlier[]} runs
  * @returns {number[][]}
  */
@@ -38,7 +38,7 @@ export function longestRuns(runs) {
 }
 
 /**
- * Readings of runs, each rest as one or none.
+ * Number of readings in runs, with each rest as one or none.
  * @param {Outlier[]} runs
  * @returns {number}
  */

@@ -1,4 +1,4 @@
-/** Readings as a server packs them: `flinders.apps.live.messages.readings_frame`. */
+/** Unpacks readings of a server: `flinders.apps.live.messages.readings_frame`. */
 
 import { COUNTS, MICROTESLA } from "./session.js";
 
@@ -16,7 +16,7 @@ const LATEST = 7;
  * @param {ArrayBuffer} bytes
  * @param {number} [offset]  a multiple of eight
  * @returns {{passed: Passed, unit: Unit, frame: "sensor" | "vehicle", generation: number, isLast: boolean}}
- * @throws {Error} For what is no such frame.
+ * @throws {Error} For other bytes.
  */
 export function passedIn(bytes, offset = 0) {
     const [magic, generation, first, count, flags, stride, total, isLast] = new Uint32Array(bytes, offset, HEADER_BYTES / 4);

@@ -1,15 +1,15 @@
 /**
- * Patterns as `page.json` has them, and what Python's `re` and `str` do with patterns and texts.
+ * Patterns of `page.json`, and functions like those of Python's `re` and `str`.
  *
- * @typedef {Record<string, any>} Constants The constants of a module of the library, by their names.
- * @typedef {Record<string, Constants>} Rules Those of all modules that read text, by `MODULES` of `standalone/lines.py`.
+ * @typedef {Record<string, any>} Constants Constants of a module of the library, by name.
+ * @typedef {Record<string, Constants>} Rules Constants of the modules that read text, by `MODULES` of `standalone/lines.py`.
  */
 
 /** @type {WeakMap<RegExp, Map<string, RegExp>>} */
 const variants = new WeakMap();
 
 /**
- * Data with their patterns as regular expressions.
+ * Data with patterns converted to regular expressions.
  * @param {any} value
  * @returns {any}
  */
@@ -22,7 +22,7 @@ export function revived(value) {
 }
 
 /**
- * The match of a pattern that is all of a text: `fullmatch`.
+ * Match of a whole text: `fullmatch`.
  * @param {RegExp} pattern
  * @param {string} text
  */
@@ -31,7 +31,7 @@ export function whole(pattern, text) {
 }
 
 /**
- * The match at the start of a text: `match`.
+ * Match at the start of a text: `match`.
  * @param {RegExp} pattern
  * @param {string} text
  */
@@ -88,7 +88,7 @@ export function stripEnd(text, letters) {
 }
 
 /**
- * How often each key is there, in the order of the first.
+ * Count of each key, in the order of first occurrence.
  * @template Key
  * @param {Iterable<Key>} keys
  * @returns {Map<Key, number>}
@@ -100,7 +100,7 @@ export function countKeys(keys) {
 }
 
 /**
- * The first entry for which a key is largest; undefined where there is none.
+ * First entry with the largest key; undefined without entries.
  * @template Entry
  * @param {readonly Entry[]} entries
  * @param {(entry: Entry) => (number | boolean)[]} key
@@ -115,7 +115,7 @@ export function largest(entries, key) {
 /**
  * @param {(number | boolean)[]} one
  * @param {(number | boolean)[]} other
- * @returns {number} Below 0 where `one` comes first.
+ * @returns {number} Negative if `one` is first.
  */
 function compareKeys(one, other) {
     const place = one.findIndex((value, i) => value !== other[i]);
@@ -124,7 +124,7 @@ function compareKeys(one, other) {
 
 /**
  * @param {number[]} values
- * @returns {number} NaN where there are none.
+ * @returns {number} NaN without values.
  */
 export function median(values) {
     const sorted = values.filter((value) => !Number.isNaN(value)).sort((a, b) => a - b);

@@ -1,6 +1,6 @@
 /**
- * A calibration from before: how far it is off the present one, as `flinders.comparison` says, and what is renewed of it, as
- * `flinders.fitting.refreshing` does. The engine does both.
+ * Comparison of an earlier calibration with the present one, as `flinders.comparison`, and its renewal, as
+ * `flinders.fitting.refreshing`. The engine does both.
  */
 
 import { surfaceOf } from "./fit.js";
@@ -14,7 +14,7 @@ import { fillTemplate } from "./wording.js";
 /** @typedef {import("./session.js").Previous} Previous */
 
 /**
- * What an earlier calibration tells of the sensor.
+ * Prior from an earlier calibration.
  * @typedef {import("./engine.js").Earlier & {name: string, strength: number | null, dipDeg: number, dipAssumed: boolean}} Renewed
  */
 
@@ -22,7 +22,7 @@ const ASSUMED_DIP_DEG = 60;
 const DEG = 180 / Math.PI;
 const NEWTON_STEPS = 30;
 const ROUND = [1, 1, 1, 0, 0, 0]; // a sphere
-const LEAST_DEG = 0.001; // a smaller difference is not shown as a number
+const MIN_SHOWN_DEG = 0.001; // a smaller difference is not shown as a number
 const ANSWERS = {
     holds: "it still holds: headings differ by less than the target, with 95 %",
     fails: "it no longer holds: headings differ by more than the target, something near the sensor has changed",
@@ -30,9 +30,9 @@ const ANSWERS = {
 };
 
 /**
- * Why readings are none that an earlier calibration corrects; nothing where they are.
+ * Reason why an earlier calibration does not fit the readings; empty if it does.
  * @param {Previous} previous
- * @param {{unit: string, axes?: string}} readings  their unit as the page shows it
+ * @param {{unit: string, axes?: string}} readings  with the unit of the page
  * @param {EngineData} data
  * @returns {string}
  */
@@ -45,7 +45,7 @@ export function otherRecording({ name, calibration }, { unit, axes = "x,y,z" }, 
 }
 
 /**
- * What a calibration from before tells of the sensor.
+ * Prior from an earlier calibration.
  * @param {Previous} previous
  * @returns {Renewed}
  */
@@ -59,7 +59,7 @@ export function renewedOf({ name, calibration }) {
 }
 
 /**
- * How far a calibration from before is off the present one, or what has changed since where it is renewed.
+ * Difference of an earlier calibration from the present one, or the change since then if it is renewed.
  * @param {Previous} previous
  * @param {Fit | null} fit
  * @param {EngineData} data
@@ -83,12 +83,12 @@ export function comparePrevious(previous, fit, data, readings) {
     const apart = engine.compare(first, second, fit.dipDeg);
     const worst = apart.worst_deg;
     const answer = data.answers[engine.answer(apart, fit.targetDeg)];
-    const difference = worst >= LEAST_DEG ? `${figures(worst)}°` : `less than ${general(LEAST_DEG)}°`;
+    const difference = worst >= MIN_SHOWN_DEG ? `${figures(worst)}°` : `less than ${general(MIN_SHOWN_DEG)}°`;
     return { name, change_deg: worst, words: `${ANSWERS[answer]} (${difference} of heading at the worst)` };
 }
 
 /**
- * What has changed since a calibration that is renewed, and what that makes of headings.
+ * Change since a renewed calibration, and its effect on headings.
  * @param {Fit} fit
  * @param {Renewed} renewed
  * @returns {PreviousState}
@@ -104,7 +104,7 @@ function changeSince({ engine, surface, unit, dipDeg }, { name, centre, shape })
 }
 
 /**
- * What a file claims of its calibration.
+ * Uncertainty of a calibration from its file.
  * @param {import("./targets.js").Known} calibration
  */
 function claimOf({ fit }) {
@@ -122,8 +122,8 @@ function claimOf({ fit }) {
 const PARAMETERS = ["offset_x", "offset_y", "offset_z", "shape_xx", "shape_yy", "shape_zz", "shape_xy", "shape_xz", "shape_yz"];
 
 /**
- * The covariance of offset and shape, row by row; null where it is of others.
- * @param {string[] | undefined} names Of its rows.
+ * Covariance of offset and shape, row by row; null if it is of other parameters.
+ * @param {string[] | undefined} names Names of its rows.
  * @param {number[][]} covariance
  * @returns {number[] | null}
  */
@@ -133,7 +133,7 @@ function orderedBy(names = PARAMETERS, covariance) {
 }
 
 /**
- * The symmetric shape by which a direction becomes a reading.
+ * The symmetric shape, which converts a direction to a reading.
  * @param {import("./targets.js").Calibration} calibration
  * @returns {number[]} Its entries 11, 22, 33, 12, 13, 23.
  */
@@ -144,7 +144,7 @@ function shapeOf({ matrix, fieldStrength }) {
 }
 
 /**
- * The rotation in a matrix: of its polar decomposition, by Newton's iteration (N. J. Higham, SIAM J. Sci. Stat. Comput. 7
+ * Rotation in the polar decomposition of a matrix, by Newton's iteration (N. J. Higham, SIAM J. Sci. Stat. Comput. 7
  * (1986) 1160).
  * @param {number[]} matrix
  * @returns {number[]}

@@ -1,4 +1,4 @@
-/** A printed line: its numbers, and the names that labels and units give them. The rows are those of `readers/_tokenizer.py`. */
+/** Splits a printed line into numbers, and names them by labels and units. The tables are those of `readers/_tokenizer.py`. */
 
 import { ahead, replaceAll, stripLetters, stripEnd, stripStart, whole } from "./patterns.js";
 
@@ -6,12 +6,12 @@ import { ahead, replaceAll, stripLetters, stripEnd, stripStart, whole } from "./
 /** @typedef {import("./patterns.js").Rules} Rules */
 
 /**
- * A line, cut into its numbers and what is before, between and behind them.
+ * A line, split into its numbers and the text before, between and after them.
  * @typedef {{numbers: string[], gaps: string[]}} Cut
  */
 
-/** Kinds of lines whose names are remembered. */
-const REMEMBERED = 1024;
+/** Most kinds of lines with cached names. */
+const MAX_CACHED_KINDS = 1024;
 const NUMBER = /^[-+]?(?:\d+\.?\d*|\.\d+)(?:e[-+]?\d+)?$/i;
 const INFINITE = /^([-+]?)inf(?:inity)?$/i;
 
@@ -28,7 +28,7 @@ export class Prints {
     }
 
     /**
-     * A cell as a number: NaN where it is empty or says so, null where it is text.
+     * A cell as a number: NaN if empty or `nan`, null for text.
      * @param {string} cell
      * @param {string} [decimal]
      * @returns {number | null}
@@ -63,7 +63,7 @@ export class Prints {
     }
 
     /**
-     * Whether a line has as many cells as the others; a delimiter at its end does no harm.
+     * Whether a line has the width of the others; a delimiter at its end is allowed.
      * @param {string[]} cells
      * @param {number} width
      */
@@ -89,7 +89,7 @@ export class Prints {
     }
 
     /**
-     * A number in decimal: a hexadecimal one with all of its digits is signed, an overflow is `nan`.
+     * A number in decimal; a hexadecimal one of full width is signed, and an overflow is `nan`.
      * @param {string} number
      */
     decimal(number) {
@@ -103,7 +103,7 @@ export class Prints {
     }
 
     /**
-     * Decimals in columns of a fixed width, which a minus has filled up, as words.
+     * Separate decimals in columns of fixed width that touch because of a minus sign.
      * @param {string} text
      */
     splitColumns(text) {
@@ -112,7 +112,7 @@ export class Prints {
     }
 
     /**
-     * Names of the numbers of a line by label, axis and unit; empty where no label is.
+     * Names of the numbers of a line by label, axis and unit; empty without a label.
      * @param {string[]} gaps
      * @returns {string[]}
      */
@@ -120,7 +120,7 @@ export class Prints {
         const key = gaps.join("\n");
         let names = this.known.get(key);
         if (!names) {
-            if (this.known.size >= REMEMBERED) this.known.clear();
+            if (this.known.size >= MAX_CACHED_KINDS) this.known.clear();
             this.known.set(key, (names = this.namesFromGaps(gaps)));
         }
         return names;
@@ -152,7 +152,7 @@ export class Prints {
     }
 
     /**
-     * All words before and between the numbers of a line, which are the same in all lines of one sensor.
+     * All words before and between the numbers, which identify the lines of one sensor.
      * @param {string[]} gaps
      */
     labelOf(gaps) {
@@ -161,7 +161,7 @@ export class Prints {
     }
 
     /**
-     * Whether signs of a label are between the numbers, and not commas only.
+     * Whether the text between numbers has signs of a label, and not only commas.
      * @param {string[]} gaps
      */
     isLabelled(gaps) {
@@ -170,7 +170,7 @@ export class Prints {
     }
 
     /**
-     * What is between two numbers: the unit of the first, and the label of the second.
+     * Split the text between two numbers into the unit of the first and the label of the second.
      * @param {string} gap
      */
     unitAndLabel(gap) {
@@ -180,7 +180,7 @@ export class Prints {
     }
 
     /**
-     * The words of a label; brackets around a unit at its end stay.
+     * The words of a label, with brackets around a unit at its end.
      * @param {string} gap
      */
     label(gap) {
@@ -194,7 +194,7 @@ export class Prints {
     }
 
     /**
-     * What a remark in brackets adds to a label: words that tell readings apart, as `raw` and `left` do.
+     * Words of a remark in brackets that distinguish readings, such as `raw` and `left`.
      * @param {string} remark
      */
     remark(remark) {
@@ -211,7 +211,7 @@ export class Prints {
     }
 
     /**
-     * Names of the numbers behind one label, and the sensor that a label of an axis alone belongs to from here on.
+     * Names of the numbers after one label, and the sensor for following labels that are only an axis.
      * @param {string} label
      * @param {number} count
      * @param {string} sensor
@@ -242,7 +242,7 @@ export class Prints {
     }
 
     /**
-     * The last words of a label that mean something, all of them first; else its last word.
+     * The longest known ending of a label; else its last word.
      * @param {string} label
      * @param {string} [ending]
      * @param {string} [otherwise]
@@ -260,7 +260,7 @@ export class Prints {
 }
 
 /**
- * Where each label is, and how many numbers follow it without one of their own.
+ * Position of each label, and the number of unlabelled numbers after it.
  * @param {string[]} labels
  * @returns {[number, number][]}
  */
@@ -270,7 +270,7 @@ function runs(labels) {
 }
 
 /**
- * Units, with the one unit of three axes in a row given to all of them.
+ * Units, with the unit of three consecutive axes copied to all three.
  * @param {string[]} names
  * @param {string[]} units
  */

@@ -1,4 +1,4 @@
-/** What speaks against a calibration beside its verdict. */
+/** Reasons against a calibration in addition to its verdict. */
 
 import { correctedVectors, threes } from "./coverage.js";
 import { dot, unit } from "../../../../static/views/vectors.js";
@@ -14,30 +14,30 @@ import { phrase } from "../language.js";
 /** @typedef {{field: Float64Array, time: Float64Array}} Readings */
 
 const DEG = 180 / Math.PI;
-/** Seconds of equal readings, at least ten, after which a sensor is said to have stopped. */
+/** Duration of equal readings, s, at least ten readings, after which a sensor counts as stopped. */
 const [STALE_S, STALE_ROWS] = [2, 10];
-/** Seconds and readings in which one axis stays as it is and the others do not, after which that is said. */
+/** Duration, s, and number of readings with one constant axis after which that is reported. */
 const [FROZEN_S, FROZEN_ROWS] = [2, 20];
-/** Share of the steps of such an axis before that have to be changes: a coarse one is equal for a while by itself. */
-const LIVELY = 0.9;
-/** Share of their range so far that the other axes move by meanwhile. */
-const MOVING = 0.1;
-/** Seconds without a turn by so many degrees after which somebody is reminded. */
+/** Least share of changes in the earlier steps of such an axis, as a coarse axis may be constant for a while. */
+const MIN_CHANGES_SHARE = 0.9;
+/** Least motion of the other axes meanwhile, as a share of their range so far. */
+const MIN_MOTION_SHARE = 0.1;
+/** Duration without a turn, s, and the angle of a turn, degrees, after which the user is reminded. */
 const [STILL_S, STILL_DEG] = [2, 5];
 /**
- * A fit has converged, and its findings are shown, once its error is below so many targets, or so much of the sphere has been
- * seen, or so many seconds of readings are there: more of the same would not help.
+ * Findings of a fit are shown once its error in targets is small enough, or enough of the sphere is covered, or after
+ * enough seconds of readings.
  */
 const [CONVERGED, CONVERGED_FRACTION, CONVERGED_S] = [5, 0.7, 30];
-/** Runs of outliers are one interval where more than this share of its readings are such; so many are offered, at most. */
+/** Least share of outliers in an interval of runs, and the most intervals offered. */
 const [DENSE, OFFERED] = [0.5, 3];
-/** Alarms that no more turning ends. */
+/** Alarms that further turning cannot end. */
 export const AT_ONCE = ["saturated", "soft-iron-changed"];
-/** Alarms that may end where the intervals of most outliers are left out. */
+/** Alarms that may end if the intervals with most outliers are left out. */
 const DISTURBED = ["field-changed", "outliers"];
-/** Findings that are told as they come, and warn of nothing. */
-const INFORMATIVE = ["stale-repeats", "mirrored-axes"];
-/** What the earth's field, in microtesla, is multiplied by where readings in another unit are taken for microtesla. */
+/** Findings that are shown at once and are not warnings. */
+const INFORMATION = ["stale-repeats", "mirrored-axes"];
+/** Factors of readings in another unit that are treated as µT. */
 const OTHER_UNITS = { T: 1e-6, mT: 1e-3, G: 1e-2, mG: 10, nT: 1e3 };
 
 /**
@@ -53,7 +53,7 @@ function reason(code, advice, severity = "warning", spans = [], values = {}) {
 }
 
 /**
- * Why there is no fit; that there are too few readings yet is no fault.
+ * Reasons for a refusal; too few readings are not a fault.
  * @param {Refusal} refusal
  * @returns {Reason[]}
  */
@@ -63,7 +63,7 @@ export function ofRefusal({ code, words }) {
 }
 
 /**
- * What the findings of a fit say is wrong; of one that is only beginning, nothing yet.
+ * Reasons by the findings of a fit; none at the beginning.
  * @param {Fit} fit
  * @param {Finding[]} findings
  * @param {Readings} readings
@@ -83,7 +83,7 @@ export function ofFit(fit, findings, { time }) {
             const of = DISTURBED.includes(code) ? spans : [];
             return [ofFinding(finding, fit, of.length ? "info" : "warning", of)];
         }
-        return INFORMATIVE.includes(code) ? [ofFinding(finding, fit, "info")] : [];
+        return INFORMATION.includes(code) ? [ofFinding(finding, fit, "info")] : [];
     });
     const isFlat = findings.some(({ code }) => code === "one-plane");
     return isConverged && !isFlat ? [...reasons, ...ofUnit(fit)] : reasons;
@@ -102,7 +102,7 @@ function ofFinding(finding, { data }, severity, spans = []) {
 }
 
 /**
- * The longest intervals that outliers fill; none where these are few.
+ * The longest intervals of outliers; none if outliers are few.
  * @param {Fit} fit
  * @param {Finding[]} findings
  * @returns {[number, number][]}
@@ -115,7 +115,7 @@ function disturbedSpans({ left: { outliers } }, findings) {
 }
 
 /**
- * Runs joined where most readings from the first to the last are outliers.
+ * Runs merged if most readings from the first to the last are outliers.
  * @param {Outlier[]} outliers
  * @returns {Outlier[]}
  */
@@ -129,7 +129,7 @@ function joinRuns(outliers) {
 }
 
 /**
- * Whether the field is none of the earth's, and which other unit would explain it.
+ * Reason if the strength differs from the earth's field, with a unit that would explain it.
  * @param {Fit} fit
  * @returns {Reason[]}
  */
@@ -154,7 +154,7 @@ function ofUnit({ unit, surface: { radius }, data: { numbers } }) {
 }
 
 /**
- * Whether the newest readings still change, and turn.
+ * Reasons if the newest readings do not change, or do not turn.
  * @param {Readings} readings
  * @param {Fit | null} fit
  * @param {boolean} isFlat
@@ -202,7 +202,7 @@ function still(values) {
 }
 
 /**
- * Which axis has stopped in the newest readings while the others move, and since how many seconds.
+ * Axis that is constant in the newest readings while the others move, with the duration in seconds; null without one.
  * @param {Readings} readings
  * @returns {{axis: string, seconds: string} | null}
  */
@@ -214,8 +214,8 @@ function frozenAxis({ field, time }) {
         const seconds = time[count - 1] - time[count - run];
         if (run < FROZEN_ROWS || run >= count || seconds < FROZEN_S) continue;
         const others = [0, 1, 2].filter((other) => other !== axis);
-        const isMoving = others.every((other) => range(other, count - run) >= MOVING * range(other, 0));
-        if (isMoving && changesBefore(field, axis, count - run) >= LIVELY) {
+        const isMoving = others.every((other) => range(other, count - run) >= MIN_MOTION_SHARE * range(other, 0));
+        if (isMoving && changesBefore(field, axis, count - run) >= MIN_CHANGES_SHARE) {
             return { axis: "xyz"[axis], seconds: seconds.toFixed(1) };
         }
     }
@@ -239,7 +239,7 @@ function rangeOf(field, axis, from, to) {
 }
 
 /**
- * Share of the steps of an axis up to a reading that are changes.
+ * Share of changes in the steps of an axis up to a reading.
  * @param {Float64Array} field
  * @param {number} axis
  * @param {number} last
@@ -252,7 +252,7 @@ function changesBefore(field, axis, last) {
 }
 
 /**
- * How many readings, counted from the end, are the same in some axes.
+ * Number of readings at the end that are equal in some axes.
  * @param {Float64Array} field
  * @param {number[]} axes
  * @returns {number}
@@ -266,7 +266,7 @@ function equalAtTheEnd(field, axes) {
 }
 
 /**
- * How far directions are from their mean, at the most.
+ * Largest angle of directions from their mean, degrees.
  * @param {Float64Array} vectors
  * @returns {number}
  */

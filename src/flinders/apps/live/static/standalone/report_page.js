@@ -1,4 +1,4 @@
-/** A calibration as a page of its own, in the looks of `flinders report`: one file of HTML, without scripts. */
+/** Report of a calibration in the style of `flinders report`: one file of HTML, without scripts. */
 
 import { element } from "../dom.js";
 import { judged, tiltText } from "../finish.js";
@@ -9,18 +9,18 @@ import { degrees, measuredText, sentence, significant, things } from "../views/w
 /** @typedef {import("../../../../static/view.d.ts").View} View */
 
 /**
- * What a report is made of.
+ * Inputs of a report.
  * @typedef {object} Reported
  * @property {import("./running.js").Finished} finished
  * @property {import("../messages.d.ts").SessionState} state
- * @property {ArrayLike<number>} field Readings that were used.
+ * @property {ArrayLike<number>} field Used readings.
  * @property {string} version Of Flinders.
  */
 
 const NEEDLE = '<svg viewBox="0 0 32 32" aria-hidden="true"><circle class="case" cx="16" cy="16" r="14"/><path class="north" d="M16 5.5 20 16h-8z"/><path class="south" d="M16 26.5 12 16h8z"/></svg>';
 const CSP = "default-src 'none'; style-src 'unsafe-inline'; img-src data:; base-uri 'none'; form-action 'none'";
-/** Readings that are drawn, at most. */
-const DRAWN = 1500;
+/** Most readings in a drawing. */
+const MAX_DRAWN_READINGS = 1500;
 const SIDE = 240;
 const [WIDE, HIGH, EDGE] = [760, 220, 44];
 const PLANES = [[0, 1], [0, 2], [1, 2]];
@@ -35,7 +35,7 @@ const PATHS = /** @type {Record<string, string>} */ ({
 
 /**
  * @param {Reported} reported
- * @param {string} style Sheet of the report.
+ * @param {string} style Style sheet of the report.
  * @returns {string} The page.
  */
 export function reportPage({ finished, state, field, version }, style) {
@@ -72,7 +72,7 @@ function numbersOf({ heading_error_deg: error, uncorrected_heading_error_deg: ra
     const rows = [
         ["Worst heading off by", error && degrees(error.worst), `${before}the target is ${error?.target_deg}°`],
         ["All headings within", error && degrees(error.bound_95), "with 95 % confidence"],
-        ["Holds up to a tilt of", tilt !== null && tiltText(tilt), `level vehicle, dip ${significant(error?.dip_deg, 3)}°${error?.dip_assumed ? ", assumed" : ""}`],
+        ["Within target up to a tilt of", tilt !== null && tiltText(tilt), `level vehicle, dip ${significant(error?.dip_deg, 3)}°${error?.dip_assumed ? ", assumed" : ""}`],
         ["Strength of the field", view.field_strength !== null && `${measuredText(view.field_strength, view.noise).value} ${view.unit}`, view.field_strength_known ? "known" : "relative: none was given"],
     ];
     const pairs = rows.flatMap(([name, value, about]) => (value ? [pair(name || "", [element("strong", value), element("span", about || "")])] : []));
@@ -86,7 +86,7 @@ function numbersOf({ heading_error_deg: error, uncorrected_heading_error_deg: ra
 function sections(view, field) {
     const made = [];
     if (view.findings.length) {
-        made.push(section("What there is to know", element("ul", view.findings.map(finding), "findings")));
+        made.push(section("Findings", element("ul", view.findings.map(finding), "findings")));
     }
     made.push(section("Seen along the axes", ...projections(view, field)));
     if (view.offset) {
@@ -107,12 +107,12 @@ function finding({ severity, advice, code }) {
 }
 
 /**
- * The readings as recorded, with the offset that was found as a line from zero, and corrected with their circle.
+ * Raw readings with the offset as a line from zero, and corrected readings with their circle.
  * @param {View} view
  * @param {ArrayLike<number>} field
  */
 function projections({ shown, unit }, field) {
-    const step = Math.max(Math.ceil(field.length / 3 / DRAWN), 1);
+    const step = Math.max(Math.ceil(field.length / 3 / MAX_DRAWN_READINGS), 1);
     const raw = Array.from({ length: Math.ceil(field.length / 3 / step) }, (_, i) => [0, 1, 2].map((axis) => field[3 * i * step + axis]));
     const rows = [row("before", raw, shown?.offset ?? null, 0)];
     if (shown) {
@@ -150,7 +150,7 @@ function row(kind, points, offset, radius) {
     return element("div", figures, "trio");
 }
 
-/** @param {NonNullable<View["turn"]>} turn What a compass is off while a level vehicle turns, and 1 σ of it afterwards. */
+/** @param {NonNullable<View["turn"]>} turn Deviation of a level vehicle before correction, and 1 σ after it. */
 function deviation({ heading_deg: headings, before_deg: before, sigma_deg: sigma }) {
     const most = roundUp(Math.max(...before.map(Math.abs), ...sigma));
     const at = (/** @type {number} */ heading, /** @type {number} */ deg) => /** @type {const} */ ([EDGE + (heading / 360) * (WIDE - EDGE), (HIGH - 20) * (0.5 - deg / most / 2)]);
@@ -165,10 +165,10 @@ function deviation({ heading_deg: headings, before_deg: before, sigma_deg: sigma
     return element("figure", [drawn], "wide");
 }
 
-/** @param {View} view @param {Reported["state"]} state @param {string[]} from  The recording, and when it was made. */
+/** @param {View} view @param {Reported["state"]} state @param {string[]} from  The recording, and its time. */
 function origin({ method, samples, noise, unit }, state, [name, made]) {
     const rows = [["Recording", name], ["Method", `${method}, ${things(samples, "reading")} used`], ["Noise", `${significant(noise, 3)} ${unit} (1 σ)`], ["Target", `${state.target_deg}°`], ["Made", made]];
-    return section("Where it comes from", element("dl", rows.map(([term, value]) => pair(term, value)), "provenance"));
+    return section("Origin", element("dl", rows.map(([term, value]) => pair(term, value)), "provenance"));
 }
 
 /** @param {string} term @param {string | Node[]} value */

@@ -1,24 +1,24 @@
-/** Readings that a fit goes by, each rest as one or none: `flinders.estimators.rests`. */
+/** Readings of a fit with each rest as one or none, as `flinders.estimators.rests`. */
 
 /**
- * Rests as the engine finds them.
+ * Rests found by the engine.
  * @typedef {object} Rests
- * @property {[number, number][]} bounds First row of each, and the row behind its last.
- * @property {boolean} areLeftOut A fit leaves them out; else each is one reading of it, its mean.
+ * @property {[number, number][]} bounds First row of each, and the row after its last.
+ * @property {boolean} areLeftOut A fit leaves rests out; else it uses the mean of each.
  */
 
 /**
  * @typedef {object} Once
  * @property {Float64Array} field Three numbers a reading.
- * @property {number[]} first Row at which each reading begins among those that were read, and …
- * @property {number[]} last … at which it ends.
+ * @property {number[]} first First row of each reading, and …
+ * @property {number[]} last … its last row.
  */
 
 /** @type {Rests} */
 export const NO_RESTS = { bounds: [], areLeftOut: false };
 
 /**
- * Readings that a fit goes by.
+ * Readings used by a fit.
  * @param {Float64Array} field
  * @param {Rests} rests
  * @returns {Once}

@@ -1,6 +1,6 @@
 /**
- * Runs a session: takes readings, fits the newest in a worker, one fit at a time, and tells the page what has changed.
- * Subclasses provide the source of the readings, and what is done with a calibration.
+ * Runs a session: adds readings, fits them in a worker, one fit at a time, and sends changes to the page. Subclasses
+ * provide the source of the readings, and the use of a calibration.
  */
 
 import { notice, Session } from "./session.js";
@@ -15,23 +15,23 @@ import { tiles } from "./tiles.js";
 /** @typedef {import("./fitter.js").Fitter} Fitter */
 
 /**
- * What a page is told.
+ * Callbacks of a page.
  * @typedef {object} Listener
  * @property {(message: FromSession) => void} onMessage
- * @property {(series: import("./session.js").Series, stride: number) => void} onReadings  of which one of so many is shown
+ * @property {(series: import("./session.js").Series, stride: number) => void} onReadings  one of `stride` readings is shown
  * @property {(link: "open" | "lost" | "trying", seconds: number) => void} onLink
- *   Lost: `seconds` until the next attempt. Told each second while waiting.
+ *   Lost: `seconds` until the next attempt, called each second while waiting.
  */
 
 /**
- * The calibration of all readings that were here when it was made.
+ * A finished calibration of all readings at its time.
  * @typedef {{name: string, view: View | null, refusal: string}} Finished
  */
 
 /** @typedef {"calibration.json" | "report.html" | "session.csv"} FileName */
 
 /**
- * What an export looks like.
+ * Preview of an export.
  * @typedef {object} Preview
  * @property {string} text
  * @property {string} filename
@@ -40,17 +40,17 @@ import { tiles } from "./tiles.js";
  */
 
 /**
- * What the page needs of its session. What goes wrong is thrown as a `Refusal` with words to show.
+ * Interface of a session for the page. Failures are thrown as a `Refusal` with a message to show.
  * @typedef {object} Link
- * @property {(message: Command) => boolean} send  Whether it was heard.
+ * @property {(message: Command) => boolean} send  Returns whether it was sent.
  * @property {(name: string, content: Blob) => Promise<void>} open  Show a log in place of the sensor.
  * @property {(name: string, content: Blob) => Promise<void>} previous  Compare with the calibration of a file.
- * @property {() => Promise<Finished>} finish  Make the calibration of the readings so far; those that come later change nothing.
- * @property {boolean} isFinished  The calibration that was made last still is that of the session.
- * @property {(target: string) => Promise<Preview>} exported  The calibration that was finished, for a target.
- * @property {(name: FileName) => Promise<[Blob, string]>} file  A file to keep, and what it is called.
- * @property {() => Promise<string>} sendToBoard  Send the calibration that was finished; what the board has confirmed.
- * @property {() => void} retry  Try now, and do not wait.
+ * @property {() => Promise<Finished>} finish  Make the calibration of the readings so far.
+ * @property {boolean} isFinished  Whether the latest calibration is up to date with the session.
+ * @property {(target: string) => Promise<Preview>} exported  The finished calibration for a target.
+ * @property {(name: FileName) => Promise<[Blob, string]>} file  A file to save, and its name.
+ * @property {() => Promise<string>} sendToBoard  Send the finished calibration; returns the board's confirmation.
+ * @property {() => void} retry  Reconnect at once.
  */
 
 const TICK_MS = 50;
@@ -67,28 +67,28 @@ export class SessionLink {
         this.listener = listener;
         this.fitter = fitter;
         this.session = new Session(data);
-        /** @type {View | null} that was said */
+        /** @type {View | null} last sent view */
         this.view = null;
         this.begun = performance.now();
         this.statedAt = -1;
         this.statedRevision = -1;
         this.isUrgent = false;
-        /** Of the session when the calibration was made. */
+        /** Fingerprint of the session at the calibration. */
         this.fingerprint = "";
         window.setInterval(() => this.step(), TICK_MS);
     }
 
-    /** Seconds since the page was loaded. */
+    /** Seconds since the page was opened. */
     get now() {
         return (performance.now() - this.begun) / 1000;
     }
 
-    /** What the page is told first. @returns {Greeting} */
+    /** First message to the page. @returns {Greeting} */
     get greeting() {
         throw new Error("a session has no greeting");
     }
 
-    /** Say everything again. */
+    /** Send all state again. */
     renew() {
         this.view = this.session.view;
         this.listener.onLink("open", 0);
@@ -106,7 +106,7 @@ export class SessionLink {
         return true;
     }
 
-    /** Have what comes from now on wait, and note of what the calibration is made. */
+    /** Hold later readings back, and note the inputs of the calibration. */
     freeze() {
         this.send({ type: "finish" });
         this.fingerprint = this.session.fingerprint;
@@ -121,10 +121,10 @@ export class SessionLink {
         this.listener.onMessage(notice(words, severity));
     }
 
-    /** Put what waits into the session. */
+    /** Add queued readings to the session. */
     drain() {}
 
-    /** Take in what came, fit where that is due, and say what is new. */
+    /** Add queued readings, start a fit if due, and send changes. */
     step() {
         this.drain();
         this.session.ticked(this.now);
@@ -139,7 +139,7 @@ export class SessionLink {
         this.say();
     }
 
-    /** Say what is new: fit, state and points. */
+    /** Send changes of fit, state and points. */
     say() {
         const { session, listener, now } = this;
         const { view } = session;
@@ -159,7 +159,7 @@ export class SessionLink {
 }
 
 /**
- * The readings of a series that are in memory, as a table in the recorded unit.
+ * Readings of a series in memory, as a table in the recorded unit.
  * @param {import("./session.js").Series} series
  * @returns {Blob}
  */

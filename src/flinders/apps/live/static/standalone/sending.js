@@ -1,23 +1,23 @@
 /**
- * Sends a calibration to a board as MotionCal does, and reads its echo: two lines with what the board holds, ten numbers and
- * nine. Only when both hold what was sent is it confirmed. `flinders.links.motioncal` has the tolerance and its reasons.
+ * Sends a calibration to a board as MotionCal does, and reads its echo: two lines with ten and nine numbers. The
+ * calibration is confirmed if both equal the sent values. `flinders.links.motioncal` explains the tolerance.
  */
 
 import { Refusal } from "../dom.js";
 
 const TRIES = 3;
 const ANSWER_MS = 3000;
-/** From the second time on bytes are sent in pieces, for boards whose buffer is shorter than a packet. */
+/** From the second attempt on, the packet is sent in pieces, for boards with a small buffer. */
 const [PIECE, PAUSE_MS] = [16, 10];
 const [SLACK, SHARE, FEWEST_PLACES] = [1e-4, 3e-5, 2];
-const LONGEST = 4096;
+const MAX_TEXT = 4096;
 const NUMBERS = { Cal1: 10, Cal2: 9 };
-/** Places of the sixteen numbers of a packet in the two lines. */
+/** Indices of a packet's sixteen numbers in the two lines. */
 const IN_LINES = { Cal1: [0, 1, 2, 3, 4, 5, 6, 7, 8, 9], Cal2: [10, 13, 14, 13, 11, 15, 14, 15, 12] };
 
 /** @typedef {keyof typeof NUMBERS} Line */
 
-/** What a board says of what it holds. */
+/** Reads the echo of a board. */
 export class Echoes {
     /** @param {Uint8Array} packet */
     constructor(packet) {
@@ -26,14 +26,14 @@ export class Echoes {
         /** @type {Record<Line, number[]>} */
         this.expected = { Cal1: IN_LINES.Cal1.map((at) => sent[at]), Cal2: IN_LINES.Cal2.map((at) => sent[at]) };
         this.rest = "";
-        /** @type {Partial<Record<Line, string[]>>} the last of each kind, as printed */
+        /** @type {Partial<Record<Line, string[]>>} latest line of each kind */
         this.heard = {};
     }
 
     /** @param {string} text  as it comes from the board */
     take(text) {
         const lines = (this.rest + text).split(/[\r\n]+/);
-        this.rest = (lines.pop() ?? "").slice(-LONGEST);
+        this.rest = (lines.pop() ?? "").slice(-MAX_TEXT);
         for (const line of lines) {
             const [, name, cells] = /^\s*(Cal[12]):(.*)$/.exec(line) ?? [];
             const numbers = cells?.split(",").map((cell) => cell.trim()) ?? [];
@@ -42,17 +42,17 @@ export class Echoes {
         }
     }
 
-    /** Whether both lines hold what was sent. */
+    /** Whether both lines equal the sent values. */
     get isConfirmed() {
         return names().every((name) => this.heard[name] && this.#wrong(name) < 0);
     }
 
-    /** How many decimals the board prints of each number, at the least. */
+    /** Least number of decimals in the board's output. */
     get places() {
         return Math.min(...names().flatMap((name) => this.heard[name]?.map(placesOf) ?? []));
     }
 
-    /** What came in place of the echo. */
+    /** Sentence on the output that came instead of the echo. */
     get complaint() {
         for (const name of names()) {
             const at = this.#wrong(name);
@@ -62,7 +62,7 @@ export class Echoes {
         return `the board prints no ${missing.join(" and ")} line, by which a sketch confirms: whether it has taken the values is not known`;
     }
 
-    /** @param {Line} name @returns {number} The place of the first number that is another; -1: none, or nothing was heard. */
+    /** @param {Line} name @returns {number} Index of the first number that differs; -1 without a difference or an echo. */
     #wrong(name) {
         return (this.heard[name] ?? []).findIndex((printed, i) => {
             const wanted = this.expected[name][i];
@@ -76,8 +76,8 @@ export class Echoes {
  * Send a packet until the board confirms it.
  * @param {import("./sources.js").Board} board
  * @param {Uint8Array} packet
- * @returns {Promise<string>} What the board has confirmed.
- * @throws {Refusal} Where no echo comes, or one of other values.
+ * @returns {Promise<string>} The board's confirmation.
+ * @throws {Refusal} Without an echo, or for an echo of other values.
  */
 export async function send(board, packet) {
     const echoes = new Echoes(packet);

@@ -1,7 +1,7 @@
 /**
- * A session: readings, what a person does to them, and the fits of them. `edits` is what others have to know of it.
+ * A session: readings, the user's edits, and fits. `edits` is the part shared with servers and other pages.
  *
- * It knows no clock, source or worker: each event carries its time, so that a list of events is a test.
+ * A session uses no clock, source or worker: each event has its time, so that tests are lists of events.
  */
 
 import { Exclusions, mergeSpans, ReadingBuffer, Timeline } from "./buffer.js";
@@ -19,38 +19,38 @@ import { numeral, phrase } from "../language.js";
 /** @typedef {import("../wire.d.ts").Edits} Edits */
 /** @typedef {import("../../../../static/view.d.ts").View} View */
 
-/** Numbers that a session decides by. */
+/** Limits and periods of a session. */
 export const RULES = Object.freeze({
-    /** Readings in memory, shown, and of a fit, at most. */
+    /** Most readings in memory, shown, and in a fit. */
     capacity: 1 << 20,
     shown: 40_000,
     fitted: 20_000,
-    /** Of a core, that fits take, and seconds from one to the next, at the least. */
+    /** Largest share of a core for fits, and the least time between fits, s. */
     share: 0.03,
     fastest_s: 0.25,
     rate_s: 2,
-    /** Fits in a row that have to be within the target before that is said, or two of them so many seconds apart. */
+    /** Consecutive fits within the target needed to report it, or the distance of two such fits, s. */
     enough_fits: 3,
     sure_s: 1,
-    /** Share of the sphere beyond which findings that last so many seconds are an alarm, and seconds after which any are. */
+    /** Coverage and duration, s, after which findings become an alarm, and the duration for any coverage. */
     whole: 0.95,
     settled_s: 5,
     lasting_s: 75,
-    /** Seconds without a reading after which that is said; or so many usual steps of a slow sensor. */
+    /** Time without a reading, s, after which it is reported, or the same in steps of a slow sensor. */
     silent_s: 3,
     silent_steps: 5,
-    /** Seconds of worse fits after which something is said to have changed since a fit that is kept. */
+    /** Duration of worse fits, s, after which a change since the kept fit is reported. */
     changed_s: 2,
-    /** A calibration that is good to so much tilt needs no word about tilt. */
+    /** Largest tilt, degrees; a calibration within the target up to it needs no remark on tilt. */
     level_deg: 89,
     assumed_dip_deg: 60,
-    /** Of the field that the model has at a place: what gains are usually off by, and the dip of a place. */
+    /** Uncertainties of the field at a place: typical gain errors of sensors, and the dip of the model. */
     gain_sigma: 0.05,
     inclination_sigma_deg: 1,
 });
 
 /**
- * The unit that readings are in, the one they were recorded in, and what one of that is in the first.
+ * The unit of readings, the recorded unit, and the size of the latter in the former.
  * @typedef {{inside: string, recorded: string, scale: number}} Unit
  */
 
@@ -60,7 +60,7 @@ export const MICROTESLA = { inside: "uT", recorded: "uT", scale: 1 };
 export const COUNTS = { inside: "counts", recorded: "counts", scale: 1 };
 
 /**
- * A calibration from before, by the name of its file.
+ * An earlier calibration, with the name of its file.
  * @typedef {{name: string, calibration: import("./targets.js").Known}} Previous
  */
 
@@ -74,31 +74,31 @@ export const COUNTS = { inside: "counts", recorded: "counts", scale: 1 };
  * @property {Reason[]} reasons
  * @property {number} used
  * @property {number} rejected
- * @property {number} coverage  share of the sphere that has been seen
- * @property {string[]} alarms  codes of reasons that more turning may end
+ * @property {number} coverage  covered share of the sphere
+ * @property {string[]} alarms  codes of reasons that further turning may end
  * @property {object | null} record  the part `fit` of a calibration file
  * @property {import("../messages.d.ts").PreviousState | null} previous
  */
 
 /**
- * What is to be fitted.
+ * Inputs of a fit.
  * @typedef {object} Task
  * @property {number} key
  * @property {Float64Array} field
  * @property {Float64Array | null} time
- * @property {Float64Array | null} acceleration  beside each of them, where it was recorded
- * @property {"sensor" | "vehicle"} frame  whose axes advice is given in
- * @property {string} axes  that readings are in, as `--axes` takes them
- * @property {Uint32Array} numbers  which reading of the session each of them is
+ * @property {Float64Array | null} acceleration  of each reading, if recorded
+ * @property {"sensor" | "vehicle"} frame  of the advice
+ * @property {string} axes  of the readings, as for `--axes`
+ * @property {Uint32Array} numbers  of the readings in the session
  * @property {string} unit
  * @property {number} targetDeg
  * @property {number} dipDeg
  * @property {boolean} dipAssumed
  * @property {"heading" | "attitude"} goal
- * @property {boolean} isFollowed  somebody turns the sensor just now, and may be led
+ * @property {boolean} isFollowed  the user is turning the sensor and can be guided
  * @property {Previous | null} previous
- * @property {Site | null} site  what counts of the place
- * @property {boolean} isRenewed  its soft iron is kept, and its hard iron found anew
+ * @property {Site | null} site  known field of the place
+ * @property {boolean} isRenewed  keep the soft iron of `previous`, and estimate the hard iron again
  */
 
 /**
@@ -113,17 +113,17 @@ export const COUNTS = { inside: "counts", recorded: "counts", scale: 1 };
  */
 
 /**
- * A fit that is kept: of the readings up to a time, whatever comes later.
+ * A kept fit of the readings up to a time.
  * @typedef {{evaluated: Evaluated, view: View, seconds: number}} Kept
  */
 
 /** @type {Evaluated} */
 const NO_FIT = { key: -1, view: null, refusal: "", refusalCode: "", reasons: [], used: 0, rejected: 0, coverage: 0, alarms: [], record: null, previous: null };
-/** A time after all others, s. */
+/** Later than all times, s. */
 const END = 1e9;
-const LARGEST_DIP_DEG = 89;
+const MAX_DIP_DEG = 89;
 
-/** Readings that are fitted together: those of the sensor, or of a log. */
+/** Readings of the sensor, or of a log, with their edits and fits. */
 export class Series {
     /**
      * @param {number} capacity
@@ -134,37 +134,37 @@ export class Series {
         this.buffer = new ReadingBuffer(capacity);
         this.unit = unit;
         this.isTimed = isTimed;
-        /** Number of a log that a server holds. */
+        /** Number of a log on a server. */
         this.number = "";
-        /** @type {"sensor" | "vehicle"} whose axes readings are in */
+        /** @type {"sensor" | "vehicle"} frame of the readings */
         this.frame = "sensor";
-        /** The recorded axes that these are, as `--axes` takes them. */
+        /** Mapping of the recorded axes, as for `--axes`. */
         this.axes = "x,y,z";
-        /** @type {number | null} it was begun anew then: readings up to that time are left behind */
+        /** @type {number | null} time of a restart: readings up to it are discarded */
         this.begunS = null;
         this.exclusions = new Exclusions();
-        /** @type {Site | null} where it was recorded */
+        /** @type {Site | null} site of the recording */
         this.site = null;
-        /** @type {number | null} since when what arrives is left out */
+        /** @type {number | null} start of a pause, during which readings are left out */
         this.pausedAt = null;
-        /** @type {number | null} time of the last reading of a calibration that is finished: later ones wait */
+        /** @type {number | null} time of the last reading of the finished calibration; later ones are held back */
         this.finishedS = null;
         this.generation = 1;
-        /** Changes with all that a fit depends on; no fit with a key below `firstKey` is of these readings. */
+        /** Changes with the inputs of a fit; fits with a key below `firstKey` are of other readings. */
         this.key = 0;
         this.firstKey = 0;
         this.evaluated = NO_FIT;
-        /** @type {number | null} when the first of the fits in a row was made that have alarms; -Infinity for good */
+        /** @type {number | null} start of the first of consecutive fits with alarms; -Infinity for a permanent alarm */
         this.alarmedAt = null;
-        /** @type {number[]} when the fits in a row were done that are within the target, the first of them */
+        /** @type {number[]} times of the first consecutive fits within the target */
         this.within = [];
-        /** @type {Kept | null} the best fit that was within the target */
+        /** @type {Kept | null} the best fit within the target */
         this.kept = null;
-        /** @type {number | null} when the first of the fits in a row was done that are worse than the kept one */
+        /** @type {number | null} time of the first of consecutive fits worse than the kept one */
         this.lostAt = null;
     }
 
-    /** Excluded stretches, with the present pause. */
+    /** Excluded spans, with the present pause. */
     get excluded() {
         const { spans } = this.exclusions;
         const { seconds } = this.buffer;
@@ -172,12 +172,12 @@ export class Series {
         return mergeSpans([...spans, [this.pausedAt, seconds]]);
     }
 
-    /** All that a fit does without: what is excluded, and what came after Finish. */
+    /** Spans that a fit leaves out: excluded ones, and the time after Finish. */
     get leftOut() {
         return this.finishedS === null ? this.excluded : mergeSpans([...this.excluded, [nextAfter(this.finishedS), END]]);
     }
 
-    /** How many readings came after Finish. */
+    /** Number of readings after Finish. */
     get since() {
         return this.finishedS === null ? 0 : this.buffer.countWithin([[nextAfter(this.finishedS), END]]);
     }
@@ -186,7 +186,7 @@ export class Series {
 export class Session {
     /**
      * @param {{model?: import("./geomag.js").Model | null, unfit?: Record<string, string>}} data  the model of the earth's
-     *   field, and why a calibration cannot be renewed, by reason
+     *   field, and sentences on calibrations that cannot be renewed, by reason
      */
     constructor({ model = null, unfit = {} } = {}, rules = RULES) {
         this.model = model;
@@ -206,12 +206,12 @@ export class Session {
         this.goal = "heading";
         /** @type {Previous | null} */
         this.previous = null;
-        /** Its soft iron is kept, and its hard iron found anew. */
+        /** Whether to keep the soft iron of `previous`, and estimate the hard iron again. */
         this.refreshes = false;
         this.recording = "";
-        /** Why what arrives cannot be written down; nothing where it can. */
+        /** Reason why readings cannot be recorded; empty if they are. */
         this.unrecorded = "";
-        /** The source is a board that takes a calibration. */
+        /** Whether the source is a board that can receive a calibration. */
         this.hasBoard = false;
         this.revision = 0;
         this.keys = 0;
@@ -222,7 +222,7 @@ export class Session {
         this.dueAt = 0;
         this.at = 0;
         this.arrivedAt = 0;
-        /** @type {[number, number, number][]} of the last two seconds and the one before: when, time of the last, how many */
+        /** @type {[number, number, number][]} batches of the last two seconds and the one before: arrival, time of the last reading, count */
         this.arrivals = [];
     }
 
@@ -231,40 +231,40 @@ export class Session {
         return this.opened ?? this.live;
     }
 
-    /** The fit that is kept, where the newest is worse; none once the calibration is finished. */
+    /** The kept fit if the newest is worse; none once the calibration is finished. */
     get keptInstead() {
         const { lostAt, kept, finishedS } = this.shown;
         return lostAt === null || finishedS !== null ? null : kept;
     }
 
-    /** The newest fit, or the one that is kept in its place. */
+    /** The newest fit, or the kept fit in its place. */
     get held() {
         return this.keptInstead?.evaluated ?? this.shown.evaluated;
     }
 
-    /** What the page shows of it. */
+    /** View of this fit. */
     get view() {
         return this.held.view;
     }
 
-    /** Whether the newest fits have been worse than the kept one for long enough to say that something changed. */
+    /** Whether the newest fits have been worse than the kept one long enough to report a change. */
     get isChanged() {
         const { lostAt } = this.shown;
         return this.keptInstead !== null && lostAt !== null && (this.at - lostAt >= this.rules.changed_s || this.isOver);
     }
 
-    /** Whether the calibration from before is renewed. */
+    /** Whether the earlier calibration is renewed. */
     get isRenewed() {
         return this.refreshes && this.previous !== null;
     }
 
-    /** @returns {[number, boolean]} The dip that is judged at, and whether it is assumed. */
+    /** @returns {[number, boolean]} Dip of the judgement, and whether it is assumed. */
     get judgedDip() {
         const known = this.dipDeg ?? this.shown.site?.inclination_deg ?? null;
         return known === null ? [this.rules.assumed_dip_deg, true] : [known, false];
     }
 
-    /** Whether somebody turns the sensor just now, and may be led. */
+    /** Whether the user is turning the sensor and can be guided. */
     get isFollowed() {
         const { pausedAt, finishedS } = this.live;
         return this.opened === null && pausedAt === null && finishedS === null && this.source.link === "connected";
@@ -276,7 +276,7 @@ export class Session {
     }
 
     /**
-     * Add readings to those of the sensor; also while a log is shown.
+     * Add readings of the sensor, also while a log is shown.
      * @param {number} at
      * @param {Rows} rows
      * @param {Unit} unit
@@ -294,7 +294,7 @@ export class Session {
     }
 
     /**
-     * Take readings that a server passes on, by its own timeline; those that came before this page are `isOld`.
+     * Add readings from a server, on its timeline; `isOld` marks those from before this page.
      * @param {number} at
      * @param {import("./buffer.js").Passed} passed
      * @param {Unit} unit
@@ -310,7 +310,7 @@ export class Session {
         this.#came(at, isOld ? 0 : live.buffer.total - total, seconds);
     }
 
-    /** Forget the readings of the sensor, which come once more; what was done to them stands. */
+    /** Drop the readings of the sensor, which will arrive again; the edits stay. */
     restart() {
         const { live } = this;
         live.buffer = new ReadingBuffer(live.buffer.most);
@@ -320,7 +320,7 @@ export class Session {
     }
 
     /**
-     * Note that so many readings came; 0 of those that came long ago.
+     * Note the arrival of readings; a length of 0 for old ones.
      * @param {number} at
      * @param {number} length
      * @param {number} before  time of the last reading before them
@@ -337,7 +337,7 @@ export class Session {
     }
 
     /**
-     * Note that the link has changed, and say so.
+     * Note a change of the link, and return notices.
      * @param {number} at
      * @param {SourceState["link"]} link
      * @param {string} words
@@ -366,7 +366,7 @@ export class Session {
     }
 
     /**
-     * Take a calibration to compare with.
+     * Set the calibration to compare with.
      * @param {number} at
      * @param {Previous} previous
      */
@@ -377,17 +377,17 @@ export class Session {
         this.#refit();
     }
 
-    /** What was done to the readings of the sensor, for whoever keeps it. @returns {Edits} */
+    /** Edits of the sensor's readings, for storage. @returns {Edits} */
     get edits() {
         return this.#editsOf(this.live);
     }
 
-    /** What the calibration in the end is made by: what was done to the readings that are shown. @returns {Edits} */
+    /** Edits of the shown readings, for the final calibration. @returns {Edits} */
     get finishing() {
         return this.#editsOf(this.shown);
     }
 
-    /** What tells one calibration from another: the same as long as nothing that it is made of has changed. */
+    /** Fingerprint of a calibration's inputs, unchanged as long as these are. */
     get fingerprint() {
         const renewed = this.isRenewed && this.previous?.calibration.offset;
         return JSON.stringify([this.opened?.generation ?? null, this.finishing, renewed]);
@@ -410,7 +410,7 @@ export class Session {
     }
 
     /**
-     * Take over what was done on another page, or before.
+     * Adopt the edits of another page, or stored ones.
      * @param {number} at
      * @param {Edits} edits
      */
@@ -433,7 +433,7 @@ export class Session {
     }
 
     /**
-     * Carry out a command; one that changes nothing is no step.
+     * Carry out a command; one without effect is not a step.
      * @param {number} at
      * @param {Command} command
      * @returns {Notice[]}
@@ -458,7 +458,7 @@ export class Session {
             case "exclude":
                 return this.#exclude(command.start_s, command.end_s);
             case "restore":
-                return this.#edit((exclusions) => exclusions.restore([command.start_s, command.end_s]));
+                return this.#edit((exclusions) => exclusions.restoring([command.start_s, command.end_s]));
             case "undo":
                 return this.#edit((exclusions) => exclusions.undo());
             case "redo":
@@ -487,14 +487,14 @@ export class Session {
         this.revision += 1;
     }
 
-    /** Fit the shown series anew, and accept no fit that was begun before. */
+    /** Fit the shown series again, and reject fits that began before. */
     #alone() {
         this.#refit();
         this.shown.firstKey = this.keys;
     }
 
     /**
-     * Change what the calibration is compared with.
+     * Change a setting of the calibration.
      * @template {"targetDeg" | "dipDeg" | "goal" | "previous" | "refreshes"} Name
      * @param {Name} name
      * @param {this[Name]} value
@@ -510,7 +510,7 @@ export class Session {
     }
 
     /**
-     * Take dip and strength of a place.
+     * Set dip and strength of a place.
      * @param {Extract<Command, {type: "place"}>} place
      * @returns {Notice[]}
      */
@@ -521,8 +521,8 @@ export class Session {
         if (wrong) return [notice(wrong, "warning")];
         const { strength, inclinationDeg } = siteField(model, latitude, longitude, year);
         const dipDeg = Number(fixedText(inclinationDeg, 1));
-        if (Math.abs(dipDeg) > LARGEST_DIP_DEG) {
-            return [notice(phrase("session.steep", "the dip there is {dip}°: no compass works where it is beyond {limit}°", { dip: numeral(general(dipDeg)), limit: LARGEST_DIP_DEG }), "warning")];
+        if (Math.abs(dipDeg) > MAX_DIP_DEG) {
+            return [notice(phrase("session.steep", "the dip there is {dip}°: no compass works where it is beyond {limit}°", { dip: numeral(general(dipDeg)), limit: MAX_DIP_DEG }), "warning")];
         }
         this.shown.site = { strength, gain_sigma, inclination_deg: inclinationDeg, inclination_sigma_deg };
         this.shown.within = [];
@@ -534,7 +534,7 @@ export class Session {
     }
 
     /**
-     * What counts of the place: its strength for readings in a true unit, and its dip unless another is given.
+     * Known field of the place: its strength for readings in µT, and its dip unless the user gave one.
      * @returns {Site | null}
      */
     get #site() {
@@ -547,7 +547,7 @@ export class Session {
     }
 
     /**
-     * Renew the calibration from before, or make one afresh.
+     * Renew the earlier calibration, or calibrate without it.
      * @param {boolean} isWanted
      * @returns {Notice[]}
      */
@@ -562,7 +562,7 @@ export class Session {
      */
     #edit(edit) {
         const exclusions = edit(this.shown.exclusions);
-        if (exclusions === this.shown.exclusions) return exclusions.isFull ? [notice(phrase("session.full", "no more stretches can be told apart: leave out one longer stretch over several, or put some back"), "warning")] : [];
+        if (exclusions === this.shown.exclusions) return exclusions.isFull ? [notice(phrase("session.full", "too many stretches are left out: leave out one longer stretch over several, or put some back"), "warning")] : [];
         this.shown.exclusions = exclusions;
         this.#useAll();
         this.#refit();
@@ -570,7 +570,7 @@ export class Session {
     }
 
     /**
-     * Exclude a stretch, as far as readings have come: later ones are never excluded.
+     * Exclude a span up to the newest reading; later readings are never excluded.
      * @param {number} start
      * @param {number} end
      */
@@ -579,16 +579,16 @@ export class Session {
         if (buffer.total === 0) return [];
         /** @type {Span} */
         const span = [Math.max(start, Math.min(buffer.time[0], 0)), Math.min(end, buffer.seconds)];
-        return span[0] > span[1] ? [] : this.#edit((exclusions) => exclusions.exclude(span));
+        return span[0] > span[1] ? [] : this.#edit((exclusions) => exclusions.excluding(span));
     }
 
     /**
-     * Exclude new readings from now on, or no longer: a pause is an exclusion that can be undone.
+     * Begin or end a pause, an exclusion of new readings that can be undone.
      * @param {boolean} paused
      */
     #pause(paused) {
         const { live } = this;
-        if (this.opened !== null) return [notice(phrase("session.log", "a log is shown, and nothing arrives in it: go back to the sensor first"), "warning")];
+        if (this.opened !== null) return [notice(phrase("session.log", "a log is shown, which receives no readings: go back to the sensor first"), "warning")];
         if (live.finishedS !== null) return [notice(phrase("session.finished", "the calibration is finished: press Collect more first"), "warning")];
         if (paused === (live.pausedAt !== null)) return [];
         const { total, seconds } = live.buffer;
@@ -597,14 +597,14 @@ export class Session {
             this.revision += 1;
             return [];
         }
-        if (live.pausedAt !== null && seconds > live.pausedAt) live.exclusions = live.exclusions.exclude([live.pausedAt, seconds]);
+        if (live.pausedAt !== null && seconds > live.pausedAt) live.exclusions = live.exclusions.excluding([live.pausedAt, seconds]);
         live.pausedAt = null;
         this.#refit();
         return [];
     }
 
     /**
-     * Finish the calibration: it is of the readings so far, or of those up to the fit that is kept, whatever comes later.
+     * Finish the calibration with the readings so far, or with those up to the kept fit.
      */
     #finish() {
         const { live, held, keptInstead } = this;
@@ -615,7 +615,7 @@ export class Session {
         return [];
     }
 
-    /** Take in what came since Finish, and go on. */
+    /** Include the readings since Finish, and continue. */
     #collect() {
         const { live } = this;
         if (live.finishedS === null) return [];
@@ -625,20 +625,20 @@ export class Session {
         return [];
     }
 
-    /** What a kept fit depends on: a pause, Finish, and what is left out after it, are not of it. @param {Edits} edits */
+    /** Inputs of a kept fit: edits without pause, Finish, and later exclusions. @param {Edits} edits */
     #ofKept({ excluded, paused_s: _, finished_s: __, ...others }) {
         const until = this.live.kept?.seconds ?? -Infinity;
         return JSON.stringify([others, excluded.filter(([start]) => start <= until).map(([start, end]) => [start, Math.min(end, until)])]);
     }
 
-    /** Keep no earlier fit: the newest counts. */
+    /** Drop the kept fit, so that the newest one counts. */
     #useAll() {
         if (this.shown.kept) this.revision += 1;
         Object.assign(this.shown, { kept: null, lostAt: null });
         return [];
     }
 
-    /** Begin anew without readings. */
+    /** Restart without readings. */
     #clear() {
         if (this.opened !== null) return [notice(phrase("session.log-again", "a log is shown, which cannot be started again: go back to the sensor first"), "warning")];
         const { buffer, begunS } = this.live;
@@ -646,7 +646,7 @@ export class Session {
         return [notice(phrase("session.started", "started again"), "info")];
     }
 
-    /** @param {number | null} begunS  time of the last reading that is left behind */
+    /** @param {number | null} begunS  time of the last discarded reading */
     #begin(begunS) {
         const { unit, buffer, frame, axes, site } = this.live;
         this.live = new Series(buffer.most, unit);
@@ -666,7 +666,7 @@ export class Session {
     }
 
     /**
-     * Whether something changed since the last fit, none is running, and one is due, or the source has ended.
+     * Whether to start a fit: inputs changed, none is running, and one is due or the source has ended.
      * @param {number} at
      * @returns {boolean}
      */
@@ -677,7 +677,7 @@ export class Session {
     }
 
     /**
-     * Readings that are not left out, at most so many, spread evenly; a fit of them runs from now on.
+     * Start a fit: return the task with the readings that are not left out, thinned evenly to a limit.
      * @returns {Task}
      */
     beginFit() {
@@ -719,10 +719,10 @@ export class Session {
     }
 
     /**
-     * Take a fit over, unless it is of another series than the shown one.
+     * Store a finished fit, unless it is of another series than the shown one.
      * @param {number} at
      * @param {Evaluated} evaluated
-     * @param {number} seconds  that it took
+     * @param {number} seconds  duration of the fit
      */
     fitDone(at, evaluated, seconds) {
         const { rules, shown } = this;
@@ -740,8 +740,8 @@ export class Session {
     }
 
     /**
-     * Keep a fit within the target that several in a row confirm, or that is finished, and that is no worse than the kept
-     * one; note since when fits are worse.
+     * Keep a fit within the target that consecutive fits confirm, or that is finished, unless the kept one is better; note the
+     * time since which fits are worse.
      * @param {number} at
      * @param {Evaluated} evaluated
      */
@@ -759,7 +759,7 @@ export class Session {
         if (view && isConfirmed) shown.kept = { evaluated, view, seconds: this.fitTo };
     }
 
-    /** Whether several fits in a row were within the target. */
+    /** Whether several consecutive fits were within the target. */
     get isRepeated() {
         const { within } = this.shown;
         const { enough_fits, sure_s } = this.rules;
@@ -767,7 +767,7 @@ export class Session {
     }
 
     /**
-     * When the first of the fits in a row was made that have alarms; what has become one remains it.
+     * Start of the first of consecutive fits with alarms; a permanent alarm stays.
      * @param {number} begun
      * @param {Evaluated} evaluated
      */
@@ -776,14 +776,14 @@ export class Session {
         return this.#isAlarmed(begun) ? -Infinity : (this.shown.alarmedAt ?? begun);
     }
 
-    /** @param {number} at @returns {boolean} Whether alarms have lasted long enough, so that more turning would not end them. */
+    /** @param {number} at @returns {boolean} Whether alarms have lasted long enough to be permanent. */
     #isAlarmed(at) {
         const { alarmedAt, evaluated } = this.shown;
         const { whole, settled_s, lasting_s } = this.rules;
         return alarmedAt !== null && at - alarmedAt >= (evaluated.coverage >= whole ? settled_s : lasting_s);
     }
 
-    /** Whether the newest fit is of all readings, and no more count: of a log, after Finish, in a pause, of a silent sensor. */
+    /** Whether the newest fit is final: of a log, after Finish, in a pause, or of a silent sensor. */
     get isOver() {
         const { shown, source } = this;
         const hasEnded = shown.finishedS !== null || shown.pausedAt !== null || ["ended", "gone"].includes(source.link);
@@ -791,18 +791,18 @@ export class Session {
         return shown.evaluated.key === shown.key && (this.opened !== null || isSilent);
     }
 
-    /** @param {string} code @returns {boolean} Whether more turning would not end what a reason says. */
+    /** @param {string} code @returns {boolean} Whether further turning cannot end a reason. */
     isSettled(code) {
         return !this.shown.evaluated.alarms.includes(code) || this.isOver || this.#isAlarmed(this.at);
     }
 
-    /** @param {View} view @returns {number | null} The error that is compared with the target. */
+    /** @param {View} view @returns {number | null} The error to compare with the target. */
     worstDeg({ heading_error_deg: error, guidance }) {
         if (error === null || guidance === null) return null;
         return this.goal === "heading" ? error.worst : Math.max(error.worst, guidance.worst_deg);
     }
 
-    /** @param {Evaluated} evaluated @returns {boolean} Whether the target is reached, and nothing speaks against it. */
+    /** @param {Evaluated} evaluated @returns {boolean} Whether the target is reached without reasons against it. */
     #isWithin({ view, reasons }) {
         const worst = view && this.worstDeg(view);
         const isClean = reasons.every(({ severity }) => severity !== "warning");
@@ -820,33 +820,35 @@ export function notice(words, severity) {
 }
 
 /**
- * Why there is no such place; nothing where there is.
+ * Reason to refuse a place; empty if valid.
  * @param {number} latitude
  * @param {number} longitude
  * @returns {string}
  */
 function placeRefusal(latitude, longitude) {
     const isSwapped = Math.abs(latitude) <= 180 && Math.abs(longitude) <= 90;
-    const swapped = isSwapped ? "; the latitude comes first" : "";
-    if (!(Math.abs(latitude) <= 90)) return `latitude is ${general(latitude)}°: need −90° to 90°${swapped}`;
+    const swapped = isSwapped ? phrase("place.swapped", "; the latitude comes first") : "";
+    if (!(Math.abs(latitude) <= 90)) {
+        return phrase("place.no-latitude", "latitude is {latitude}°: need −90° to 90°{swapped}", { latitude: numeral(general(latitude)), swapped });
+    }
     if (longitude >= -180 && longitude <= 360) return "";
-    return `longitude is ${general(longitude)}°: need −180° to 180°, east positive`;
+    return phrase("place.no-longitude", "longitude is {longitude}°: need −180° to 180°, east positive", { longitude: numeral(general(longitude)) });
 }
 
 /**
- * Why a year is not that of the model; nothing where it is.
+ * Reason to refuse a year; empty if within the model.
  * @param {import("./geomag.js").Model} model
  * @param {number} year
  * @returns {string}
  */
 function yearRefusal({ name, epoch, years }, year) {
     if (year >= epoch && year <= epoch + years) return "";
-    const begin = `${general(year)} lies outside ${name}, from ${general(epoch)} to ${general(epoch + years)}`;
-    return `${begin}: look up the inclination at your place, and type it as dip`;
+    const values = { year: general(year), model: name, from: general(epoch), to: general(epoch + years) };
+    return phrase("place.other-year", "{year} lies outside {model}, from {from} to {to}: look up the inclination at your place, and type it as dip", values);
 }
 
 /**
- * Why a calibration cannot be renewed; nothing where it can.
+ * Reason why a calibration cannot be renewed; empty if it can.
  * @param {Previous | null} previous
  * @param {Record<string, string>} words By reason.
  * @returns {string}
@@ -867,7 +869,7 @@ function renewalRefusal(previous, words) {
 }
 
 /**
- * The next number above one that is not negative.
+ * Next larger number after a non-negative one.
  * @param {number} value
  * @returns {number}
  */
@@ -901,13 +903,13 @@ function rowsOf(numbers, rows) {
     return Float64Array.from({ length: 3 * rows.length }, (_, i) => numbers[3 * rows[Math.floor(i / 3)] + (i % 3)]);
 }
 
-/** @param {Unit} unit @returns {string} As the page shows it. */
+/** @param {Unit} unit @returns {string} Label of the unit on the page. */
 export function labelOf({ inside }) {
     return inside === "uT" ? "µT" : inside;
 }
 
 /**
- * What is known of a site, without what is not, by name: the same for the same site.
+ * Known fields of a site, in a fixed order, so that equal sites give equal texts.
  * @param {Site} site
  * @returns {import("../wire.d.ts").Site}
  */
@@ -916,13 +918,13 @@ export function knownSite(site) {
 }
 
 /**
- * Why a command cannot be meant.
+ * Reason to refuse a command; empty if valid.
  * @param {Command} command
  * @returns {string}
  */
 function refusalOf(command) {
     if (command.type === "target" && !(command.deg > 0 && command.deg <= 180)) return phrase("session.target", "the target is an angle above 0°, up to 180°");
-    if (command.type === "dip" && !(Math.abs(command.deg) <= LARGEST_DIP_DEG)) return phrase("session.dip", "the dip is an angle from −{limit}° to {limit}°", { limit: LARGEST_DIP_DEG });
+    if (command.type === "dip" && !(Math.abs(command.deg) <= MAX_DIP_DEG)) return phrase("session.dip", "the dip is an angle from −{limit}° to {limit}°", { limit: MAX_DIP_DEG });
     const hasSpan = command.type === "exclude" || command.type === "restore";
     return hasSpan && !(command.start_s < command.end_s) ? phrase("session.stretch", "a stretch that is left out needs a start before its end") : "";
 }

@@ -1,24 +1,24 @@
-/** Words that a bus gives in the place of a reading whose sensor does not answer: `flinders.core.silence`. */
+/** Values that a bus returns if a sensor does not answer: `flinders.core.silence`. */
 
 import { countWords } from "./wording.js";
 
-/** Counts readings at which a sensor did not answer. */
+/** Counts readings without an answer of the sensor. */
 export class Silence {
     /** @param {import("./patterns.js").Constants} rules */
     constructor(rules) {
         this.rules = rules;
-        /** @type {Map<number, number>} How often each word was there. */
+        /** @type {Map<number, number>} Count of each value. */
         this.words = new Map();
     }
 
-    /** How many there were. */
+    /** Number of such readings. */
     get count() {
         return [...this.words.values()].reduce((sum, count) => sum + count, 0);
     }
 
     /**
-     * Whether a reading is one such word in all three axes; it is counted.
-     * @param {number[]} reading As it was recorded.
+     * Whether a reading has one such value in all three axes; counts it.
+     * @param {number[]} reading In the recorded unit.
      */
     has([x, y, z]) {
         const { ENDS, WORD, BYTE_TWICE } = this.rules;
@@ -30,7 +30,7 @@ export class Silence {
         return true;
     }
 
-    /** For people. */
+    /** Sentence for the user. */
     toString() {
         const each = [...this.words].sort(([one], [other]) => one - other);
         return each.map(([word, count]) => `${countWords(count, "reading")} ${count === 1 ? "is" : "are"} ${word}, ${word}, ${word}: the sensor did not answer`).join("; ");

@@ -1,4 +1,4 @@
-/** Where readings come from on a page without a program: a board on a port, the sensor of a phone, a simulation. */
+/** Sources of readings on a page without a server: a board on a port, the sensor of a phone, a simulation. */
 
 import { Refusal } from "../dom.js";
 import { accelerationOf, LineReader } from "./lines.js";
@@ -9,7 +9,7 @@ import { phrase } from "../language.js";
 /** @typedef {import("../messages.d.ts").SourceState} SourceState */
 
 /**
- * What a source tells.
+ * Callbacks of a source.
  * @typedef {object} Feed
  * @property {(rows: import("./buffer.js").Rows, unit: import("./session.js").Unit) => void} take
  * @property {(link: SourceState["link"], words: string) => void} link
@@ -22,25 +22,25 @@ import { phrase } from "../language.js";
  * @typedef {object} Source
  * @property {string} name
  * @property {SourceState["kind"]} kind
- * @property {(feed: Feed) => Promise<void>} start  throws a `Refusal` where it cannot be had
+ * @property {(feed: Feed) => Promise<void>} start  throws a `Refusal` if unavailable
  * @property {() => Promise<void>} stop
  */
 
 /**
- * What Web Serial has of a port; the types of TypeScript lack it.
+ * A port of Web Serial, which TypeScript's types lack.
  * @typedef {object} Port
  * @property {(options: {baudRate: number, bufferSize?: number}) => Promise<void>} open
  * @property {() => Promise<void>} close
  * @property {ReadableStream<Uint8Array> | null} readable
  * @property {WritableStream<Uint8Array> | null} [writable]
- * @property {() => object} [getInfo]  whose device it is
+ * @property {() => object} [getInfo]  vendor and product
  */
 
 /** @typedef {EventTarget & {requestPort: () => Promise<Port>}} Serial */
 
-/** From one look at a silent port to the next: lines may wait to be recognised, or advice be due. */
+/** Period of checks of a silent port, for queued lines and advice. */
 const WATCH_MS = 1000;
-/** Looks without a reading after which somebody is told what to check. */
+/** Checks without a reading after which advice is given. */
 const SILENT_LOOKS = 3;
 const PORT_BYTES = 1 << 16;
 
@@ -49,7 +49,7 @@ export function serial() {
     return /** @type {{serial?: Serial}} */ (navigator).serial ?? null;
 }
 
-/** A board on a port that somebody chooses. When it is plugged in again, it goes on. */
+/** A board on a port chosen by the user. Continues when the board is plugged in again. */
 export class Board {
     /**
      * @param {Serial} ports
@@ -72,7 +72,7 @@ export class Board {
         this.isStopped = false;
         /** @type {ReadableStreamDefaultReader<Uint8Array> | null} */
         this.reader = null;
-        /** @type {import("./sending.js").Echoes | null} who waits for what the board holds */
+        /** @type {import("./sending.js").Echoes | null} receiver of the board's echo */
         this.echoes = null;
         this.plugged = (/** @type {Event} */ event) => this.again(/** @type {any} */ (event.target));
     }
@@ -99,7 +99,7 @@ export class Board {
         await this.port.close().catch(() => {});
     }
 
-    /** Read until the port is gone; an error of the line, as a wrong baud rate makes, ends only one stream of it. */
+    /** Read until the port is disconnected; a line error, such as from a wrong baud rate, ends only the present stream. */
     async read() {
         const decoder = new TextDecoder();
         while (this.port.readable && !this.isStopped) {
@@ -124,7 +124,7 @@ export class Board {
 
     /**
      * @param {Uint8Array} bytes
-     * @throws {Refusal} Where they cannot be sent.
+     * @throws {Refusal} If sending fails.
      */
     async write(bytes) {
         const writer = this.port.writable?.getWriter();
@@ -156,7 +156,7 @@ export class Board {
     }
 
     /**
-     * Let somebody say which columns are the magnetometer's.
+     * Let the user choose the magnetometer's columns.
      * @param {LineReader} lines
      */
     async ask(lines) {
@@ -164,7 +164,7 @@ export class Board {
         lines.choice = lines.unclear && ((await this.feed?.choose(lines.unclear)) ?? null);
     }
 
-    /** Read what waits, and say what to check where no reading comes. */
+    /** Read queued lines, and give advice if no reading arrives. */
     watch() {
         if (!this.port.readable) return;
         this.silent += 1;
@@ -173,7 +173,7 @@ export class Board {
     }
 
     /**
-     * Go on with the port that was plugged in again.
+     * Continue with a port that was plugged in again.
      * @param {Port} port
      */
     async again(port) {
@@ -187,7 +187,7 @@ export class Board {
         try {
             await port.open({ baudRate: this.baudRate, bufferSize: PORT_BYTES });
         } catch {
-            return; // not ready yet, or taken by another program: it can be chosen anew
+            return; // not ready yet, or used by another program: the user can choose it again
         }
         this.feed?.link("connected", phrase("source.back", "the board is back"));
         this.read();
@@ -203,9 +203,9 @@ function noSensor() {
     );
 }
 
-/** The magnetometer of a phone, where the browser lets pages have it. */
+/** The magnetometer of a phone, if the browser gives access. */
 export class Phone {
-    /** @throws {Refusal} Where the browser has none for pages. */
+    /** @throws {Refusal} If the browser gives no access. */
     constructor() {
         if (!("Magnetometer" in window)) throw new Refusal(noSensor());
         this.name = "the sensor of this phone";
@@ -237,9 +237,9 @@ export class Phone {
 /** @param {unknown} error */
 function refusedSensor(error) {
     const name = error instanceof Error ? error.name : "";
-    if (name === "NotAllowedError") return "the browser was not allowed to use the motion sensors: allow them in its settings for this site";
-    if (name === "SecurityError") return "the browser gives its sensors to pages over https only, and not to frames of other pages";
-    return `this device has no magnetometer that a page can read (${words(error)})`;
+    if (name === "NotAllowedError") return phrase("source.not-allowed", "the browser was not allowed to use the motion sensors: allow them in its settings for this site");
+    if (name === "SecurityError") return phrase("source.https", "the browser gives its sensors to pages over https only, and not to frames of other pages");
+    return phrase("source.no-magnetometer", "this device has no magnetometer that a page can read ({error})", { error: words(error) });
 }
 
 /**
@@ -251,11 +251,11 @@ function refusedSensor(error) {
  * @property {[number, string][]} said
  */
 
-/** A simulated sensor in a hand: its path is played forwards and backwards, each time with other noise. */
+/** A simulated sensor in a hand: its path is played forwards and backwards, each time with new noise. */
 export class Simulated {
     /**
      * @param {Simulation} simulation
-     * @param {number} speed  so many times as fast as by the clock
+     * @param {number} speed  relative to the clock
      */
     constructor(simulation, speed = 1) {
         this.name = "simulation";
@@ -296,19 +296,19 @@ export class Simulated {
     }
 }
 
-/** @param {number[]} steps @returns {number[]} Sums of the first one, two … of them. */
+/** @param {number[]} steps @returns {number[]} Cumulative sums. */
 function runningSums(steps) {
     let sum = 0;
     return steps.map((step) => (sum += step));
 }
 
-/** A number of the normal distribution: Box and Muller. */
+/** A normal random number by the method of Box and Muller. */
 function normal() {
     return Math.sqrt(-2 * Math.log(1 - Math.random())) * Math.cos(2 * Math.PI * Math.random());
 }
 
 /**
- * The unit of what was read of lines.
+ * Unit of readings from lines.
  * @param {{unit: string, raw: {unit: string, scale: number}}} read
  * @returns {import("./session.js").Unit}
  */

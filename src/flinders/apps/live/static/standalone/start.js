@@ -1,4 +1,4 @@
-/** The first view of the page that needs no program: the choice of a source, in place of the board. */
+/** First view of the page without a server: the choice of a source. */
 
 import { adopt, byId } from "../dom.js";
 import { translateFixed } from "../language.js";
@@ -34,10 +34,11 @@ const PANEL = `
           <p class="row"><button type="button" id="use-simulation" data-phrase="start.simulation.button">Simulate a sensor</button></p>
         </section>
       </div>
+      <section class="panel" id="start-plan" aria-label="Plan"></section>
     </section>`;
 
 const BUTTON = `
-    <button type="button" id="connect" title="Where readings come from" data-phrase-title="start.source.title"><svg class="icon" aria-hidden="true"><use href="#i-send"/></svg><span data-phrase="start.source">Source</span></button>`;
+    <button type="button" id="connect" title="Source of the readings" data-phrase-title="start.source.title"><svg class="icon" aria-hidden="true"><use href="#i-send"/></svg><span data-phrase="start.source">Source</span></button>`;
 
 const CSS = `
 [data-start] :is(.board > :not(.start), .source, #open, #pause, #clear, #finish) { display: none; }
@@ -59,7 +60,7 @@ const CSS = `
 .start .answer { margin: 0; font-size: 1rem; font-weight: 550; }
 .start .answer:empty { display: none; }`;
 
-/** Put the choice onto the page, which is then one that runs alone. */
+/** Add the choice to the page, and mark the page as one without a server. */
 export function layChoice() {
     document.documentElement.toggleAttribute("data-alone", true);
     adopt(CSS);

@@ -1,4 +1,4 @@
-/** What the page shows of a session: its state in words and numbers. */
+/** State of a session in words and numbers, for the page. */
 
 import { capital, clock, sourceTitle } from "../views/words.js";
 import { strideFor } from "./buffer.js";
@@ -58,7 +58,7 @@ export function sessionState(session) {
 }
 
 /**
- * The dip, of a place to a tenth of a degree.
+ * Dip to show; that of a place is rounded to 0.1°.
  * @param {number | null} typed
  * @param {number} dipDeg
  * @returns {number}
@@ -82,7 +82,7 @@ function rateHz({ arrivals, at, rules }) {
 }
 
 /**
- * Phase of the session, a sentence about it, the code of the reason that it says, and the reasons against it.
+ * Phase of the session, a sentence about it, the code of the reason in that sentence, and all reasons against it.
  * @param {Session} session
  * @returns {[State["phase"], string, string | null, Reason[]]}
  */
@@ -99,7 +99,7 @@ function phaseOf(session) {
 }
 
 /**
- * The same where the newest fit is worse than one that is kept: the latter holds, and what speaks against the former is told.
+ * Phase while a kept fit replaces the worse newest fit, whose reasons are shown as information.
  * @param {Session} session
  * @param {import("./session.js").Kept} kept
  * @returns {[State["phase"], string, string | null, Reason[]]}
@@ -128,7 +128,7 @@ function expectedError(session, view) {
 }
 
 /**
- * Reasons of the newest fit; a finding that more turning may end is no warning yet.
+ * Reasons of the newest fit; findings that further turning may end are not warnings yet.
  * @param {Session} session
  * @returns {Reason[]}
  */
@@ -143,7 +143,7 @@ function currentReasons(session) {
 }
 
 /**
- * How far the newest fit has come.
+ * Phase and sentence of the newest fit.
  * @param {Session} session
  * @param {View} view
  * @returns {[State["phase"], string]}
@@ -173,7 +173,7 @@ function ofView(session, view) {
 }
 
 /**
- * Whether the readings are all that count: of a log, of a playback that has ended, of a calibration that is finished.
+ * Whether no further readings count: for a log, an ended playback or a finished calibration.
  * @param {Session} session
  */
 function isEnded({ opened, source, shown }) {
@@ -181,7 +181,7 @@ function isEnded({ opened, source, shown }) {
 }
 
 /**
- * What all headings are within, where that is the goal.
+ * Words on the bound of all headings, if that is the goal.
  * @param {Session} session
  * @param {View} view
  */
@@ -190,7 +190,7 @@ function bound({ goal }, { heading_error_deg: error }) {
 }
 
 /**
- * Whether it takes no further fit to say that the target is reached: several did, or one is kept, or there will be no other.
+ * Whether no further fit is needed to report the target as reached: several fits agree, one is kept, or it is final.
  * @param {Session} session
  */
 function isSure({ shown, isRepeated, isOver }) {
@@ -198,7 +198,7 @@ function isSure({ shown, isRepeated, isOver }) {
 }
 
 /**
- * What to say while there are no numbers, and the code of the reason that it is.
+ * Sentence while there is no fit, and the code of its reason.
  * @param {Session} session
  * @returns {[string, string | null]}
  */
@@ -218,7 +218,7 @@ function beforeAFit(session) {
 }
 
 /**
- * Why what arrives cannot be written down.
+ * Reason why readings cannot be recorded.
  * @param {Session} session
  * @returns {Reason[]}
  */
@@ -227,7 +227,7 @@ function recordingReasons({ unrecorded: advice }) {
 }
 
 /**
- * Reasons why no readings arrive; to a calibration that is finished that makes no difference.
+ * Reasons why no readings arrive; only information if the calibration is finished.
  * @param {Session} session
  * @returns {Reason[]}
  */
@@ -248,7 +248,7 @@ function ofLink({ source, live: { buffer, finishedS }, at, arrivedAt, rules }) {
 }
 
 /**
- * How long no reading has come, and what to check.
+ * Sentence on the time without a reading, with checks.
  * @param {string} name
  * @param {number} since
  */
@@ -262,7 +262,7 @@ function nothingArrives(name, since) {
 }
 
 /**
- * Begin with a capital, unless it begins with a name: that of a file or port is written as it is.
+ * Capitalise a sentence, unless it begins with the name of a file or port.
  * @param {string} words
  */
 function sentence(words) {
@@ -270,7 +270,7 @@ function sentence(words) {
     return `${/^\p{L}+$/u.test(first) ? capital(words) : words}`.replace(/\.+$/, "") + ".";
 }
 
-/** @param {Session} session @returns {number} Every so many readings one is shown. */
+/** @param {Session} session @returns {number} One of this number of readings is shown. */
 export function shownStride({ shown: { buffer }, rules }) {
     return Math.max(buffer.stride, strideFor(buffer.total, rules.shown));
 }

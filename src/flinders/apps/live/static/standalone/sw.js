@@ -17,14 +17,14 @@ worker.addEventListener("fetch", (/** @type {any} */ event) => {
     if (event.request.method === "GET" && event.request.url.startsWith(scope)) event.respondWith(found(event.request));
 });
 
-/** Take all files, and the 3-D view where it can be had. */
+/** Cache all files, and the 3-D view if available. */
 async function fill() {
     const cache = await caches.open(version);
     await cache.addAll(PAGE.files.map((path) => new Request(path, { cache: "no-cache" })));
     await cache.add(PAGE.scene).catch(() => {});
 }
 
-/** Forget other versions of this page; other pages of the host have caches of their own. */
+/** Delete caches of other versions of this page; other pages of the host have their own caches. */
 async function clean() {
     const names = await caches.keys();
     await Promise.all(names.filter((other) => other.startsWith(`flinders ${scope} `) && other !== version).map((other) => caches.delete(other)));

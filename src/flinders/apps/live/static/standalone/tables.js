@@ -1,4 +1,4 @@
-/** Tables: delimiter, decimal sign and header, and which columns are the magnetometer and the time. As `readers/_layout.py`. */
+/** Tables: delimiter, decimal sign and header, and which columns are the magnetometer and the time. Like `readers/_layout.py`. */
 
 import { clocksOf, midnights } from "./clocks.js";
 import { countKeys, largest, median, replaceAll, stripLetters, whole } from "./patterns.js";
@@ -10,25 +10,26 @@ import { countKeys, largest, median, replaceAll, stripLetters, whole } from "./p
 /** @typedef {import("./printed.js").Prints} Prints */
 
 /**
- * The columns that are read.
+ * The columns to read.
  * @typedef {object} Columns
  * @property {number[]} field Places of x, y and z.
  * @property {string[]} names Of these, or their numbers from 1.
  * @property {string} unit The recorded one: `uT`, `mG` … or `counts`.
- * @property {number[] | null} acceleration Places of what an accelerometer measured.
- * @property {Sensor | null} only The rows that are read, where a column says which sensor each is of.
+ * @property {number} [scale] µT of a count, if the user states it.
+ * @property {number[] | null} acceleration Places of the acceleration.
+ * @property {Sensor | null} only The rows to read, if a column names the sensor of each row.
  * @property {{cell: number, name: string, factor: number, start: number, fraction: number | null, clock: Clock | null} | null} time
- *     Its place, seconds in one unit, where it starts, the place of nanoseconds that belong to it, and how it is read where
- *     it is no number.
+ *     Its place, seconds in one unit, its start, the place of nanoseconds that belong to it, and its clock if it is not a
+ *     number.
  */
 
 /**
- * A column that says which sensor each row is of, and its word of the magnetometer.
+ * A column with the sensor of each row, and its word for the magnetometer.
  * @typedef {{cell: number, word: string}} Sensor
  */
 
 /**
- * How a table is written.
+ * Format of a table.
  * @typedef {object} Layout
  * @property {string} delimiter
  * @property {string} decimal
@@ -39,48 +40,48 @@ import { countKeys, largest, median, replaceAll, stripLetters, whole } from "./p
  */
 
 /**
- * Which columns somebody says are the magnetometer's: places of x, y and z, and their unit.
- * @typedef {{field: number[], unit: string}} Choice
+ * The user's choice of the magnetometer's columns: places of x, y and z, and their unit.
+ * @typedef {{field: number[], unit: string, scale?: number}} Choice
  */
 
 /**
- * What somebody has to see to say that.
+ * Names and first rows to show for that choice.
  * @typedef {{names: string[], rows: string[][]}} Asked
  */
 
-/** What reads more than this page. */
+/** Hint at commands that read more formats. */
 export const MORE_WITH = "`flinders calibrate FILE` reads more, and so does `flinders live --replay FILE`";
 
-/** A text in which no readings are recognised: says why, and what to do. */
+/** A text without recognised readings; the message states the reason and a remedy. */
 export class Unreadable extends Error {}
 
-/** Lines of several sensors, of which none is read. */
+/** Lines of several sensors without a clear choice. */
 export class Several extends Unreadable {}
 
-/** A table that does not tell which columns are the magnetometer: somebody can. */
+/** A table with ambiguous columns, which the user can choose. */
 export class Unclear extends Unreadable {
     /**
      * @param {string} message
-     * @param {readonly string[]} names Nothing where it has no header.
+     * @param {readonly string[]} names Empty without a header.
      */
     constructor(message, names) {
         super(message);
         this.names = names;
-        /** @type {string[][]} The first rows, where they are known. */
+        /** @type {string[][]} The first rows, if known. */
         this.rows = [];
     }
 
     /** @returns {Asked} */
     get question() {
         const names = this.names.length ? [...this.names] : (this.rows[0] ?? []).map((_, place) => `${place + 1}`);
-        return { names, rows: this.rows.slice(0, SHOWN) };
+        return { names, rows: this.rows.slice(0, SHOWN_ROWS) };
     }
 }
 
-/** Rows that somebody is shown. */
-const SHOWN = 5;
-/** Of the name of a column, at most. */
-const WORDS = 3;
+/** Rows to show for the choice. */
+const SHOWN_ROWS = 5;
+/** Most words of a column's name. */
+const MAX_NAME_WORDS = 3;
 
 export class Tables {
     /**
@@ -97,7 +98,7 @@ export class Tables {
     }
 
     /**
-     * How a table is laid out, by its first lines.
+     * Layout of a table, from its first lines.
      * @param {string[]} texts
      * @param {Choice | null} [choice]
      * @param {string[]} [every] All lines.
@@ -122,7 +123,7 @@ export class Tables {
     }
 
     /**
-     * Whether lines are a table with names above its columns, parted by more than spaces.
+     * Whether lines are a table with column names, separated by more than spaces.
      * @param {string[]} texts
      */
     isTable(texts) {
@@ -146,7 +147,7 @@ export class Tables {
     }
 
     /**
-     * Lines cut at a delimiter, and of these the ones that hold three numbers, and more numbers than words.
+     * Lines split at a delimiter that hold three numbers, and more numbers than words.
      * @param {{text: string, place: number}[]} lines
      * @param {[string, string]} signs
      */
@@ -217,11 +218,11 @@ export class Tables {
     }
 
     /**
-     * The nearest line above the readings that names a magnetometer, or else columns at all.
+     * The nearest line above the readings that names a magnetometer, else any columns.
      * @param {string[]} above
      * @param {string} delimiter
-     * @param {number} filled Cells of a line that hold something.
-     * @param {number} width All of them.
+     * @param {number} filled Number of non-empty cells of a line.
+     * @param {number} width Number of all cells.
      * @returns {{place: number, names: string[]}}
      */
     header(above, delimiter, filled, width) {
@@ -252,18 +253,18 @@ export class Tables {
     }
 
     /**
-     * Whether names are a header and no sentence.
+     * Whether names are a header, and not a sentence.
      * @param {string[]} names
      * @param {string} delimiter
      */
     couldName(names, delimiter) {
-        const isName = (/** @type {string} */ name) => this.prints.number(name) === null && name.split(" ").length <= WORDS;
+        const isName = (/** @type {string} */ name) => this.prints.number(name) === null && name.split(" ").length <= MAX_NAME_WORDS;
         const isText = names.some(Boolean) && names.every((name) => !name || isName(name));
         return isText && (delimiter !== this.rules.tokenizer.SPACES || names.some((name) => this.names.meaning(name).kind));
     }
 
     /**
-     * A row of units between the header and the readings, one a column.
+     * Row of units, one a column, between the header and the readings.
      * @param {string[]} below
      * @param {string} delimiter
      * @param {number} width
@@ -280,23 +281,24 @@ export class Tables {
     }
 
     /**
-     * The columns that are read of a table with these names, or none, and first rows.
+     * Columns to read of a table with some names, or none, and first rows.
      * @param {readonly string[]} names
      * @param {readonly string[][]} rows
      * @param {string} decimal
      * @param {Choice | null} choice
-     * @param {{units?: readonly string[], only: Sensor | null}} known The units of a row below the header.
+     * @param {{units?: readonly string[], only: Sensor | null}} known Units from a row below the header.
      * @returns {Columns}
-     * @throws {Unclear} Where names do not tell, and nobody has said.
+     * @throws {Unclear} If names are ambiguous, and no choice is given.
      */
     columns(names, rows, decimal, choice, { units = [], only }) {
         const { values, clocks } = this.numbersOf(rows, decimal);
         try {
-            if (!names.length) return { ...this.byPlace(values, clocks, choice, only), only };
+            const scale = choice?.scale;
+            if (!names.length) return { ...this.byPlace(values, clocks, choice, only), only, scale };
             const columns = this.byName(names, values, units, clocks, choice);
-            return { ...columns, only, unit: this.unitInColumn(names, rows, columns.unit) };
+            return { ...columns, only, scale, unit: scale ? columns.unit : this.unitInColumn(names, rows, columns.unit) };
         } catch (error) {
-            if (error instanceof Unclear) error.rows = rows.slice(0, SHOWN);
+            if (error instanceof Unclear) error.rows = rows.slice(0, SHOWN_ROWS);
             throw error;
         }
     }
@@ -349,7 +351,7 @@ export class Tables {
     }
 
     /**
-     * The accelerometer that is read beside a magnetometer.
+     * The accelerometer to read with a magnetometer.
      * @param {readonly string[]} names
      * @param {readonly Meaning[]} meanings
      * @param {number[]} field
@@ -390,7 +392,7 @@ export class Tables {
     }
 
     /**
-     * The time of a table; null where it has none that can be used.
+     * Time column of a table; null without a usable one.
      * @param {readonly string[]} names
      * @param {readonly Meaning[]} meanings
      * @param {number[][]} values
@@ -419,7 +421,7 @@ export class Tables {
     }
 
     /**
-     * Whether a column is of whole seconds, and the next of the nanoseconds that belong to them.
+     * Whether a column has whole seconds, and the next one their nanoseconds.
      * @param {readonly string[]} names
      * @param {number} place
      * @param {number[][]} values
@@ -433,7 +435,7 @@ export class Tables {
     }
 
     /**
-     * Whether a time was written with too few digits: many readings share each.
+     * Whether times have too few digits, so that many readings share each.
      * @param {number[]} column
      */
     isCut(column) {
@@ -460,7 +462,7 @@ export class Tables {
     }
 
     /**
-     * Seconds in one of a unit that is not stated, by the size of times, then by their steps.
+     * Seconds in the unit of times, inferred from the size of times, then from their steps.
      * @param {number[]} times
      */
     secondsInOne(times) {
@@ -474,7 +476,7 @@ export class Tables {
     }
 
     /**
-     * The unit that messages of ROS and the app Sensor Logger have without saying so.
+     * Unit by convention of ROS messages and the app Sensor Logger.
      * @param {readonly string[]} names
      * @param {string} first
      */
@@ -488,7 +490,7 @@ export class Tables {
     }
 
     /**
-     * Refuse names that do not tell which columns are the magnetometer, and readings that were corrected already.
+     * Refuse names with an ambiguous magnetometer, and readings that were already corrected.
      * @param {readonly string[]} names
      * @param {string[]} own
      */
@@ -519,7 +521,7 @@ export class Tables {
     }
 
     /**
-     * The unit that a column of words says where names do not.
+     * Unit from a column of words, if names do not state it.
      * @param {readonly string[]} names
      * @param {readonly string[][]} rows
      * @param {string} unit
@@ -533,7 +535,7 @@ export class Tables {
     }
 
     /**
-     * Refuse a table in which a column says which of several devices each line is of.
+     * Refuse a table with a column that names several devices.
      * @param {readonly string[]} names
      * @param {() => string[][]} every
      * @param {Sensor | null} only
@@ -552,7 +554,7 @@ export class Tables {
     }
 
     /**
-     * Whether a column may say by its name which device a row is of.
+     * Whether the name of a column is one for devices.
      * @param {string} name
      */
     namesDevice(name) {
@@ -564,7 +566,7 @@ export class Tables {
     }
 
     /**
-     * The column of words that name a magnetometer in some rows and another sensor in others.
+     * Column of words that name a magnetometer in some rows and another sensor in others.
      * @param {readonly string[][]} rows
      * @returns {Sensor | null}
      */
@@ -586,7 +588,7 @@ export class Tables {
     }
 
     /**
-     * Whether a row is of the sensor that is read.
+     * Whether a row is of the sensor to read.
      * @param {Sensor} only
      * @param {readonly string[]} row
      */
@@ -594,13 +596,13 @@ export class Tables {
         return this.wordOf(row[cell]) === word;
     }
 
-    /** @param {string | undefined} cell  As words of devices and sensors are compared. */
+    /** @param {string | undefined} cell  Normalised word, for comparison. */
     wordOf(cell) {
         return stripLetters(cell ?? "", this.rules.devices._AROUND);
     }
 
     /**
-     * Refuse readings in which commas or points part thousands.
+     * Refuse readings with thousands separators.
      * @param {string[][]} rows
      * @param {Columns} columns
      * @param {string} decimal
@@ -617,7 +619,7 @@ export class Tables {
     }
 }
 
-/** @param {number[]} column Whether it ascends, and does not count rows. */
+/** @param {number[]} column Whether it ascends, and is not a counter of rows. */
 function isClock(column) {
     const values = column.filter(Number.isFinite);
     return ascends(values) && stepsOf(values).some((step) => step !== 1);

@@ -1,8 +1,8 @@
 /**
- * Calibrations for other programs, and calibration files.
+ * Writes calibrations for other programs, and reads and writes calibration files.
  *
- * Texts come from `page.json` under `targets`: what the library's writers make of placeholders, cut at these, see
- * `standalone/targets.py`.
+ * Templates are in `page.json` under `targets`: output of the library's writers for placeholder numbers, split at these,
+ * see `standalone/targets.py`.
  */
 
 import { cross, determinant, dot, inverseOf } from "../../../../static/views/vectors.js";
@@ -13,29 +13,29 @@ import { Unreadable } from "./tables.js";
 /** @typedef {import("../messages.d.ts").TargetInfo} TargetInfo */
 
 /**
- * What is exported: corrected = matrix (reading − offset).
+ * A calibration for export: corrected = matrix (reading − offset).
  * @typedef {object} Calibration
  * @property {number[][]} matrix Rows.
  * @property {number[]} offset In `unit`.
  * @property {number} fieldStrength In `unit`.
  * @property {boolean} fieldStrengthKnown
  * @property {"uT" | "counts"} unit
- * @property {{unit: string, scale: number}} [raw] The recorded unit, and what one of it is in `unit`.
- * @property {string[]} [about] Where it comes from and what is claimed of it, for the head of a file.
+ * @property {{unit: string, scale: number}} [raw] The recorded unit, and its size in `unit`.
+ * @property {string[]} [about] Sentences on origin and uncertainty, for the head of a file.
  */
 
 /**
- * A calibration of a file, and what is known of it.
+ * A calibration from a file, with further facts.
  * @typedef {Calibration & {fit: Record<string, any> | null, files: object[], rotation: string, disturbances: string[],
  *     isLinearized: boolean, axes: string}} Known
  */
 
 /**
  * @typedef {object} Exported
- * @property {string} text Of a packet, its bytes in hexadecimal.
+ * @property {string} text For a packet, its bytes in hexadecimal.
  * @property {string} filename
  * @property {string[]} warnings
- * @property {string} checked How far the target's own formula is off the calibration.
+ * @property {string} checked Sentence on the largest error of the target's own formula.
  * @property {string | null} binary_base64
  */
 
@@ -43,13 +43,13 @@ import { Unreadable } from "./tables.js";
 /** @typedef {(string | number)[]} Pieces Texts, and numbers of slots. */
 /** @typedef {[number, number, number]} Triple */
 
-/** A calibration that a target cannot hold: says why, and what to do. */
+/** A calibration that a target cannot hold; the message states the reason and a remedy. */
 export class NotExportable extends Error {}
 
 const WIDTH = 78;
 
 /**
- * The targets that there are.
+ * All targets.
  * @param {{targets: any}} data `page.json`.
  * @returns {TargetInfo[]}
  */
@@ -58,7 +58,7 @@ export function targetsOf({ targets }) {
 }
 
 /**
- * A calibration as a target wants it.
+ * Export a calibration for a target.
  * @param {{targets: any}} data `page.json`.
  * @param {string} name Of the target.
  * @param {Calibration} calibration
@@ -92,7 +92,7 @@ export function exported({ targets }, name, calibration) {
     };
 }
 
-/** What may be written of a calibration. */
+/** Quantities of a calibration that templates use. */
 class Quantities {
     /** @param {Calibration} calibration */
     constructor({ matrix, offset, fieldStrength, unit, raw }) {
@@ -113,7 +113,7 @@ class Quantities {
     }
 
     /**
-     * The value that a slot holds, rounded to single precision where the target does so.
+     * Value of a slot, rounded to single precision if the target does so.
      * @param {Slot} slot
      */
     value({ of, at, over, sign, format }) {
@@ -125,7 +125,7 @@ class Quantities {
 }
 
 /**
- * A number as a target writes it.
+ * Text of a slot in the format of the target.
  * @param {any} targets
  * @param {Slot} slot
  * @param {Quantities} quantities
@@ -146,10 +146,10 @@ function slotText(targets, slot, quantities, error) {
     }
 }
 
-// What is off
+// Errors of targets
 
 /**
- * Largest error of a target's own formula with its numbers as they are held: length, and angle in degrees.
+ * Largest error of a target's own formula with the numbers as stored: length, and angle in degrees.
  * @param {any} targets
  * @param {any} row
  * @param {any} variant
@@ -182,7 +182,7 @@ function errorOf(targets, row, variant, { matrix, offset, fieldStrength }, quant
 }
 
 /**
- * The matrix and the offset that a target holds, in the unit of the calibration.
+ * Matrix and offset as stored by a target, in the unit of the calibration.
  * @param {any} targets
  * @param {any} variant
  * @param {Quantities} quantities
@@ -217,7 +217,7 @@ function errorWords({ negligible }, { worst, deg }, unit) {
 }
 
 /**
- * Refuse values that an autopilot does not take.
+ * Refuse values out of an autopilot's range.
  * @param {any} targets
  * @param {any} row
  * @param {Quantities} quantities
@@ -239,7 +239,7 @@ function refuseBeyond(targets, row, quantities) {
 // Files
 
 /**
- * Remarks as lines of comment, in ASCII.
+ * Remarks as comment lines in ASCII.
  * @param {any} targets
  * @param {{each: string, opening: string, closing: string, ends: [string, string][]}} comment
  * @param {string[]} remarks
@@ -268,7 +268,7 @@ function plain(text) {
 
 /**
  * @param {string} text
- * @param {string} each What a line begins with.
+ * @param {string} each Prefix of each line.
  */
 function wrapText(text, each) {
     const lines = [each];
@@ -283,7 +283,7 @@ function wrapText(text, each) {
 }
 
 /**
- * A header with the checksum of its own lines in its guard.
+ * A C header with the checksum of its lines in its include guard.
  * @param {string} text
  */
 function withChecksum(text) {
@@ -323,7 +323,7 @@ function crc(bytes, polynomial, start) {
     return value;
 }
 
-/** @param {Uint8Array} bytes @returns {string} In rows of sixteen. */
+/** @param {Uint8Array} bytes @returns {string} Hexadecimal text in rows of sixteen bytes. */
 export function hexadecimal(bytes) {
     const pairs = Array.from(bytes, (byte) => byte.toString(16).padStart(2, "0"));
     return Array.from({ length: Math.ceil(pairs.length / 16) }, (_, i) => pairs.slice(16 * i, 16 * i + 16).join(" ")).join("\n");
@@ -334,8 +334,8 @@ export function hexadecimal(bytes) {
  * @param {{targets: any}} data `page.json`.
  * @param {Calibration} calibration
  * @param {object} [more]
- * @param {object | null} [more.fit] How far to trust it, by the field names of `Fitted` of `core/calibration_file.py`.
- * @param {object | null} [more.provenance] Release, date and files, by the names of `ProvenanceRecord`.
+ * @param {object | null} [more.fit] Quality of the fit, with the fields of `Fitted` in `core/calibration_file.py`.
+ * @param {object | null} [more.provenance] Release, date and files, with the fields of `ProvenanceRecord`.
  * @returns {string} JSON.
  */
 export function calibrationFile({ targets }, calibration, { fit = null, provenance = null } = {}) {
@@ -359,11 +359,11 @@ export function calibrationFile({ targets }, calibration, { fit = null, provenan
 }
 
 /**
- * The calibration of a file of Flinders, with its fit as it stands there.
+ * Read a calibration file of Flinders, with its fit.
  * @param {string} text
  * @param {{targets: any}} data `page.json`.
  * @returns {Known}
- * @throws {Unreadable} Says what is wrong.
+ * @throws {Unreadable} With the reason.
  */
 export function readCalibration(text, { targets }) {
     const document = parseJson(text.replace(/^\ufeff/, ""));

@@ -1,4 +1,4 @@
-/** The sphere in 642 near-hexagonal tiles, in the order of `geometry/sphere.py`. */
+/** Divides the sphere into 642 near-hexagonal tiles, in the order of `geometry/sphere.py`. */
 
 import { cross, dot, minus, unit } from "../../../../static/views/vectors.js";
 
@@ -7,7 +7,7 @@ import { cross, dot, minus, unit } from "../../../../static/views/vectors.js";
 /** @typedef {[number, number, number]} Triangle  Numbers of its vertices, anticlockwise seen from outside. */
 
 const BISECTIONS = 3;
-/** Moves of all centres onto their centroids. */
+/** Number of moves of all centres to their centroids. */
 const ROUNDS = 20;
 
 /** @type {TilesView | null} */
@@ -55,7 +55,7 @@ function icosahedron() {
 }
 
 /**
- * Halve all edges: four triangles for each.
+ * Bisect all edges, so that each triangle becomes four.
  * @param {Vector[]} vertices
  * @param {Triangle[]} triangles
  * @returns {[Vector[], Triangle[]]}

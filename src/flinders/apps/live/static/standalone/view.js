@@ -1,4 +1,4 @@
-/** What the page draws of one fit, as `flinders.report.view` puts it together. */
+/** View of a fit for the page, as in `flinders.report.view`. */
 
 import { guide, isIdle, nextMovement } from "./advice.js";
 import { correctedVectors, threes, tileCounts, tilesOf } from "./coverage.js";
@@ -90,7 +90,7 @@ const UNDRAWN = {
 }; // prettier-ignore
 
 /**
- * A number that JSON can have.
+ * A number for JSON: null if not finite.
  * @param {number} number
  * @returns {number | null}
  */
@@ -128,7 +128,7 @@ function triple(numbers) {
 }
 
 /**
- * The correction: what somebody could copy, which a refused fit does not give.
+ * The correction for copying, which a refused fit does not have.
  * @param {Fit} fit
  * @param {Fit["turn"]} turn
  */
@@ -145,7 +145,7 @@ function correctionView({ engine, surface, strength, isStrengthKnown, covariance
 }
 
 /**
- * What rests on a surface.
+ * Parts of the view that depend on the surface.
  * @param {Fit} fit
  * @param {Float64Array} vectors Of the readings used.
  */
@@ -162,7 +162,7 @@ function surfaceView({ surface, strength, noise, plane }, vectors) {
 }
 
 /**
- * How much longer corrected readings are than the field; of a level turn, than their mean in its plane.
+ * Lengths of corrected readings relative to the field; for a level turn, to their mean in its plane.
  * @param {Float64Array} vectors
  * @param {Fit["plane"]} plane
  * @returns {number[]}
@@ -174,7 +174,7 @@ function lengthsOff(vectors, plane) {
 }
 
 /**
- * How far corrected readings are from the sphere, counted.
+ * Histogram of the distances of corrected readings from the sphere.
  * @param {number[]} lengths In units of the radius.
  * @param {number} radius
  * @param {number} noise
@@ -190,7 +190,7 @@ function histogram(lengths, radius, noise) {
 }
 
 /**
- * What rests on a covariance as well.
+ * Parts of the view that also depend on the covariance.
  * @param {Fit} fit
  * @param {Fit["turn"]} turn
  * @param {number[]} errors
@@ -224,7 +224,7 @@ function claimView(fit, { headingDeg, deviationDeg, sigmaDeg }, errors, goal, fr
 }
 
 /**
- * Heading error of a level vehicle on the tiles that its field meets; null on the others.
+ * Heading errors of a level vehicle on the tiles of its field; null on the others.
  * @param {Fit} fit
  * @param {{headingDeg: number[], sigmaDeg: number[]}} turn
  * @returns {(number | null)[]}
@@ -246,7 +246,7 @@ function levelErrors({ headingError }, { headingDeg, sigmaDeg }) {
 }
 
 /**
- * Which way to turn next, for one of the goals.
+ * Advice on the next turn, for a goal.
  * @param {Fit} fit
  * @param {Goal} goal
  * @param {Frame} frame
@@ -268,7 +268,7 @@ function guidance(fit, goal, frame) {
 }
 
 /**
- * First and last reading of each run that was left out, by their numbers.
+ * Numbers of the first and last reading of each run left out.
  * @param {Fit} fit
  * @param {ArrayLike<number> | null} numbers
  * @returns {[number, number][]}

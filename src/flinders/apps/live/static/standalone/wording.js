@@ -1,15 +1,15 @@
-/** Sentences as the program writes them: templates of Python, filled with numbers and words. */
+/** Fills templates of Python with numbers and words. */
 
 import { figures, fixedText, general, groupText } from "./numbers.js";
 import { numeral, phrase } from "../language.js";
 
-/** An error from here on says nothing of a heading. */
+/** Angle from which on a heading is undetermined, degrees. */
 export const ANY_ANGLE_DEG = 90;
-/** Of tilts, the last. */
+/** The largest tilt, degrees. */
 export const UPSIDE_DOWN = 180;
 
 /**
- * How many there are of something.
+ * A count with its noun.
  * @param {number} number
  * @param {string} noun
  * @returns {string}
@@ -19,7 +19,7 @@ export function countWords(number, noun) {
 }
 
 /**
- * An angle; beyond a right one it says nothing.
+ * An angle in words; at most 90°.
  * @param {number} degrees
  * @returns {string}
  */

@@ -1,4 +1,4 @@
-/** The worker that fits: it has the engine, and answers one task after the other. */
+/** Worker with the engine, which runs one task after the other. */
 
 import { loadEngine } from "./engine.js";
 import { evaluate } from "./evaluate.js";
@@ -17,7 +17,7 @@ self.addEventListener("message", async (/** @type {MessageEvent<Start | Fit>} */
         return;
     }
     ready = loadParts(asked);
-    ready.catch(() => {}); // which the answer to each task says
+    ready.catch(() => {}); // the answer to each task reports it
 });
 
 /** @param {Start} start */
@@ -26,7 +26,7 @@ async function loadParts({ address, data }) {
 }
 
 /**
- * The answer to a task; a fault of ours, or of the browser, is words.
+ * Answer a task; an internal error is answered with its message.
  * @param {Fit} fit
  */
 async function answerTask({ number, task }) {

@@ -22,7 +22,7 @@ const PAIRS = /** @type {const} */ ([
 ]);
 
 /** Most readings used to find the extent of the axes. */
-const LOOKED_AT = 1500;
+const EXTENT_SAMPLES = 1500;
 
 /**
  * Draw XY, XZ and YZ: raw readings with the outline of their ellipsoid, corrected readings with the circle that bounds
@@ -94,7 +94,7 @@ function extents(points, kinds, shown, row) {
         high[axis] = Math.max(high[axis], value);
     };
     const shape = shown ? inverse(shown.matrix) : null;
-    const every = Math.max(1, Math.floor(points.count / LOOKED_AT));
+    const every = Math.max(1, Math.floor(points.count / EXTENT_SAMPLES));
     for (let axis = 0; axis < 3; axis++) {
         if (shown && row !== "before") [-1.12, 1.12].forEach((sign) => widen(axis, sign * shown.strength));
         if (row === "after" && shown) continue;

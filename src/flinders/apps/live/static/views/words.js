@@ -306,6 +306,21 @@ export function sourceTitle(name) {
     return key ? phrase(`name.${key}`, name) : name;
 }
 
+/** Remarks of the simulated sensor, as the program makes them. */
+export const REMARKS = Object.freeze({
+    rocks: "the simulated hand only rocks the sensor, a common mistake: most directions of the sphere stay unknown",
+    turns: "now it turns the sensor over, through all directions: the error falls",
+});
+
+/**
+ * A remark in the page's language; words of any other origin as they are.
+ * @param {string} words
+ */
+export function remarkWords(words) {
+    const [key] = Object.entries(REMARKS).find(([, english]) => english === words) ?? [];
+    return key ? phrase(`simulation.${key}`, words) : words;
+}
+
 /** @returns {string[]} North, east, south and west, as on a compass. */
 export function compassPoints() {
     return phrase("compass.points", "N E S W").split(" ");

@@ -1,0 +1,51 @@
+"""Notice of the chips whose counts a sensor on a wire may send, once enough of the field is seen.
+
+The rule is that of `flinders info`; nothing is applied: the words say with which options the command is started anew.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Final
+
+from flinders.core.samples import Samples
+from flinders.core.units import COUNTS
+from flinders.workflows.recording_contents import propose_chip_of
+
+if TYPE_CHECKING:
+    from flinders.apps.live.session_file import Log
+    from flinders.errors import Hint
+
+MIN_READINGS: Final = 300
+"""Readings before the first attempt; each further one waits for twice as many."""
+
+
+class ChipNotice:
+    """Words on the chip of a session, given once."""
+
+    def __init__(self) -> None:
+        """Wait for the first readings."""
+        self._next_attempt = MIN_READINGS
+        self._is_given = False
+
+    def words(self, log: Log) -> str:
+        """Return the proposal for readings in counts, in words; nothing before enough is seen, and after that."""
+        if self._is_given or log.unit.inside != COUNTS or log.buffer.total < self._next_attempt:
+            return ""
+        self._next_attempt = 2 * log.buffer.total
+        proposal = propose_chip_of(Samples(field=log.buffer.field, unit=log.unit), spell_for_restart)
+        if proposal is None:
+            return ""
+        self._is_given = True
+        return f"{proposal.reason}; nothing is applied: give {proposal.advice}"
+
+
+def spell_for_restart(hint: Hint) -> str:
+    """Spell a hint as options of the command that is started anew.
+
+    >>> spell_for_restart({"unit": "counts", "scale": 0.15}), spell_for_restart({"chip": None})
+    ('--unit=counts --scale=0.15', 'flinders info --chip')
+    """
+    return " ".join(
+        f"flinders info --{keyword}" if keyword == "chip" else f"--{keyword}{'' if value is None else f'={value}'}"
+        for keyword, value in hint.items()
+    )

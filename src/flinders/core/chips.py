@@ -1,0 +1,153 @@
+"""Common magnetometer chips: µT of a count, range, noise, axes and known mistakes, each with its source.
+
+``chips.toml`` beside this module has a table for each chip, and says what its keys mean. A value that no source was
+seen for is left out.
+
+>>> chip = find_chip("mpu-9250")
+>>> chip.name, chip.axes, [setting.lsb_ut for setting in chip.settings]
+('AK8963', 'y,x,-z', [0.6, 0.15])
+>>> chip_of_device(0x0D0E09, "ardupilot").name
+'QMC5883L'
+"""
+
+from __future__ import annotations
+
+import re
+import tomllib
+from dataclasses import asdict, dataclass
+from difflib import get_close_matches
+from functools import lru_cache
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Final, Literal
+
+from flinders.errors import UsageError
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+TABLE: Final = Path(__file__).with_name("chips.toml")
+DEVICE_TYPE_BIT: Final = 16
+"""Lowest of the 8 bits of a device id of ArduPilot and PX4 that say which chip it is."""
+MAX_SUGGESTIONS: Final = 3
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ChipSetting:
+    """A gain or range of a chip."""
+
+    name: str  # of the range, gain or mode
+    lsb_ut: float  # µT: one count of x and y
+    lsb_z_ut: float | None = None  # µT: one count of z; None where it is that of x and y
+    range_ut: float | None = None  # µT: largest field; None where no source says
+    zero: int = 0  # counts: the reading in zero field
+    is_usual: bool = False  # whether a driver among the sources selects it, other than that after power-on
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Chip:
+    """A magnetometer chip."""
+
+    name: str  # as its maker writes it
+    also: tuple[str, ...]  # further spellings, and packages that hold it
+    maker: str  # who makes it
+    settings: tuple[ChipSetting, ...]  # gains and ranges, that after power-on first
+    bits: int | None = None  # of the word of an axis; None where no source says, as in the next two
+    noise_ut: float | None = None  # µT: rms noise of one reading
+    noise_at: str = ""  # setting of that noise
+    axes: str = ""  # mapping of its registers as ``--axes`` takes it; empty where no source says that one is needed
+    axes_are: str = ""  # axes that the mapping leads to
+    traps: tuple[str, ...] = ()  # known mistakes, a sentence each
+    sources: tuple[str, ...] = ()  # documents and drivers that have these values
+    ardupilot: tuple[int, ...] = ()  # its types in device ids of ArduPilot
+    px4: tuple[int, ...] = ()  # its types in device ids of PX4
+
+    def as_dict(self) -> dict[str, Any]:
+        """JSON-ready, under the names of the attributes."""
+        return asdict(self)
+
+    def __str__(self) -> str:
+        return self.name
+
+
+def chips() -> tuple[Chip, ...]:
+    """Return all chips of the table, those of a maker together."""
+    return tuple(_table().values())
+
+
+def find_chip(name: str) -> Chip:
+    """Return the chip of a name, or the one in a package of that name.
+
+    Raises `UsageError` for a name that the table lacks.
+
+    Parameters
+    ----------
+    name : str
+        Of a chip or a package: case, hyphens and spaces do not matter.
+
+    Examples
+    --------
+    >>> find_chip("hmc5883l").settings[0]
+    ChipSetting(name='±1.3 G', lsb_ut=0.0917431, lsb_z_ut=None, range_ut=130.0, zero=0, is_usual=False)
+    >>> find_chip("HMC5883M")
+    Traceback (most recent call last):
+    flinders.errors.UsageError: chip 'HMC5883M' is not known: did you mean HMC5883, HMC5883L, MMC5883MA?
+    """
+    spelled = _spellings()
+    found = spelled.get(_bare(name))
+    if found is None:
+        near = get_close_matches(_bare(name), spelled, n=MAX_SUGGESTIONS)
+        written = [next(each for each in (spelled[key].name, *spelled[key].also) if _bare(each) == key) for key in near]
+        remedy = f"did you mean {', '.join(written)}?" if near else "the table of chips has no name like it"
+        raise UsageError(f"chip {name!r} is not known: {remedy}")
+    return found
+
+
+def chips_named_in(text: str) -> tuple[Chip, ...]:
+    """Return the chips whose names are words of a text, each once.
+
+    >>> [str(chip) for chip in chips_named_in("walk_hmc5883l_x.csv, MPU9250 mag, rm3100x")]
+    ['HMC5883L', 'AK8963', 'RM3100']
+    >>> chips_named_in("magnetometer 5883")
+    ()
+    """
+    words = _pattern().findall(text.casefold())
+    return tuple(dict.fromkeys(_spellings()[_bare(word)] for word in words))
+
+
+def chip_of_device(device_id: int, autopilot: Literal["ardupilot", "px4"]) -> Chip | None:
+    """Return the chip that a device id of an autopilot names; None where the table lacks its type."""
+    kind = device_id >> DEVICE_TYPE_BIT & 0xFF
+    return next((chip for chip in chips() if kind in getattr(chip, autopilot)), None)
+
+
+@lru_cache(maxsize=1)
+def _table() -> Mapping[str, Chip]:
+    """Chips by name, in the order of the file."""
+    rows = tomllib.loads(TABLE.read_text(encoding="utf-8"))["chip"]
+    return {row["name"]: _chip_of(row) for row in rows}
+
+
+def _chip_of(row: Mapping[str, Any]) -> Chip:
+    """Make a chip of its table."""
+    lists = {key: tuple(value) for key, value in row.items() if isinstance(value, list)}
+    settings = tuple(ChipSetting(**setting) for setting in row["settings"])
+    return Chip(**{**row, **lists, "settings": settings})
+
+
+@lru_cache(maxsize=1)
+def _spellings() -> Mapping[str, Chip]:
+    """Chips by all their names, in lower case without hyphens."""
+    return {_bare(name): chip for chip in chips() for name in (chip.name, *chip.also)}
+
+
+@lru_cache(maxsize=1)
+def _pattern() -> re.Pattern[str]:
+    """Match a name as a word, with hyphens or without, where the letters of a sensor and an axis may follow."""
+    names = sorted(_spellings(), key=len, reverse=True)
+    loose = "|".join(re.sub(r"(?<=[a-z])(?=\d)", "[-_ ]?", name) for name in names)
+    return re.compile(rf"(?<![a-z0-9])({loose})(?:[magw]?[xyz]?)(?![a-z0-9])")
+
+
+def _bare(name: str) -> str:
+    """Write a name in lower case, letters and digits alone."""
+    return re.sub(r"[^a-z0-9]", "", name.casefold())
