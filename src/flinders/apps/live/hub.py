@@ -341,7 +341,7 @@ class Hub:
         )
         self._record_edits()
         if words := self.chip_notice.words(self.log):
-            self._tell(Notice("info", words))
+            self._send_to_pages(Notice("info", words))
         if self.source.link != "connected":
             self._link("connected", "")
         for page in self.pages:
