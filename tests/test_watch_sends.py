@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from tests.feeding import free_port
 from tests.program import flinders_
+from tests.sentences import assert_raises, assert_sentences
 from tests.vehicles.test_send_mavlink import Autopilot, dialect
 
 import flinders
@@ -97,7 +98,8 @@ def test_a_vehicle_gets_the_calibration_in_force_and_goes_on_being_read(tmp_path
         after = np.concatenate([samples.field for samples in more_of(source)])
     (sent,) = (report for report in told if report.kind == "send")
     assert sent.event == "sent"
-    assert "compass 1 holds it, all 10 values read back" in (sent.words or "")
+    assert "all 10 values" in (sent.words or "")
+    assert_sentences(sent.words or "")
     held = ArduPilotParameters.read(one.values, 1)
     np.testing.assert_allclose(0.1 * -held.offset, SENSOR.offset, atol=0.5)
     (kept,) = tmp_path.iterdir()
@@ -114,9 +116,7 @@ def test_an_armed_vehicle_gets_nothing(tmp_path: Path) -> None:
     with flying(armed=True) as (one, feed):
         told = watched(of_feed(feed, None), tmp_path)
     (waits,) = (report for report in told if report.kind == "send")
-    assert (waits.event, waits.words) == (
-        "waits", "the calibration in force is not sent: compass 1 of ArduPilot, system 1: it is armed"
-    )  # fmt: skip
+    assert (waits.event, "it is armed" in (waits.words or "")) == ("waits", True)
     assert one.sets == []
     assert list(tmp_path.iterdir()) == []
 
@@ -127,8 +127,8 @@ def test_a_vehicle_that_does_not_take_it_is_left_as_it_was(tmp_path: Path) -> No
         told = watched(of_feed(feed, None), tmp_path)
     (failed,) = (report for report in told if report.kind == "send")
     assert failed.event == "not-sent"
-    assert "holds the values from before again" in (failed.words or "")
-    assert "; what was on board before is in " in (failed.words or "")
+    assert "values from before again" in (failed.words or "")
+    assert "on board before is" in (failed.words or "")
     assert one.values == one.before
 
 
@@ -137,7 +137,7 @@ def test_what_somebody_else_changed_is_not_written_over(tmp_path: Path) -> None:
         one.values["COMPASS_OFS_X"] = 77.0
         told = watched(of_feed(feed, None), tmp_path)
         assert [report.event for report in told if report.kind == "send"] == ["not-sent"]
-        assert "were changed by somebody else" in "".join(report.words or "" for report in told)
+        assert_sentences("".join(report.words or "" for report in told))
         assert one.sets == []
         assert -10.0 * (feed.on_board(50.0) or TUMBLE).offset[0] == 77.0  # type: ignore[union-attr]  # and is removed now
 
@@ -153,7 +153,7 @@ def test_a_vehicle_with_compensated_motors_or_corrected_readings_gets_nothing(tm
     try:
         feed = Telemetry(Vehicle.find(source, listen=0.15, answer=0.25, silent=2.0))
         assert feed.on_board(50.0) is None
-        with pytest.raises(NotSent, match="use flinders send"):
+        with assert_raises(NotSent):
             feed.transfer(calibration)
     finally:
         px4.stop()

@@ -19,6 +19,7 @@ import numpy.testing as npt
 import pytest
 from benchmarks import firmware
 from click.testing import CliRunner
+from tests.sentences import assert_raises
 from tests.trials import daily
 
 import flinders
@@ -492,7 +493,7 @@ def test_a_package_that_is_there_is_not_replaced(tmp_path: Path) -> None:
     with pytest.raises(OutputExists):
         package.write(tmp_path)
     package.write(tmp_path, force=True)
-    with pytest.raises(OutputError, match="no folder can be made"):
+    with assert_raises(OutputError):
         package.write(tmp_path / "LICENSE" / "library")
 
 

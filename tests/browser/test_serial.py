@@ -152,7 +152,8 @@ def test_one_reading_a_second_is_slow_and_no_fault(bench: Bench, lines: list[byt
     page = bench.page()
     until(page, "flinders.store.state.readings >= 4 && Math.abs(flinders.store.state.rate_hz - 1) < 0.6")
     expect(page.locator(".status")).to_have_attribute("data-phase", "collecting")
-    assert page.evaluate("flinders.store.state.reasons.filter(reason => reason.severity === 'warning')") == []
+    warnings = page.evaluate("flinders.store.state.reasons.filter(reason => reason.severity === 'warning')")
+    assert warnings == []
 
 
 @pytest.mark.nightly

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import numpy.testing as npt
 import pytest
+from tests.sentences import assert_raises, assert_sentences
 
 from flinders import simulate
 from flinders.apps.classic.adis16480 import HARD_IRON_STEP_MG, NAMES, SOFT_IRON_STEP, Register, Registers
@@ -158,8 +159,7 @@ def test_saturation_names_each_register_and_what_is_lost() -> None:
     error = caught.value
     assert error.beyond == ("HARD_IRON_X", "SOFT_IRON_S11")
     assert error.exit_code == 4
-    assert "HARD_IRON_X would be -10,000 mG and holds -3276.8 to +3276.7 mG, 6,723 mG are lost" in str(error)
-    assert "SOFT_IRON_S11 would be +150.00% and holds -100% to +99.997%, 50.0% are lost" in str(error)
+    assert_sentences(str(error))
     assert error.evidence["lost"] == pytest.approx({"HARD_IRON_X": -6723.2, "SOFT_IRON_S11": 0.5 + 1 / 32768})
 
 
@@ -174,9 +174,9 @@ def test_the_last_value_that_fits_and_the_first_that_does_not() -> None:
 
 def test_a_scale_that_is_all_that_saturates_is_advised_to_be_left_open() -> None:
     large = calibration(np.diag([2.6, 2.5, 2.4]), field_strength_known=True)
-    with pytest.raises(NotExportable, match="without the field strength it fits"):
+    with assert_raises(NotExportable, beyond=("SOFT_IRON_S11", "SOFT_IRON_S22", "SOFT_IRON_S33")):
         Registers.of(large)
-    with pytest.raises(NotExportable, match="Take away or demagnetise"):
+    with assert_raises(NotExportable):
         Registers.of(calibration(np.diag([2.6, 2.5, 0.1]), field_strength_known=True))
 
 
@@ -198,7 +198,7 @@ def test_numbers_beyond_all_bounds_are_refused_as_well(huge: float) -> None:
 
 def test_rounding_that_costs_more_than_a_degree_is_refused() -> None:
     weak = calibration(np.eye(3), [3.333, 1.111, 2.222], strength=0.1)
-    with pytest.raises(NotExportable, match=r"rounded .* off by up to"):
+    with assert_raises(NotExportable):
         find("adis16480").render(weak)
     with pytest.raises(NotExportable, match="rounded"):
         find("adis16480").render(calibration(1e-9 * np.eye(3)))
@@ -211,7 +211,7 @@ def test_codes_that_flatten_cannot_be_undone() -> None:
 
 @pytest.mark.parametrize("words", [[0] * 11, [0] * 13, [65536] + [0] * 11, [-32769] + [0] * 11])
 def test_words_that_are_none(words: list[int]) -> None:
-    with pytest.raises(UsageError, match="need 12 words of 16 bits"):
+    with assert_raises(UsageError):
         Registers.from_words(words)
 
 
@@ -232,7 +232,7 @@ def test_both_devices_are_in_the_table_and_say_how_far_off_they_are() -> None:
 
 
 def test_an_unknown_target_names_those_there_are() -> None:
-    with pytest.raises(UsageError, match=r"'adis99' is not known: use one of ardupilot, px4, .*adis16480, adis16488"):
+    with assert_raises(UsageError):
         find("adis99")
 
 

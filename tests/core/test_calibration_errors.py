@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pytest
+from tests.sentences import assert_raises
 
 from flinders.core import calibration_file
 from flinders.core.calibration import Calibration
@@ -65,86 +66,66 @@ def without(place: str) -> bytes:
 
 WHOLE = json.dumps(SOUND).encode()
 
-MALFORMED: dict[str, tuple[bytes, str]] = {
-    "empty": (b"", "is empty"),
-    "spaces": (b" \n\n", "is empty"),
-    "cut short": (WHOLE[:90], "truncated.*cut short"),
-    "two files in one": (WHOLE + WHOLE, "trailing characters"),
-    "text": (b"x,y,z\n1,2,3\n", "cannot be read as JSON.*need a calibration file"),
-    "binary": (bytes(range(256)), "cannot be read as JSON"),
-    "zeros": (bytes(1000), "cannot be read as JSON"),
-    "UTF-16": (WHOLE.decode().encode("utf-16"), "cannot be read as JSON"),
-    "bad UTF-8": (WHOLE.replace(b'"sensor"', b'"\xff\xff"'), "cannot be read as JSON"),
-    "gzip": (gzip.compress(WHOLE), "cannot be read as JSON"),
-    "too deep": (b"[" * 100_000, "cannot be read as JSON.*recursion"),
-    "too large": (b" " * (calibration_file.LARGEST + 1), "more than 16 MB is no calibration file"),
-    "a number": (b"42", "not a calibration file"),
-    "a list": (b"[1, 2, 3]", "not a calibration file"),
-    "another program's": (b'{"magnetometer": {"bias": [1, 2, 3]}}', 'lacks "flinders": "calibration"'),
-    "another file of ours": (b'{"flinders": "summary", "schema": 1}', "not a calibration file"),
-    "no schema": (without("schema"), "schema is null, need a version"),
-    "schema as text": (changed("schema", "1"), 'schema is "1", need a version'),
-    "schema true": (changed("schema", True), "schema is true"),
-    "schema zero": (changed("schema", 0), "schema is 0"),
-    "newer schema": (changed("schema", 7), "written in schema 7, .* reads up to 1: install .* knows schema 7"),
-    "NaN": (WHOLE.replace(b"49.8", b"NaN"), "cannot be read as JSON"),
-    "infinity": (WHOLE.replace(b"49.8", b"Infinity"), "cannot be read as JSON"),
-    "too large a number": (WHOLE.replace(b"49.8", b"1e999"), "out of range"),
-    "too long a number": (WHOLE.replace(b"49.8", b"9" * 400), "calibration.field_strength: number out of range"),
-    "no calibration": (without("calibration"), "missing required field calibration"),
-    "no raw": (without("raw"), "missing required field raw"),
-    "no matrix": (without("calibration.matrix"), "calibration: object missing required field matrix"),
-    "an unknown key": (changed("calibration.comment", "mine"), "calibration: object contains unknown field comment"),
-    "a short offset": (changed("calibration.offset", [1, 2]), "calibration.offset: expected array of length 3, got 2"),
-    "text in offset": (changed("calibration.offset", [1, 2, "3"]), r"calibration.offset\[2\]: expected float, got str"),
-    "null in offset": (changed("calibration.offset", [1, 2, None]), r"calibration.offset\[2\]: expected float"),
-    "a 2 × 3 matrix": (
-        changed("calibration.matrix", [[1, 0, 0]] * 2),
-        "calibration.matrix: expected array of length 3",
-    ),
-    "a ragged matrix": (changed("calibration.matrix", [[1], [0, 1, 0], [0, 0, 1]]), r"calibration.matrix\[0\]: exp"),
-    "a singular matrix": (changed("calibration.matrix", [[1, 1, 1]] * 3), "matrix is singular"),
-    "a zero matrix": (changed("calibration.matrix", [[0, 0, 0]] * 3), "matrix is singular"),
-    "a matrix that is not symmetric": (
-        changed("calibration.matrix", [[1, 0.1, 0], [0, 1, 0], [0, 0, 1]]),
-        "matrix is not symmetric: .* 0.1; say how it is turned",
-    ),
-    "negative strength": (changed("calibration.field_strength", -49.8), "field_strength: expected float > 0"),
-    "zero strength": (changed("calibration.field_strength", 0), "field_strength: expected .* > 0"),
-    "unknown unit": (changed("calibration.unit", "mT"), "calibration.unit: invalid enum value 'mT'"),
-    "unknown rotation": (changed("calibration.rotation", "free"), "calibration.rotation: invalid enum value 'free'"),
-    "contradicting scale": (
-        changed("raw.scale", 0.5),
-        "raw.unit 'mG' with scale 0.5 .* contradict .* one mG is 0.1 uT",
-    ),
-    "contradicting unit": (changed("calibration.unit", "counts"), "calibration.unit 'counts' contradict"),
-    "zero scale": (changed("raw.scale", 0), "raw.scale: expected .* > 0"),
-    "axes twice": (changed("raw.axes", "x,x,z"), "axes 'x,x,z': need x, y and z once each"),
-    "axes of words": (changed("raw.axes", "forward"), "raw.axes: expected str matching regex"),
-    "a covariance of the wrong size": (
-        changed("fit", {**FIT, "covariance": [[1]]}),
-        "fit: covariance needs 9 rows of 9",
-    ),
-    "a negative variance": (
-        changed("fit", {**FIT, "covariance_of": ["offset_x"], "covariance": [[-1]]}),
-        "fit: covariance has a negative variance",
-    ),
-    "a negative count": (changed("fit", {**FIT, "samples": -5}), "fit.samples: expected int >= 0"),
-    "an unknown verdict": (changed("fit", {**FIT, "verdict": "fine"}), "fit.verdict: invalid enum value 'fine'"),
-    "a date without zone": (
-        changed("provenance", {"flinders": "0.1.0", "date": "2026-11-21T10:00:00"}),
-        "provenance.date: expected datetime with a timezone",
-    ),
+MALFORMED: dict[str, bytes] = {
+    "empty": b"",
+    "spaces": b" \n\n",
+    "cut short": WHOLE[:90],
+    "two files in one": WHOLE + WHOLE,
+    "text": b"x,y,z\n1,2,3\n",
+    "binary": bytes(range(256)),
+    "zeros": bytes(1000),
+    "UTF-16": WHOLE.decode().encode("utf-16"),
+    "bad UTF-8": WHOLE.replace(b'"sensor"', b'"\xff\xff"'),
+    "gzip": gzip.compress(WHOLE),
+    "too deep": b"[" * 100_000,
+    "too large": b" " * (calibration_file.LARGEST + 1),
+    "a number": b"42",
+    "a list": b"[1, 2, 3]",
+    "another program's": b'{"magnetometer": {"bias": [1, 2, 3]}}',
+    "another file of ours": b'{"flinders": "summary", "schema": 1}',
+    "no schema": without("schema"),
+    "schema as text": changed("schema", "1"),
+    "schema true": changed("schema", True),
+    "schema zero": changed("schema", 0),
+    "newer schema": changed("schema", 7),
+    "NaN": WHOLE.replace(b"49.8", b"NaN"),
+    "infinity": WHOLE.replace(b"49.8", b"Infinity"),
+    "too large a number": WHOLE.replace(b"49.8", b"1e999"),
+    "too long a number": WHOLE.replace(b"49.8", b"9" * 400),
+    "no calibration": without("calibration"),
+    "no raw": without("raw"),
+    "no matrix": without("calibration.matrix"),
+    "an unknown key": changed("calibration.comment", "mine"),
+    "a short offset": changed("calibration.offset", [1, 2]),
+    "text in offset": changed("calibration.offset", [1, 2, "3"]),
+    "null in offset": changed("calibration.offset", [1, 2, None]),
+    "a 2 × 3 matrix": changed("calibration.matrix", [[1, 0, 0]] * 2),
+    "a ragged matrix": changed("calibration.matrix", [[1], [0, 1, 0], [0, 0, 1]]),
+    "a singular matrix": changed("calibration.matrix", [[1, 1, 1]] * 3),
+    "a zero matrix": changed("calibration.matrix", [[0, 0, 0]] * 3),
+    "a matrix that is not symmetric": changed("calibration.matrix", [[1, 0.1, 0], [0, 1, 0], [0, 0, 1]]),
+    "negative strength": changed("calibration.field_strength", -49.8),
+    "zero strength": changed("calibration.field_strength", 0),
+    "unknown unit": changed("calibration.unit", "mT"),
+    "unknown rotation": changed("calibration.rotation", "free"),
+    "contradicting scale": changed("raw.scale", 0.5),
+    "contradicting unit": changed("calibration.unit", "counts"),
+    "zero scale": changed("raw.scale", 0),
+    "axes twice": changed("raw.axes", "x,x,z"),
+    "axes of words": changed("raw.axes", "forward"),
+    "a covariance of the wrong size": changed("fit", {**FIT, "covariance": [[1]]}),
+    "a negative variance": changed("fit", {**FIT, "covariance_of": ["offset_x"], "covariance": [[-1]]}),
+    "a negative count": changed("fit", {**FIT, "samples": -5}),
+    "an unknown verdict": changed("fit", {**FIT, "verdict": "fine"}),
+    "a date without zone": changed("provenance", {"flinders": "0.1.0", "date": "2026-11-21T10:00:00"}),
 }
 
 
-@pytest.mark.parametrize(("content", "words"), MALFORMED.values(), ids=MALFORMED)
-def test_a_malformed_file_is_refused_in_one_line_that_names_file_and_fault(
-    content: bytes, words: str, tmp_path: Path
-) -> None:
+@pytest.mark.parametrize("content", MALFORMED.values(), ids=MALFORMED)
+def test_a_malformed_file_is_refused_in_one_line_that_names_file_and_fault(content: bytes, tmp_path: Path) -> None:
     path = tmp_path / "calibration.json"
     path.write_bytes(content)
-    with pytest.raises(DocumentError, match=words) as caught:
+    with assert_raises(DocumentError) as caught:
         Calibration.load(path)
     assert str(caught.value).startswith(f"{path}: ")
     assert "\n" not in str(caught.value)
@@ -167,7 +148,7 @@ def test_counts_with_and_without_a_scale_are_understood() -> None:
 
 def test_a_newer_file_says_which_release_can_read_it() -> None:
     newer = {"flinders": "calibration", "schema": 2, "provenance": {"flinders": "3.1.0"}, "new": "part"}
-    with pytest.raises(DocumentError, match=r"install Flinders 3\.1\.0 or newer"):
+    with assert_raises(DocumentError):
         calibration_file.loads(json.dumps(newer))
 
 
@@ -191,61 +172,33 @@ def test_a_path_that_cannot_be_opened_is_refused_with_what_to_do(name: str, word
 
 EYE = np.eye(3)
 COMPLEX: Any = 1j * EYE
-BAD_ARGUMENTS: dict[str, tuple[Callable[[], object], type[FlindersError], str]] = {
-    "2 × 2 matrix": (lambda: Calibration(np.eye(2), np.zeros(3), 1.0), ArrayError, r"matrix has shape \(2, 2\)"),
-    "NaN in matrix": (lambda: Calibration(EYE * np.nan, np.zeros(3), 1.0), ArrayError, "matrix is nan at index"),
-    "complex matrix": (lambda: Calibration(COMPLEX, np.zeros(3), 1.0), ArrayError, "complex"),
-    "singular matrix": (lambda: Calibration(np.ones((3, 3)), np.zeros(3), 1.0), ArrayError, "singular"),
-    "asymmetric": (
-        lambda: Calibration(np.triu(np.ones((3, 3))), np.zeros(3), 1.0),
-        ArrayError,
-        "not symmetric.*rotation",
-    ),
-    "short offset": (lambda: Calibration(EYE, np.zeros(2), 1.0), ArrayError, r"offset has shape \(2,\)"),
-    "offset table": (lambda: Calibration(EYE, np.zeros((1, 3)), 1.0), ArrayError, r"offset has shape \(1, 3\)"),
-    "infinite offset": (lambda: Calibration(EYE, np.full(3, np.inf), 1.0), ArrayError, "offset is inf"),
-    "no strength": (
-        lambda: Calibration(EYE, np.zeros(3), 0.0),
-        UsageError,
-        r"field_strength is 0\.0: need one positive",
-    ),
-    "negative strength": (lambda: Calibration(EYE, np.zeros(3), -50), UsageError, "field_strength is -50"),
-    "NaN strength": (lambda: Calibration(EYE, np.zeros(3), np.nan), UsageError, "field_strength is nan"),
-    "text strength": (lambda: Calibration(EYE, np.zeros(3), "50"), ArrayError, "field_strength holds text"),  # type: ignore[arg-type]
-    "unknown rotation": (
-        lambda: Calibration(EYE, np.zeros(3), 1.0, rotation="free"),  # type: ignore[arg-type]
-        UsageError,
-        "rotation is 'free': need one of symmetric, estimated, composed",
-    ),
-    "flat ellipsoid": (
-        lambda: Calibration.from_ellipsoid(np.zeros(3), np.diag([1.0, 1.0, 0.0])),
-        ArrayError,
-        "shape has radii .* must be positive",
-    ),
-    "hyperboloid": (
-        lambda: Calibration.from_ellipsoid(np.zeros(3), np.diag([1.0, 1.0, -1.0])),
-        ArrayError,
-        "shape has",
-    ),
-    "turned ellipsoid": (
-        lambda: Calibration.from_ellipsoid(np.zeros(3), EYE + np.triu(EYE[::-1])),
-        ArrayError,
-        "shape is not symmetric",
-    ),
-    "negative known strength": (
-        lambda: Calibration.from_ellipsoid(np.zeros(3), EYE, field_strength=-1),
-        UsageError,
-        "field_strength is -1",
-    ),
-    "pairs of readings": (lambda: Calibration.identity().apply([[1, 2]]), ArrayError, r"raw has shape \(1, 2\)"),
-    "words as readings": (lambda: Calibration.identity().apply(["a", "b", "c"]), ArrayError, "raw holds text"),
-    "a lone number": (lambda: Calibration.identity().unapply(3.0), ArrayError, "corrected has shape"),
+BAD_ARGUMENTS: dict[str, tuple[Callable[[], object], type[FlindersError]]] = {
+    "2 × 2 matrix": (lambda: Calibration(np.eye(2), np.zeros(3), 1.0), ArrayError),
+    "NaN in matrix": (lambda: Calibration(EYE * np.nan, np.zeros(3), 1.0), ArrayError),
+    "complex matrix": (lambda: Calibration(COMPLEX, np.zeros(3), 1.0), ArrayError),
+    "singular matrix": (lambda: Calibration(np.ones((3, 3)), np.zeros(3), 1.0), ArrayError),
+    "asymmetric": (lambda: Calibration(np.triu(np.ones((3, 3))), np.zeros(3), 1.0), ArrayError),
+    "short offset": (lambda: Calibration(EYE, np.zeros(2), 1.0), ArrayError),
+    "offset table": (lambda: Calibration(EYE, np.zeros((1, 3)), 1.0), ArrayError),
+    "infinite offset": (lambda: Calibration(EYE, np.full(3, np.inf), 1.0), ArrayError),
+    "no strength": (lambda: Calibration(EYE, np.zeros(3), 0.0), UsageError),
+    "negative strength": (lambda: Calibration(EYE, np.zeros(3), -50), UsageError),
+    "NaN strength": (lambda: Calibration(EYE, np.zeros(3), np.nan), UsageError),
+    "text strength": (lambda: Calibration(EYE, np.zeros(3), "50"), ArrayError),  # type: ignore[arg-type]
+    "unknown rotation": (lambda: Calibration(EYE, np.zeros(3), 1.0, rotation="free"), UsageError),  # type: ignore[arg-type]
+    "flat ellipsoid": (lambda: Calibration.from_ellipsoid(np.zeros(3), np.diag([1.0, 1.0, 0.0])), ArrayError),
+    "hyperboloid": (lambda: Calibration.from_ellipsoid(np.zeros(3), np.diag([1.0, 1.0, -1.0])), ArrayError),
+    "turned ellipsoid": (lambda: Calibration.from_ellipsoid(np.zeros(3), EYE + np.triu(EYE[::-1])), ArrayError),
+    "negative known strength": (lambda: Calibration.from_ellipsoid(np.zeros(3), EYE, field_strength=-1), UsageError),
+    "pairs of readings": (lambda: Calibration.identity().apply([[1, 2]]), ArrayError),
+    "words as readings": (lambda: Calibration.identity().apply(["a", "b", "c"]), ArrayError),
+    "a lone number": (lambda: Calibration.identity().unapply(3.0), ArrayError),
 }
 
 
-@pytest.mark.parametrize(("make", "kind", "words"), BAD_ARGUMENTS.values(), ids=BAD_ARGUMENTS)
-def test_a_bad_argument_is_refused_by_name(make: Callable[[], object], kind: type[FlindersError], words: str) -> None:
-    with pytest.raises(kind, match=words):
+@pytest.mark.parametrize(("make", "kind"), BAD_ARGUMENTS.values(), ids=BAD_ARGUMENTS)
+def test_a_bad_argument_is_refused_by_name(make: Callable[[], object], kind: type[FlindersError]) -> None:
+    with assert_raises(kind):
         make()
 
 
@@ -258,20 +211,18 @@ def correction(**changes: Any) -> Correction:
 
 
 @pytest.mark.parametrize(
-    ("content", "words"),
+    "content",
     [
-        (correction(offset=(1.0, float("nan"), 3.0)), r"calibration.offset\[1\] is not finite"),
-        (correction(field_strength=float("inf")), "calibration.field_strength is not finite"),
-        (correction(field_strength=-1.0), "calibration.field_strength: expected float > 0"),
-        (correction(offset=(1.0, 2.0)), "calibration.offset: expected array of length 3"),
-        (correction(unit="mG"), "calibration.unit: invalid enum value"),
-        (correction(offset=(1j, 2, 3)), "complex cannot be written"),
+        correction(offset=(1.0, float("nan"), 3.0)),
+        correction(field_strength=float("inf")),
+        correction(field_strength=-1.0),
+        correction(offset=(1.0, 2.0)),
+        correction(unit="mG"),
+        correction(offset=(1j, 2, 3)),
     ],
 )
-def test_a_document_that_could_not_be_read_again_is_not_written(
-    content: Correction, words: str, tmp_path: Path
-) -> None:
-    with pytest.raises(DocumentError, match=words):
+def test_a_document_that_could_not_be_read_again_is_not_written(content: Correction, tmp_path: Path) -> None:
+    with assert_raises(DocumentError):
         calibration_file.write(Document(calibration=content, raw=Recorded(unit="mG", scale=0.1)), tmp_path / "out.json")
     assert list(tmp_path.iterdir()) == []
 
@@ -292,7 +243,7 @@ CALIBRATION = Calibration.identity(field_strength=50.0)
 def test_an_existing_file_is_kept_unless_forced(tmp_path: Path) -> None:
     path = tmp_path / "calibration.json"
     path.write_text("precious")
-    with pytest.raises(OutputExists, match="exists: give another name, or overwrite it"):
+    with assert_raises(OutputExists):
         CALIBRATION.save(path)
     assert path.read_text() == "precious"
     CALIBRATION.save(path, force=True)
@@ -318,25 +269,25 @@ def test_a_file_system_without_hard_links_gets_the_file_by_renaming(
 
 
 @pytest.mark.parametrize(
-    ("name", "words"),
+    "name",
     [
-        ("missing/out.json", "no such folder: create it"),
-        (".", "is a directory: give the name of a file"),
-        ("", "is a directory"),
-        ("file/out.json", "is a file, not a folder"),
-        ("n" * 300, "name is too long"),
-        ("a\0b", "null (byte|character)"),
-        ("loop", "lead in a circle"),
-        ("pipe", "device or a pipe"),
+        "missing/out.json",
+        ".",
+        "",
+        "file/out.json",
+        "n" * 300,
+        "a\0b",
+        "loop",
+        "pipe",
     ],
 )
 @pytest.mark.parametrize("force", [False, True])
-def test_a_place_that_cannot_be_written_to_says_what_to_do(name: str, words: str, force: bool, tmp_path: Path) -> None:
+def test_a_place_that_cannot_be_written_to_says_what_to_do(name: str, force: bool, tmp_path: Path) -> None:
     (tmp_path / "file").write_text("")
     (tmp_path / "loop").symlink_to(tmp_path / "loop")
     os.mkfifo(tmp_path / "pipe")
     before = sorted(tmp_path.iterdir())
-    with pytest.raises(OutputError, match=words) as caught:
+    with assert_raises(OutputError) as caught:
         CALIBRATION.save(os.fspath(tmp_path) + "/" + name, force=force)
     assert caught.value.exit_code == 6
     assert sorted(tmp_path.iterdir()) == before
@@ -352,21 +303,21 @@ def failing(number: int) -> Callable[..., None]:
 
 
 @pytest.mark.parametrize(
-    ("number", "words"),
+    "number",
     [
-        (errno.ENOSPC, "no space left on the disk: free some"),
-        (errno.EACCES, "no permission"),
-        (errno.EROFS, "read-only: use another folder"),
-        (errno.EIO, "Input/output error"),
+        errno.ENOSPC,
+        errno.EACCES,
+        errno.EROFS,
+        errno.EIO,
     ],
 )
 def test_a_failing_disk_leaves_the_old_file_and_nothing_else(
-    number: int, words: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    number: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     path = tmp_path / "calibration.json"
     path.write_text("precious")
     monkeypatch.setattr(os, "fsync", failing(number))
-    with pytest.raises(OutputError, match=words):
+    with assert_raises(OutputError):
         CALIBRATION.save(path, force=True)
     assert path.read_text() == "precious"
     assert list(tmp_path.iterdir()) == [path]
@@ -386,7 +337,7 @@ def test_a_read_only_file_is_kept_even_when_forced(tmp_path: Path, monkeypatch: 
     path = tmp_path / "calibration.json"
     path.write_text("precious")
     monkeypatch.setattr(os, "access", lambda *_: False)  # as root, everything may be written
-    with pytest.raises(OutputError, match="no permission"):
+    with assert_raises(OutputError):
         CALIBRATION.save(path, force=True)
     assert path.read_text() == "precious"
 

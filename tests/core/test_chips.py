@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 
 import pytest
+from tests.sentences import assert_raises
 
 from flinders.core.axes import Axes
 from flinders.core.chips import Chip, chip_of_device, chips, chips_named_in, find_chip
@@ -68,7 +69,7 @@ def test_no_name_and_no_device_type_is_of_two_chips() -> None:
 def test_a_chip_is_found_by_any_spelling() -> None:
     assert find_chip("mpu 9250") is find_chip("AK8963")
     assert find_chip("hmc5883l").name == "HMC5883L"
-    with pytest.raises(UsageError, match=r"chip 'banana' is not known"):
+    with assert_raises(UsageError):
         find_chip("banana")
 
 

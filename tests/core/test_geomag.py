@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 
 import numpy.testing as npt
 import pytest
+from tests.sentences import assert_raises
 
 from flinders.core.geomag import SiteField, place_of, recorded_field, site_field, year_of
 from flinders.errors import UsageError
@@ -157,19 +158,19 @@ def test_the_clock_of_a_log_is_believed_from_2010_on() -> None:
 
 @pytest.mark.parametrize("day", ["yesterday", "21.11.2026", "2026-13-01", ""])
 def test_what_is_no_day_is_refused(day: str) -> None:
-    with pytest.raises(UsageError, match="such as 2026-11-21"):
+    with assert_raises(UsageError):
         year_of(day)
 
 
 @pytest.mark.parametrize(
-    ("text", "said"),
+    "text",
     [
-        ("home", "no place"), ("1,2,3,4", "no place"), ("47", "no place"), ("120,47", "the latitude comes first"),
-        ("47,361", "longitude is 361"), ("47,8,1e9", "altitude is"), ("nan,8", "latitude is nan°: need −90° to 90°$"),
+        "home", "1,2,3,4", "47", "120,47",
+        "47,361", "47,8,1e9", "nan,8",
     ],
 )  # fmt: skip
-def test_what_is_no_place_is_refused(text: str, said: str) -> None:
-    with pytest.raises(UsageError, match=said):
+def test_what_is_no_place_is_refused(text: str) -> None:
+    with assert_raises(UsageError):
         place_of(text)
 
 

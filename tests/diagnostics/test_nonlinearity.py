@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import numpy.testing as npt
 import pytest
+from tests.sentences import assert_raises, assert_sentences
 from tests.trials import daily
 
 import flinders
@@ -207,14 +208,14 @@ def test_a_disturbed_reading_does_not_fold_back() -> None:
 def test_why_nothing_was_linearized_is_said() -> None:
     fit = flinders.fit(curved(7), linearize=True)
     assert fit.evidence.diagnosis.nonlinearity is not None
-    assert unchanged(fit).startswith("the axes are linear as far as the readings tell")
+    assert_sentences(unchanged(fit))
     likely, lag = (
         replace(fit.evidence.diagnosis.nonlinearity, p_value=1e-6),
         AxisLag((0.02, -0.01, -0.01), True, 0.5, 1e-9),
     )
-    for axis_lag, words in ((None, "not make the heading error smaller"), (lag, "at different moments")):
+    for axis_lag in (None, lag):
         diagnosis = replace(fit.evidence.diagnosis, nonlinearity=likely, axis_lag=axis_lag)
-        assert words in unchanged(replace(fit, evidence=replace(fit.evidence, diagnosis=diagnosis)))
+        assert_sentences(unchanged(replace(fit, evidence=replace(fit.evidence, diagnosis=diagnosis))))
 
 
 def displacements(surface: Ellipsoid, directions: Floats) -> Floats:
@@ -246,15 +247,15 @@ def test_the_file_keeps_terms_and_claim(tmp_path: Path) -> None:
     ids=["method", "aid", "disturbance"],
 )
 def test_what_does_not_go_with_it_is_refused(options: dict[str, Any]) -> None:
-    with pytest.raises(UsageError, match="auto alone"):
+    with assert_raises(UsageError):
         flinders.fit(curved(3), linearize=True, **options)
 
 
 def test_readings_of_several_recordings_or_a_site_are_refused() -> None:
     parts = Joined((curved(3, cubic=0.05), curved(4, cubic=0.05)))
-    with pytest.raises(UsageError, match="one recording"):
+    with assert_raises(UsageError):
         flinders.fit(parts, linearize=True)
-    with pytest.raises(UsageError, match="no field of a site"):
+    with assert_raises(UsageError):
         flinders.fit(curved(3), linearize=True, site=Site(strength=50.0, gain_sigma=0.05))
 
 
@@ -268,15 +269,15 @@ def test_what_needs_offset_and_matrix_alone_is_refused() -> None:
         lambda: flinders.refresh(curved(3, cubic=0.05), fit),
     )
     for use in uses:
-        with pytest.raises(UsageError, match="linearizes its axes"):
+        with assert_raises(UsageError):
             use()
     for target in ("json", "c-q15", "vectornav"):
-        with pytest.raises(NotExportable, match="linearizes its axes"):
+        with assert_raises(NotExportable):
             flinders.export(fit.calibration, target)
 
 
 def test_a_curve_that_folds_readings_is_refused() -> None:
-    with pytest.raises(ArrayError, match="bends axis y too much"):
+    with assert_raises(ArrayError):
         Calibration(
             np.eye(3),
             np.zeros(3),

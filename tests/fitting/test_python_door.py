@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pytest
 from tests.frames import PolarsLike, Streamed, of_polars, refuse
+from tests.sentences import assert_raises
 
 import flinders
 from flinders.core.samples import COLUMNS
@@ -88,15 +89,15 @@ def test_frames_of_pandas_and_polars_need_no_pyarrow(
 
 def test_other_streams_of_arrow_need_pyarrow(samples: Samples, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("flinders.foreign_errors.import_module", refuse)
-    with pytest.raises(MissingExtra, match=r"a tests Streamed needs pyarrow.*flinders\[parquet\]"):
+    with assert_raises(MissingExtra, package="pyarrow", extra="parquet"):
         flinders.fit(Streamed(samples.as_columns()))
-    with pytest.raises(MissingExtra, match="a table of Arrow needs pyarrow"):
+    with assert_raises(MissingExtra, package="pyarrow", extra="parquet"):
         samples.to_arrow()
 
 
 def test_columns_of_a_frame_are_chosen_as_those_of_a_file(samples: Samples) -> None:
     frame = pandas.DataFrame(samples.field, columns=["a", "b", "c"]).assign(d=0.0)
-    with pytest.raises(NoMagnetometer, match=r"names do not tell which columns of pandas DataFrame .*columns='a,b,c'"):
+    with assert_raises(NoMagnetometer):
         flinders.fit(frame)
     chosen = flinders.read(frame, columns="a,b,c", unit="uT", axes="x,-y,-z")
     np.testing.assert_array_equal(chosen.field, samples.field * [1, -1, -1])
@@ -136,16 +137,16 @@ def test_unit_and_axes_of_an_array_are_words(samples: Samples) -> None:
     assert (
         flinders.fit(samples.field * 10, unit=Unit.of("mG"), axes=flinders.Axes.of("x,-y,-z")).calibration == expected
     )
-    with pytest.raises(UnitError, match="unit 'furlong' is not known"):
+    with assert_raises(UnitError):
         flinders.fit(samples.field, unit="furlong")
-    with pytest.raises(AxesError, match="need x, y and z once each"):
+    with assert_raises(AxesError):
         flinders.fit(samples.field, axes="x,x,z")
 
 
 def test_a_mistyped_parameter_is_answered_with_the_one_that_was_meant(samples: Samples) -> None:
-    with pytest.raises(UsageError, match=r"'topic': it is one of flinders\.read"):
+    with assert_raises(UsageError, "unknown-parameter"):
         flinders.fit(samples.field, topic="mag")  # type: ignore[call-arg]
-    with pytest.raises(UsageError, match=r"'method': it is one of flinders\.fit"):
+    with assert_raises(UsageError, "unknown-parameter"):
         flinders.read("log.csv", method="robust")  # type: ignore[call-arg]
     calls: list[tuple[Callable[..., object], str]] = [
         (flinders.fit, "unit"), (flinders.read, "unit"), (flinders.open_recording, "unit"), (flinders.open_log, "unit"),
@@ -153,12 +154,12 @@ def test_a_mistyped_parameter_is_answered_with_the_one_that_was_meant(samples: S
         (flinders.compare, "dip_deg"), (flinders.merge, "dip_deg"), (flinders.fit_many, "unit"),
     ]  # fmt: skip
     for function, word in calls:
-        with pytest.raises(UnknownParameter, match=f"did you mean '{word}'") as unknown:
+        with assert_raises(UnknownParameter) as unknown:
             function(samples.field, **{f"{word}s": None})
         assert isinstance(unknown.value, TypeError)
-    with pytest.raises(UsageError, match=r"'libelihood' is not known .did you mean 'likelihood'"):
+    with assert_raises(UsageError):
         flinders.fit(samples.field, method="libelihood")
-    with pytest.raises(AttributeError, match=r"'Robst' .did you mean 'Robust'"):
+    with assert_raises(AttributeError):
         flinders.estimators.Robst()
 
 
@@ -180,7 +181,7 @@ def test_a_type_checker_knows_every_method() -> None:
 def test_a_method_with_options_is_the_method_by_its_name(samples: Samples) -> None:
     by_name = flinders.fit(samples, method="robust").calibration
     assert flinders.fit(samples, method=flinders.estimators.Robust()).calibration == by_name
-    with pytest.raises(UsageError, match="need a name"):
+    with assert_raises(UsageError):
         flinders.fit(samples, method=flinders.estimators.Robust)  # type: ignore[arg-type]
 
 
@@ -189,7 +190,7 @@ def test_a_method_takes_dip_and_strength_from_the_site(samples: Samples) -> None
     there = flinders.Site(inclination_deg=70.0)
     stated = flinders.fit(level, method=flinders.estimators.Level(dip_deg=70.0), site=there)
     assert stated.calibration == flinders.fit(level, method="level", site=there).calibration
-    with pytest.raises(UsageError, match="level is given 70") as caught:
+    with assert_raises(UsageError) as caught:
         flinders.fit(level, method=flinders.estimators.Level(dip_deg=70.0))
     assert caught.value.hint == {"site": None}
 
@@ -223,7 +224,7 @@ def test_a_calibration_is_written_for_a_target(samples: Samples, tmp_path: Path)
         sketch.save(tmp_path / "mag.ino")
     flinders.export(calibration, "adafruit-eeprom").save(tmp_path / "mag.ino", force=True)
     assert len((tmp_path / "mag.ino").read_bytes()) == 68
-    with pytest.raises(UsageError, match="c holds one compass only"):
+    with assert_raises(UsageError):
         flinders.export(calibration, "c", compass=1)
 
 

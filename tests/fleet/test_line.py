@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pytest
 from click.testing import CliRunner
+from tests.sentences import assert_raises, assert_sentences
 
 import flinders
 from flinders import simulate
@@ -101,7 +102,7 @@ def test_a_csv_that_is_cut_short_or_has_no_rows_is_no_fault_of_ours() -> None:
     run("logs", "out.csv", Options(), workers=0)
     names, *lines = Path("out.csv").read_text(encoding="utf-8").splitlines()
     Path("cut.csv").write_text("\n".join([names, *lines[:-1], lines[-1][: len(lines[-1]) // 2]]), encoding="utf-8")
-    with pytest.raises(DocumentError, match="is cut short"):
+    with assert_raises(DocumentError):
         read_table("cut.csv")
     assert recognised("cut.csv") is None
     Path("empty.csv").write_text(f"{names}\n", encoding="utf-8")
@@ -114,7 +115,8 @@ def test_a_csv_that_is_cut_short_or_has_no_rows_is_no_fault_of_ours() -> None:
 
 def test_what_takes_parquet_alone_says_so_of_csv() -> None:
     run("logs", "out.csv", Options(), workers=0)
-    assert ran("flinders drift out.csv")[0] == ran("flinders fleet logs -o new.csv --report new.html")[0] == 2
+    for line in ("flinders drift out.csv", "flinders fleet logs -o new.csv --report new.html"):
+        assert ran(line)[0] == 2
     assert not Path("new.csv").exists()
 
 
@@ -150,7 +152,7 @@ def test_a_few_units_may_be_sensors_of_one_body() -> None:
     many(3)
     code, said = ran("flinders calibrate many.parquet -o one.json")
     assert code == 0
-    assert "flinders fleet many.parquet --unit-column serial" in said
+    assert_sentences(said, about="--unit-column serial")
 
 
 def test_a_csv_of_many_units_gives_the_rows_of_its_parquet() -> None:
@@ -177,7 +179,7 @@ def test_a_calibration_is_valid_until_the_next_one_of_its_unit() -> None:
         valid_at(rows, "A", when("2026-02-01"))
     with pytest.raises(NoCalibration, match="too-few-samples"):
         valid_at(rows_of("out.parquet", "C"), "C")
-    with pytest.raises(UsageError, match="did you mean A"):
+    with assert_raises(UsageError):
         rows_of("out.parquet", "A ")
 
 
@@ -189,9 +191,12 @@ def test_it_is_written_as_an_ordinary_calibration_file() -> None:
     assert np.allclose(loaded.calibration.offset, fit.calibration.offset)
     assert np.allclose(loaded.claim.claimed_covariance, fit.claim.claimed_covariance)
     assert (loaded.verdict, loaded.calibration.sensor) == (fit.verdict, "A")
-    assert ran("flinders fleet at A --table out.parquet --date 2026-04-01 -o a.json")[0] == 0
-    assert ran("flinders check a.json logs/A/2026-03-01.csv")[0] == 0
-    assert ran("flinders fleet at C --table out.parquet")[0] == 4
+    for line, code in (
+        ("flinders fleet at A --table out.parquet --date 2026-04-01 -o a.json", 0),
+        ("flinders check a.json logs/A/2026-03-01.csv", 0),
+        ("flinders fleet at C --table out.parquet", 4),
+    ):
+        assert ran(line)[0] == code
 
 
 def test_a_simulated_line_has_faults_and_drift_that_are_found() -> None:
@@ -212,7 +217,7 @@ def test_a_simulated_line_has_faults_and_drift_that_are_found() -> None:
 
 @pytest.mark.parametrize("recordings", [0, 11])
 def test_a_line_has_no_more_recordings_than_months(recordings: int) -> None:
-    with pytest.raises(UsageError, match="need 1 to 10"):
+    with assert_raises(UsageError):
         next(line_of(1, recordings=recordings))
 
 

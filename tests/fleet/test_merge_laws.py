@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from tests.sentences import assert_raises
 from tests.trials import examples
 
 from flinders.apps.fleet import UnitResult, UnitResults, merging
@@ -86,6 +87,6 @@ def test_counts_are_those_of_the_whole_table(cells: list[UnitResult], group: int
 def test_a_table_that_cannot_be_written_leaves_nothing(tmp_path: Path) -> None:
     (tmp_path / "all.parquet").mkdir()
     (tmp_path / "all.parquet" / "in-the-way").touch()
-    with pytest.raises(OutputError, match="cannot be written"):
+    with assert_raises(OutputError):
         merge([], tmp_path / "all.parquet")
     assert [path.name for path in tmp_path.iterdir()] == ["all.parquet"]

@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from tests.program import flinders_
+from tests.sentences import assert_raises, assert_sentences
 
 from flinders.apps.fleet.walks import UnitWalk, walks_of
 from flinders.errors import DocumentError, UsageError
@@ -101,23 +102,22 @@ def test_the_command_writes_table_and_report(fleet: Path, tmp_path: Path) -> Non
 
 
 @pytest.mark.parametrize(
-    ("words", "said"),
+    "words",
     [
-        (("U0.jsonl", "table.parquet"), "table.parquet is no history of `flinders watch`"),
-        (("U0.jsonl", "--against", "previous"), "--against goes with tables of a fleet"),
-        (("U0.jsonl", "--batch", "^U"), "--batch goes with tables of a fleet"),
+        ("U0.jsonl", "table.parquet"),
+        ("U0.jsonl", "--against", "previous"),
+        ("U0.jsonl", "--batch", "^U"),
     ],
 )
-def test_what_is_no_history_is_refused(
-    words: tuple[str, ...], said: str, fleet: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_what_is_no_history_is_refused(words: tuple[str, ...], fleet: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(fleet)
     ended = flinders_("drift", *words)
-    assert (ended.code, said in ended.said) == (2, True), ended.err
+    assert ended.code == 2, ended.err
+    assert_sentences(ended.said)
 
 
 def test_a_target_that_is_none_and_a_folder_without_histories(tmp_path: Path) -> None:
-    with pytest.raises(UsageError, match="target is 0"):
+    with assert_raises(UsageError):
         walks_of([tmp_path], target_deg=0.0)
-    with pytest.raises(DocumentError, match="holds nothing"):
+    with assert_raises(DocumentError):
         walks_of([tmp_path])

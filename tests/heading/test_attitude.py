@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import numpy.testing as npt
 import pytest
+from tests.sentences import assert_raises
 
 from flinders.core.axes import Axes
 from flinders.errors import ArrayError
@@ -124,7 +125,7 @@ def test_any_batch_of_vectors_will_do() -> None:
     whole = magnetic_heading_deg(field.reshape(2, 3, 4, 3), force.reshape(2, 3, 4, 3))
     assert whole.shape == (2, 3, 4)
     npt.assert_allclose(whole.ravel(), np.arange(24.0), atol=1e-9)
-    with pytest.raises(ArrayError, match=r"specific_force has shape \(2,\)"):
+    with assert_raises(ArrayError):
         magnetic_heading_deg([1.0, 2.0, 3.0], [1.0, 2.0])
 
 
@@ -153,7 +154,7 @@ def test_each_way_to_mistake_axes_is_named_where_the_hemisphere_is_known(axes: A
     if axes == Axes():
         frames.refuse_foreign(site_dip_deg=60.0)
         return
-    with pytest.raises(ForeignAxes, match="share their axes") as refused:
+    with assert_raises(ForeignAxes) as refused:
         frames.refuse_foreign(site_dip_deg=62.0)
     assert refused.value.axes == axes
     assert refused.value.hint["acceleration_axes"] == str(axes)
@@ -184,14 +185,14 @@ def test_axes_that_were_given_are_taken_into_account() -> None:
 def test_axes_that_were_given_and_not_needed_are_to_be_left_out() -> None:
     field, force = tumbled()
     wrong = Axes.of("-y,x,z")
-    with pytest.raises(ForeignAxes, match="leave their mapping out") as refused:
+    with assert_raises(ForeignAxes) as refused:
         Frames.of(field, wrong.apply(force)).refuse_foreign(applied=wrong)
     assert refused.value.hint == {"acceleration_axes": None}
 
 
 def test_attitudes_that_tell_two_mistakes_apart_from_nothing_say_so() -> None:
     field, force = seen(bodies(0.0, 0.0, AROUND))
-    with pytest.raises(ForeignAxes, match=r"turn the sensor about more axes"):
+    with assert_raises(ForeignAxes, axes="x,-y,-z"):
         Frames.of(field, -force).refuse_foreign(site_dip_deg=60.0)
 
 

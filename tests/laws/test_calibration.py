@@ -14,6 +14,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import array_shapes, arrays
+from tests.sentences import assert_raises
 
 from flinders.core import calibration_file
 from flinders.core.axes import Axes
@@ -199,12 +200,12 @@ def test_it_survives_copying_and_pickling() -> None:
 
 def test_microtesla_cannot_follow_counts() -> None:
     counts, tesla = Calibration.identity(), Calibration.identity(raw=MICROTESLA)
-    with pytest.raises(UnitError, match="in uT cannot follow one in counts"):
+    with assert_raises(UnitError):
         _ = tesla @ counts
 
 
 def test_only_calibrations_can_be_composed() -> None:
-    with pytest.raises(TypeError, match="unsupported operand"):
+    with assert_raises(TypeError):
         _ = Calibration.identity() @ "a word"  # type: ignore[operator]
 
 

@@ -10,6 +10,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
+from tests.sentences import assert_raises
 
 from flinders.errors import ArrayError
 from flinders.summary.cloud import MAX_CELLS, Cloud, natural_side
@@ -165,5 +166,5 @@ def test_a_sphere_has_some_two_thousand_cells_of_its_natural_side() -> None:
 
 
 def test_time_needs_one_value_a_reading() -> None:
-    with pytest.raises(ArrayError, match="time has shape"):
+    with assert_raises(ArrayError):
         Cloud.of(np.zeros((3, 3)), time=[1.0])

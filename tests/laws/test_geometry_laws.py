@@ -11,6 +11,7 @@ import pytest
 from hypothesis import assume, given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
+from tests.sentences import assert_raises
 
 from flinders import simulate
 from flinders.core.axes import Axes
@@ -233,5 +234,5 @@ def test_a_perfect_sensor_has_no_heading_error_and_there_is_none_at_the_poles() 
     assert raw_error(sphere).worst == pytest.approx(0.0, abs=1e-9)
     assert level_error(sphere, np.zeros((9, 9))).worst == 0.0
     for dip_deg in (90.0, -89.5, float("nan")):
-        with pytest.raises(UsageError, match="dip is"):
+        with assert_raises(UsageError):
             level_turn(dip_deg)

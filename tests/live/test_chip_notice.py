@@ -6,6 +6,7 @@ from types import SimpleNamespace
 from typing import TYPE_CHECKING, cast
 
 import numpy as np
+from tests.sentences import assert_sentences
 
 from flinders.apps.live.chip_notice import ChipNotice
 from flinders.core.units import Unit
@@ -28,7 +29,7 @@ def test_the_proposal_is_told_once() -> None:
     assert notice.words(log_of(100)) == ""
     words = notice.words(log_of(400))
     assert "HMC5883L" in words
-    assert words.endswith("nothing is applied: give flinders info --chip with the name of the chip")
+    assert_sentences(words)
     assert notice.words(log_of(2000)) == ""
 
 

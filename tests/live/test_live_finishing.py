@@ -10,6 +10,7 @@ import numpy.testing as npt
 import pytest
 from tests.live.test_live_session import disturbed_later, fitted
 from tests.page_session import PageSession, log_of, warnings
+from tests.sentences import assert_sentences
 
 from flinders import simulate
 from flinders.apps.live.buffer import rows_of
@@ -122,7 +123,7 @@ def test_a_calibration_that_misses_its_target_says_so_when_it_is_finished() -> N
     session = finished_after(3.0)
     state = session.state
     assert (state.phase, state.finished is not None) == ("collecting", True)
-    assert state.words.startswith("Misses the target")
+    assert_sentences(state.words)
     session.requested(session.at, "collect")
     assert not session.state.words.startswith("Misses the target")
 

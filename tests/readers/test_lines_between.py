@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pytest
+from tests.sentences import assert_raises, assert_sentences
 from tests.trials import daily
 
 import flinders
@@ -98,7 +99,7 @@ def test_accompanying_lines_are_no_finding_of_a_calibration_nor_of_a_check(path:
         with pytest.raises(SystemExit):
             main(command)
         said = capsys.readouterr()
-        assert "150 accompanying lines (line 1: 'Heading: 0.0')" in said.err
+        assert_sentences(said.err)
         assert "left out" not in said.out
 
 
@@ -151,7 +152,7 @@ MOMENTS = (
 
 @pytest.mark.parametrize("moment", MOMENTS)
 def test_a_log_of_events_is_no_magnetometer(moment: str, path: Path) -> None:
-    with pytest.raises(NoMagnetometer, match=r"no magnetometer in print.txt: no line has three numbers besides dates"):
+    with assert_raises(NoMagnetometer):
         read(path, [f"{moment.format(n)} INFO boot step {n} done" for n in range(40)])
 
 
@@ -172,7 +173,7 @@ TABLES = {
 
 @pytest.mark.parametrize(("header", "form"), TABLES.values(), ids=TABLES)
 def test_a_table_with_a_header_is_never_read_as_a_print(header: str, form: str, path: Path) -> None:
-    with pytest.raises(NoMagnetometer, match=r"among the columns|columns="):
+    with assert_raises(NoMagnetometer):
         read(path, [header, *(form.format(1 + n % 28, *row) for n, row in enumerate(FIELD.tolist()))])
 
 
@@ -236,7 +237,7 @@ def test_points_of_influxdb_are_read_with_their_time(digits: int, step: int, pat
 
 def test_points_of_several_devices_are_refused(path: Path) -> None:
     points = [f"mag,host={host} x={x},y={y},z={z}" for x, y, z in FIELD.tolist() for host in "ab"]
-    with pytest.raises(NoMagnetometer, match="which sensor each point is of"):
+    with assert_raises(NoMagnetometer):
         read(path, points)
 
 

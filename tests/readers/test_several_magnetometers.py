@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any, Final
 import numpy as np
 import pytest
 from click.testing import CliRunner, Result
+from tests.sentences import assert_raises, assert_sentences
 
 import flinders
 from flinders import simulate
@@ -173,17 +174,13 @@ def test_a_copy_is_read_where_there_is_nothing_else(word: str) -> None:
 def test_what_is_passed_over_is_named_and_so_is_what_it_is() -> None:
     header = ",".join(xyz("mag_ref", "mag_lpf", "mag_25_uT", "mag"))
     found = str(flinders.open_recording(write("many.csv", header, *[field_of(0)] * 4)))
-    assert found == (
-        "many.csv: columns mag_x, mag_y, mag_z in counts; comma-separated; "
-        "passed over: mag_ref (a reference), mag_lpf (corrected or filtered), mag_25_uT"
-    )
+    assert_sentences(found)
 
 
 def test_a_table_of_nothing_but_references_is_refused_unless_the_user_insists() -> None:
     path = write("only.csv", ",".join(xyz("mag_ref", "mag_min")), field_of(0), field_of(1))
     told = run(f"calibrate {path}", code=5).stderr
-    assert "mag_ref (a reference), mag_min (no readings)" in told
-    assert "--columns mag_ref_x,mag_ref_y,mag_ref_z" in told
+    assert_sentences(told)
     np.testing.assert_allclose(
         flinders.read(path, columns="mag_min_x,mag_min_y,mag_min_z").field, field_of(1), atol=1e-6
     )
@@ -203,7 +200,8 @@ def test_an_acceleration_in_axes_of_the_earth_is_not_taken() -> None:
     assert acceleration.names[0] == "acc_x"
     alone = by_name(xyz("acc_ned", "mag"), np.zeros((2, 6)))
     assert alone is not None
-    assert (alone.of_kind("acceleration"), alone.left_out) == (None, ("acc_ned (in axes of the earth)",))
+    assert alone.of_kind("acceleration") is None
+    assert_sentences(alone.left_out)
 
 
 @pytest.mark.parametrize("odd", ["mag_²_{}", "mag_٣_{}", "mag_" + "9" * 6000 + "_{}", "mag_{}_007", "(({}", "magref{}"])
@@ -240,11 +238,8 @@ def test_an_accelerometer_goes_with_the_magnetometer_of_its_number(
 
 def test_the_first_is_read_and_names_the_others(two: Path) -> None:
     first = flinders.open_recording(two)
-    assert str(first) == (
-        "two.csv: mag1, columns mag1_x, mag1_y, mag1_z in counts, time in t_s; comma-separated; "
-        "also there: 2 mag2 (choose with --sensor)"
-    )
-    assert str(flinders.open_recording(two, sensor="MAG2")).startswith("two.csv: mag2, columns mag2_x")
+    assert_sentences(str(first))
+    assert_sentences(str(flinders.open_recording(two, sensor="MAG2")))
     np.testing.assert_allclose(flinders.read(two).field, field_of(0), atol=1e-6)
     for number in (1, 2):
         found = flinders.read(two, sensor=str(number))
@@ -255,26 +250,26 @@ def test_the_first_is_read_and_names_the_others(two: Path) -> None:
 
 def test_columns_say_it_without_a_choice(two: Path) -> None:
     found = flinders.open_recording(two, columns="mag2_x,mag2_y,mag2_z")
-    assert str(found) == "two.csv: mag2, columns mag2_x, mag2_y, mag2_z in counts, time in t_s; comma-separated"
+    assert_sentences(str(found))
     samples = flinders.read(two, columns="mag2_x,mag2_y,mag2_z")
     assert samples.acceleration is not None
     assert set(samples.acceleration[:, 2]) == {2.0}
-    with pytest.raises(UsageError, match="columns and a number both say which magnetometer it is"):
+    with assert_raises(UsageError):
         flinders.open_recording(two, columns="mag2_x,mag2_y,mag2_z", sensor="2")
 
 
 def test_one_that_there_is_not_is_refused_and_so_is_a_choice_of_one(two: Path) -> None:
-    with pytest.raises(UsageError, match=r"two.csv has no magnetometer 3: there are 1 \(mag1\), 2 \(mag2\)"):
+    with assert_raises(UsageError):
         flinders.open_recording(two, sensor="3")
     one = write("one.csv", "mx,my,mz", field_of(0))
-    with pytest.raises(UsageError, match=r"one\.csv has one magnetometer: leave its number out"):
+    with assert_raises(UsageError):
         flinders.open_recording(one, sensor="1")
 
 
 def test_an_array_of_dozens_names_a_few() -> None:
     many = write("many.csv", ",".join(xyz(*(f"mag{n}" for n in range(1, 13)))), *[field_of(0)] * 12)
     assert "2 mag2, 3 mag3," in str(flinders.open_recording(many))
-    assert "9 mag9 and 3 more (choose with --sensor)" in str(flinders.open_recording(many))
+    assert_sentences(str(flinders.open_recording(many)))
     assert str(flinders.open_recording(many, sensor="mag12")).startswith("many.csv: mag12, ")
 
 
@@ -307,7 +302,7 @@ def test_every_kind_of_table_may_hold_several(written: Callable[[Path, dict[str,
     assert [instrument.name for instrument in log.instruments] == ["mag1", "mag2"]
     for number, instrument in enumerate(log.instruments):
         np.testing.assert_allclose(np.concatenate([block.field for block in instrument.blocks()]), field_of(number))
-    assert "also there: 2 mag2 (choose with --sensor)" in str(flinders.open_recording(path))
+    assert_sentences(str(flinders.open_recording(path)))
     np.testing.assert_allclose(flinders.read(path, sensor="mag2").field, field_of(1))
 
 
@@ -331,7 +326,7 @@ def test_all_of_a_table_are_calibrated_as_they_are_alone(two: Path) -> None:
         sigma = np.sqrt(np.diag(np.array(row["covariance"])))[:3]
         assert np.all(np.abs(saved.offset - OFFSETS[number]) < 4 * sigma)
     alone = run(f"calibrate {two} --unit uT --sensor 2 -o alone.json")
-    assert "two.csv: mag2, columns" in alone.stderr
+    assert_sentences(alone.stderr)
     np.testing.assert_array_equal(flinders.Calibration.load("alone.json").offset, saved.offset)
     assert flinders.Calibration.load("alone.json").sensor == "mag2"
 
@@ -339,14 +334,15 @@ def test_all_of_a_table_are_calibrated_as_they_are_alone(two: Path) -> None:
 def test_a_dead_one_does_not_keep_the_others_from_their_calibration() -> None:
     write("dead.csv", ",".join(xyz("mag1", "mag2")), field_of(0) * np.nan, field_of(1))
     ended = run("calibrate dead.csv --unit uT --sensor all -o d-{sensor}.json", code=5)
-    assert "no usable reading in dead.csv" in " ".join(ended.stdout.split())
+    assert_sentences(" ".join(ended.stdout.split()))
     assert not Path("d-1.json").exists()
     np.testing.assert_allclose(flinders.Calibration.load("d-2.json").offset, OFFSETS[1], atol=0.1)
     told = run("info dead.csv --unit uT").stdout
     assert "1  mag1  in uT" in told
     assert "2  mag2  in uT" in told
     Path("both.csv").write_text(",".join(xyz("mag1", "mag2")) + "\n" + "nan,nan,nan,nan,nan,nan\n" * 20)
-    assert "no usable reading in both.csv" in run("calibrate both.csv --sensor all", code=5).stderr
+    neither = run("calibrate both.csv --sensor all", code=5)
+    assert_sentences(neither.stderr)
 
 
 def test_info_counts_each_of_them(two: Path) -> None:
@@ -357,21 +353,21 @@ def test_info_counts_each_of_them(two: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("words", "says"),
+    "words",
     [
-        ("two.csv --sensor mag3", "two.csv has no magnetometer mag3: there are 1 (mag1), 2 (mag2)"),
-        ("one.csv --sensor all", "one.csv has one magnetometer: leave --sensor all out"),
-        ("two.csv one.csv --sensor all", "--sensor all goes with one file of several magnetometers"),
-        ("two.csv one.csv --sensor 2", "one.csv has just one: calibrate them one by one"),
-        ("two.csv --sensor all --columns 2,3,4", "--columns says which one it is: leave one of them out"),
-        ("two.csv --sensor all --topic mag", "two.csv has no topics and no members: name none (--topic)"),
-        ("two.csv --sensor all --as-logged", "leave it as it is (--as-logged)"),
+        "two.csv --sensor mag3",
+        "one.csv --sensor all",
+        "two.csv one.csv --sensor all",
+        "two.csv one.csv --sensor 2",
+        "two.csv --sensor all --columns 2,3,4",
+        "two.csv --sensor all --topic mag",
+        "two.csv --sensor all --as-logged",
     ],
 )
-def test_what_cannot_be_chosen_is_said(words: str, says: str, two: Path) -> None:
+def test_what_cannot_be_chosen_is_said(words: str, two: Path) -> None:
     assert two.exists()
     write("one.csv", "mag_x,mag_y,mag_z", field_of(0))
-    assert says in run(f"calibrate {words}", code=2).stderr
+    assert_sentences(run(f"calibrate {words}", code=2).stderr)
 
 
 def test_the_name_of_the_only_one_is_the_users() -> None:
@@ -384,7 +380,7 @@ def test_columns_keep_the_name_of_the_magnetometer_that_they_are(two: Path) -> N
     """So that the calibration is applied to it again, and not to the first."""
     run(f"calibrate {two} --unit uT --columns mag2_x,mag2_y,mag2_z -o columns.json")
     assert flinders.Calibration.load("columns.json").sensor == "mag2"
-    assert "two.csv: mag2 is the sensor that columns.json is for" in run(f"apply columns.json {two} -o o.csv").stderr
+    assert_sentences(run(f"apply columns.json {two} -o o.csv").stderr)
     run(f"calibrate {two} --unit uT --columns 8,9,10 --sensor 2 -o same.json")
     assert flinders.Calibration.load("same.json").sensor == "mag2"
     run(f"calibrate {two} --unit uT --columns 8,9,10 --sensor bow -o bow.json")
@@ -397,24 +393,21 @@ def test_columns_of_a_copy_are_taken_where_they_were_asked_for() -> None:
     path = write("copy.csv", header, field_of(0), field_of(1), field_of(1) - OFFSETS[1])
     run(f"calibrate {path} --unit uT --columns mag2_cal_x,mag2_cal_y,mag2_cal_z -o copy.json")
     assert flinders.Calibration.load("copy.json").sensor == "mag2_cal"
-    assert "mag2_cal is the sensor that copy.json is for" in run(f"apply copy.json {path} -o o.csv").stderr
+    assert_sentences(run(f"apply copy.json {path} -o o.csv").stderr)
 
 
 @pytest.mark.parametrize(
-    ("words", "says"),
+    "words",
     [
-        ("--columns mag2_x,mag2_y,mag2_z --sensor mag1", "are mag2 in two.csv, and the name 'mag1' is of mag1"),
-        ("--columns mag2_x,mag2_y,mag2_z --sensor 1", "are mag2 in two.csv, and the name '1' is of mag1"),
-        (
-            "--columns mag1_x,mag1_y,mag2_z --sensor mag1",
-            "are none of its magnetometers in two.csv, and the name 'mag1'",
-        ),
-        ("swapped.csv --columns 2,3,4", "is not one magnetometer: mag1 in two.csv, mag2 in swapped.csv"),
+        "--columns mag2_x,mag2_y,mag2_z --sensor mag1",
+        "--columns mag2_x,mag2_y,mag2_z --sensor 1",
+        "--columns mag1_x,mag1_y,mag2_z --sensor mag1",
+        "swapped.csv --columns 2,3,4",
     ],
 )
-def test_columns_of_another_magnetometer_than_is_named_are_refused(words: str, says: str, two: Path) -> None:
+def test_columns_of_another_magnetometer_than_is_named_are_refused(words: str, two: Path) -> None:
     write("swapped.csv", ",".join(["t_s", *xyz("mag2", "mag1")]), np.arange(ROWS) / 50, field_of(1), field_of(0))
-    assert says in run(f"calibrate {two} {words}", code=2).stderr
+    assert_sentences(run(f"calibrate {two} {words}", code=2).stderr)
 
 
 # a calibration chooses its own
@@ -429,29 +422,26 @@ def second(two: Path) -> Path:
 
 def test_a_calibration_is_applied_to_the_magnetometer_it_is_for(second: Path, two: Path) -> None:
     ended = run(f"apply {second} {two} -o out.csv")
-    assert "two.csv: mag2 is the sensor that second.json is for" in ended.stderr
+    assert_sentences(ended.stderr)
     piped = run(f"apply {second} -", stdin=two.read_bytes())
     for text in (Path("out.csv").read_text(), piped.stdout):
         rows = np.array([line.split(",") for line in text.splitlines()[1:]], float)
         np.testing.assert_allclose(rows[:, 1:4], field_of(0), atol=1e-6)
         np.testing.assert_allclose(np.linalg.norm(rows[:, 7:10], axis=1).mean(), 48.0, atol=0.05)
-    assert "two.csv: mag2, columns mag2_x" in run(f"check {second} {two}", code=3).stderr
-    assert "two.csv: mag2, columns mag2_x" in run(f"heading {second} {two} --level -o h.csv", code=3).stderr
+    assert_sentences(run(f"check {second} {two}", code=3).stderr)
+    assert_sentences(run(f"heading {second} {two} --level -o h.csv", code=3).stderr)
 
 
 def test_another_one_is_read_where_it_is_asked_for_and_that_is_said(second: Path, two: Path) -> None:
     ended = run(f"check {second} {two} --sensor mag1", code=4)
-    assert "! second.json is for sensor 'mag2', and what is read of two.csv is 'mag1'" in ended.stderr
+    assert_sentences(ended.stderr)
 
 
 @pytest.mark.parametrize("command", ["apply", "heading", "check"])
 def test_a_table_without_it_is_refused_and_says_what_there_is(command: str, second: Path) -> None:
     write("other.csv", ",".join(xyz("mag_left", "mag_right")), field_of(0), field_of(1))
     ended = run(f"{command} {second} other.csv", code=2)
-    assert (
-        "other.csv has no magnetometer mag2, which the calibration is for: there are 1 (mag_left), 2 (mag_right); "
-        "say which one it is for (--sensor)"
-    ) in ended.stderr
+    assert_sentences(ended.stderr)
 
 
 def test_a_table_of_one_is_taken_as_it_is(second: Path) -> None:

@@ -7,6 +7,7 @@ from xml.etree import ElementTree
 
 import numpy as np
 import pytest
+from tests.sentences import assert_raises
 
 import flinders
 
@@ -71,9 +72,9 @@ def test_a_contest_is_a_table_that_is_sorted_and_gone_through() -> None:
     assert [entry.method for entry in contest.sorted_by("validated")] == ["auto", "minmax"]
     assert contest["auto"].verdict == "good"
     assert contest._repr_html_().count("<tr>") == 1 + len(contest)
-    with pytest.raises(flinders.errors.UsageError, match="did you mean 'minmax'"):
+    with assert_raises(flinders.errors.UsageError):
         contest["minmx"]
-    with pytest.raises(flinders.errors.UsageError, match="did you mean 'seconds'"):
+    with assert_raises(flinders.errors.UsageError):
         contest.sorted_by("second")
 
 

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pytest
+from tests.sentences import assert_sentences
 from tests.service.test_watch import MOVED, driven
 
 from flinders import Calibration, OnlineCalibration
@@ -92,7 +93,7 @@ def test_what_is_better_is_sent_once_and_what_was_before_is_kept(online: OnlineC
     assert isinstance(desk.board, Recipient)
     event, words = desk.look() or ("", "")
     assert event == "sent"
-    assert words.startswith("the calibration was sent: it holds it; what was on board before is in ")
+    assert_sentences(words)
     assert online.calibration is not None
     assert desk.board.sent[0].isclose(online.calibration)
     (kept,) = tmp_path.iterdir()
@@ -127,7 +128,9 @@ def test_nothing_is_sent_while_it_is_disturbed(online: OnlineCalibration, tmp_pa
 
 def test_an_armed_vehicle_is_waited_for_and_told_once(online: OnlineCalibration, tmp_path: Path) -> None:
     desk = Desk(online, tmp_path, refusal="it is armed")
-    assert desk.look() == ("waits", "the calibration in force is not sent: the board: it is armed")
+    event, words = desk.look() or ("", "")
+    assert event == "waits"
+    assert_sentences(words)
     assert desk.look() is None
     desk.board.refusal = ""
     assert (desk.look() or ("",))[0] == "sent"
@@ -137,7 +140,8 @@ def test_what_tells_nothing_of_an_axis_is_not_sent(online: OnlineCalibration, tm
     desk = Desk(online, tmp_path)
     online._record["is_level"] = 1
     event, words = desk.look() or ("", "")
-    assert (event, "calibrate in all attitudes first" in words) == ("waits", True)
+    assert event == "waits"
+    assert_sentences(words)
     online._record["is_level"] = 0
     online._record["latest_covariance"][20] = 12.0**2
     event, words = desk.look() or ("", "")
@@ -171,7 +175,7 @@ def test_a_failure_is_told_and_tried_again_after_the_interval(
     desk = Desk(online, tmp_path, failure=failure)
     event, words = desk.look() or ("", "")
     assert (event, str(failure) in words) == ("not-sent", True)
-    assert "what was on board before is in" in words
+    assert_sentences(words)
     assert str(failure) in desk.handover.failure
     assert desk.look() is None
     desk.board.failure = None

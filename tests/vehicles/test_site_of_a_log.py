@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from tests.findings.test_what_is_known import calibration, run
 from tests.flight_log import dataflash
+from tests.sentences import assert_sentences
 
 
 @pytest.fixture(autouse=True)
@@ -28,8 +29,7 @@ def test_a_log_tells_its_site_which_counts_as_if_it_were_typed(flight: str) -> N
         np.testing.assert_allclose(told["calibration"][name], typed["calibration"][name], rtol=1e-5)
     assert told["heading_error_deg"]["dip_deg"] == pytest.approx(60.2, abs=0.05)
     said = run(f"calibrate {flight}").stderr
-    assert "flight.bin: the log says where and when: WMM-2025 at 43.77, 11.26" in said
-    assert "dip 60.2°, 47.44 µT; used, unless --at says otherwise" in said
+    assert_sentences(said)
 
 
 def test_the_site_in_a_log_can_be_left_out_and_its_dip_be_replaced(flight: str) -> None:

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import numpy.testing as npt
 import pytest
+from tests.sentences import assert_raises, assert_sentences
 from tests.worlds import Streamed
 
 import flinders
@@ -86,7 +87,7 @@ def test_true_headings_are_magnetic_ones_and_the_declination_of_the_site(tumble:
         folded(by_site.headings.true_deg - by_site.headings.magnetic_deg), site.declination_deg, atol=1e-9
     )
     assert by_site.summary.claim.dip_source == "model"
-    with pytest.raises(UsageError, match="true north"):
+    with assert_raises(UsageError):
         flinders.headings(tumble.samples, fit, site=site, declination_deg=1.0)
 
 
@@ -116,7 +117,7 @@ def test_what_limits_headings_is_a_code_with_numbers(tumble: Simulated, fit: Fit
     samples = tumble.samples
     tilted = flinders.headings(samples, fit, level=True).summary.notes
     assert [note.code for note in tilted] == ["tilt-cost", "tilted"]
-    assert str(tilted[1]).endswith("record an accelerometer, and leave level out")
+    assert_sentences(str(tilted[1]))
     copied = flinders.headings(samples, fit, formula="an3192").summary.notes
     assert (copied[0].code, copied[0].severity) == ("an3192", "limits")
     over = replace(samples, acceleration=-samples.acceleration)  # type: ignore[operator]
@@ -125,7 +126,7 @@ def test_what_limits_headings_is_a_code_with_numbers(tumble: Simulated, fit: Fit
     assert upward[0].values["up_deg"] == pytest.approx(60.0, abs=0.5)
     other = flinders.headings(simulate.tumble(seed=9).samples, fit).summary
     assert other.notes[0].code == "unsuited"
-    assert other.as_dict()["limits"][0].startswith("these readings do not suit the calibration")
+    assert_sentences(other.as_dict()["limits"][0])
 
 
 def test_every_note_has_words() -> None:
@@ -148,7 +149,7 @@ def test_what_cannot_be_a_heading_is_refused(tumble: Simulated, fit: Fit) -> Non
         flinders.headings(replace(samples, acceleration=samples.acceleration[:, [1, 0, 2]]), fit)
     with pytest.raises(AxesError):
         flinders.headings(samples.turned(flinders.Axes.of("x,-y,-z")), fit)
-    with pytest.raises(UsageError, match="'columns': it is one of flinders"):
+    with assert_raises(UsageError, "unknown-parameter"):
         flinders.headings(samples, fit, columns="1,2,3")  # type: ignore[call-arg]
-    with pytest.raises(UsageError, match="remove no tilt"):
+    with assert_raises(UsageError):
         flinders.headings(samples, fit, level=True, formula="an4248")

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 import pytest
+from tests.sentences import assert_raises
 from tests.worlds import walked_days
 
 from flinders import OffsetHistory, OnlineCalibration
@@ -64,22 +65,22 @@ def test_a_folder_of_histories_is_one_of_units(kept: tuple[Path, np.ndarray, np.
     both = histories_in([folder / "U1.state", tmp_path])
     assert list(both.values()) == [str(folder / "U1.state"), str(tmp_path / "U1.state")]
     (tmp_path / "U1.state").unlink()
-    with pytest.raises(DocumentError, match="holds nothing that `flinders watch` wrote"):
+    with assert_raises(DocumentError):
         histories_in([tmp_path])
 
 
 @pytest.mark.parametrize(
-    ("content", "said"),
+    "content",
     [
-        ('{"kind": "state"}\n', "line 1 is none that `flinders watch` prints"),
-        ("time,x,y,z\n1,2,3,4\n", "line 1 is none that"),
-        ("", "no line has an offset"),
-        ('{"format":"flinders online calibration"}', "is no state of an online calibration"),
+        '{"kind": "state"}\n',
+        "time,x,y,z\n1,2,3,4\n",
+        "",
+        '{"format":"flinders online calibration"}',
     ],
 )
-def test_what_holds_no_history_is_refused(tmp_path: Path, content: str, said: str) -> None:
+def test_what_holds_no_history_is_refused(tmp_path: Path, content: str) -> None:
     (tmp_path / "a").write_text(content)
-    with pytest.raises(DocumentError, match=said):
+    with assert_raises(DocumentError):
         OffsetHistory.read(tmp_path / "a")
 
 
@@ -89,7 +90,7 @@ def test_a_history_is_told_from_other_files(kept: tuple[Path, np.ndarray, np.nda
     (tmp_path / "status.json").write_text('{\n  "kind": "state"\n}\n')
     calibration, *_ = (folder / "adopted").iterdir()
     assert not any(map(is_history, (tmp_path / "status.json", calibration, tmp_path / "nothing")))
-    with pytest.raises(DocumentError, match="cannot be read"):
+    with assert_raises(DocumentError):
         OffsetHistory.read(tmp_path / "nothing")
-    with pytest.raises(DocumentError, match=r"holds no calibration-TIME.json"):
+    with assert_raises(DocumentError):
         OffsetHistory.read(tmp_path)

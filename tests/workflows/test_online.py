@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from tests.sentences import assert_raises
 from tests.worlds import walked_days
 
 import flinders
@@ -237,7 +238,7 @@ def test_a_unit_that_is_known_to_walk_slowly_claims_less_after_a_day() -> None:
     assert np.ptp(now) < 0.02 * now[0]
     assert day[2] <= day[1] < 0.85 * day[0]
     assert day[3] > 1.2 * day[0]
-    with pytest.raises(UsageError, match="walk is 0"):
+    with assert_raises(UsageError):
         OnlineCalibration(walk=0.0)
     begun = OnlineCalibration(flinders.fit(simulate.tumble(seed=1).samples), at=0.0, walk=0.02)
     assert begun.at(0.0).walk < 0.1
@@ -257,11 +258,11 @@ def test_a_walk_that_is_known_wrongly_is_corrected_and_its_claim_stays_true() ->
 
 def test_a_fit_that_cannot_go_on_is_refused() -> None:
     plain = bare_fit(flinders.Calibration.identity(field_strength=50.0))
-    with pytest.raises(UsageError, match="states no uncertainty"):
+    with assert_raises(UsageError):
         OnlineCalibration(plain)
-    with pytest.raises(UsageError, match="target is -1"):
+    with assert_raises(UsageError):
         OnlineCalibration(target_deg=-1.0)
-    with pytest.raises(UsageError, match="dip is 90"):
+    with assert_raises(UsageError):
         OnlineCalibration(dip_deg=90.0)
 
 
@@ -283,12 +284,12 @@ def test_while_it_is_locked_nothing_is_adopted_and_the_claim_is_of_what_is_in_fo
 
 
 def test_nothing_to_adopt_or_take_back() -> None:
-    with pytest.raises(UsageError, match="nothing was learnt yet"):
+    with assert_raises(UsageError):
         OnlineCalibration().adopt()
     field, time, _ = tumbled(1, seconds=8.0)
     online = OnlineCalibration(flinders.fit(simulate.tumble(seed=1).samples), at=0.0)
     online.add(field[:5], time=time[:5])
-    with pytest.raises(UsageError, match="nothing to take back"):
+    with assert_raises(UsageError):
         online.take_back()
 
 
@@ -331,7 +332,7 @@ def test_bad_readings_and_clocks_are_passed_over() -> None:
 )
 def test_a_file_that_is_no_state_is_refused(tmp_path: Path, broken: object) -> None:
     (tmp_path / "state.json").write_text(broken(json.loads(a_state(tmp_path))))  # type: ignore[operator]
-    with pytest.raises(DocumentError, match="state of an online calibration"):
+    with assert_raises(DocumentError):
         OnlineCalibration.load(tmp_path / "state.json")
 
 
@@ -414,7 +415,7 @@ def test_a_calibration_goes_on_following_a_current_that_is_recorded(tmp_path: Pa
     )
     apart = corrected / np.linalg.norm(corrected, axis=1)[:, None] - truth / np.linalg.norm(truth, axis=1)[:, None]
     assert np.degrees(np.median(np.linalg.norm(apart, axis=1))) < 0.3
-    with pytest.raises(UsageError, match="current, which was not given"):
+    with assert_raises(UsageError):
         online.add(flown[:5], time=later[:5] + 100.0)
 
 
