@@ -113,9 +113,9 @@ return given.map((after, i) => spokenWords(i ? given[i - 1] : null, after));
 
 def test_each_sentence_is_spoken_once_and_a_fault_begins_with_its_name() -> None:
     turn = {"phase": "collecting", "step": 1, "words": "Turn it."}
-    wrong = {"phase": "wrong", "step": 0, "words": "An axis is stuck."}
+    wrong = {"phase": "wrong", "step": 0, "words": "It is stuck."}
     good = {"phase": "good", "step": 0, "words": "Done: press Finish."}
     heard = [turn, turn, {**turn, "step": 2, "words": "Tip it."}, wrong, wrong, good, good]
     assert run(SPOKEN, heard) == [
-        "Turn it.", "", "Turn done. Tip it.", "Wrong: An axis is stuck.", "", "Good. Done: press Finish.", "",
+        "Turn it.", "", "Turn done. Tip it.", "Wrong: It is stuck.", "", "Good. Done: press Finish.", "",
     ]  # fmt: skip
