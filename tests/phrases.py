@@ -20,6 +20,7 @@ from flinders.findings import CATALOGUE
 from flinders.findings.headline import LEADS, LEFT_OUT, REACH_NAMES, REACHES, UNSTATED
 from flinders.findings.row import CONDITIONS, VERIFICATIONS
 from flinders.findings.words import STEPS, WHY_LARGE
+from flinders.report.fit_pages import NO_BETTER
 
 PACKAGE: Final = Path(str(files("flinders")))
 PAGE: Final = PACKAGE / "apps" / "live" / "static"
@@ -39,7 +40,8 @@ const named = (prefix, table) => Object.entries(table).map(([key, english]) => [
 const turns = Object.entries(SEQUENCES).filter(([body]) => body !== "phone");
 return Object.fromEntries([
     ...named("phase", words.PHASES), ...named("fault", words.REASONS), ...named("verdict", words.VERDICTS),
-    ...named("name", words.SOURCES), ...named("simulation", words.REMARKS), ["verdict.while-level", words.whileLevelTitle()],
+    ...named("name", words.SOURCES), ...named("simulation", words.REMARKS),
+    ["verdict.while-level", words.whileLevelTitle()],
     ...named("body", NAMES), ...named("front", FRONTS), ...named("pose", POSES), ...named("refusal", REFUSALS),
     ...turns.flatMap(([body, steps]) => steps.map(({ words }, i) => [`turn.${body}.${i + 1}`, words])),
     ...widgets.flatMap(({ name, title, enlarges, legend = [] }) => [
@@ -78,6 +80,7 @@ def of_verdicts() -> dict[str, str]:
         **{f"lead.{kind}": words for kind, words in LEADS.items()},
         **{f"reach.{name}": reach for name, (reach, _) in reaches.items()},
         **{f"beyond.{name}": beyond for name, (_, beyond) in reaches.items() if beyond},
+        "basis.no-better": NO_BETTER,
         "verdict.left-out": LEFT_OUT,
         "verdict.unstated": UNSTATED,
         **{f"step.{name}": words.replace("{}", "{pose}") for name, words in STEPS.items()},

@@ -53,6 +53,8 @@ if TYPE_CHECKING:
 
 MAX_NOISE_SHARE: Final = limit_of("noise", "refuses")
 
+NO_BETTER: Final = "headings are no better with this calibration than without"
+
 COMMON_NOTES: Final = ("scale-unknown", "rotation-unknown")
 """Notes that apply to any recording, unless the field and the mounting are given."""
 
@@ -255,11 +257,7 @@ def _further_lines(fit: Fit) -> Iterator[str]:
     language = OF_TERMINAL.get()
     if fit.verdict == "refused":
         return iter((language.phrase("basis.not-written", "no calibration was written"),))
-    no_better = (
-        ""
-        if improves(fit)
-        else language.phrase("basis.no-better", "headings are no better with this calibration than without")
-    )
+    no_better = "" if improves(fit) else language.phrase("basis.no-better", NO_BETTER)
     conditions = translation.assumptions(fit.judgement.conditions, language) or condition(fit)
     return filter(None, (mounting(fit), conditions, aging(fit), no_better))
 
