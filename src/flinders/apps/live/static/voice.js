@@ -83,8 +83,11 @@ export class Voice {
     follow(state, lead) {
         const after = heardOf(state, lead);
         const words = spokenWords(this.heard, after);
+        const isStale = this.heard?.words !== after.words;
         this.heard = after;
-        if (this.isOn && words) this.speak(words);
+        if (!this.isOn) return;
+        if (words) this.speak(words);
+        else if (isStale) this.speech?.cancel();
     }
 
     /**
